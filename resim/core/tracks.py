@@ -1,0 +1,190 @@
+"""Tracks: the motion of N objects at T common times, the one struct of arrays that walks through resim."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Bools, Floats, unwrap_angle, wrap_angle
+
+COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
+OPTIONAL_COLUMNS = ("yaw_rate", "a")
+KINDS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown")
+
+Strings = NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Motion of N objects at T times. Samples that do not exist are NaN and not `valid`.
+
+    t: (T,) s, strictly increasing. ids, kind: (N,). x, y: (N, T) m, box centre, map frame.
+    heading: (N, T) rad, anticlockwise from +x. v: (N, T) m/s along the heading.
+    length, width: (N,) m. valid: (N, T). yaw_rate [rad/s] and a [m/s²]: (N, T), where they were measured.
+    """
+
+    t: Floats
+    ids: Strings
+    kind: Strings
+    x: Floats
+    y: Floats
+    heading: Floats
+    v: Floats
+    length: Floats
+    width: Floats
+    valid: Bools
+    yaw_rate: Floats | None = None
+    a: Floats | None = None
+
+    def __post_init__(self) -> None:
+        n, samples = len(self.ids), len(self.t)
+        if len(set(self.ids.tolist())) != n:
+            raise ResimError("tracks: an object id stands twice")
+        if samples > 1 and not np.all(np.diff(self.t) > 0.0):
+            raise ResimError("tracks: times must increase strictly")
+        for name in ("x", "y", "heading", "v", "valid", "yaw_rate", "a"):
+            value = getattr(self, name)
+            if value is not None and value.shape != (n, samples):
+                raise ResimError(f"tracks: {name} has shape {value.shape}, expected {(n, samples)}")
+        for name in ("kind", "length", "width"):
+            if getattr(self, name).shape != (n,):
+                raise ResimError(f"tracks: {name} has shape {getattr(self, name).shape}, expected {(n,)}")
+        for name in ("x", "y", "heading", "v"):
+            if not np.isfinite(getattr(self, name)[self.valid]).all():
+                raise ResimError(f"tracks: {name} holds NaN in a valid sample")
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def index(self, object_id: str) -> int:
+        """Give the row of the object; raises ResimError where there is none."""
+        rows = np.flatnonzero(self.ids == object_id)
+        if not len(rows):
+            raise ResimError(f"no object {object_id!r} among {', '.join(self.ids[:20])}")
+        return int(rows[0])
+
+    def select(self, ids: Iterable[str]) -> Tracks:
+        """Give the tracks of these objects, in this order."""
+        return self._rows([self.index(i) for i in ids])
+
+    def without(self, object_id: str) -> Tracks:
+        """Give the tracks of all objects but this one."""
+        return self._rows(np.flatnonzero(self.ids != object_id))
+
+    def window(self, start: float, end: float) -> Tracks:
+        """Give the samples with start <= t <= end [s], and of the objects those that have one there."""
+        keep = (self.t >= start) & (self.t <= end)
+        samples = {name: value[:, keep] for name, value in self._arrays().items() if value.ndim == 2}
+        cut = replace(self, t=self.t[keep], **samples)
+        return cut._rows(np.flatnonzero(cut.valid.any(axis=1)))
+
+    def shifted(self, dt: float) -> Tracks:
+        """Give the same tracks dt [s] later."""
+        return replace(self, t=self.t + dt)
+
+    def span(self) -> tuple[Floats, Floats]:
+        """Give the first and last valid time (N,), (N,) [s] of each object, NaN where it has none."""
+        if not len(self.t):
+            return np.full(len(self), np.nan), np.full(len(self), np.nan)
+        first = self.t[np.argmax(self.valid, axis=1)]
+        last = self.t[len(self.t) - 1 - np.argmax(self.valid[:, ::-1], axis=1)]
+        seen = self.valid.any(axis=1)
+        return np.where(seen, first, np.nan), np.where(seen, last, np.nan)
+
+    def at(self, t: ArrayLike, *, max_gap: float = 0.3) -> Tracks:
+        """Interpolate linearly at times t (K,) [s].
+
+        A time is valid for an object if it coincides with a sample or lies between two that are at most
+        max_gap [s] apart; nothing is extrapolated.
+        """
+        t = np.asarray(t, dtype=float)
+        columns = [
+            name for name in ("x", "y", "heading", "v", "yaw_rate", "a") if getattr(self, name) is not None
+        ]
+        out = {name: np.full((len(self), len(t)), np.nan) for name in columns}
+        for n in range(len(self)):
+            known = np.flatnonzero(self.valid[n])
+            if not len(known):
+                continue
+            own = self.t[known]
+            after = np.clip(np.searchsorted(own, t, side="left"), 0, len(own) - 1)
+            before = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 1)
+            hit = (t >= own[0] - 1e-9) & (t <= own[-1] + 1e-9) & (own[after] - own[before] <= max_gap + 1e-9)
+            for name in columns:
+                values = getattr(self, name)[n, known]
+                if name == "heading":
+                    values = unwrap_angle(values)
+                out[name][n, hit] = np.interp(t[hit], own, values)
+        out["heading"] = wrap_angle(out["heading"])
+        return replace(self, t=t, valid=np.isfinite(out["x"]), **out)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Give a table with one row per time and valid object, by time, then in the order of `ids`."""
+        sample, row = np.nonzero(self.valid.T)
+        table = {
+            "t": self.t[sample], "id": self.ids[row], "x": self.x[row, sample], "y": self.y[row, sample],
+            "heading": self.heading[row, sample], "v": self.v[row, sample],
+            "length": self.length[row], "width": self.width[row], "kind": self.kind[row],
+        }  # fmt: skip
+        for name in OPTIONAL_COLUMNS:
+            if (value := getattr(self, name)) is not None:
+                table[name] = value[row, sample]
+        return pd.DataFrame(table)
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame) -> Tracks:
+        """Make tracks of a table with COLUMNS (and maybe OPTIONAL_COLUMNS), one row per time and object.
+
+        Objects stand in the order of their first row, times are the union of all. Length, width and kind
+        are those of an object's first row.
+        """
+        t, sample = np.unique(frame["t"].to_numpy(float), return_inverse=True)
+        ids = frame["id"].astype(str)
+        names = list(dict.fromkeys(ids))
+        row = ids.map({name: n for n, name in enumerate(names)}).to_numpy(int)
+        first = frame.groupby(row, sort=True).first()
+
+        def spread(column: str) -> Floats:
+            out = np.full((len(names), len(t)), np.nan)
+            out[row, sample] = frame[column].to_numpy(float)
+            return out
+
+        values = {c: spread(c) for c in ("x", "y", "heading", "v", *OPTIONAL_COLUMNS) if c in frame.columns}
+        valid = np.zeros((len(names), len(t)), dtype=bool)
+        valid[row, sample] = True
+        return cls(
+            t=t, ids=np.array(names, dtype=str), kind=np.array(first["kind"], dtype=str), valid=valid,
+            length=first["length"].to_numpy(float), width=first["width"].to_numpy(float), **values,
+        )  # fmt: skip
+
+    @classmethod
+    def concatenate(cls, parts: list[Tracks]) -> Tracks:
+        """Give the objects of all parts, which share their times, in one."""
+
+        def rows(name: str) -> Floats:
+            return np.concatenate([getattr(part, name) for part in parts])
+
+        def measured(name: str) -> Floats | None:
+            return rows(name) if all(getattr(part, name) is not None for part in parts) else None
+
+        names = ("ids", "kind", "x", "y", "heading", "v", "length", "width", "valid")
+        optional = {name: measured(name) for name in OPTIONAL_COLUMNS}
+        return cls(t=parts[0].t, **{name: rows(name) for name in names}, **optional)  # type: ignore[arg-type]
+
+    def _rows(self, rows: ArrayLike) -> Tracks:
+        rows = np.asarray(rows, dtype=int)
+        return replace(self, **{name: value[rows] for name, value in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        """Every array that has a row per object."""
+        return {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.name != "t" and getattr(self, f.name) is not None
+        }
