@@ -1,0 +1,1 @@
+"""Roads: OpenDRIVE geometry, routes along lanes, conversion to SUMO nets."""

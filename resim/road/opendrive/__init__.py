@@ -1,0 +1,23 @@
+"""OpenDRIVE 1.4 to 1.8: reads a map and answers where a place on a lane is, and on which lane a place is."""
+
+from resim.road.opendrive.model import (
+    VEHICLE_LANES,
+    Connection,
+    Cubic,
+    Geometry,
+    Header,
+    Junction,
+    Lane,
+    LaneSection,
+    Link,
+    Road,
+    RoadMark,
+    RoadType,
+)  # fmt: skip
+from resim.road.opendrive.network import RoadNetwork, RoadPositions, load
+from resim.road.opendrive.shapes import LaneShape
+
+__all__ = [
+    "VEHICLE_LANES", "Connection", "Cubic", "Geometry", "Header", "Junction", "Lane", "LaneSection",
+    "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType", "load",
+]  # fmt: skip

@@ -1,0 +1,158 @@
+"""What an OpenDRIVE file says, as frozen dataclasses: metres, radians, m/s, s along the reference line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+VEHICLE_LANES = frozenset({
+    "driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "bidirectional",
+    "mwyEntry", "mwyExit", "HOV", "bus", "taxi", "special1", "special2", "special3", "roadWorks",
+})  # fmt: skip
+"""Lane types that vehicles drive on: only in these is a point `on_road`."""
+
+Side = Literal["start", "end"]
+
+
+class Cubic(NamedTuple):
+    """A polynomial a + b ds + c ds² + d ds³ that holds from s on; s on the road or within the section."""
+
+    s: float
+    a: float
+    b: float
+    c: float
+    d: float
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """One planView element: pose of its start, length [m] and the curve.
+
+    kind: line, arc, spiral (curvature [1/m] from start to end), poly3, paramPoly3 (u, v: coefficients
+    a, b, c, d of the local coordinates; normalized: the parameter runs from 0 to 1, else to the length).
+    """
+
+    kind: str
+    s: float
+    x: float
+    y: float
+    heading: float
+    length: float
+    curvature_start: float = 0.0
+    curvature_end: float = 0.0
+    u: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)
+    v: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    normalized: bool = False
+
+
+@dataclass(frozen=True)
+class RoadMark:
+    """The mark on a lane's outer border (lane 0: on the centre line) from s_offset [m] in the section."""
+
+    s_offset: float
+    type: str
+    color: str
+    width: float | None
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane of a lane section. widths, borders and speeds (s, m/s) count s from the section's start."""
+
+    id: int
+    type: str
+    widths: tuple[Cubic, ...] = ()
+    borders: tuple[Cubic, ...] = ()
+    marks: tuple[RoadMark, ...] = ()
+    speeds: tuple[tuple[float, float], ...] = ()
+    predecessor: int | None = None
+    successor: int | None = None
+
+    @property
+    def drivable(self) -> bool:
+        """Whether vehicles drive on it, see VEHICLE_LANES."""
+        return self.type in VEHICLE_LANES
+
+
+@dataclass(frozen=True)
+class LaneSection:
+    """Lanes by id (left positive, 0 the centre line) on start <= s < end [m]."""
+
+    start: float
+    end: float
+    lanes: dict[int, Lane]
+
+
+@dataclass(frozen=True)
+class Link:
+    """Where a road goes on: a road (with the end at which it is entered) or a junction."""
+
+    kind: Literal["road", "junction"]
+    id: str
+    contact: Side | None
+
+
+@dataclass(frozen=True)
+class RoadType:
+    """Type of the road from s [m] on, with its speed limit [m/s], NaN where none."""
+
+    s: float
+    type: str
+    speed: float
+
+
+@dataclass(frozen=True)
+class Road:
+    """One road. length [m] is that of its planView; left_hand: traffic keeps left (rule LHT)."""
+
+    id: str
+    name: str
+    length: float
+    junction: str | None
+    left_hand: bool
+    geometries: tuple[Geometry, ...]
+    sections: tuple[LaneSection, ...]
+    lane_offsets: tuple[Cubic, ...] = ()
+    elevations: tuple[Cubic, ...] = ()
+    types: tuple[RoadType, ...] = ()
+    predecessor: Link | None = None
+    successor: Link | None = None
+
+    def section_index(self, s: float) -> int:
+        """Give the index of the lane section at s [m], clamped to the road."""
+        after = [i for i, section in enumerate(self.sections) if section.start <= s]
+        return after[-1] if after else 0
+
+    def along(self, lane: int) -> bool:
+        """Say whether the lane is driven in the direction of s."""
+        return lane <= 0 if not self.left_hand else lane >= 0
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A way through a junction: from a lane of `incoming` to one of `connecting`, entered at `contact`."""
+
+    id: str
+    incoming: str
+    connecting: str
+    contact: Side
+    lane_links: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Junction:
+    """A junction and its connections."""
+
+    id: str
+    name: str
+    type: str
+    connections: tuple[Connection, ...]
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header: revision, name and the extent (north, south, east, west) [m] as written, or None."""
+
+    revision: tuple[int, int]
+    name: str
+    extent: tuple[float, float, float, float] | None

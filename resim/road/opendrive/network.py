@@ -1,0 +1,220 @@
+"""An OpenDRIVE map as a road network: positions to lanes and back, headings, curvature, widths, limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resim.core.errors import InputError
+from resim.core.geometry import Bools, Floats, wrap_angle
+from resim.road.opendrive.index import LaneIndex
+from resim.road.opendrive.lanes import ZERO, Lanes, reexpanded
+from resim.road.opendrive.model import Header, Junction, Road
+from resim.road.opendrive.reader import ModelReader
+from resim.road.opendrive.reference import Frame, Ints, ReferenceLines
+from resim.road.opendrive.shapes import LaneShape, lane_shapes
+from resim.road.opendrive.xml import parse
+
+Strings = NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False)
+class RoadPositions:
+    """N places on lanes: road (N,), lane (N,), s (N,) m, t (N,) m left of the lane centre, on_road (N,).
+
+    on_road: inside a lane that vehicles drive on (`VEHICLE_LANES`: driving, ramps, entry, exit, bus, taxi,
+    HOV and the like; not shoulder, stop, parking, border, biking, sidewalk).
+    """
+
+    road: Strings
+    lane: Ints
+    s: Floats
+    t: Floats
+    on_road: Bools
+
+    def __len__(self) -> int:
+        return len(self.road)
+
+
+@dataclass(frozen=True, eq=False)
+class RoadNetwork:
+    """An OpenDRIVE map. Tables and the spatial index are built at the first question that needs them.
+
+    Everywhere: road is an id or (N,) ids; lane an id or (N,) ids; s, t metres, scalars or (N,); s beyond a
+    road's ends means its end tangents, with the lane as it is at that end. t is measured from the lane
+    centre, positive to the left of s. Where a section begins at s, s belongs to it. Raises InputError for a
+    road or lane that does not exist there. Superelevation and lane height are left out: this is the plane.
+    """
+
+    path: Path
+    header: Header
+    geo_reference: str | None
+    roads: dict[str, Road]
+    junctions: dict[str, Junction]
+
+    def to_xy(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike, t: ArrayLike) -> tuple[Floats, Floats]:
+        """Give map positions x, y [m] of (road, lane, s, t)."""
+        number, lanes, s_, shape = self._places(road, lane, s, t)
+        t_ = np.broadcast_to(np.asarray(t, dtype=float), shape).ravel()
+        frame = self._lines.evaluate(number, s_)
+        inside = self._clamped(number, s_)
+        across = t_ + self._lanes.centre(self._rows(number, lanes, inside), inside)
+        x, y = frame.x - across * np.sin(frame.heading), frame.y + across * np.cos(frame.heading)
+        return x.reshape(shape), y.reshape(shape)
+
+    def to_road(self, x: ArrayLike, y: ArrayLike, *, heading: ArrayLike | None = None) -> RoadPositions:
+        """Give the lane, s and t of map positions x, y (N,) [m]; inverse of `to_xy`.
+
+        A position on a lane gets it, driving lanes first; on several (junctions) the one whose centre is
+        nearest, 10 m added per rad between its driving direction and heading (N,) [rad] if given, then the
+        first in the file. A position on no lane, or on one of type none, gets the nearest driving lane and
+        on_road False. NaN positions give s, t NaN.
+        """
+        x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
+        want = None if heading is None else np.broadcast_to(np.asarray(heading, dtype=float), x_.shape)
+        found = self._index.locate(x_, y_, want)
+        return RoadPositions(
+            self._ids[found.road], self._lanes.lane[found.row], found.s, found.t, found.on_road
+        )
+
+    def lane_heading(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
+        """Give the driving direction [rad] of the lane centre, in (-pi, pi]; lane tapers turn it."""
+        number, lanes, s_, shape = self._places(road, lane, s)
+        row, frame, bend, slope, _ = self._offset_curve(number, lanes, s_)
+        turn = np.arctan2(slope, bend) + np.where(self._lanes.forward[row], 0.0, np.pi)
+        return wrap_angle(frame.heading + turn).reshape(shape)
+
+    def curvature(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
+        """Give the curvature [1/m] of the lane centre in driving direction, positive to the left.
+
+        With f = 1 - k t: (f (f k + t'') + t' (k' t + 2 k t')) / (f² + t'²)^1.5, curve r(s) + t(s) n(s).
+        """
+        number, lanes, s_, shape = self._places(road, lane, s)
+        row, frame, bend, slope, second = self._offset_curve(number, lanes, s_)
+        offset = self._lanes.centre(row, self._clamped(number, s_))
+        k = frame.curvature
+        top = bend * (bend * k + second) + slope * (frame.rate * offset + 2.0 * k * slope)
+        value = top / np.maximum(np.hypot(bend, slope), 1e-6) ** 3
+        return np.asarray(np.where(self._lanes.forward[row], value, -value).reshape(shape))
+
+    def lane_width(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
+        """Give the width [m] of the lane, as its polynomial says."""
+        number, lanes, s_, shape = self._places(road, lane, s)
+        inside = self._clamped(number, s_)
+        return self._lanes.centre_and_width(self._rows(number, lanes, inside), inside)[1].reshape(shape)
+
+    def speed_limit(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
+        """Give the speed limit [m/s]: the lane's own, else the road type's; NaN where there is none."""
+        number, lanes, s_, shape = self._places(road, lane, s)
+        inside = self._clamped(number, s_)
+        return self._lanes.limit(self._rows(number, lanes, inside), inside).reshape(shape)
+
+    def z(self, road: ArrayLike, s: ArrayLike) -> Floats:
+        """Give the elevation [m] of the reference line; 0 where the file has none."""
+        number, _, s_, shape = self._places(road, 0, s)
+        out, inside = np.zeros(len(s_)), self._clamped(number, s_)
+        for own in np.unique(number):
+            rows = np.flatnonzero(number == own)
+            records = self.roads[str(self._ids[own])].elevations or ZERO
+            out[rows] = reexpanded(records, inside[rows])[:, 0]
+        return out.reshape(shape)
+
+    def has_lane(self, road: str, lane: int, s: float) -> bool:
+        """Say whether the road has the lane at s [m]; raises InputError for an unknown road."""
+        number = self._numbers(np.asarray(road))
+        at = self._clamped(number, np.array([float(s)]))
+        return bool(self._lanes.find(number, np.array([lane]), at)[0] >= 0)
+
+    def lane_shapes(self, step: float = 1.0) -> list[LaneShape]:
+        """Give every lane of every section as polylines with points at most `step` [m] apart."""
+        return lane_shapes(list(self.roads.values()), self._lines, self._lanes, step)
+
+    @cached_property
+    def _lines(self) -> ReferenceLines:
+        return ReferenceLines(list(self.roads.values()))
+
+    @cached_property
+    def _lanes(self) -> Lanes:
+        return Lanes(list(self.roads.values()))
+
+    @cached_property
+    def _index(self) -> LaneIndex:
+        return LaneIndex(self._lines, self._lanes)
+
+    @cached_property
+    def _ids(self) -> Strings:
+        return np.array(list(self.roads), dtype=str)
+
+    @cached_property
+    def _sorted_ids(self) -> tuple[Strings, Ints]:
+        order = np.argsort(self._ids)
+        return self._ids[order], order
+
+    @cached_property
+    def _number(self) -> dict[str, int]:
+        return {name: number for number, name in enumerate(self.roads)}
+
+    def _numbers(self, road: NDArray[np.generic]) -> Ints:
+        """The number (N,) of road ids (N,); a single id gives one number."""
+        flat = road.astype(str).ravel()
+        if len(flat) <= 8:
+            unknown = [name for name in flat.tolist() if name not in self._number]
+            if not unknown:
+                return np.array([self._number[name] for name in flat.tolist()], dtype=np.intp)
+        else:
+            names, order = self._sorted_ids
+            place = np.minimum(np.searchsorted(names, flat), len(names) - 1)
+            unknown = flat[names[place] != flat].tolist()
+            if not unknown:
+                return np.asarray(order[place])
+        some = ", ".join(list(self.roads)[:12])
+        raise InputError(self.path, f"has no road {unknown[0]!r}", f"Its roads are {some}")
+
+    def _places(
+        self, road: ArrayLike, lane: ArrayLike, s: ArrayLike, t: ArrayLike = 0.0
+    ) -> tuple[Ints, Ints, Floats, tuple[int, ...]]:
+        """Road numbers, lanes, s, each (N,), and the common shape of the arguments."""
+        roads, lanes, s_ = np.asarray(road), np.asarray(lane), np.asarray(s, dtype=float)
+        shape = np.broadcast_shapes(roads.shape, lanes.shape, s_.shape, np.shape(t))
+        number = self._numbers(roads).reshape(roads.shape)
+        flat = (np.broadcast_to(a, shape).ravel() for a in (number, lanes.astype(np.intp, copy=False), s_))
+        number, lanes, s_ = flat  # type: ignore[assignment]
+        return number, lanes, s_, shape
+
+    def _clamped(self, number: Ints, s: Floats) -> Floats:
+        return np.clip(s, 0.0, self._lines.length[number])
+
+    def _rows(self, number: Ints, lane: Ints, inside: Floats) -> Ints:
+        row = self._lanes.find(number, lane, inside)
+        if row.size and row.min() < 0:
+            bad = int(np.argmin(row))
+            road = self.roads[str(self._ids[number[bad]])]
+            here = list(road.sections[road.section_index(float(inside[bad]))].lanes)
+            problem = f"road {road.id} has no lane {int(lane[bad])} at s={inside[bad]:.3f} m"
+            raise InputError(self.path, problem, f"Its lanes there are {', '.join(map(str, here))}")
+        return row
+
+    def _offset_curve(
+        self, number: Ints, lane: Ints, s: Floats
+    ) -> tuple[Ints, Frame, Floats, Floats, Floats]:
+        """Lane rows, the reference line's frame, 1 - k t, t' and t'' of the lane centre at s."""
+        inside = self._clamped(number, s)
+        row, frame = self._rows(number, lane, inside), self._lines.evaluate(number, s)
+        first, second = self._lanes.slopes(row, inside)
+        on = inside == s
+        bend = 1.0 - frame.curvature * self._lanes.centre(row, inside)
+        return row, frame, bend, np.where(on, first, 0.0), np.where(on, second, 0.0)
+
+
+def load(path: Path | str) -> RoadNetwork:
+    """Read an OpenDRIVE 1.4 to 1.8 map.
+
+    Raises InputError where the file is missing, no safe well-formed OpenDRIVE, or lacks what geometry needs.
+    """
+    path = Path(path)
+    reader = ModelReader(path, parse(path))
+    return RoadNetwork(path, reader.header(), reader.geo_reference(), reader.roads(), reader.junctions())

@@ -1,0 +1,244 @@
+"""Turns OpenDRIVE XML into the model: roads, lanes, junctions, header."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import cast
+
+from lxml.etree import _Element
+
+from resim.road.opendrive.model import (
+    Connection,
+    Cubic,
+    Geometry,
+    Header,
+    Junction,
+    Lane,
+    LaneSection,
+    Link,
+    Road,
+    RoadMark,
+    RoadType,
+    Side,
+)  # fmt: skip
+from resim.road.opendrive.xml import Reader
+
+SPEED_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
+NO_LIMIT = ("no limit", "undefined")
+SHORTEST = 1e-9
+CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
+Coefficients = tuple[float, float, float, float]
+
+
+class ModelReader(Reader):
+    """Reads the elements of one file; every method raises InputError naming road, element and attribute."""
+
+    def __init__(self, path: Path, root: _Element) -> None:
+        super().__init__(path)
+        self.root = root
+
+    def header(self) -> Header:
+        """Read <header>; a missing one gives revision 1.4."""
+        header = self.root.find("header")
+        if header is None:
+            return Header((1, 4), "", None)
+        revision = (int(self.number(header, "revMajor", "header", 1)),
+                    int(self.number(header, "revMinor", "header", 4)))  # fmt: skip
+        names = ("north", "south", "east", "west")
+        extent = None
+        if all(name in header.attrib for name in names):
+            extent = tuple(self.number(header, name, "header") for name in names)
+        return Header(revision, header.get("name", ""), cast(Coefficients | None, extent))
+
+    def geo_reference(self) -> str | None:
+        """Read the text of <geoReference>, None where there is none."""
+        text = (self.root.findtext("header/geoReference") or "").strip()
+        return text or None
+
+    def roads(self) -> dict[str, Road]:
+        """Read all roads, by id."""
+        roads: dict[str, Road] = {}
+        for element in self.root.iterfind("road"):
+            road = self.road(element)
+            if road.id in roads:
+                raise self.error(f"road {road.id}", "the id stands twice")
+            roads[road.id] = road
+        if not roads:
+            raise self.error("OpenDRIVE", "the map has no road")
+        return roads
+
+    def road(self, element: _Element) -> Road:
+        """Read one <road>."""
+        road_id = self.text(element, "id", "road")
+        where = f"road {road_id}"
+        geometries = self._geometries(element, where)
+        length = geometries[-1].s + geometries[-1].length
+        junction = element.get("junction", "-1")
+        return Road(
+            id=road_id, name=element.get("name", ""), length=length,
+            junction=None if junction in ("-1", "") else junction,
+            left_hand=element.get("rule", "RHT").upper() == "LHT",
+            geometries=geometries,
+            sections=self._sections(element, length, where),
+            lane_offsets=self._cubics(element, "lanes/laneOffset", "s", where),
+            elevations=self._cubics(element, "elevationProfile/elevation", "s", where),
+            types=self._types(element, where),
+            predecessor=self._link(element, "predecessor", where),
+            successor=self._link(element, "successor", where),
+        )  # fmt: skip
+
+    def junctions(self) -> dict[str, Junction]:
+        """Read all junctions, by id."""
+        found = (self._junction(element) for element in self.root.iterfind("junction"))
+        return {junction.id: junction for junction in found}
+
+    def _geometries(self, road: _Element, where: str) -> tuple[Geometry, ...]:
+        found = []
+        for i, element in enumerate(road.iterfind("planView/geometry")):
+            at = f"{where}, geometry {i}"
+            if self.number(element, "length", at) < 0.0:
+                raise self.error(at, f"length={element.get('length')} is negative")
+            if self.number(element, "length", at) > SHORTEST:
+                found.append(self._geometry(element, at))
+        if not found:
+            raise self.error(where, "planView has no geometry of a length above zero")
+        for before, after in pairwise(found):
+            if after.s <= before.s:
+                raise self.error(where, f"geometry at s={after.s} follows one at s={before.s}")
+        return tuple(found)
+
+    def _geometry(self, element: _Element, where: str) -> Geometry:
+        s, x, y, heading, length = (self.number(element, n, where) for n in ("s", "x", "y", "hdg", "length"))
+        curve = next((child for child in element if child.tag in CURVES), None)
+        if curve is None:
+            raise self.error(where, f"none of {', '.join(CURVES)} inside")
+        kind = str(curve.tag)
+        start = end = 0.0
+        u, v = (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+        if kind == "arc":
+            start = end = self.number(curve, "curvature", where)
+        elif kind == "spiral":
+            start, end = (self.number(curve, n, where) for n in ("curvStart", "curvEnd"))
+        elif kind == "poly3":
+            v = self._coefficients(curve, "", where)
+        elif kind == "paramPoly3":
+            u, v = self._coefficients(curve, "U", where), self._coefficients(curve, "V", where)
+        normalized = kind == "paramPoly3" and curve.get("pRange", "normalized") != "arcLength"
+        return Geometry(kind, s, x, y, heading, length, start, end, u, v, normalized)
+
+    def _coefficients(self, element: _Element, suffix: str, where: str) -> Coefficients:
+        a, b, c, d = (self.number(element, name + suffix, where) for name in "abcd")
+        return a, b, c, d
+
+    def _cubics(self, parent: _Element, tag: str, s: str, where: str) -> tuple[Cubic, ...]:
+        found = []
+        for i, element in enumerate(parent.iterfind(tag)):
+            at = f"{where}, {tag.rpartition('/')[2]} {i}"
+            found.append(Cubic(self.number(element, s, at), *self._coefficients(element, "", at)))
+        return tuple(sorted(found, key=lambda cubic: cubic.s))
+
+    def _types(self, road: _Element, where: str) -> tuple[RoadType, ...]:
+        found = []
+        for i, element in enumerate(road.iterfind("type")):
+            at = f"{where}, type {i}"
+            speed = element.find("speed")
+            limit = math.nan if speed is None else self._speed(speed, at)
+            found.append(RoadType(self.number(element, "s", at), element.get("type", "unknown"), limit))
+        return tuple(sorted(found, key=lambda kind: kind.s))
+
+    def _speed(self, element: _Element, where: str) -> float:
+        if element.get("max", "undefined") in NO_LIMIT:
+            return math.nan
+        unit = element.get("unit", "m/s")
+        if unit not in SPEED_UNITS:
+            raise self.error(where, f"speed unit {unit!r} is none of {', '.join(SPEED_UNITS)}")
+        return self.number(element, "max", where) * SPEED_UNITS[unit]
+
+    def _link(self, road: _Element, tag: str, where: str) -> Link | None:
+        element = road.find(f"link/{tag}")
+        if element is None or "elementId" not in element.attrib:
+            return None
+        kind = element.get("elementType", "road")
+        if kind not in ("road", "junction"):
+            raise self.error(f"{where}, {tag}", f"elementType={kind!r} is neither road nor junction")
+        contact = element.get("contactPoint")
+        if contact not in (None, "start", "end"):
+            raise self.error(f"{where}, {tag}", f"contactPoint={contact!r} is neither start nor end")
+        return Link("road" if kind == "road" else "junction", str(element.get("elementId")),
+                    cast(Side | None, contact))  # fmt: skip
+
+    def _sections(self, road: _Element, length: float, where: str) -> tuple[LaneSection, ...]:
+        elements = road.findall("lanes/laneSection")
+        if not elements:
+            raise self.error(where, "has no laneSection")
+        starts = [self.number(e, "s", f"{where}, laneSection {i}") for i, e in enumerate(elements)]
+        if sorted(starts) != starts:
+            raise self.error(where, f"laneSections start at s={starts}, which does not increase")
+        ends = [*starts[1:], max(length, starts[-1])]
+        return tuple(
+            LaneSection(start, end, self._lanes(element, f"{where}, laneSection {i}"))
+            for i, (element, start, end) in enumerate(zip(elements, starts, ends, strict=True))
+        )
+
+    def _lanes(self, section: _Element, where: str) -> dict[int, Lane]:
+        lanes = [self._lane(element, where) for element in section.iterfind("*/lane")]
+        ids = [lane.id for lane in lanes]
+        if len(set(ids)) != len(ids):
+            raise self.error(where, f"a lane id stands twice among {ids}")
+        missing = set(range(min(ids, default=0), max(ids, default=0) + 1)) - set(ids) - {0}
+        if missing:
+            raise self.error(where, f"lane {sorted(missing)[0]} is missing between lane 0 and the outermost")
+        return {lane.id: lane for lane in sorted(lanes, key=lambda lane: lane.id)}
+
+    def _lane(self, element: _Element, where: str) -> Lane:
+        lane_id = self.integer(element, "id", where)
+        at = f"{where}, lane {lane_id}"
+        return Lane(
+            id=lane_id, type=element.get("type", "none"),
+            widths=self._cubics(element, "width", "sOffset", at),
+            borders=self._cubics(element, "border", "sOffset", at),
+            marks=self._marks(element, at),
+            speeds=tuple(sorted(
+                (self.number(e, "sOffset", at), self._speed(e, at)) for e in element.iterfind("speed")
+            )),
+            predecessor=self._lane_link(element, "predecessor", at),
+            successor=self._lane_link(element, "successor", at),
+        )  # fmt: skip
+
+    def _marks(self, lane: _Element, where: str) -> tuple[RoadMark, ...]:
+        return tuple(
+            RoadMark(
+                self.number(e, "sOffset", where, 0.0), e.get("type", "none"), e.get("color", "standard"),
+                self.number(e, "width", where) if "width" in e.attrib else None,
+            )
+            for e in lane.iterfind("roadMark")
+        )  # fmt: skip
+
+    def _lane_link(self, lane: _Element, tag: str, where: str) -> int | None:
+        element = lane.find(f"link/{tag}")
+        return None if element is None else self.integer(element, "id", where)
+
+    def _junction(self, element: _Element) -> Junction:
+        junction_id = self.text(element, "id", "junction")
+        where = f"junction {junction_id}"
+        connections = tuple(
+            self._connection(e, where) for e in element.iterfind("connection")
+            if e.get("incomingRoad") and (e.get("connectingRoad") or e.get("linkedRoad"))
+        )  # fmt: skip
+        return Junction(junction_id, element.get("name", ""), element.get("type", "default"), connections)
+
+    def _connection(self, element: _Element, where: str) -> Connection:
+        at = f"{where}, connection {element.get('id', '?')}"
+        contact = element.get("contactPoint", "start")
+        if contact not in ("start", "end"):
+            raise self.error(at, f"contactPoint={contact!r} is neither start nor end")
+        links = tuple(
+            (self.integer(e, "from", at), self.integer(e, "to", at)) for e in element.iterfind("laneLink")
+        )
+        return Connection(
+            id=element.get("id", ""), incoming=self.text(element, "incomingRoad", at),
+            connecting=element.get("connectingRoad") or self.text(element, "linkedRoad", at),
+            contact=cast(Side, contact), lane_links=links,
+        )  # fmt: skip

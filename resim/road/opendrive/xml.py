@@ -1,0 +1,90 @@
+"""Reads OpenDRIVE XML safely, and its attributes with errors that name the place."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from lxml import etree
+
+from resim.core.errors import InputError
+
+OPEN_IT = "Give an ASAM OpenDRIVE 1.4 to 1.8 file (.xodr)"
+MEND = "Correct the map in its editor, or export it again"
+
+
+def parse(path: Path) -> etree._Element:
+    """Give the <OpenDRIVE> element of the file, its XML namespace taken off every tag.
+
+    No entity is resolved and nothing is fetched. Raises InputError where the file is missing, empty, not
+    XML, has a DOCTYPE, or another root.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "Check the path of the map") from None
+    return parse_bytes(text, path)
+
+
+def parse_bytes(text: bytes, path: Path) -> etree._Element:
+    """Give the <OpenDRIVE> element of the text as `parse` does; `path` names it in errors."""
+    if not text.strip():
+        raise InputError(path, "the file is empty", OPEN_IT)
+    declares = InputError(path, "has a DOCTYPE, which may declare entities", "Remove the DOCTYPE")
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise declares
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
+        remove_comments=True, remove_pis=True,
+    )  # fmt: skip
+    try:
+        root = etree.fromstring(text, parser)
+    except etree.XMLSyntaxError as error:
+        raise InputError(path, f"not well-formed XML ({error.msg})", OPEN_IT) from None
+    if root.getroottree().docinfo.internalDTD is not None:  # in an encoding that hid it from the search
+        raise declares
+    for element in root.iter():
+        if isinstance(element.tag, str) and element.tag.startswith("{"):
+            element.tag = element.tag.partition("}")[2]
+    if root.tag != "OpenDRIVE":
+        raise InputError(path, f"the root element is <{root.tag}>, expected <OpenDRIVE>", OPEN_IT)
+    return root
+
+
+class Reader:
+    """Reads attributes of elements; `path` and the caller's `where` make the error text."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def error(self, where: str, problem: str) -> InputError:
+        """Give the error to raise for a problem at a place of the file."""
+        return InputError(self.path, f"{where}: {problem}", MEND)
+
+    def text(self, element: etree._Element, name: str, where: str) -> str:
+        """Give the attribute; raises InputError where it is missing."""
+        value = element.get(name)
+        if value is None:
+            raise self.error(where, f"<{element.tag}> lacks the attribute {name}")
+        return value
+
+    def number(self, element: etree._Element, name: str, where: str, default: float | None = None) -> float:
+        """Give the attribute as a finite number; raises InputError where it is none."""
+        if default is not None and name not in element.attrib:
+            return default
+        text = self.text(element, name, where)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.error(where, f"{name}={text!r} of <{element.tag}> is not a finite number")
+        return value
+
+    def integer(self, element: etree._Element, name: str, where: str) -> int:
+        """Give the attribute as an integer; raises InputError where it is none."""
+        text = self.text(element, name, where)
+        try:
+            return int(text)
+        except ValueError:
+            raise self.error(where, f"{name}={text!r} of <{element.tag}> is not an integer") from None
