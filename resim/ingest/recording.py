@@ -1,0 +1,65 @@
+"""The recording: one measured drive, its ground truth and what the sensors made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.geometry import Floats
+from resim.core.tracks import Strings, Tracks
+from resim.ingest.identity import name_by_ground_truth
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One measured drive.
+
+    map: resolved OpenDRIVE file. ego: its id in `gt`. gt, sd: ground truth and sensor tracks (map frame,
+    each with its own times). sd_gt_id: (N_sd,) GT id of each SD object, "" where it has none.
+    existence_probability: (N_sd, T_sd), NaN where not given. gt_rate, sd_rate: samples a second [Hz].
+    build: AD-function build that drove, build_hash what pins it. plan: the EGO's recorded plans, one row per
+    time `t` and planned time `t_plan` [s], with x, y [m] and v [m/s]. environment: JSCEN terms.
+    provenance: free text.
+    """
+
+    name: str
+    map: Path
+    ego: str
+    gt: Tracks
+    gt_rate: float
+    sd: Tracks | None = None
+    sd_rate: float | None = None
+    sd_gt_id: Strings | None = None
+    existence_probability: Floats | None = None
+    build: str | None = None
+    build_hash: str | None = None
+    plan: pd.DataFrame | None = None
+    environment: Mapping[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    folder: Path | None = None
+
+    def sd_by_gt(self) -> Tracks | None:
+        """Give the SD tracks under the GT ids, or None where nothing was measured.
+
+        Fragments of one GT object are merged (see `name_by_ground_truth`), objects without one are called
+        `sd:<id>`. Where the SD has no track of the EGO, the GT's, interpolated at the SD times, stands in.
+        """
+        if self.sd is None or self.sd_gt_id is None:
+            return None
+        sd = name_by_ground_truth(self.sd, self.sd_gt_id, self.existence_probability)
+        if self.ego in sd.ids:
+            return sd
+        return Tracks.concatenate([sd, self.gt.select([self.ego]).at(sd.t, max_gap=2.0 / self.gt_rate)])
+
+
+def sample_rate(source: Path, tracks: Tracks) -> float:
+    """Give the samples a second [Hz], by the median step of all objects; InputError where none has two."""
+    steps = np.concatenate([np.diff(tracks.t[known]) for known in tracks.valid])
+    if not len(steps):
+        raise InputError(source, "no object has two samples", "A recording needs motion: give every sample.")
+    return round(1.0 / float(np.median(steps)), 6)

@@ -1,0 +1,155 @@
+"""Track tables as people write them, CSV or Parquet: read, and refused with the row that is wrong."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from resim.core.errors import InputError
+from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
+
+GT_ID, EXISTENCE = "gt_id", "existence_probability"
+TEXT = ("id", "kind", GT_ID)
+NUMBERS = tuple(c for c in COLUMNS if c not in TEXT)
+OPTIONAL_NUMBERS = (*OPTIONAL_COLUMNS, EXISTENCE)
+_CSV_ERRORS = (
+    pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError
+)  # fmt: skip
+
+
+def read_track_table(path: Path) -> pd.DataFrame:
+    """Give the checked rows of a track table, indexed by their row number in the file.
+
+    The columns are `core.tracks.COLUMNS` and, where the file has them, OPTIONAL_COLUMNS, `gt_id` ("" for
+    none) and `existence_probability`; other columns are left out. A CSV row's number is its line (the header
+    is line 1), a Parquet row's its place from 1. Raises InputError for whatever cannot be used.
+    """
+    frame = read_table(path, required=COLUMNS, optional=(*OPTIONAL_NUMBERS, GT_ID))
+    for column in ("length", "width"):
+        _refuse(path, frame, frame[column] <= 0.0, column, "a size above 0 m")
+    _refuse(path, frame, ~frame["kind"].isin(KINDS), "kind", f"one of {', '.join(KINDS)}")
+    if EXISTENCE in frame:
+        _refuse(path, frame, (frame[EXISTENCE] < 0.0) | (frame[EXISTENCE] > 1.0), EXISTENCE, "0 to 1")
+    _check_times(path, frame)
+    return frame
+
+
+def read_table(path: Path, *, required: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
+    """Give the wanted columns of a CSV or Parquet file, indexed by the row's number in the file.
+
+    Columns in TEXT are strings, "" where empty; all others are floats, finite where the column is required,
+    finite or NaN where it is optional. Raises InputError for an unreadable or empty file, missing columns,
+    values that are no numbers.
+    """
+    frame = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+    missing = [c for c in required if c not in frame.columns]
+    if missing:
+        raise InputError(
+            path, f"column {', '.join(missing)} missing; found {', '.join(map(str, frame.columns))}",
+            f"The header must name {', '.join(required)}.",
+        )  # fmt: skip
+    if frame.empty:
+        raise InputError(path, "has a header and no rows", "Write one row per time and object.")
+    frame = frame[[*required, *(c for c in optional if c in frame.columns)]].copy()
+    for column in frame.columns:
+        if column in TEXT:
+            frame[column] = frame[column].fillna("").astype(str)
+            if column in required:
+                _refuse(path, frame, frame[column] == "", column, "a name")
+        else:
+            frame[column] = _numbers(path, frame, column, required=column in required)
+    return frame
+
+
+def row_problem(frame: pd.DataFrame, row: int, what: str) -> str:
+    """Give `row 12 (t 0.4, object 'a'): what`, naming what the row holds."""
+    at = frame.loc[row]
+    named = [f"t {at['t']}"] if "t" in frame.columns else []
+    named += [f"object {at['id']!r}"] if "id" in frame.columns else []
+    return f"row {row} ({', '.join(named)}): {what}" if named else f"row {row}: {what}"
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    """Every row of the CSV that is not blank, indexed by its line number."""
+    if not path.stat().st_size:
+        raise InputError(path, "is empty (0 bytes)", "Write a header line and one row per time and object.")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                path, encoding="utf-8-sig", index_col=False, skip_blank_lines=False, keep_default_na=False,
+                na_values={c: [""] for c in (*NUMBERS, *OPTIONAL_NUMBERS)},
+                dtype=dict.fromkeys(TEXT, str), float_precision="round_trip", low_memory=False,
+            )  # fmt: skip
+    except _CSV_ERRORS as e:
+        raise InputError(
+            path, f"is not a readable CSV file ({' '.join(str(e).split())})",
+            "Write UTF-8 text, comma separated, each row with as many fields as the header.",
+        ) from e  # fmt: skip
+    frame.index = pd.RangeIndex(2, len(frame) + 2)
+    blank = (frame.isna() | (frame == "")).all(axis=1)
+    return frame.loc[~blank]
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    try:
+        with duckdb.connect() as db:
+            frame: pd.DataFrame = db.execute("SELECT * FROM read_parquet(?)", [str(path)]).df()
+    except duckdb.Error as e:
+        raise InputError(
+            path, f"is not a readable Parquet file ({str(e).splitlines()[0]})",
+            "The file may be truncated: write it again, or hand in CSV.",
+        ) from e  # fmt: skip
+    frame.index = pd.RangeIndex(1, len(frame) + 1)
+    return frame
+
+
+def _numbers(path: Path, frame: pd.DataFrame, column: str, *, required: bool) -> pd.Series:
+    """The column as floats; exact, as Python reads them."""
+    expected = "a finite number" if required else "a finite number or nothing"
+    values = frame[column]
+    if pd.api.types.is_bool_dtype(values) or not pd.api.types.is_numeric_dtype(values):
+        _refuse(path, frame, ~values.map(_is_number), column, expected)
+    numbers = values.astype(float)
+    _refuse(path, frame, ~np.isfinite(numbers) if required else np.isinf(numbers), column, expected)
+    return numbers
+
+
+def _is_number(value: object) -> bool:
+    try:
+        return isinstance(value, str | float) and float(value) is not None
+    except ValueError:
+        return False
+
+
+def _check_times(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse a (t, id) that stands twice and an object whose times run backwards."""
+    twice = frame.duplicated(["t", "id"])
+    if twice.any():
+        row = frame.index[twice.to_numpy()][0]
+        problem = row_problem(frame, row, "this time and object stand there before")
+        raise InputError(path, problem, "Keep one row per time and object.")
+    step = frame.groupby("id", sort=False)["t"].diff()
+    if (step < 0.0).any():
+        row = frame.index[(step < 0.0).to_numpy()][0]
+        earlier = frame.loc[row, "t"] - step.loc[row]
+        problem = row_problem(frame, row, f"time runs backwards, the object's row before has t {earlier:.9g}")
+        raise InputError(path, problem, "Sort each object's rows by time, or give each drive its own ids.")
+
+
+def _refuse(path: Path, frame: pd.DataFrame, bad: ArrayLike, column: str, expected: str) -> None:
+    """Raise for the first bad row, and say how many there are."""
+    rows = frame.index[np.asarray(bad, dtype=bool)]
+    if not len(rows):
+        return
+    value = frame.loc[rows[0], column]
+    shown = repr(value) if isinstance(value, str) else f"{value}"
+    others = len(rows) - 1
+    more = f" (and {others} more row{'s' if others > 1 else ''})" if others else ""
+    raise InputError(path, row_problem(frame, rows[0], f"{column} is {shown}, expected {expected}{more}"))
