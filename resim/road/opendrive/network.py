@@ -20,6 +20,7 @@ from resim.road.opendrive.shapes import LaneShape, lane_shapes
 from resim.road.opendrive.xml import parse
 
 Strings = NDArray[np.str_]
+FOLDED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +83,14 @@ class RoadNetwork:
         )
 
     def lane_heading(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
-        """Give the driving direction [rad] of the lane centre, in (-pi, pi]; lane tapers turn it."""
+        """Give the driving direction [rad] of the lane centre, in (-pi, pi]; lane tapers turn it.
+
+        On specks of a line that bend more sharply than the lane is away (k t > 0.9), where the lane centre
+        would run backwards, it is that of the reference line.
+        """
         number, lanes, s_, shape = self._places(road, lane, s)
         row, frame, bend, slope, _ = self._offset_curve(number, lanes, s_)
-        turn = np.arctan2(slope, bend) + np.where(self._lanes.forward[row], 0.0, np.pi)
+        turn = np.arctan2(slope, np.maximum(bend, FOLDED)) + np.where(self._lanes.forward[row], 0.0, np.pi)
         return wrap_angle(frame.heading + turn).reshape(shape)
 
     def curvature(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
