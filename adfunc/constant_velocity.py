@@ -1,0 +1,22 @@
+"""Keeps the lane and the speed it started with, whatever stands in the way: the least function there is."""
+
+from __future__ import annotations
+
+from adfunc.lane_keeping import Lane
+from resim.sim.adfunction import Command, Perceived, Setup
+
+
+class ConstantVelocity:
+    """Blind to traffic."""
+
+    def reset(self, setup: Setup) -> None:
+        """Look up the lane."""
+        self.lane, self.v = Lane(setup.road, setup.start), setup.start.v
+
+    def step(self, perceived: Perceived) -> Command:
+        """Hold lane and speed."""
+        self.lane.locate(perceived)
+        return Command(1.0 * (self.v - perceived.ego.v), self.lane.steer(perceived.ego.v))
+
+    def close(self) -> None:
+        """Nothing to end."""

@@ -1,0 +1,56 @@
+"""The Intelligent Driver Model in its lane (Treiber, Hennecke, Helbing 2000)."""
+
+from __future__ import annotations
+
+import math
+
+from adfunc.lane_keeping import Lane, in_corridor, nearest_ahead
+from resim.sim.adfunction import Command, Perceived, Setup
+
+
+class Idm:
+    """Follows the lane and the vehicle ahead in it: a (1 - (v/v0)^4 - (s*/s)²).
+
+    desired_speed v0 [m/s]: if not given, the map's limit, and where it has none the speed at the start.
+    time_gap [s], standstill_gap [m], acceleration a and comfortable braking b [m/s²] as in the source.
+    """
+
+    def __init__(
+        self,
+        *,
+        desired_speed: float | None = None,
+        time_gap: float = 1.2,
+        standstill_gap: float = 2.0,
+        acceleration: float = 1.4,
+        braking: float = 2.0,
+    ) -> None:
+        self.desired_speed, self.time_gap, self.standstill_gap = desired_speed, time_gap, standstill_gap
+        self.acceleration, self.braking = acceleration, braking
+
+    def reset(self, setup: Setup) -> None:
+        """Look up the lane."""
+        self.lane = Lane(setup.road, setup.start)
+        self.half_length, self.half_width = 0.5 * setup.length, 0.5 * setup.width
+        self.start_speed = max(setup.start.v, 1.0)
+
+    def step(self, perceived: Perceived) -> Command:
+        """Keep the lane and the gap."""
+        traffic = self.lane.locate(perceived)
+        v = perceived.ego.v
+        a = self.acceleration * (1.0 - (v / self._desired()) ** 4)
+        lead = nearest_ahead(traffic, in_corridor(traffic, traffic.d, self.half_width))
+        if lead is not None:
+            gap = max(float(traffic.s[lead] - traffic.half_length[lead]) - self.half_length, 0.1)
+            closing = v - float(traffic.v_s[lead])
+            wanted = v * self.time_gap + v * closing / (2.0 * math.sqrt(self.acceleration * self.braking))
+            a -= self.acceleration * ((self.standstill_gap + max(wanted, 0.0)) / gap) ** 2
+        return Command(max(a, -9.0), self.lane.steer(v))
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+    def _desired(self) -> float:
+        if self.desired_speed is not None:
+            return self.desired_speed
+        limit = self.lane.here.speed_limit
+        return limit if math.isfinite(limit) else self.start_speed

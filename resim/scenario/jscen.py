@@ -1,0 +1,271 @@
+"""JSCEN files: read and write (Wagner 2021, Section 5.2.2.2 and Appendix A.1).
+
+Version 0.9 is the format as published. Version 0.10, which is written here, adds what a re-simulation
+needs and the published format does not say: the boxes' length and width, and an id and model of the EGO.
+Polynomials are highest power first, in the time since the segment's `startTime`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from scipy.interpolate import PPoly
+
+from resim.core.errors import InputError
+from resim.core.tracks import KINDS
+from resim.scenario.scenario import SIZES, RoadPosition, Scenario, ScenarioObject
+
+VERSION = (0, 10)
+_CONTINUOUS = 1e-6  # s; a segment starts where the one before it ends
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class _Segment(_Part):
+    startTime: float
+    endTime: float
+    polynomParameter: list[float] = Field(min_length=4, max_length=4)
+
+    @model_validator(mode="after")
+    def _forwards(self) -> _Segment:
+        if self.endTime <= self.startTime:
+            raise ValueError(f"endTime {self.endTime:g} is not after startTime {self.startTime:g}")
+        return self
+
+
+class _ReferenceObject(_Part):
+    odrRoad: int | str
+    odrLane: int
+
+
+class _StartPosition(_Part):
+    tOffset: float
+    sOffset: float
+    referenceObj: _ReferenceObject
+
+
+class _Maneuver(_Part):
+    startPosition: _StartPosition
+    velocity: list[_Segment] = Field(min_length=1)
+    heading: list[_Segment] = Field(min_length=1)
+
+    @field_validator("velocity", "heading")
+    @classmethod
+    def _joined(cls, segments: list[_Segment]) -> list[_Segment]:
+        for i, (one, two) in enumerate(pairwise(segments)):
+            if abs(one.endTime - two.startTime) > _CONTINUOUS:
+                raise ValueError(
+                    f"segment {i + 1} starts at {two.startTime:g} s, but segment {i} ends at {one.endTime:g} s"
+                )
+        return segments
+
+    @model_validator(mode="after")
+    def _together(self) -> _Maneuver:
+        for name, end in (("start", 0), ("end", -1)):
+            v, h = (getattr(s[end], f"{name}Time") for s in (self.velocity, self.heading))
+            if abs(v - h) > _CONTINUOUS:
+                raise ValueError(f"velocity and heading must {name} together: {v:g} s and {h:g} s")
+        return self
+
+
+class _Model(_Part):
+    color: str = "#000000"
+    type: str = "Unknown"
+    length: float | None = Field(default=None, gt=0)
+    width: float | None = Field(default=None, gt=0)
+
+    @field_validator("type")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value.lower() not in KINDS:
+            raise ValueError(f"type {value!r} is none of {', '.join(k.capitalize() for k in KINDS)}")
+        return value
+
+
+class _Vehicle(_Part):
+    maneuver: _Maneuver
+    model: _Model = Field(default_factory=_Model)
+    spawningTime: float
+    description: str = ""
+    objectId: int | str
+
+    @model_validator(mode="after")
+    def _spawns(self) -> _Vehicle:
+        start = self.maneuver.velocity[0].startTime
+        if abs(self.spawningTime - start) > _CONTINUOUS:
+            raise ValueError(
+                f"spawningTime {self.spawningTime:g} s is not the start of its trace, {start:g} s"
+            )
+        return self
+
+
+class _Ego(_Part):
+    maneuver: _Maneuver
+    model: _Model = Field(default_factory=_Model)
+    objectId: int | str = "ego"
+
+
+class _ObjectPool(_Part):
+    vehicles: list[_Vehicle]
+    ego: _Ego
+
+    @model_validator(mode="after")
+    def _distinct(self) -> _ObjectPool:
+        ids = [str(self.ego.objectId), *(str(vehicle.objectId) for vehicle in self.vehicles)]
+        if twice := sorted({i for i in ids if ids.count(i) > 1}):
+            raise ValueError(f"objectId {', '.join(twice)} stands more than once")
+        return self
+
+
+class _Version(_Part):
+    major: Literal[0]
+    minor: Literal[9, 10]
+
+
+class JscenFile(_Part):
+    """The file's structure; its JSON Schema is published as `jscen.schema.json` beside this module."""
+
+    map: str
+    description: str = ""
+    environment: dict[str, str] = Field(default_factory=dict)
+    objectPool: _ObjectPool
+    duration: float = Field(gt=0)
+    fileVersion: _Version
+
+    @field_validator("map")
+    @classmethod
+    def _inside(cls, value: str) -> str:
+        path = PurePosixPath(value.replace("\\", "/"))
+        if not value or path.is_absolute() or ".." in path.parts or ":" in value:
+            raise ValueError(
+                f"map {value!r} must be a file in the folder of the JSCEN file; copy the map there"
+            )
+        return value
+
+
+def schema() -> dict[str, Any]:
+    """Give the JSON Schema of a JSCEN file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **JscenFile.model_json_schema()}
+
+
+def read_jscen(path: Path) -> Scenario:
+    """Read a JSCEN file of version 0.9 or 0.10; every fault in it is named in one InputError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as e:
+        raise InputError(path, f"cannot be read: {e.strerror}") from e
+    except UnicodeDecodeError as e:
+        raise InputError(path, f"is not UTF-8 text (byte {e.start})") from e
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as e:
+        raise InputError(path, f"is not JSON: {e.msg} at line {e.lineno}, column {e.colno}") from e
+    try:
+        return _scenario(JscenFile.model_validate(data))
+    except ValidationError as e:
+        raise InputError(path, _faults(e), "The format is in resim/scenario/jscen.schema.json.") from e
+
+
+def _faults(error: ValidationError) -> str:
+    return "; ".join(
+        f"{'.'.join(str(part) for part in fault['loc']) or 'file'}: {fault['msg'].removeprefix('Value error, ')}"
+        for fault in error.errors()
+    )
+
+
+def _scenario(file: JscenFile) -> Scenario:
+    pool = file.objectPool
+    return Scenario(
+        map=file.map,
+        duration=file.duration,
+        ego=_object(pool.ego.objectId, pool.ego.maneuver, pool.ego.model, ""),
+        objects=tuple(_object(v.objectId, v.maneuver, v.model, v.description) for v in pool.vehicles),
+        description=file.description,
+        environment=file.environment,
+    )
+
+
+def _object(object_id: int | str, maneuver: _Maneuver, model: _Model, description: str) -> ScenarioObject:
+    kind, start = model.type.lower(), maneuver.startPosition
+    at = start.referenceObj
+    return ScenarioObject(
+        id=str(object_id),
+        kind=kind,
+        length=model.length or SIZES[kind][0],
+        width=model.width or SIZES[kind][1],
+        start=RoadPosition(str(at.odrRoad), at.odrLane, start.sOffset, start.tOffset),
+        v=_polynomials(maneuver.velocity),
+        heading=_polynomials(maneuver.heading),
+        color=model.color,
+        description=description,
+    )
+
+
+def _polynomials(segments: Sequence[_Segment]) -> PPoly:
+    breaks = np.array([s.startTime for s in segments] + [segments[-1].endTime])
+    return PPoly(np.array([s.polynomParameter for s in segments]).T, breaks)
+
+
+def write_jscen(scenario: Scenario, path: Path) -> None:
+    """Write a JSCEN file of version 0.10, whole or not at all."""
+    ego = _written(scenario.ego)
+    del ego["spawningTime"], ego["description"]
+    data = {
+        "map": scenario.map,
+        "description": scenario.description,
+        "environment": dict(scenario.environment),
+        "objectPool": {"vehicles": [_written(o) for o in scenario.objects], "ego": ego},
+        "duration": scenario.duration,
+        "fileVersion": {"major": VERSION[0], "minor": VERSION[1]},
+    }
+    JscenFile.model_validate(data)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    beside.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    beside.replace(path)
+
+
+def _written(member: ScenarioObject) -> dict[str, Any]:
+    start = member.start
+    return {
+        "maneuver": {
+            "startPosition": {
+                "tOffset": start.t,
+                "referenceObj": {"odrLane": start.lane, "odrRoad": _number(start.road)},
+                "sOffset": start.s,
+            },
+            "velocity": _segments(member.v),
+            "heading": _segments(member.heading),
+        },
+        "model": {
+            "color": member.color,
+            "type": member.kind.capitalize(),
+            "length": member.length,
+            "width": member.width,
+        },
+        "spawningTime": member.spawn_time,
+        "description": member.description,
+        "objectId": _number(member.id),
+    }
+
+
+def _segments(spline: PPoly) -> list[dict[str, Any]]:
+    return [
+        {"startTime": start, "endTime": end, "polynomParameter": c}
+        for start, end, c in zip(
+            spline.x[:-1].tolist(), spline.x[1:].tolist(), spline.c.T.tolist(), strict=True
+        )
+    ]
+
+
+def _number(name: str) -> int | str:
+    """An id as an integer where that says the same, as the published format has it."""
+    return int(name) if name.isascii() and name.isdigit() and str(int(name)) == name else name

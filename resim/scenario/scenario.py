@@ -1,0 +1,149 @@
+"""The scenario: what a JSCEN file says, and its making from measured tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats, wrap_angle
+from resim.core.tracks import Tracks
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.fit import fit_trace
+from resim.scenario.trace import Trace
+
+SIZES: Mapping[str, tuple[float, float]] = {
+    "car": (4.7, 1.9), "van": (5.4, 2.0), "truck": (12.0, 2.55), "bus": (12.0, 2.55), "trailer": (8.0, 2.5),
+    "motorcycle": (2.2, 0.8), "bicycle": (1.8, 0.6), "pedestrian": (0.5, 0.6), "unknown": (4.7, 1.9),
+}  # fmt: skip
+"""Length and width [m] of objects whose file, as published, does not say them."""
+
+
+@dataclass(frozen=True)
+class RoadPosition:
+    """A point on the road: OpenDRIVE road and lane, s [m] along the road, t [m] left of the lane's centre."""
+
+    road: str
+    lane: int
+    s: float
+    t: float
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioObject:
+    """One object: where it starts, and cubic splines of v [m/s] and heading [rad] over time [s]."""
+
+    id: str
+    kind: str
+    length: float
+    width: float
+    start: RoadPosition
+    v: PPoly
+    heading: PPoly
+    color: str = "#000000"
+    description: str = ""
+
+    @property
+    def spawn_time(self) -> float:
+        """When it appears [s]."""
+        return float(self.v.x[0])
+
+    def trace(self, network: RoadNetwork) -> Trace:
+        """Give its trace in the map frame."""
+        start = self.start
+        x, y = network.to_xy(start.road, start.lane, start.s, start.t)
+        return Trace(float(np.ravel(x)[0]), float(np.ravel(y)[0]), self.v, self.heading)
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A test case: the road, the environment, the EGO's start and trace, the traces of the traffic objects.
+
+    `map` is the OpenDRIVE file's name beside the JSCEN file; `duration` [s]. The EGO's trace serves
+    assessment only: it never steers the EGO.
+    """
+
+    map: str
+    duration: float
+    ego: ScenarioObject
+    objects: tuple[ScenarioObject, ...]
+    description: str = ""
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+    def tracks(self, network: RoadNetwork, t: ArrayLike) -> Tracks:
+        """Give EGO and objects, in this order, at times t (T,) [s] as the splines have them."""
+        t, everyone = np.asarray(t, dtype=float), (self.ego, *self.objects)
+        states = [member.trace(network).states(t) for member in everyone]
+
+        def stack(name: str) -> Floats:
+            return np.array([getattr(s, name) for s in states]).reshape(len(everyone), len(t))
+
+        x = stack("x")
+        return Tracks(
+            t=t,
+            ids=np.array([member.id for member in everyone], dtype=str),
+            kind=np.array([member.kind for member in everyone], dtype=str),
+            x=x,
+            y=stack("y"),
+            heading=wrap_angle(stack("heading")),
+            v=stack("v"),
+            length=np.array([member.length for member in everyone]),
+            width=np.array([member.width for member in everyone]),
+            valid=np.isfinite(x),
+            yaw_rate=stack("yaw_rate"),
+            a=stack("a"),
+        )
+
+
+def describe(
+    tracks: Tracks,
+    network: RoadNetwork,
+    *,
+    ego: str,
+    map_name: str,
+    description: str = "",
+    environment: Mapping[str, str] | None = None,
+) -> Scenario:
+    """Fit every object of the tracks and give the scenario.
+
+    Objects seen fewer than twice have no trace and are left out; an EGO that is not there from the first
+    time on raises ResimError.
+    """
+    row = tracks.index(ego)
+    if not tracks.valid[row, :1].all() or tracks.valid[row].sum() < 2:
+        raise ResimError(
+            f"EGO {ego!r} is not there at the first time, t = {tracks.t[0]:g} s; cut the recording to it"
+        )
+    seen = np.flatnonzero(tracks.valid.sum(axis=1) >= 2)
+    members = {int(n): _fit_object(tracks, int(n), network) for n in seen}
+    return Scenario(
+        map=map_name,
+        duration=float(tracks.span()[1][row]),
+        ego=members.pop(row),
+        objects=tuple(members.values()),
+        description=description,
+        environment=dict(environment or {}),
+    )
+
+
+def _fit_object(tracks: Tracks, n: int, network: RoadNetwork) -> ScenarioObject:
+    own = tracks.valid[n]
+    trace = fit_trace(
+        tracks.t[own], tracks.x[n, own], tracks.y[n, own], tracks.heading[n, own], tracks.v[n, own]
+    ).trace
+    at = network.to_road(
+        np.array([trace.x0]), np.array([trace.y0]), heading=np.array([float(trace.heading(trace.start))])
+    )
+    return ScenarioObject(
+        id=str(tracks.ids[n]),
+        kind=str(tracks.kind[n]),
+        length=float(tracks.length[n]),
+        width=float(tracks.width[n]),
+        start=RoadPosition(str(at.road[0]), int(at.lane[0]), float(at.s[0]), float(at.t[0])),
+        v=trace.v,
+        heading=trace.heading,
+    )

@@ -1,0 +1,208 @@
+"""What an AD function sees and answers, and the build file that pins one to a version and its parameters."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from resim.core.errors import InputError
+from resim.core.geometry import Floats, from_frame
+from resim.core.tracks import Strings
+from resim.road.opendrive import RoadNetwork
+
+
+@dataclass(frozen=True, slots=True)
+class EgoState:
+    """The EGO's own state: x, y [m] of the box centre and heading [rad] in the map frame, v [m/s] along the
+    heading, a [m/s²], yaw_rate [rad/s].
+    """
+
+    x: float
+    y: float
+    heading: float
+    v: float
+    a: float = 0.0
+    yaw_rate: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived:
+    """What the AD function sees at time t [s]: its own state, and a list of N objects in the EGO's frame.
+
+    ids, kind: (N,). x_ego, y_ego: (N,) m, forward and left of the EGO's box centre to the object's.
+    heading_ego: (N,) rad against the EGO's heading. v: (N,) m/s over ground along the object's heading.
+    length, width: (N,) m.
+    """
+
+    t: float
+    ego: EgoState
+    ids: Strings
+    kind: Strings
+    x_ego: Floats
+    y_ego: Floats
+    heading_ego: Floats
+    v: Floats
+    length: Floats
+    width: Floats
+
+    def map_positions(self) -> tuple[Floats, Floats]:
+        """Give x, y (N,) [m] of the objects in the map frame, as far as the perceived EGO pose is right."""
+        return from_frame(self.x_ego, self.y_ego, self.ego.x, self.ego.y, self.ego.heading)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """What the AD function answers: acceleration [m/s²], curvature [1/m, left positive], and its plan.
+
+    plan: (K, 4) with columns t [s], x, y [m, map frame], v [m/s]; or none.
+    """
+
+    acceleration: float
+    curvature: float
+    plan: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Puts the EGO into a state at the next step, past the vehicle model. Only oracles answer this."""
+
+    state: EgoState
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What an AD function gets before a run.
+
+    start: the EGO's state at t = 0. goal: x, y [m] where the recorded EGO was last. cycle: s between two
+    calls of `step`. recorded: the EGO's measured states at times t, None unless the function declares
+    `needs_truth = True`, as oracles do.
+    """
+
+    road: RoadNetwork
+    start: EgoState
+    goal: tuple[float, float]
+    length: float
+    width: float
+    cycle: float
+    seed: int
+    recorded: Callable[[float], EgoState] | None = None
+
+
+class AdFunction(Protocol):
+    """An automated-driving function under test. The factory of its build makes one per run."""
+
+    def reset(self, setup: Setup) -> None:
+        """Prepare for a run. `step` is called from before t = 0 on, while the EGO is still guided."""
+
+    def step(self, perceived: Perceived) -> Command | Placement:
+        """Answer what is perceived."""
+
+    def close(self) -> None:
+        """End the run."""
+
+
+class _BuildFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str = Field(min_length=1)
+    version: str = Field(min_length=1)
+    factory: str = Field(pattern=r"^[\w.]+:\w+$")
+    cycle_time: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    time_limit: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """An AD function at one version: what makes it, with which parameters.
+
+    cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
+    answer. hash: SHA-256 over the build file and the source of the factory's module.
+    """
+
+    name: str
+    version: str
+    path: Path
+    factory: Callable[..., AdFunction]
+    parameters: dict[str, Any]
+    cycle_time: float | None
+    time_limit: float
+    hash: str
+
+    @property
+    def label(self) -> str:
+        """Name and version, as recordings state the build that drove."""
+        return f"{self.name}-{self.version}"
+
+    @property
+    def needs_truth(self) -> bool:
+        """Whether the function is an oracle that is given the recorded EGO."""
+        return bool(getattr(self.factory, "needs_truth", False))
+
+    def make(self) -> AdFunction:
+        """Make the function; a parameter that it does not take raises InputError."""
+        try:
+            inspect.signature(self.factory).bind(**self.parameters)
+        except TypeError as e:
+            raise InputError(self.path, f"[parameters] do not fit {self.factory.__name__}: {e}") from e
+        return self.factory(**self.parameters)
+
+
+def load_build(path: Path) -> Build:
+    """Read a build file (TOML) and import the factory that it names.
+
+    `factory` is "module:name"; a module file beside the build file goes before an installed module.
+    Raises InputError for a file, field, module or name that is not there.
+    """
+    try:
+        raw = path.read_bytes()
+        file = _BuildFile.model_validate(tomllib.loads(raw.decode("utf-8")))
+    except OSError as e:
+        raise InputError(path, f"cannot be read: {e.strerror}") from e
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise InputError(path, f"is not TOML: {e}") from e
+    except ValidationError as e:
+        faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors())
+        raise InputError(
+            path, faults, 'A build has name, version, factory = "module:name", [parameters].'
+        ) from e
+    module_name, name = file.factory.split(":")
+    module = _import(path, module_name)
+    factory = getattr(module, name, None)
+    if not callable(factory):
+        raise InputError(path, f"factory {file.factory!r}: module {module_name} has no {name}")
+    source = Path(module.__file__).read_bytes() if getattr(module, "__file__", None) else b""
+    return Build(
+        name=file.name,
+        version=file.version,
+        path=path,
+        factory=factory,
+        parameters=file.parameters,
+        cycle_time=file.cycle_time,
+        time_limit=file.time_limit,
+        hash=hashlib.sha256(raw + b"\0" + source).hexdigest(),
+    )
+
+
+def _import(path: Path, module_name: str) -> Any:
+    beside = path.parent / f"{module_name}.py"
+    try:
+        if not beside.is_file():
+            return importlib.import_module(module_name)
+        spec = importlib.util.spec_from_file_location(module_name, beside)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except Exception as e:
+        remedy = "Install it, or put the module's file beside the build file."
+        raise InputError(path, f"factory module {module_name!r} cannot be imported: {e!r}", remedy) from e
+    return module

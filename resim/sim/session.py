@@ -1,0 +1,184 @@
+"""The one place that talks to SUMO, and the one conversion between its conventions and ours.
+
+SUMO: front bumper, degrees clockwise from north. Ours: box centre, radians anticlockwise from east.
+Nets are converted without an offset, so that positions are the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats
+
+_TYPE = "guided"
+_MATCH = 5.0  # m; moveToXY scans every lane within this distance
+_TYPES = f"""<additional>
+    <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="100" speedFactor="10" speedDev="0" sigma="0"/>
+</additional>
+"""
+
+
+class Session:
+    """A SUMO simulation of one net, kept loaded: `reset` goes back to its start for the next run.
+
+    libsumo holds one simulation in a process. `open_session` gives the one there is.
+    """
+
+    def __init__(self, net: Path, step: float, *, gui: bool = False) -> None:
+        self.net, self.step_length, self.gui = net, step, gui
+        self._present: dict[str, tuple[float, float]] = {}
+        self._folder = tempfile.TemporaryDirectory(prefix="resim-")
+        folder = Path(self._folder.name)
+        types = folder / "types.add.xml"
+        types.write_text(_TYPES, encoding="utf-8")
+        self._sumo = _load(gui)
+        options = [
+            "-n", str(net), "-a", str(types), "--step-length", f"{step:g}", "--time-to-teleport", "-1",
+            "--collision.action", "none", "--no-step-log", "--no-warnings", "--xml-validation", "never",
+        ]  # fmt: skip
+        gui_options = ["--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"] if gui else []
+        self._sumo.start([_binary() if gui else "sumo", *options, *gui_options])
+        self._state = str(folder / "start.xml")
+        if not gui:
+            self._sumo.simulation.saveState(self._state)
+        self._vehicle = self._sumo.vehicle
+
+    def reset(self) -> None:
+        """Go back to the start with no vehicle on the road."""
+        for name in list(self._present):
+            self.remove(name)
+        if not self.gui:
+            self._sumo.simulation.loadState(self._state)
+
+    def add(self, name: str, length: float, width: float, v: float) -> None:
+        """Bring a vehicle into being; `place` puts it somewhere before the next step."""
+        vehicle = self._vehicle
+        vehicle.add(name, "", _TYPE, departSpeed=repr(max(v, 0.0)))
+        vehicle.setLength(name, length)
+        vehicle.setWidth(name, width)
+        vehicle.setSpeedMode(name, 0)
+        vehicle.setLaneChangeMode(name, 0)
+        self._present[name] = (length, width)
+
+    def remove(self, name: str) -> None:
+        """Take a vehicle off the road."""
+        self._vehicle.remove(name)
+        del self._present[name]
+
+    def place(self, names: Sequence[str], front_x: Floats, front_y: Floats, angle: Floats, v: Floats) -> None:
+        """Command where the vehicles are after the next step, in SUMO's terms (see `to_sumo`)."""
+        move, speed = self._vehicle.moveToXY, self._vehicle.setSpeed
+        for name, x, y, degrees, pace in zip(
+            names, front_x.tolist(), front_y.tolist(), angle.tolist(), v.tolist(), strict=True
+        ):
+            move(name, "", -1, x, y, degrees, 2, _MATCH)
+            speed(name, pace)
+
+    def place_ego(self, name: str, x: float, y: float, heading: float, v: float) -> None:
+        """Command where one vehicle is after the next step: box centre [m], heading [rad], v [m/s]."""
+        half = 0.5 * self._present[name][0]
+        front_x, front_y = x + half * math.cos(heading), y + half * math.sin(heading)
+        self._vehicle.moveToXY(name, "", -1, front_x, front_y, 90.0 - math.degrees(heading), 2, _MATCH)
+        self._vehicle.setSpeed(name, v)
+
+    def step(self) -> None:
+        """Let SUMO do one step."""
+        self._sumo.simulationStep()
+
+    def read(self, names: Sequence[str], out: Floats) -> None:
+        """Read vehicles into out (len(names), 4): front x, front y [m], angle [deg], v [m/s]."""
+        vehicle = self._vehicle
+        position, angle, speed = vehicle.getPosition, vehicle.getAngle, vehicle.getSpeed
+        out[:] = [(*position(name), angle(name), speed(name)) for name in names]
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._sumo.close()
+        self._folder.cleanup()
+
+
+def to_sumo(x: Floats, y: Floats, heading: Floats, length: Floats) -> tuple[Floats, Floats, Floats]:
+    """Turn box centres [m] and headings [rad] into front bumpers [m] and angles [deg from north, clockwise]."""
+    return x + 0.5 * length * np.cos(heading), y + 0.5 * length * np.sin(heading), 90.0 - np.degrees(heading)
+
+
+def from_sumo(
+    front_x: Floats, front_y: Floats, angle: Floats, length: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Turn front bumpers and angles back into box centres [m] and headings [rad]; inverse of `to_sumo`."""
+    heading = np.radians(90.0 - angle)
+    return front_x - 0.5 * length * np.cos(heading), front_y - 0.5 * length * np.sin(heading), heading
+
+
+_open: Session | None = None
+
+
+def open_session(net: Path, step: float, *, gui: bool = False) -> Session:
+    """Give this process's session of the net, reset; a new one only where net or step is another.
+
+    step: s, whole milliseconds.
+    """
+    global _open
+    if abs(1000.0 * step - round(1000.0 * step)) > 1e-9 or step <= 0.0:
+        raise ResimError(f"step {step:g} s: SUMO wants whole milliseconds, such as 0.04")
+    if _open is not None and (_open.net, _open.step_length, _open.gui) == (net, step, gui):
+        _open.reset()
+        return _open
+    close_session()
+    _open = Session(net, step, gui=gui)
+    return _open
+
+
+def close_session() -> None:
+    """End this process's session, if there is one."""
+    global _open
+    if _open is not None:
+        _open.close()
+        _open = None
+
+
+def _load(gui: bool) -> Any:
+    """Import libsumo, or TraCI for the window; both have the same calls."""
+    if gui:
+        import traci
+
+        return traci
+    try:
+        with _quiet():
+            import libsumo
+    except ImportError as e:
+        raise ResimError(
+            f"libsumo cannot be loaded: {e}. It needs system libraries: "
+            "libX11, libXext, libXrender, libGL, libatomic, libexpat."
+        ) from e
+    return libsumo
+
+
+def _binary() -> str:
+    import sumolib
+
+    return str(sumolib.checkBinary("sumo-gui"))
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Send what libsumo's Arrow prints on standard output at import to nowhere."""
+    sys.stdout.flush()
+    keep = os.dup(1)
+    try:
+        with Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            yield
+    finally:
+        os.dup2(keep, 1)
+        os.close(keep)

@@ -1,0 +1,63 @@
+"""Calls an AD function so that nothing it does ends the program."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from types import FrameType, TracebackType
+from typing import Any
+
+from resim.core.errors import FunctionError
+
+
+class _Overrun(BaseException):
+    """Past the time limit; no `except Exception` of the function stops it."""
+
+
+class Watchdog:
+    """Context in which calls raise FunctionError for an exception or an overrun in what is called.
+
+    In the main thread a call that does not return is interrupted by an interval timer (as far as it runs
+    Python code); elsewhere an overrun is only found when the call returns.
+    """
+
+    def __init__(self) -> None:
+        self._timed = threading.current_thread() is threading.main_thread()
+        self._inside = False
+        self._previous: Any = None
+
+    def __enter__(self) -> Watchdog:
+        if self._timed:
+            self._previous = signal.signal(signal.SIGALRM, self._ring)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, e: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._timed:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, self._previous)
+
+    def _ring(self, number: int, frame: FrameType | None) -> None:
+        if self._inside:
+            raise _Overrun
+
+    def call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
+        """Call within `limit` [s] of wall clock and give the answer."""
+        begin = time.perf_counter()
+        if self._timed:
+            signal.setitimer(signal.ITIMER_REAL, limit)
+        self._inside = True
+        try:
+            answer = what(*arguments)
+        except _Overrun:
+            raise FunctionError(f"did not answer within {limit:g} s") from None
+        except Exception as e:
+            raise FunctionError(f"raised {type(e).__name__}: {e}") from e
+        finally:
+            self._inside = False
+        if time.perf_counter() - begin > limit:
+            raise FunctionError(f"took longer than {limit:g} s to answer")
+        return answer

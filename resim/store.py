@@ -1,0 +1,75 @@
+"""Results on disk: a run's folder, written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.pipeline import Resimulation
+from resim.scenario.jscen import write_jscen
+
+MARK = "run.json"
+"""The file that tells a results folder from others."""
+
+
+def check_output(folder: Path) -> None:
+    """Refuse, before any work is done, a folder that must not be replaced."""
+    if folder.is_file():
+        raise InputError(folder, "is a file, expected a folder for the results", "Name another with --out.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
+        raise InputError(
+            folder,
+            f"exists and is not a results folder (it has no {MARK})",
+            "Name another with --out, or empty it.",
+        )
+
+
+@contextlib.contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
+    check_output(folder)
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    try:
+        yield beside
+        old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+        if folder.exists():
+            folder.rename(old)
+        beside.rename(folder)
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def write_json(data: Any, path: Path) -> None:
+    """Write JSON, the same bytes for the same data; NaN is refused."""
+    path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_parquet(table: pd.DataFrame, path: Path) -> None:
+    """Write a Parquet file through DuckDB (libsumo brings an Arrow of its own that pyarrow would clash with)."""
+    with duckdb.connect(config={"threads": 1}) as connection:
+        connection.register("frame", table)
+        connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+
+
+def write_resimulation(result: Resimulation, folder: Path) -> None:
+    """Write everything but the page: report.json, tracks.parquet, the JSCEN files with their map, run.json."""
+    shutil.copyfile(result.recording.map, folder / result.recording.map.name)
+    for name, scenario in result.scenarios().items():
+        write_jscen(scenario, folder / f"{name}.jscen.json")
+    write_parquet(result.tracks_frame(), folder / "tracks.parquet")
+    write_json(result.report(), folder / "report.json")
+    write_json(result.provenance(), folder / MARK)
