@@ -5,17 +5,20 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
 from resim.road.opendrive import RoadNetwork
-from resim.road.route import Stretch, follow
+from resim.road.route import SHORTEST, Stretch, follow
 
 FAR = 1e4
+FEW, CHUNK = 12, 1024
+TRIES, TINY = 12, 1e-9
 SPIKE = 0.5
 
 
@@ -61,31 +64,23 @@ class Path:
         are continuous, and `xy` inverts them. Beyond its ends the path is straight.
         """
         search = self._search
-        q = np.empty((np.size(x), 3))
-        q[:, 0], q[:, 1], q[:, 2] = x, y, 1.0
-        q[:, :2] -= search.origin
-        nearest = (q @ search.score).argmin(axis=1)
-        i = nearest - (np.einsum("ij,ij->i", q, search.plane[nearest]) < 0.0)
-        top = len(search.s) - 2
-        np.maximum(i, 0, out=i)
-        np.minimum(i, top, out=i)
-        for _ in range(8):
-            f, across = _solve(search, q, i)
-            before, after = (f < -1e-9) & (i > 0), (f > 1.0 + 1e-9) & (i < top)
-            if not (before.any() or after.any()):
-                break
-            i = i + after - before
-        return search.s[i] + f * search.step[i], across
+        if np.size(x) <= FEW:
+            return _project_few(search, np.ravel(x), np.ravel(y))
+        x_, y_ = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        at = range(0, len(x_), CHUNK)
+        parts = [_project_many(search, x_[k : k + CHUNK], y_[k : k + CHUNK]) for k in at]
+        return np.concatenate([s for s, _ in parts]), np.concatenate([d for _, d in parts])
 
     def xy(self, s: ArrayLike, d: ArrayLike) -> tuple[Floats, Floats]:
         """Give the map positions [m] at s, d metres to the left; inverse of `project`."""
-        search = self._search
+        start = self._search.columns[0]
         s_ = np.asarray(s, dtype=float)
-        i = np.clip(np.searchsorted(search.s, s_, side="right") - 1, 0, len(search.s) - 2)
-        f = (s_ - search.s[i]) / search.step[i]
-        tx, ty = search.tx[i] + f * search.dtx[i], search.ty[i] + f * search.dty[i]
+        i = np.clip(np.searchsorted(start, s_, side="right") - 1, 0, len(start) - 1)
+        s0, px, py, tx, ty, step, ex, ey, dtx, dty = (column[i] for column in self._search.columns)
+        f = (s_ - s0) / step
+        tx, ty = tx + f * dtx, ty + f * dty
         across = np.asarray(d) / np.hypot(tx, ty)
-        return (search.x[i] + f * search.ex[i] - across * ty, search.y[i] + f * search.ey[i] + across * tx)
+        return px + f * ex - across * ty, py + f * ey + across * tx
 
     def at(self, s: float) -> PathPoint:
         """Give the path at one s [m], linear between points (speed_limit: of the point before)."""
@@ -115,64 +110,84 @@ class Path:
 
 
 class _Search(NamedTuple):
-    """What `project` needs, with a far point added to either end; K vertices, K - 1 segments."""
+    """What `project` needs, with a far point added to either end: K + 1 segments.
 
-    s: Floats
-    x: Floats
-    y: Floats
-    tx: Floats
-    ty: Floats
-    step: Floats
-    ex: Floats
-    ey: Floats
-    dtx: Floats
-    dty: Floats
-    origin: Floats
+    columns: s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
+    score: (3, K + 1), gives of (x, y, 1) the squared distance to the middles, less a constant.
+    rows: the columns as one tuple per segment.
+    """
+
+    columns: list[Floats]
     score: Floats
-    plane: Floats
-    linear: Floats
-    square: Floats
+    rows: list[tuple[float, ...]]
 
 
 def _search(path: Path) -> _Search:
     tx, ty = np.cos(path.heading), np.sin(path.heading)
-    ends = np.array([-FAR, FAR])
     x = np.r_[path.x[0] - FAR * tx[0], path.x, path.x[-1] + FAR * tx[-1]]
     y = np.r_[path.y[0] - FAR * ty[0], path.y, path.y[-1] + FAR * ty[-1]]
-    s = np.r_[path.s[0] + ends[0], path.s, path.s[-1] + ends[1]]
-    tx, ty = np.r_[tx[0], tx, tx[-1]], np.r_[ty[0], ty, ty[-1]]
-    origin = np.array([path.x.mean(), path.y.mean()])
-    px, py = x - origin[0], y - origin[1]
-    ex, ey, dtx, dty = np.diff(x), np.diff(y), np.diff(tx), np.diff(ty)
-    a, b, u, v = px[:-1], py[:-1], tx[:-1], ty[:-1]
-    along, across = ex * u + ey * v, ey * u - ex * v
-    linear = np.array([
-        [u, v, -(a * u + b * v)],
-        [dtx, dty, -(a * dtx + b * dty) - along],
-        [-v, u, a * v - b * u],
-        [-dty, dtx, a * dty - b * dtx - across],
-    ])  # fmt: skip
-    square = np.stack([-(ex * dtx + ey * dty), ex * dty - ey * dtx, dtx**2 + dty**2], axis=1)
-    return _Search(
-        s, x, y, tx, ty, np.diff(s), ex, ey, dtx, dty, origin,
-        score=np.ascontiguousarray([-2.0 * px, -2.0 * py, px**2 + py**2]),
-        plane=np.stack([tx, ty, -(px * tx + py * ty)], axis=1),
-        linear=np.ascontiguousarray(np.moveaxis(linear, 2, 0)), square=square,
-    )  # fmt: skip
+    s = np.r_[path.s[0] - FAR, path.s, path.s[-1] + FAR]
+    starts = (s, x, y, np.r_[tx[0], tx, tx[-1]], np.r_[ty[0], ty, ty[-1]])
+    columns = [column[:-1] for column in starts] + [np.diff(column) for column in starts]
+    middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
+    score = np.ascontiguousarray([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
+    return _Search(columns, score, list(zip(*(c.tolist() for c in columns), strict=True)))
 
 
-def _solve(search: _Search, q: Floats, i: Floats) -> tuple[Floats, Floats]:
-    """Give the fraction f of segment i at which the normal meets the position, and d there.
+def _nearest(search: _Search, x: Floats, y: Floats) -> NDArray[np.intp]:
+    """Give the segment (N,) whose middle is nearest, whence the right one is a step or none away."""
+    q = np.empty((len(x), 3))
+    q[:, 0], q[:, 1], q[:, 2] = x, y, 1.0
+    return np.asarray((q @ search.score).argmin(axis=1))
 
-    With p - P = a, chord e, tangents T and T + dT: (a - f e) · (T + f dT) = 0, quadratic in f, and
-    d = (T + f dT) x (a - f e) / |T + f dT|.
+
+def _project_few(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """As `_project_many`, point by point: three times faster for the handful that a step asks for."""
+    nearest = _nearest(search, x, y).tolist()
+    found = [_foot(search.rows, *entry) for entry in zip(nearest, x.tolist(), y.tolist(), strict=True)]
+    out = np.array(found, dtype=float).reshape(-1, 2)
+    return out[:, 0], out[:, 1]
+
+
+def _foot(rows: list[tuple[float, ...]], i: int, x: float, y: float) -> tuple[float, float]:
+    """Give s and d of a point, sought from segment i.
+
+    With a = p - P from the segment's start P, chord e, tangents T and T + dT:
+    (a - f e) · (T + f dT) = 0, quadratic in f, and d = (T + f dT) x (a - f e) / |T + f dT|.
     """
-    index = i.astype(np.intp, copy=False)
-    c0, c1, b0, b1 = np.matmul(search.linear[index], q[:, :, None])[:, :, 0].T
-    c2, b2, bend = search.square[index].T
-    root = np.sqrt(np.maximum(c1 * c1 - 4.0 * c0 * c2, 0.0))
-    f = 2.0 * c0 / np.maximum(root - c1, 1e-12)
-    return f, (b0 + f * (b1 + f * b2)) / np.sqrt(1.0 - f * (1.0 - f) * bend)
+    top = len(rows) - 1
+    for _ in range(TRIES):
+        s, px, py, tx, ty, step, ex, ey, dtx, dty = rows[i]
+        ax, ay = x - px, y - py
+        c0, c1 = ax * tx + ay * ty, ax * dtx + ay * dty - ex * tx - ey * ty
+        square = c1 * c1 + 4.0 * c0 * (ex * dtx + ey * dty)
+        below = (sqrt(square) if square > 0.0 else 0.0) - c1
+        f = 2.0 * c0 / (below if below > TINY else TINY)
+        if f < -TINY and i > 0:
+            i -= 1
+        elif f > 1.0 + TINY and i < top:
+            i += 1
+        else:
+            break
+    tx, ty = tx + f * dtx, ty + f * dty
+    return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / sqrt(tx * tx + ty * ty)
+
+
+def _project_many(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Give s and d (N,) of points (N,), by the equations of `_foot`."""
+    i, top = _nearest(search, x, y), len(search.rows) - 1
+    for _ in range(TRIES):
+        s, px, py, tx, ty, step, ex, ey, dtx, dty = (column[i] for column in search.columns)
+        ax, ay = x - px, y - py
+        c0, c1 = ax * tx + ay * ty, ax * dtx + ay * dty - ex * tx - ey * ty
+        root = np.sqrt(np.maximum(c1 * c1 + 4.0 * c0 * (ex * dtx + ey * dty), 0.0))
+        f = 2.0 * c0 / np.maximum(root - c1, TINY)
+        back, on = (f < -TINY) & (i > 0), (f > 1.0 + TINY) & (i < top)
+        if not (back | on).any():
+            break
+        i = i + on - back
+    tx, ty = tx + f * dtx, ty + f * dty
+    return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / np.hypot(tx, ty)
 
 
 def lane_path(
@@ -188,9 +203,9 @@ def lane_path(
     if not net.has_lane(road, lane, s) or lane == 0:
         raise InputError(net.path, f"road {road} has no lane {lane} at s={s:.3f} m", "Choose one that exists")
     ahead, more = _walk(net, road, lane, s, length, step, ahead=True)
-    back, before = _walk(net, road, lane, s, behind, step, ahead=False)
+    back, _ = _walk(net, road, lane, s, behind, step, ahead=False)
     table = np.concatenate([back[:0:-1], ahead])
-    return _assemble(table, len(back) - 1, length, behind, step, ends=not more, begins=not before)
+    return _assemble(table, len(back) - 1, length, behind, step, ends=not more)
 
 
 def _walk(
@@ -201,7 +216,9 @@ def _walk(
     parts, reached, full = [here], 0.0, length <= 0.0
     if not full:
         for stretch in follow(net, road, lane, s, ahead=ahead):
-            rows = _sample(net, stretch, step)
+            rows = _beyond(parts[-1][-1], _sample(net, stretch, step), ahead)
+            if not len(rows):
+                continue
             before = parts[-1][-1:, :2]
             gaps = np.hypot(*np.diff(np.concatenate([before, rows[:, :2]]), axis=0).T)
             covered = reached + np.cumsum(gaps)
@@ -221,6 +238,13 @@ def _sample(net: RoadNetwork, stretch: Stretch, step: float) -> Floats:
     return _points(net, stretch.road, stretch.lane, at, stretch.section)
 
 
+def _beyond(last: Floats, rows: Floats, ahead: bool) -> Floats:
+    """Leave out the first rows that do not lie beyond the last one: roads of some maps overlap at their ends."""
+    way = (rows[:, :2] - last[:2]) @ [np.cos(last[2]), np.sin(last[2])] * (1.0 if ahead else -1.0)
+    further = np.flatnonzero(way > SHORTEST)
+    return rows[further[0] :] if len(further) else rows[:0]
+
+
 def _points(net: RoadNetwork, road: str, lane: int, s: Floats, section: int) -> Floats:
     """Columns x, y, heading, curvature, left, right and half width, speed limit at s (K,)."""
     x, y = net.to_xy(road, lane, s, 0.0)
@@ -238,25 +262,39 @@ def _neighbour(net: RoadNetwork, road: str, section: int, lane: int, other: int,
     return net.lane_width(road, other, s)
 
 
-def _assemble(
-    table: Floats, own: int, length: float, behind: float, step: float, *, ends: bool, begins: bool
-) -> Path:
-    gaps = np.hypot(*np.diff(table[:, :2], axis=0).T) if len(table) > 1 else np.zeros(0)
-    keep = np.r_[True, gaps > 1e-6]
-    own = int(keep[: own + 1].sum()) - 1
-    table = table[keep]
-    s = np.r_[0.0, np.cumsum(gaps[gaps > 1e-6])]
+def _assemble(table: Floats, own: int, length: float, behind: float, step: float, *, ends: bool) -> Path:
+    table, own = _advancing(table, own)
+    s = np.r_[0.0, np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))]
     s = s - s[own]
     table[:, 2] = np.unwrap(table[:, 2])
     _mend_curvature(table, s, step)
     end = float(s[-1])
-    if ends and length > end:
+    if length > end:
         s, table = _straight(s, table, length, step)
-    if begins and -behind < s[0]:
+    if -behind < s[0]:
         s, table = _straight(-s[::-1], table[::-1], behind, -step)
         s, table = -s[::-1], table[::-1]
     x, y, heading, curvature, left, right, half, limit = np.ascontiguousarray(table.T)
     return Path(s, x, y, heading, curvature, left, right, half, limit, ends, end)
+
+
+def _advancing(table: Floats, own: int) -> tuple[Floats, int]:
+    """Leave out points that do not lie ahead of the one before: doubles, and overlaps of badly joined roads.
+
+    The start position, row `own`, stays; gives its new row.
+    """
+    while len(table) > 1:
+        step = np.diff(table[:, :2], axis=0)
+        heading = table[:-1, 2]
+        back = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading) <= SHORTEST
+        if not back.any():
+            break
+        drop = np.r_[False, back]
+        drop[:own] = np.r_[back, False][:own]
+        drop[own] = False
+        own -= int(drop[:own].sum())
+        table = table[~drop]
+    return table, own
 
 
 def _mend_curvature(table: Floats, s: Floats, step: float) -> None:
