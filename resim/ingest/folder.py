@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
 from resim.core.tracks import Strings, Tracks
-from resim.ingest.recording import Recording, sample_rate
+from resim.ingest.recording import Recording, existing_map, sample_rate
 from resim.ingest.tables import EXISTENCE, GT_ID, read_table, read_track_table, row_problem
 
 SETTINGS = "recording.toml"
@@ -67,7 +67,7 @@ def read_recording(folder: Path) -> Recording:
     """
     folder = Path(folder)
     settings = _read_settings(folder / SETTINGS)
-    road = _existing_map(folder / SETTINGS, folder / settings.map)
+    road = existing_map(folder / SETTINGS, folder / settings.map)
     gt_file, sd_file, plan_file = (_table(folder, name) for name in ("gt", "sd", "plan"))
     if gt_file is None:
         raise InputError(folder, "holds neither gt.csv nor gt.parquet", "Put the ground truth there.")
@@ -105,7 +105,7 @@ def write_recording(recording: Recording, folder: Path, *, map_reference: str | 
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(folder, "exists already", "Remove it or name another folder.")
     road = recording.map if map_reference is None else Path(os.path.normpath(folder / map_reference))
-    _existing_map(folder, road)
+    existing_map(folder, road)
     folder.parent.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
@@ -138,13 +138,6 @@ def _read_settings(path: Path) -> _Settings:
 def _problem(error: ErrorDetails) -> str:
     found = "" if error["type"] == "missing" else f", found {error['input']!r}"
     return f"{'.'.join(map(str, error['loc']))}: {error['msg']}{found}"
-
-
-def _existing_map(source: Path, road: Path) -> Path:
-    if not road.is_file():
-        problem = f"map: there is no file {road}"
-        raise InputError(source, problem, "Name an OpenDRIVE file, relative to the recording's folder.")
-    return road.resolve()
 
 
 def _table(folder: Path, name: str) -> Path | None:

@@ -63,3 +63,10 @@ def sample_rate(source: Path, tracks: Tracks) -> float:
     if not len(steps):
         raise InputError(source, "no object has two samples", "A recording needs motion: give every sample.")
     return round(1.0 / float(np.median(steps)), 6)
+
+
+def existing_map(source: Path, road: Path) -> Path:
+    """Give the map file resolved; InputError against `source`, which names it, where there is none."""
+    if not road.is_file():
+        raise InputError(source, f"map: there is no file {road}", "Name an OpenDRIVE file that exists.")
+    return road.resolve()

@@ -16,8 +16,6 @@ from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
 
 GT_ID, EXISTENCE = "gt_id", "existence_probability"
 TEXT = ("id", "kind", GT_ID)
-NUMBERS = tuple(c for c in COLUMNS if c not in TEXT)
-OPTIONAL_NUMBERS = (*OPTIONAL_COLUMNS, EXISTENCE)
 _CSV_ERRORS = (
     pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError
 )  # fmt: skip
@@ -30,24 +28,35 @@ def read_track_table(path: Path) -> pd.DataFrame:
     none) and `existence_probability`; other columns are left out. A CSV row's number is its line (the header
     is line 1), a Parquet row's its place from 1. Raises InputError for whatever cannot be used.
     """
-    frame = read_table(path, required=COLUMNS, optional=(*OPTIONAL_NUMBERS, GT_ID))
+    frame = read_table(path, required=COLUMNS, optional=(*OPTIONAL_COLUMNS, EXISTENCE, GT_ID))
+    check_tracks(path, frame)
+    return frame
+
+
+def check_tracks(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse sizes that are none, unknown kinds, probabilities beyond 0 to 1, times that repeat or run back.
+
+    frame: track table with `core.tracks.COLUMNS`, indexed by the row's number in the file. Raises InputError.
+    """
     for column in ("length", "width"):
         _refuse(path, frame, frame[column] <= 0.0, column, "a size above 0 m")
     _refuse(path, frame, ~frame["kind"].isin(KINDS), "kind", f"one of {', '.join(KINDS)}")
     if EXISTENCE in frame:
         _refuse(path, frame, (frame[EXISTENCE] < 0.0) | (frame[EXISTENCE] > 1.0), EXISTENCE, "0 to 1")
     _check_times(path, frame)
-    return frame
 
 
-def read_table(path: Path, *, required: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
+def read_table(
+    path: Path, *, required: Sequence[str], optional: Sequence[str] = (), text: Sequence[str] = TEXT
+) -> pd.DataFrame:
     """Give the wanted columns of a CSV or Parquet file, indexed by the row's number in the file.
 
-    Columns in TEXT are strings, "" where empty; all others are floats, finite where the column is required,
+    Columns in `text` are strings, "" where empty; all others are floats, finite where the column is required,
     finite or NaN where it is optional. Raises InputError for an unreadable or empty file, missing columns,
     values that are no numbers.
     """
-    frame = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+    numbers = [c for c in (*required, *optional) if c not in text]
+    frame = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, numbers, text)
     missing = [c for c in required if c not in frame.columns]
     if missing:
         raise InputError(
@@ -58,7 +67,7 @@ def read_table(path: Path, *, required: Sequence[str], optional: Sequence[str] =
         raise InputError(path, "has a header and no rows", "Write one row per time and object.")
     frame = frame[[*required, *(c for c in optional if c in frame.columns)]].copy()
     for column in frame.columns:
-        if column in TEXT:
+        if column in text:
             frame[column] = frame[column].fillna("").astype(str)
             if column in required:
                 _refuse(path, frame, frame[column] == "", column, "a name")
@@ -75,8 +84,10 @@ def row_problem(frame: pd.DataFrame, row: int, what: str) -> str:
     return f"row {row} ({', '.join(named)}): {what}" if named else f"row {row}: {what}"
 
 
-def _read_csv(path: Path) -> pd.DataFrame:
+def _read_csv(path: Path, numbers: Sequence[str], text: Sequence[str]) -> pd.DataFrame:
     """Every row of the CSV that is not blank, indexed by its line number."""
+    if not path.is_file():
+        raise InputError(path, "there is no such file", "Check the path.")
     if not path.stat().st_size:
         raise InputError(path, "is empty (0 bytes)", "Write a header line and one row per time and object.")
     try:
@@ -84,8 +95,8 @@ def _read_csv(path: Path) -> pd.DataFrame:
             warnings.simplefilter("error", pd.errors.ParserWarning)
             frame = pd.read_csv(
                 path, encoding="utf-8-sig", index_col=False, skip_blank_lines=False, keep_default_na=False,
-                na_values={c: [""] for c in (*NUMBERS, *OPTIONAL_NUMBERS)},
-                dtype=dict.fromkeys(TEXT, str), float_precision="round_trip", low_memory=False,
+                na_values={c: [""] for c in numbers},
+                dtype=dict.fromkeys(text, str), float_precision="round_trip", low_memory=False,
             )  # fmt: skip
     except _CSV_ERRORS as e:
         raise InputError(

@@ -70,7 +70,7 @@ TABLES = {
     "empty field": (f"{HEADER}\n{EGO}0.2,ego,,0,0,20,4.7,1.9,car\n", ["row 4", "x is nan", "finite number"]),
     "inf": (f"{HEADER}\n{EGO}0.2,ego,1,0,0,-inf,4.7,1.9,car\n", ["row 4", "v is -inf", "finite number"]),
     "text": (f"{HEADER}\n{EGO}0.2,ego,1,0,north,2,4,2,car\n", ["row 4", "heading is 'north'"]),
-    "text as time": (f"{HEADER}\n{EGO}now,ego,1,0,0,2,4,2,car\n", ["row 4 (t now, object 'ego'): t is 'now'"]),
+    "time text": (f"{HEADER}\n{EGO}now,ego,1,0,0,2,4,2,car\n", ["row 4 (t now, object 'ego'): t is 'now'"]),
     "no id": (f"{HEADER}\n{EGO}0.2,,1,0,0,2,4,2,car\n", ["row 4", "id is ''", "expected a name"]),
     "kind": (
         f"{HEADER}\n{EGO}0.2,b,1,0,0,2,4,2,lorry\n0.3,b,1,0,0,2,4,2,lorry\n",
