@@ -57,9 +57,12 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
     while segments < most and best.mean > _EXACT and stalled < 2:
         segments += 1
         last = problem.improve(problem.split(last), rounds=2, move_knots=False)
-        stalled = 0 if last.mean < (1.0 - GAIN) * best.mean else stalled + 1
-        best = min(best, last, key=lambda state: state.mean)
-    best = problem.improve(best, rounds=10)
+        if last.mean < (1.0 - GAIN) * best.mean:
+            best, stalled = last, 0
+        else:
+            stalled += 1
+    if best.mean > _EXACT:
+        best = problem.improve(best, rounds=5)
     trace = Trace(best.x0, best.y0, best.spline_v(), best.spline_heading())
     return Fit(trace, best.distance)
 
@@ -137,7 +140,9 @@ class _Problem:
         i = int(np.argmax(np.where(np.diff(spline.knots) >= 2.0 * MIN_SEGMENT, squares, -1.0)))
         middle = 0.5 * (spline.knots[i] + spline.knots[i + 1])
         knots = _apart(np.insert(spline.knots, i + 1, middle))
-        value = float(_natural(spline.knots, values)(middle))
+        bend = spline.second[i : i + 2] @ values
+        width = spline.knots[i + 1] - spline.knots[i]
+        value = 0.5 * (values[i] + values[i + 1]) - width**2 / 16.0 * bend.sum()
         return Natural.over(knots, self.rule.nodes), np.insert(values, i + 1, value)
 
     def evaluate(
@@ -226,4 +231,4 @@ def _apart(knots: Floats) -> Floats:
     steps = MIN_SEGMENT * np.arange(len(knots))
     lower = np.maximum.accumulate(np.append(knots[:1], knots[1:]) - steps) + steps
     upper = np.minimum.accumulate((np.append(lower[:-1], knots[-1:]) - steps)[::-1])[::-1] + steps
-    return np.clip(upper, knots[0] + steps, knots[-1] - steps[::-1])
+    return np.asarray(np.clip(upper, knots[0] + steps, knots[-1] - steps[::-1]))
