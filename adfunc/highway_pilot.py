@@ -36,8 +36,8 @@ class HighwayPilot:
 
     desired_speed [m/s]: if not given, the map's limit or the start speed, whichever is lower. time_gap [s] and
     standstill_gap [m]: what following keeps. cut_in_horizon [s]: an object that its present drift takes into
-    the lane by then counts as ahead. threat_time [s]: a collision at present speeds and accelerations sooner
-    than this is a threat. swerve_time [s]: what leaving the lane takes; swerve_gap [m]: what must be left of
+    the lane by then counts as ahead. A threat is a collision at present speeds and accelerations sooner than
+    threat_time [s], towards which the closing speed will be over threat_closing [m/s] in half a second. swerve_time [s]: what leaving the lane takes; swerve_gap [m]: what must be left of
     the gap by then, else braking is the answer. comfort_braking, max_braking [m/s²]. change_time [s]: length
     of a lane change.
     """
@@ -49,15 +49,16 @@ class HighwayPilot:
         time_gap: float = 1.0,
         standstill_gap: float = 3.0,
         cut_in_horizon: float = 1.0,
-        threat_time: float = 2.8,
+        threat_time: float = 4.0,
+        threat_closing: float = 5.0,
         swerve_time: float = 1.6,
-        swerve_gap: float = 12.0,
+        swerve_gap: float = 15.2,
         comfort_braking: float = 2.5,
         max_braking: float = 8.0,
         change_time: float = 3.5,
     ) -> None:
         self.desired_speed, self.time_gap, self.standstill_gap = desired_speed, time_gap, standstill_gap
-        self.cut_in_horizon, self.threat_time = cut_in_horizon, threat_time
+        self.cut_in_horizon, self.threat_time, self.threat_closing = cut_in_horizon, threat_time, threat_closing
         self.swerve_time, self.swerve_gap = swerve_time, swerve_gap
         self.comfort_braking, self.max_braking, self.change_time = comfort_braking, max_braking, change_time
 
@@ -115,13 +116,19 @@ class HighwayPilot:
         if lead is None or (self.mode == "brake" and ego.v < lead.v - 0.5):
             self.mode = "follow"
             return
-        if self.mode == "follow" and time_to_collision(lead.gap, ego.v - lead.v, lead.a) < self.threat_time:
+        if self.mode == "follow" and self.threatened(ego, lead):
             side = self.way_out(ego, traffic, lead)
             if side == 0.0:
                 self.mode = "brake"
             else:
                 self.mode, self.change_begin = "change", t
                 self.change_from, self.change_to = self.lane.d, side
+
+    def threatened(self, ego: EgoState, lead: _Lead) -> bool:
+        """Say whether the vehicle ahead is a threat."""
+        closing = ego.v - lead.v
+        soon = time_to_collision(lead.gap, closing, lead.a) < self.threat_time
+        return soon and closing + 0.5 * max(-lead.a, 0.0) > self.threat_closing
 
     def way_out(self, ego: EgoState, traffic: Traffic, lead: _Lead) -> float:
         """Give the lateral offset [m] of the neighbouring lane to evade to, left first; 0 where none is safe."""

@@ -8,6 +8,7 @@ reference system, and whose perception is recorded as sensor data. Same source, 
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -48,10 +49,10 @@ class SensorErrors:
     """
 
     too_far: float = 1.53
-    drift: float = 0.19
+    drift: float = 0.25
     drift_time: float = 2.0
     noise: float = 0.03
-    window: float = 1.2
+    window: float = 1.6
     ego_x: float = -0.10
     ego_y: float = 0.19
     ego_noise: float = 0.05
@@ -226,18 +227,26 @@ def make(name: str) -> tuple[Drive, Run]:
     if run.failure:
         raise SystemExit(run.failure)
     recording = Recording(
-        name=name, folder=None, map=MAP, ego="ego", gt=referenced(run.truth, drive.seed), sd=sensed(run),
-        sd_gt_id=("ego", *run.truth.without("ego").ids.tolist()), existence_probability=None, build=build.label,
-        build_hash=build.hash, plan=None,
+        name=name,
+        map=MAP,
+        ego="ego",
+        gt=referenced(run.truth, drive.seed),
+        gt_rate=1.0 / STEP,
+        sd=sensed(run),
+        sd_rate=1.0 / STEP,
+        sd_gt_id=run.truth.ids,
+        build=build.label,
+        build_hash=build.hash,
         environment={"fogDensity": "ExcellentVisibility", "precipitationDensity": "None"},
         provenance={
             "description": drive.description,
             "source": f"virtual test drive, tools/make_scenarios.py, seed {drive.seed}",
             "sensor": str(drive.sensor),
         },
-        gt_rate=1.0 / STEP, sd_rate=1.0 / STEP,
-    )  # fmt: skip
-    write_recording(recording, ROOT / "scenarios" / name, map_reference=MAP_FROM_SCENARIO)
+    )
+    folder = ROOT / "scenarios" / name
+    shutil.rmtree(folder, ignore_errors=True)
+    write_recording(recording, folder, map_reference=MAP_FROM_SCENARIO)
     return drive, run
 
 
