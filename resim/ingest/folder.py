@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import tempfile
 import tomllib
@@ -197,8 +198,12 @@ def _settings_text(recording: Recording, road: str) -> str:
     lines = [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
     for section, entries in (("environment", recording.environment), ("provenance", recording.provenance)):
         if entries:
-            lines += ["", f"[{section}]", *(f"{_toml(k)} = {_toml(v)}" for k, v in entries.items())]
+            lines += ["", f"[{section}]", *(f"{_key(k)} = {_toml(v)}" for k, v in entries.items())]
     return "\n".join(lines) + "\n"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else _toml(name)
 
 
 def _toml(value: str | float) -> str:
