@@ -142,10 +142,9 @@ def _failure(xodr: Path, code: int, said: str) -> str:
         name = signal.Signals(number).name if number in set(signal.Signals) else str(number)
         last = f", after saying {lines[-1]!r}" if lines else ""
         return f"{xodr}: netconvert crashed on this map ({name}){last}. {SIMPLIFY}."
-    errors = [line for line in lines if line.startswith("Error")] or [
-        line for line in lines if not line.startswith("Quitting")
-    ]
-    last = errors[-1].rstrip(".") if errors else f"exit code {code}"
+    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error")]
+    told = [line for line in errors if " total messages of type" not in line] or errors
+    last = told[-1].rstrip(".") if told else f"exit code {code}"
     return f"{xodr}: netconvert refuses this map: {last}. {SIMPLIFY}."
 
 

@@ -19,6 +19,8 @@ SHORTEST_CELL = 1e-6
 INSIDE = 1e-9
 HEADING_WEIGHT = 10.0
 MISS_WEIGHT = 1e3
+LOST = 1e-6
+TURNS, DAMPED_FROM, LONGEST_STEP = 32, 14, 4.0
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,8 @@ class LaneIndex:
         point, found = tree.query_nearest(shapely.points(x, y), all_matches=True)
         cell = number[found]
         road, s, t, miss = self._feet(x[point], y[point], cell)
+        for lost in np.flatnonzero(miss > LOST):
+            s[lost], t[lost], miss[lost] = sought(self.lines, road[lost], x[point[lost]], y[point[lost]])
         length = self.lines.length[road]
         inside = np.clip(s, 0.0, length)
         row = self._beside(road, inside, t, self.cells.row[cell])
@@ -183,16 +187,16 @@ def foot(lines: ReferenceLines, road: Ints, x: Floats, y: Floats, s: Floats) -> 
     s = np.array(s, dtype=float)
     t, miss = np.zeros_like(s), np.zeros_like(s)
     left = np.arange(len(s))
-    for turn in range(24):
+    for turn in range(TURNS):
         frame = lines.evaluate(road[left], s[left])
         cos, sin = np.cos(frame.heading), np.sin(frame.heading)
         dx, dy = x[left] - frame.x, y[left] - frame.y
         along, across = cos * dx + sin * dy, cos * dy - sin * dx
         t[left], miss[left] = across, np.abs(along)
-        step = along / (frame.speed * np.maximum(1.0 - frame.curvature * across, 0.1))
+        step = along / (frame.speed * np.maximum(1.0 - frame.curvature * across, 0.01))
         if turn > 0:
             on = (s[left] >= 0.0) & (s[left] <= lines.length[road[left]])
-            limit = 4.0 if turn < 8 else 4.0 * 0.5 ** (turn - 8)
+            limit = LONGEST_STEP * 0.5 ** max(turn - DAMPED_FROM, 0)
             step = np.where(on, np.clip(step, -limit, limit), step)
         moving = miss[left] > 1e-10
         left, step = left[moving], step[moving]
@@ -200,6 +204,24 @@ def foot(lines: ReferenceLines, road: Ints, x: Floats, y: Floats, s: Floats) -> 
             break
         s[left] += step
     return s, t, np.where(miss > 1e-9, miss, 0.0)
+
+
+def sought(lines: ReferenceLines, road: np.intp, x: float, y: float) -> tuple[float, float, float]:
+    """Give s, t and miss [m] of one point by trying the whole line: its foot, else the nearest place."""
+    low, high, count = 0.0, float(lines.length[road]), 2000
+    for _ in range(3):
+        at = np.linspace(low, high, count)
+        frame = lines.evaluate(np.full(count, road), at)
+        best = int(np.argmin((frame.x - x) ** 2 + (frame.y - y) ** 2))
+        reach = (high - low) / count
+        low, high = max(at[best] - reach, 0.0), min(at[best] + reach, float(lines.length[road]))
+    near = np.array([at[best]])
+    s, t, miss = foot(lines, np.array([road]), np.array([x]), np.array([y]), near)
+    if miss[0] <= LOST:
+        return float(s[0]), float(t[0]), float(miss[0])
+    cos, sin = np.cos(frame.heading[best]), np.sin(frame.heading[best])
+    dx, dy = x - frame.x[best], y - frame.y[best]
+    return float(near[0]), float(cos * dy - sin * dx), float(abs(cos * dx + sin * dy))
 
 
 def _first_of_each(point: Ints, cost: Floats, row: Ints) -> Ints:
