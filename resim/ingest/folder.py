@@ -107,12 +107,20 @@ def write_recording(recording: Recording, folder: Path, *, map_reference: str | 
         raise InputError(folder, "exists already", "Remove it or name another folder.")
     road = recording.map if map_reference is None else Path(os.path.normpath(folder / map_reference))
     existing_map(folder, road)
-    folder.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        _write(recording, folder, map_reference)
+    except OSError as e:
+        raise InputError(folder, f"cannot be written ({e.strerror})", "Name a folder you may write.") from e
+
+
+def _write(recording: Recording, folder: Path, map_reference: str | None) -> None:
+    """Write a folder beside, then put it in place."""
     beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         if map_reference is None:
-            shutil.copyfile(road, beside / road.name)
-        text = _settings_text(recording, map_reference or road.name)
+            shutil.copyfile(recording.map, beside / recording.map.name)
+        text = _settings_text(recording, map_reference or recording.map.name)
         (beside / SETTINGS).write_text(text, encoding="utf-8", newline="\n")
         for name, table in _tables(recording).items():
             table.to_csv(beside / f"{name}.csv", index=False, lineterminator="\n", encoding="utf-8")
@@ -126,9 +134,9 @@ def _read_settings(path: Path) -> _Settings:
     try:
         with path.open("rb") as file:
             return _Settings.model_validate(tomllib.load(file))
-    except (FileNotFoundError, NotADirectoryError) as e:
+    except OSError as e:
         remedy = f"A recording is a folder with {SETTINGS}, gt.csv and a map."
-        raise InputError(path, "there is no such file", remedy) from e
+        raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
         raise InputError(path, f"is not TOML ({e})", 'TOML puts text in quotes: name = "drive 1".') from e
     except ValidationError as e:

@@ -67,6 +67,9 @@ def sample_rate(source: Path, tracks: Tracks) -> float:
 
 def existing_map(source: Path, road: Path) -> Path:
     """Give the map file resolved; InputError against `source`, which names it, where there is none."""
-    if not road.is_file():
-        raise InputError(source, f"map: there is no file {road}", "Name an OpenDRIVE file that exists.")
-    return road.resolve()
+    try:
+        if road.is_file():
+            return road.resolve()
+    except OSError:  # a name no file system takes
+        pass
+    raise InputError(source, f"map: there is no file {road}", "Name an OpenDRIVE file that exists.")

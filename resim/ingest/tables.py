@@ -17,7 +17,7 @@ from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
 GT_ID, EXISTENCE = "gt_id", "existence_probability"
 TEXT = ("id", "kind", GT_ID)
 _CSV_ERRORS = (
-    pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError
+    pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError, OSError
 )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def read_table(
     if missing:
         raise InputError(
             path, f"column {', '.join(missing)} missing; found {', '.join(map(str, frame.columns))}",
-            f"The header must name {', '.join(required)}.",
+            f"The header must name {', '.join(required)}, parted by commas alone.",
         )  # fmt: skip
     if frame.empty:
         raise InputError(path, "has a header and no rows", "Write one row per time and object.")
@@ -133,10 +133,13 @@ def _numbers(path: Path, frame: pd.DataFrame, column: str, *, required: bool) ->
 
 
 def _is_number(value: object) -> bool:
+    if not isinstance(value, str):
+        return isinstance(value, float)
     try:
-        return isinstance(value, str | float) and float(value) is not None
+        float(value)
     except ValueError:
         return False
+    return "_" not in value  # 1_000 is a number to Python alone
 
 
 def _check_times(path: Path, frame: pd.DataFrame) -> None:

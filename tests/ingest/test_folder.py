@@ -57,6 +57,15 @@ def test_plan_is_read(make: Make) -> None:
     assert plan["x"].tolist() == [0.0, 10.0]
 
 
+def test_plan_is_written(make: Make, tmp_path: Path) -> None:
+    recording = read_recording(make(plan="t,t_plan,x,y,v\n0.0,0.0,0,0,20\n0.0,0.5,10.1,0,20\n"))
+    write_recording(recording, tmp_path / "again")
+    again = read_recording(tmp_path / "again").plan
+    assert again is not None
+    assert recording.plan is not None
+    assert again.equals(recording.plan)
+
+
 TABLES = {
     "missing column": (f"{HEADER.replace(',v,', ',speed,')}\n{EGO}", ["column v missing", "found t, id, x"]),
     "empty file": ("", ["is empty (0 bytes)"]),
@@ -71,6 +80,8 @@ TABLES = {
     "inf": (f"{HEADER}\n{EGO}0.2,ego,1,0,0,-inf,4.7,1.9,car\n", ["row 4", "v is -inf", "finite number"]),
     "text": (f"{HEADER}\n{EGO}0.2,ego,1,0,north,2,4,2,car\n", ["row 4", "heading is 'north'"]),
     "time text": (f"{HEADER}\n{EGO}now,ego,1,0,0,2,4,2,car\n", ["row 4 (t now, object 'ego'): t is 'now'"]),
+    "underscore": (f"{HEADER}\n{EGO}0.2,ego,1_0,0,0,2,4,2,car\n", ["row 4", "x is '1_0'"]),
+    "semicolons": (HEADER.replace(",", ";") + "\n", ["found t;id;x", "parted by commas"]),
     "no id": (f"{HEADER}\n{EGO}0.2,,1,0,0,2,4,2,car\n", ["row 4", "id is ''", "expected a name"]),
     "kind": (
         f"{HEADER}\n{EGO}0.2,b,1,0,0,2,4,2,lorry\n0.3,b,1,0,0,2,4,2,lorry\n",
@@ -108,7 +119,7 @@ SETTINGS = {
     "no map": (TOML.replace("road", "rod"), ["recording.toml", "map: there is no file", "rod.xodr"]),
     "ego": (TOML.replace('"ego"', '"me"'), ["ego 'me' is no object of gt.csv", "holds ego, a"]),
     "lost sd": (TOML + "sd_rate = 10\n", ["sd_rate is 10", "neither sd.csv nor sd.parquet"]),
-    "missing": (None, ["recording.toml", "there is no such file"]),
+    "missing": (None, ["recording.toml", "cannot be read (No such file or directory)"]),
 }
 
 
@@ -179,6 +190,8 @@ def test_writing_refuses_a_folder_in_use_and_leaves_nothing_behind(make: Make, t
     recording = read_recording(make())
     with pytest.raises(InputError, match="exists already"):
         write_recording(recording, tmp_path / "cut_in")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_recording(recording, tmp_path / "road.xodr" / "new")
     with pytest.raises(InputError, match=r"there is no file .*nowhere\.xodr"):
         write_recording(recording, tmp_path / "new", map_reference="../nowhere.xodr")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut_in", "road.xodr"]
