@@ -187,7 +187,7 @@ class ModelReader(Reader):
         ids = [lane.id for lane in lanes]
         if len(set(ids)) != len(ids):
             raise self.error(where, f"a lane id stands twice among {ids}")
-        missing = set(range(min(ids, default=0), max(ids, default=0) + 1)) - set(ids) - {0}
+        missing = set(range(min([0, *ids]), max([0, *ids]) + 1)) - {0, *ids}
         if missing:
             raise self.error(where, f"lane {sorted(missing)[0]} is missing between lane 0 and the outermost")
         return {lane.id: lane for lane in sorted(lanes, key=lambda lane: lane.id)}

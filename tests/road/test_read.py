@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from resim.core.errors import InputError
+from resim.road.opendrive import load
+
+LINE = '<geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry>'
+BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>
+<OpenDRIVE><header name="&b;"/></OpenDRIVE>"""
+FETCH = """<?xml version="1.0"?><!DOCTYPE x SYSTEM "http://127.0.0.1:9/evil.dtd"><OpenDRIVE/>"""
+STEAL = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]>
+<OpenDRIVE><header><geoReference>&f;</geoReference></header></OpenDRIVE>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "empty"),
+        ("   \n", "empty"),
+        ("s,t\n1,2", "not well-formed"),
+        ("<OpenDRIVE><road></OpenDRIVE>", "not well-formed"),
+        ("<osm/>", "root element is <osm>"),
+        ("<OpenDRIVE/>", "no road"),
+        (BOMB, "DOCTYPE"),
+        (FETCH, "DOCTYPE"),
+        (STEAL, "DOCTYPE"),
+        (STEAL.encode("utf-16"), "DOCTYPE"),
+    ],
+)
+def test_what_is_no_safe_opendrive_is_refused_with_the_file_and_the_reason(tmp_path, text, says):
+    path = tmp_path / "bad.xodr"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError, match=says) as error:
+        load(path)
+    assert str(path) in str(error.value)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(InputError, match=r"none\.xodr: cannot be read"):
+        load(tmp_path / "none.xodr")
+
+
+@pytest.mark.parametrize(
+    ("geometry", "says"),
+    [
+        ('<geometry s="0" x="0" y="0" hdg="0"><line/></geometry>', "road 7, geometry 0: .* lacks .* length"),
+        (LINE.replace('x="0"', 'x="east"'), "road 7, geometry 0: x='east'"),
+        (LINE.replace('hdg="0"', 'hdg="nan"'), "hdg='nan' .* not a finite number"),
+        (LINE.replace("<line/>", ""), "none of line, arc"),
+        (LINE.replace("<line/>", "<arc/>"), "<arc> lacks the attribute curvature"),
+        (LINE.replace('length="100"', 'length="-1"'), "negative"),
+        (LINE + LINE, "geometry at s=0.0 follows one at s=0.0"),
+        ("", "planView has no geometry"),
+    ],
+)
+def test_bad_geometry_is_named(one_road, geometry, says):
+    with pytest.raises(InputError, match=says):
+        load(one_road(geometry))
+
+
+@pytest.mark.parametrize(
+    ("lanes", "says"),
+    [
+        ('<laneSection s="0"><right><lane id="one"/></right></laneSection>', "id='one' .* not an integer"),
+        ('<laneSection s="0"><right><lane id="-2"/></right></laneSection>', "lane -1 is missing"),
+        ('<laneSection s="0"><left><lane id="1"/><lane id="1"/></left></laneSection>', "stands twice"),
+        ('<laneSection s="5"/><laneSection s="0"/>', "does not increase"),
+        ("<nothing/>", "has no laneSection"),
+    ],
+)
+def test_bad_lanes_are_named(one_road, lanes, says):
+    with pytest.raises(InputError, match=says):
+        load(one_road(LINE, lanes=lanes))
+
+
+def test_zero_length_geometry_with_nan_curvature_is_passed_over(one_road):
+    nothing = (
+        '<geometry s="0" x="9" y="9" hdg="0" length="0"><spiral curvStart="nan" curvEnd="nan"/></geometry>'
+    )
+    net = load(one_road(nothing + LINE))
+    assert net.roads["7"].length == 100.0
+
+
+def test_a_namespace_changes_nothing(tmp_path, proving_ground):
+    text = proving_ground.path.read_text()
+    path = tmp_path / "with_namespace.xodr"
+    path.write_text(
+        text.replace(
+            "<OpenDRIVE>", '<OpenDRIVE xmlns="http://code.asam.net/simulation/standard/opendrive_schema">'
+        )
+    )
+    assert load(path).roads == proving_ground.roads
+
+
+def test_what_the_proving_ground_says(proving_ground):
+    net = proving_ground
+    assert net.header.revision == (1, 6)
+    assert net.geo_reference.startswith("+proj=tmerc")
+    assert list(net.roads) == ["1", "2"]
+    road = net.roads["1"]
+    assert [sorted(s.lanes) for s in road.sections] == [[-3, -2, -1, 0, 1, 2], [-4, -3, -2, -1, 0, 1, 2]]
+    assert road.sections[0].lanes[-3].successor == -4
+    assert road.successor.id == "2"
+    assert road.successor.contact == "start"
+    assert road.sections[0].lanes[-1].marks[0].type == "broken"
+    np.testing.assert_allclose(net.speed_limit("1", -1, [10.0, 1300.0]) * 3.6, [130.0, 100.0])
+    np.testing.assert_allclose(net.lane_width("1", -3, [899.0, 900.0, 960.0, 1020.0]), [2.5, 0.0, 1.75, 3.5])
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m/s", 1.0), ("km/h", 1 / 3.6), ("mph", 0.44704)])
+def test_speed_units_and_lane_speed_over_road_speed(one_road, unit, factor):
+    lanes = (
+        '<laneSection s="0"><right><lane id="-1" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/>'
+        '<speed sOffset="50" max="30" unit="m/s"/></lane></right></laneSection>'
+    )
+    extra = f'<type s="20" type="town"><speed max="50" unit="{unit}"/></type>'
+    net = load(one_road(LINE, lanes=lanes, extra=extra))
+    limit = net.speed_limit("7", -1, [10.0, 30.0, 60.0])
+    assert math.isnan(limit[0])
+    np.testing.assert_allclose(limit[1:], [50 * factor, 30.0])
+
+
+def test_no_limit_is_nan(one_road):
+    net = load(one_road(LINE, extra='<type s="0" type="motorway"><speed max="no limit"/></type>'))
+    assert np.isnan(net.speed_limit("7", -1, 5.0))
+
+
+def test_unknown_road_and_lane_are_named(proving_ground):
+    with pytest.raises(InputError, match="has no road '9'"):
+        proving_ground.to_xy("9", -1, 0.0, 0.0)
+    with pytest.raises(InputError, match=r"road 1 has no lane -4 at s=100\.000 m. Its lanes there are -3"):
+        proving_ground.to_xy("1", [-1, -4], [0.0, 100.0], 0.0)
+
+
+ALL = [
+    "ngsim/USA_US101-5_1_T-1.xodr", "ngsim/USA_US101-10_1_T-1.xodr", "ngsim/USA_US101-12_1_T-1.xodr",
+    "ngsim/USA_US101-22_1_T-1.xodr", "ngsim/USA_Lanker-1_17_T-1.xodr", "mcity/mcity.xodr",
+    "xodr/carla/Town04.xodr", "xodr/edge_cases/od_newmarket.xodr", "xodr/edge_cases/sumo_pRange.xodr",
+    "xodr/edge_cases/sumo_ticket9448.xodr", "xodr/edge_cases/sumo_connections_4arm.xodr",
+    *(f"xodr/esmini/{name}.xodr" for name in (
+        "curve_r100", "curves", "direct_junction_simple", "e6mini", "fabriksgatan", "highway_exit",
+        "highway_example_with_merge_and_split", "highway_split", "jolengatan", "multi_lanesections",
+        "soderleden", "straight_500m", "two_plus_one")),
+    *(f"xodr/alks/alks_road_{name}.xodr" for name in (
+        "straight", "left_radius_250m", "right_radius_1000m", "different_curvatures")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_real_maps_evaluate_everywhere_and_find_every_lane_again(shared_map, name):
+    net = shared_map(name)
+    shapes = net.lane_shapes(step=5.0)
+    assert all(np.isfinite(s.centre).all() and np.isfinite(s.left).all() for s in shapes)
+    inner = [s for s in shapes if s.type == "driving" and np.hypot(*(s.left - s.right).T).min() > 0.1]
+    middle = np.array([s.centre[len(s.centre) // 2] for s in inner])
+    found = net.to_road(middle[:, 0], middle[:, 1])
+    assert found.on_road.all()
+    back = np.stack(net.to_xy(found.road, found.lane, found.s, found.t), axis=1)
+    np.testing.assert_allclose(back, middle, atol=1e-4)  # some of these lie on kinks and gaps between roads

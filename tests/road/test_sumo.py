@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+import stat
+import threading
+
+import numpy as np
+import pytest
+import shapely
+from lxml import etree
+
+from resim.core.errors import ConversionError, InputError
+from resim.road import sumo
+from resim.road.opendrive import load
+from resim.road.prepare import prepared
+from resim.road.sumo import sumo_net
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("nets")
+
+
+@pytest.fixture
+def fake_netconvert(tmp_path, monkeypatch):
+    """Puts a shell script in the place of netconvert."""
+
+    def put(script: str) -> None:
+        binary = tmp_path / "home" / "bin" / "netconvert"
+        binary.parent.mkdir(parents=True)
+        binary.write_text(f"#!/bin/sh\n{script}\n")
+        binary.chmod(binary.stat().st_mode | stat.S_IXUSR)
+        monkeypatch.setattr(sumo, "_sumo_home", lambda: tmp_path / "home")
+
+    return put
+
+
+def lane_error(net, converted):
+    """Largest distance [m] of each SUMO lane's points from the exact lane centre, by key."""
+    shapes = {e.get("id"): e.get("shape") for _, e in etree.iterparse(str(converted.path), tag="lane")}
+    worst = {}
+    for (road, section, lane), ids in converted.lanes.items():
+        if net.roads[road].junction or net.roads[road].sections[section].lanes[lane].type != "driving":
+            continue
+        here = net.roads[road].sections[section]
+        end = min(here.end, net.roads[road].length) - 1e-6
+        s = np.linspace(here.start, end, int((end - here.start) / 0.1) + 2)
+        centre = shapely.linestrings(np.stack(net.to_xy(road, lane, s, 0.0), axis=1))
+        points = [tuple(map(float, p.split(",")[:2])) for i in ids for p in shapes[i].split()]
+        worst[road, section, lane] = shapely.distance(shapely.points(points), centre).max()
+    return worst
+
+
+def test_the_proving_ground_converts_to_its_exact_centre_lines(proving_ground, cache):
+    converted = sumo_net(proving_ground.path, cache=cache)
+    assert converted.path.parent == cache
+    worst = lane_error(proving_ground, converted)
+    tapers = {("1", 1, -3), ("1", 1, -4)}
+    assert max(error for key, error in worst.items() if key not in tapers) < 0.0015
+    assert set(converted.lanes) == {
+        (road.id, k, lane) for road in proving_ground.roads.values()
+        for k, section in enumerate(road.sections) for lane in section.lanes if lane
+    }  # fmt: skip
+
+
+def test_lanes_of_a_split_section_come_in_order_of_s(proving_ground, cache):
+    ids = sumo_net(proving_ground.path, cache=cache).lanes["1", 0, -1]
+    assert len(ids) == 9
+    assert [name.split(".")[1] for name in ids] == [str(100 * k) for k in range(9)]
+    assert all(name.startswith("-1.") for name in ids)
+
+
+@pytest.mark.parametrize(
+    "name", ["mcity/mcity.xodr", "ngsim/USA_US101-5_1_T-1.xodr", "ngsim/USA_US101-22_1_T-1.xodr",
+             "ngsim/USA_US101-10_1_T-1.xodr", "ngsim/USA_US101-12_1_T-1.xodr", "xodr/esmini/e6mini.xodr",
+             "xodr/esmini/curve_r100.xodr"]
+)  # fmt: skip
+def test_real_maps_convert_and_every_driving_lane_has_its_sumo_lane(shared_map, cache, name):
+    net = shared_map(name)
+    converted = sumo_net(net.path, cache=cache)
+    wanted = {
+        (road.id, k, lane.id) for road in net.roads.values() if road.junction is None
+        for k, section in enumerate(road.sections) for lane in section.lanes.values() if lane.type == "driving"
+    }  # fmt: skip
+    assert wanted - {(r, k, 0) for r, k, _ in wanted} <= set(converted.lanes)
+    if "esmini" in name:
+        assert max(lane_error(net, converted).values()) < 0.0015
+
+
+def test_the_second_time_comes_from_the_cache(proving_ground, tmp_path, monkeypatch):
+    first = sumo_net(proving_ground.path, cache=tmp_path / "nets")
+    monkeypatch.setattr(sumo, "_run", lambda *_: pytest.fail("converted again"))
+    again = sumo_net(proving_ground.path, cache=tmp_path / "nets")
+    assert (again.path, again.hash, again.lanes) == (first.path, first.hash, first.lanes)
+    assert [p.name for p in (tmp_path / "nets").iterdir()] == [first.path.name]
+
+
+def test_the_default_cache_follows_xdg(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert sumo.default_cache() == tmp_path / "resim" / "nets"
+
+
+def test_a_changed_map_is_another_net(proving_ground, tmp_path):
+    changed = tmp_path / "changed.xodr"
+    changed.write_bytes(proving_ground.path.read_bytes().replace(b"proving ground", b"proving grounds"))
+    nets = [sumo_net(p, cache=tmp_path / "nets") for p in (proving_ground.path, changed)]
+    assert nets[0].hash != nets[1].hash
+    assert nets[0].path != nets[1].path
+
+
+def test_many_at_once_agree(proving_ground, tmp_path):
+    found = []
+    threads = [
+        threading.Thread(target=lambda: found.append(sumo_net(proving_ground.path, cache=tmp_path)))
+        for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len({net.path for net in found}) == 1
+    assert len(found) == 4
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_refused_map_says_what_netconvert_said(shared_map, tmp_path):
+    net = shared_map("xodr/edge_cases/od_newmarket.xodr")
+    with pytest.raises(ConversionError, match=r"od_newmarket\.xodr: netconvert refuses .* incoming road '8'"):
+        sumo_net(net.path, cache=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_map_that_crashes_netconvert(shared_map, tmp_path):
+    net = shared_map("ngsim/USA_Lanker-1_17_T-1.xodr")
+    with pytest.raises(ConversionError, match=r"crashed on this map \(SIGSEGV\)"):
+        sumo_net(net.path, cache=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        ("exec sleep 60", "stopped after 0.3 s"),
+        ("echo 'netconvert: error while loading shared libraries: libX11.so.6: cannot open' >&2; exit 127",
+         "libX11.so.6.*Install libX11"),
+        ("kill -SEGV $$", "crashed on this map"),
+        ("exit 139", "SIGSEGV"),
+        ("echo half > \"$4\"; echo 'Error: no roads.' >&2; echo 'Quitting (on error).' >&2; exit 1",
+         "refuses this map: no roads. "),
+        ("exit 0", "exit code 0"),
+    ],
+)  # fmt: skip
+def test_every_way_to_fail_is_told_and_leaves_nothing(
+    proving_ground, tmp_path, fake_netconvert, script, says
+):
+    fake_netconvert(script)
+    with pytest.raises(ConversionError, match=says):
+        sumo_net(proving_ground.path, cache=tmp_path / "nets", time_limit=0.3 if "sleep" in script else 30.0)
+    assert list((tmp_path / "nets").iterdir()) == []
+
+
+def test_no_opendrive_is_an_input_error(tmp_path):
+    path = tmp_path / "x.xodr"
+    path.write_text("<osm/>")
+    with pytest.raises(InputError, match="root element"):
+        sumo_net(path, cache=tmp_path / "nets")
+
+
+SPLIT = [
+    "xodr/esmini/e6mini.xodr", "xodr/esmini/fabriksgatan.xodr", "xodr/esmini/two_plus_one.xodr",
+    "xodr/esmini/highway_example_with_merge_and_split.xodr", "xodr/carla/Town04.xodr",
+    "ngsim/USA_US101-10_1_T-1.xodr", None,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPLIT)
+def test_preparation_moves_no_lane_and_keeps_what_it_says(shared_map, proving_ground, tmp_path, name):
+    net = shared_map(name) if name else proving_ground
+    path = tmp_path / "prepared.xodr"
+    path.write_bytes(prepared(net.path.read_bytes(), net.path))
+    after = load(path)
+    rng = np.random.default_rng(0)
+    for road in net.roads.values():
+        for section in road.sections:
+            ids = np.array([lane for lane in section.lanes if lane])
+            if not len(ids) or section.end <= section.start or section.start >= road.length:
+                continue
+            s = section.start + rng.random(20 * len(ids)) * (min(section.end, road.length) - section.start)
+            lane = np.tile(ids, 20)
+            for ask in ("to_xy", "lane_width", "speed_limit", "lane_heading"):
+                more = (0.0,) if ask == "to_xy" else ()
+                old, new = (np.array(getattr(n, ask)(road.id, lane, s, *more)) for n in (net, after))
+                np.testing.assert_allclose(new, old, atol=1e-9)
+    for road in after.roads.values():
+        if road.junction is None:
+            assert all(s.end - s.start < 100.0 + 1e-6 for s in road.sections)
+
+
+def test_split_sections_are_linked_inside_and_keep_their_marks(proving_ground, tmp_path):
+    path = tmp_path / "prepared.xodr"
+    path.write_bytes(prepared(proving_ground.path.read_bytes(), proving_ground.path))
+    before, after = proving_ground.roads["1"].sections, load(path).roads["1"].sections
+    assert [s.start for s in after[:10]] == [100.0 * k for k in range(10)]
+    assert after[3].lanes[-2].predecessor == after[3].lanes[-2].successor == -2
+    assert after[0].lanes[-3].predecessor is None
+    assert after[8].lanes[-3].successor == before[0].lanes[-3].successor == -4
+    assert all(s.lanes[-1].marks == before[0].lanes[-1].marks for s in after)
+
+
+def test_left_lanes_descend_and_even_spirals_become_arcs(one_road):
+    lanes = (
+        '<laneSection s="0"><left><lane id="1" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/></lane>'
+        '<lane id="2" type="driving"><width sOffset="0" a="4" b="0" c="0" d="0"/></lane></left></laneSection>'
+    )
+    path = one_road(
+        '<geometry s="0" x="0" y="0" hdg="0" length="30"><spiral curvStart="0.02" curvEnd="0.02"/></geometry>',
+        lanes=lanes,
+    )
+    root = etree.fromstring(prepared(path.read_bytes(), path))
+    assert [lane.get("id") for lane in root.iter("lane")] == ["2", "1"]
+    assert root.find(".//arc").get("curvature") == "0.02"
+
+
+def test_the_maker_writes_the_network_that_ships(proving_ground):
+    pytest.importorskip("scenariogeneration")
+    import runpy
+
+    tools = proving_ground.path.parents[1] / "tools" / "make_networks.py"
+    made = runpy.run_path(str(tools))["proving_ground"]()
+    assert made == proving_ground.path.read_bytes()
