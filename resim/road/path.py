@@ -20,6 +20,7 @@ FAR = 1e4
 FEW, CHUNK = 12, 1024
 TRIES, TINY = 12, 1e-9
 SPIKE = 0.5
+MOST_ASTRAY = 8
 
 
 class PathPoint(NamedTuple):
@@ -213,22 +214,22 @@ def _walk(
 ) -> tuple[Floats, bool]:
     """Points (K, 8) from the start on, and whether the road reaches `length`."""
     here = _points(net, road, lane, np.array([s]), net.roads[road].section_index(s))
-    parts, reached, full = [here], 0.0, length <= 0.0
-    if not full:
-        for stretch in follow(net, road, lane, s, ahead=ahead):
-            rows = _beyond(parts[-1][-1], _sample(net, stretch, step), ahead)
-            if not len(rows):
-                continue
-            before = parts[-1][-1:, :2]
-            gaps = np.hypot(*np.diff(np.concatenate([before, rows[:, :2]]), axis=0).T)
-            covered = reached + np.cumsum(gaps)
-            keep = int(np.searchsorted(covered, length)) + 1
-            parts.append(rows[:keep])
-            reached = float(covered[min(keep, len(covered)) - 1])
-            if reached >= length:
-                full = True
-                break
-    return np.concatenate(parts), full
+    parts, reached, astray = [here], 0.0, 0
+    for stretch in follow(net, road, lane, s, ahead=ahead) if length > 0.0 else ():
+        rows = _beyond(parts[-1][-1], _sample(net, stretch, step), ahead)
+        astray = 0 if len(rows) else astray + 1
+        if astray > MOST_ASTRAY:
+            break
+        if astray:
+            continue
+        before = parts[-1][-1:, :2]
+        gaps = np.hypot(*np.diff(np.concatenate([before, rows[:, :2]]), axis=0).T)
+        covered = reached + np.cumsum(gaps)
+        parts.append(rows[: int(np.searchsorted(covered, length)) + 1])
+        reached += float(gaps[: len(parts[-1])].sum())
+        if reached >= length:
+            break
+    return np.concatenate(parts), reached >= length
 
 
 def _sample(net: RoadNetwork, stretch: Stretch, step: float) -> Floats:

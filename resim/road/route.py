@@ -59,7 +59,8 @@ def _border(road: Road, section: int, up: bool) -> float:
     here = road.sections[section]
     if not up:
         return min(here.start, road.length)
-    return road.length if section == len(road.sections) - 1 else max(here.end - INSIDE, here.start)
+    last = section == len(road.sections) - 1
+    return road.length if last else min(max(here.end - INSIDE, here.start), road.length)
 
 
 def _next(

@@ -7,6 +7,7 @@ import pytest
 
 from resim.core.errors import InputError
 from resim.road.opendrive import load
+from resim.road.path import lane_path
 
 LINE = '<geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry>'
 BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>
@@ -109,6 +110,27 @@ def test_what_the_proving_ground_says(proving_ground):
     assert road.sections[0].lanes[-1].marks[0].type == "broken"
     np.testing.assert_allclose(net.speed_limit("1", -1, [10.0, 1300.0]) * 3.6, [130.0, 100.0])
     np.testing.assert_allclose(net.lane_width("1", -3, [899.0, 900.0, 960.0, 1020.0]), [2.5, 0.0, 1.75, 3.5])
+
+
+def test_odd_sections_and_a_road_that_follows_itself_do_no_harm(one_road):
+    lane = '<right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>'
+    lanes = "".join(f'<laneSection s="{s}">{lane}</laneSection>' for s in (0, 50, 50, 150))
+    itself = '<link><successor elementType="road" elementId="7" contactPoint="start"/></link>'
+    net = load(one_road(LINE, lanes=lanes, extra=itself))
+    found = net.to_road([1.0, 50.0, 120.0], [-1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(found.on_road, [True, True, False])
+    np.testing.assert_allclose(found.s, [1.0, 50.0, 120.0])
+    assert all(np.isfinite(shape.centre).all() for shape in net.lane_shapes())
+    path = lane_path(net, "7", -1, 10.0, 200.0)
+    assert path.ends
+    assert path.end == pytest.approx(90.0)
+
+
+def test_a_lane_without_width_holds_nothing(one_road):
+    net = load(
+        one_road(LINE, lanes='<laneSection s="0"><right><lane id="-1" type="driving"/></right></laneSection>')
+    )
+    assert not net.to_road([5.0, 5.0], [0.0, -1.0]).on_road.any()
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m/s", 1.0), ("km/h", 1 / 3.6), ("mph", 0.44704)])

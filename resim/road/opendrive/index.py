@@ -156,7 +156,8 @@ class LaneIndex:
             cost = cost + HEADING_WEIGHT * self._disagreement(row, road, s, heading[missing][point])
         best = _first_of_each(point, np.round(cost, 9), row)
         _put(out, missing[point[best]], road[best], row[best], s[best], lateral[best])
-        exact = self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + INSIDE) & (miss < 1e-6)
+        exact = self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + INSIDE) & (width > 0.0)
+        exact &= miss < LOST
         out.on_road[missing[point[best]]] = (exact & self.lanes.drivable[row])[best]
 
     def _beside(self, road: Ints, s: Floats, t: Floats, row: Ints) -> Ints:

@@ -73,7 +73,7 @@ class RoadNetwork:
         A position on a lane gets it, driving lanes first; on several (junctions) the one whose centre is
         nearest, 10 m added per rad between its driving direction and heading (N,) [rad] if given, then the
         first in the file. A position on no lane, or on one of type none, gets the nearest driving lane and
-        on_road False. NaN positions give s, t NaN.
+        on_road False. s, t are NaN for NaN positions, and on a map that has lanes of type none only.
         """
         x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
         want = None if heading is None else np.broadcast_to(np.asarray(heading, dtype=float), x_.shape)

@@ -187,9 +187,10 @@ class ModelReader(Reader):
         ids = [lane.id for lane in lanes]
         if len(set(ids)) != len(ids):
             raise self.error(where, f"a lane id stands twice among {ids}")
-        missing = set(range(min([0, *ids]), max([0, *ids]) + 1)) - {0, *ids}
-        if missing:
-            raise self.error(where, f"lane {sorted(missing)[0]} is missing between lane 0 and the outermost")
+        for inner, outer in pairwise(sorted({0, *ids}, key=abs)):
+            before = outer - 1 if outer > 0 else outer + 1
+            if before not in (0, *ids):
+                raise self.error(where, f"lane {before} is missing between lane {inner} and lane {outer}")
         return {lane.id: lane for lane in sorted(lanes, key=lambda lane: lane.id)}
 
     def _lane(self, element: _Element, where: str) -> Lane:

@@ -32,7 +32,7 @@ class LaneShape:
 
 def lane_shapes(roads: Sequence[Road], lines: ReferenceLines, lanes: Lanes, step: float) -> list[LaneShape]:
     """Give every lane (lane 0 with both borders on the centre line), points at most step [m] apart."""
-    ends = np.minimum(lanes.end, lines.length[lanes.road])
+    ends = np.maximum(np.minimum(lanes.end, lines.length[lanes.road]), lanes.start)
     counts = np.maximum(np.ceil((ends - lanes.start) / step), 1).astype(int) + 1
     first = np.cumsum(counts) - counts
     row = np.repeat(np.arange(len(counts)), counts)
