@@ -58,7 +58,11 @@ class HighwayPilot:
         change_time: float = 3.5,
     ) -> None:
         self.desired_speed, self.time_gap, self.standstill_gap = desired_speed, time_gap, standstill_gap
-        self.cut_in_horizon, self.threat_time, self.threat_closing = cut_in_horizon, threat_time, threat_closing
+        self.cut_in_horizon, self.threat_time, self.threat_closing = (
+            cut_in_horizon,
+            threat_time,
+            threat_closing,
+        )
         self.swerve_time, self.swerve_gap = swerve_time, swerve_gap
         self.comfort_braking, self.max_braking, self.change_time = comfort_braking, max_braking, change_time
 

@@ -25,7 +25,8 @@ from resim.road.sumo import SumoNet, sumo_net
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build, Perceived
 from resim.sim.dynamics import VehicleModel
-from resim.sim.loop import Run, simulate
+from resim.sim.loop import simulate
+from resim.sim.run import Run
 
 Basis = Literal["GT", "SD"]
 Progress = Callable[[str], None]

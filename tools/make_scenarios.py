@@ -25,8 +25,9 @@ from resim.road.path import lane_path
 from resim.road.sumo import sumo_net
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import EgoState, Perceived, load_build
-from resim.sim.loop import Run, simulate
+from resim.sim.loop import simulate
 from resim.sim.perception import World
+from resim.sim.run import Run
 
 ROOT = Path(__file__).parents[1]
 MAP = ROOT / "networks" / "proving_ground.xodr"
@@ -76,7 +77,8 @@ class Sensor:
     def perceive(self, world: World) -> Perceived:
         """Give what the sensors make of the world."""
         ego = self.localise(world.ego)
-        x, y = to_frame(world.x, world.y, world.ego.x, world.ego.y, world.ego.heading)
+        true = world.ego
+        x, y = to_frame(world.position.real, world.position.imag, true.x, true.y, true.heading)
         x = x + np.array([self.wander(name) for name in world.ids.tolist()])
         x = x + self.errors.noise * self.rng.standard_normal(len(x))
         y = y + self.errors.noise * self.rng.standard_normal(len(y))
@@ -84,7 +86,12 @@ class Sensor:
         motion = [
             self.derive(name, world.t, px, py, h, v)
             for name, px, py, h, v in zip(
-                world.ids.tolist(), map_x.tolist(), map_y.tolist(), world.heading.tolist(), world.v.tolist(), strict=True
+                world.ids.tolist(),
+                map_x.tolist(),
+                map_y.tolist(),
+                world.heading.tolist(),
+                world.v.tolist(),
+                strict=True,
             )
         ]
         v, heading = np.array(motion).reshape(len(motion), 2).T
@@ -110,7 +117,9 @@ class Sensor:
         self.drift[name] = keep * last + e.drift * np.sqrt(1.0 - keep**2) * self.rng.standard_normal()
         return e.too_far + self.drift[name]
 
-    def derive(self, name: str, t: float, x: float, y: float, heading: float, v: float) -> tuple[float, float]:
+    def derive(
+        self, name: str, t: float, x: float, y: float, heading: float, v: float
+    ) -> tuple[float, float]:
         """Give speed and heading from the positions of the last `window` seconds."""
         track = self.seen.setdefault(name, [])
         track.append((t, x, y))
@@ -163,7 +172,9 @@ def swerve(t: Floats, begin: float, duration: float, to: float) -> Floats:
 
 def cut_in_brake(path: LanePath, t: Floats) -> dict[str, tuple[Floats, Floats]]:
     """The traffic object comes from 11 m behind at 32.5 m/s on the left, cuts in, brakes at 4 m/s²."""
-    return {"1": (-11.0 + profile(t, 32.5, (CUT_BRAKE, 20.0, -4.0)), LANE - swerve(t, CUT_BEGIN, CUT_TIME, LANE))}
+    return {
+        "1": (-11.0 + profile(t, 32.5, (CUT_BRAKE, 20.0, -4.0)), LANE - swerve(t, CUT_BEGIN, CUT_TIME, LANE))
+    }
 
 
 CUT_BEGIN, CUT_TIME, CUT_BRAKE = 2.0, 3.0, 3.7
@@ -190,7 +201,7 @@ DRIVES = {
     ),
     "rear_end": Drive(
         "Rear-end collision with a slow object that the function ignores: Wagner 2021, Section 4.2.2.1",
-        "constant_velocity-1.0", 4.72, -2, 21.0, rear_end, SensorErrors(),
+        "constant_velocity-1.0", 4.84, -2, 21.0, rear_end, SensorErrors(),
     ),
     "overtake": Drive(
         "An uncritical overtaking on the left", "highway_pilot-1.0", 10.0, -2, 25.0, overtake, SensorErrors()
@@ -290,4 +301,6 @@ def sensed(run: Run) -> Tracks:
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or DRIVES:
         _, result = make(wanted)
-        print(f"scenarios/{wanted}: {len(result.truth.t)} samples, ended by {result.end}, {len(result.collisions)} collisions")
+        print(
+            f"scenarios/{wanted}: {len(result.truth.t)} samples, ended by {result.end}, {len(result.collisions)} collisions"
+        )

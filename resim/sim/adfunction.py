@@ -147,12 +147,15 @@ class Build:
         """Whether the function is an oracle that is given the recorded EGO."""
         return bool(getattr(self.factory, "needs_truth", False))
 
-    def make(self) -> AdFunction:
-        """Make the function; a parameter that it does not take raises InputError."""
+    def check(self) -> None:
+        """Raise InputError for parameters that the factory does not take."""
         try:
             inspect.signature(self.factory).bind(**self.parameters)
         except TypeError as e:
             raise InputError(self.path, f"[parameters] do not fit {self.factory.__name__}: {e}") from e
+
+    def make(self) -> AdFunction:
+        """Make the function."""
         return self.factory(**self.parameters)
 
 

@@ -42,24 +42,11 @@ class Vehicle:
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleState:
-    """Pose of the box centre [m, rad], v [m/s] along the heading, a [m/s²], steering angle [rad],
-    slip angle [rad] at the centre, yaw rate [rad/s].
-    """
+class VehicleState(EgoState):
+    """An EGO's state, and what its model needs besides: steering angle, and slip angle at the centre [rad]."""
 
-    x: float
-    y: float
-    heading: float
-    v: float
-    a: float
-    steering: float
-    slip: float
-    yaw_rate: float
-
-    @property
-    def ego(self) -> EgoState:
-        """The state as others see it."""
-        return EgoState(self.x, self.y, self.heading, self.v, self.a, self.yaw_rate)
+    steering: float = 0.0
+    slip: float = 0.0
 
 
 class VehicleModel(Protocol):
@@ -101,16 +88,8 @@ class Kinematic:
         car = self.vehicle
         steering = math.atan(car.wheelbase * state.yaw_rate / state.v) if abs(state.v) > 0.5 else 0.0
         steering = min(max(steering, -car.max_steering), car.max_steering)
-        return VehicleState(
-            state.x,
-            state.y,
-            state.heading,
-            state.v,
-            state.a,
-            steering,
-            0.0,
-            state.v * math.tan(steering) / car.wheelbase,
-        )
+        yaw_rate = state.v * math.tan(steering) / car.wheelbase
+        return VehicleState(state.x, state.y, state.heading, state.v, state.a, yaw_rate, steering)
 
     def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
         """Move the rear axle along an arc, with the mean speed and steering angle of the step; v >= 0."""
@@ -126,7 +105,7 @@ class Kinematic:
         x = state.x + path * math.cos(middle) + car.rear * (math.cos(heading) - math.cos(state.heading))
         y = state.y + path * math.sin(middle) + car.rear * (math.sin(heading) - math.sin(state.heading))
         yaw_rate = v * math.tan(steering) / car.wheelbase
-        return VehicleState(x, y, heading, v, a, steering, 0.0, yaw_rate)
+        return VehicleState(x, y, heading, v, a, yaw_rate, steering)
 
 
 class SingleTrack:
@@ -164,7 +143,7 @@ class SingleTrack:
                 dt / pieces,
             )
         x, y, heading, v, slip, yaw_rate = q
-        return VehicleState(x, y, heading, max(v, 0.0), a, steering, slip, yaw_rate)
+        return VehicleState(x, y, heading, max(v, 0.0), a, yaw_rate, steering, slip)
 
     def _runge_kutta(self, q: tuple[float, ...], a: float, steering: float, h: float) -> tuple[float, ...]:
         k1 = self._rates(q, a, steering)

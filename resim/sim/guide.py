@@ -27,7 +27,10 @@ _STRONGEST = 6.0  # m/s²; a start acceleration beyond it is taken for a wiggle 
 
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """Commanded states of EGO (row 0) and traffic objects at the steps' times: all but t are (N, T)."""
+    """Commanded states of EGO (row 0) and traffic objects at the steps' times: (N, T).
+
+    t: (T,) s. present: which objects are there. begin: the step at the scenario's start.
+    """
 
     t: Floats
     x: Floats
@@ -37,6 +40,7 @@ class Guide:
     a: Floats
     yaw_rate: Floats
     present: Bools
+    begin: int
 
     def state(self, n: int, k: int) -> EgoState:
         """Give object n's state at step k."""
@@ -59,7 +63,7 @@ def guide(scenario: Scenario, network: RoadNetwork, *, step: float, relaxation: 
             states[:, early] = _lead_in(member, trace, network, member.spawn_time - t[early])
         rows.append(states)
     x, y, heading, v, a, yaw_rate = np.stack(rows, axis=1)
-    return Guide(t, x, y, heading, v, a, yaw_rate, np.isfinite(x))
+    return Guide(t, x, y, heading, v, a, yaw_rate, np.isfinite(x), before)
 
 
 def _columns(states: States) -> Floats:

@@ -2,62 +2,35 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
-from resim.core.geometry import Floats, boxes_overlap, wrap_angle
-from resim.core.tracks import Strings, Tracks
+from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
+from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
-from resim.sim.adfunction import Build, Command, EgoState, Perceived, Placement, Setup
+from resim.sim.adfunction import Build, Command, EgoState, Placement, Setup
+from resim.sim.driver import Driver, cycle_steps
 from resim.sim.dynamics import Kinematic, VehicleModel, VehicleState
 from resim.sim.guide import Guide, guide
-from resim.sim.perception import Ideal, Perception, World
-from resim.sim.session import Session, from_sumo, open_session, to_sumo
+from resim.sim.perception import Ideal, Perception
+from resim.sim.run import Collision, End, Run
+from resim.sim.session import EGO, Read, Session, from_sumo, open_session
 from resim.sim.surface import Surface
+from resim.sim.traffic import Phase, phases
 from resim.sim.watchdog import Watchdog
 
 RELAXATION = 3.0
 """Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""
 
-_RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
-_FOLLOWED = 1e-6  # m, m/s; how exactly SUMO has to be where it was told to
+_BLOCK = 25
+"""Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
 
-End = Literal["duration", "collision", "off_road", "function_failed"]
-
-
-@dataclass(frozen=True)
-class Collision:
-    """The EGO's box first overlaps the object's at time t [s]."""
-
-    t: float
-    id: str
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What one simulation gave, from the scenario's start on.
-
-    truth: EGO first, then the traffic objects, as read back from SUMO. perceived: one per cycle of the
-    function. commands: (T, 2) acceleration [m/s²] and curvature [1/m] that act on the step from each time
-    on, NaN for a placement. failure: why the function failed, or "". control_error: the largest difference
-    [m] between a commanded and a re-simulated traffic object's position.
-    """
-
-    truth: Tracks
-    perceived: tuple[Perceived, ...]
-    commands: Floats
-    plans: tuple[tuple[float, Floats], ...]
-    collisions: tuple[Collision, ...]
-    end: End
-    failure: str
-    seed: int
-    control_error: float
+_FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
 
 
 def simulate(
@@ -77,245 +50,214 @@ def simulate(
     """Drive the scenario with the build's AD function in closed loop.
 
     net: the SUMO net of the scenario's map. step: s, whole milliseconds, of which the build's cycle time is
-    a multiple. Faults of the function end the run (`Run.failure`); faults of the input raise ResimError.
+    a multiple. perception: `Ideal` if none is given; model: `Kinematic`. Faults of the function end the run
+    (`Run.failure`); faults of the input raise ResimError.
     """
-    cycle = _cycle_steps(build, step)
+    cycle = cycle_steps(build, step)
+    build.check()
     session = open_session(net, step, gui=gui)
-    perception, model = perception or Ideal(), model or Kinematic()
-    loop = _Loop(
-        scenario, guide(scenario, network, step=step, relaxation=relaxation), session, perception, model
-    )
-    loop.surface = Surface(network, loop.plan.x, loop.plan.y)
-    perception.reset(np.random.default_rng(seed))
+    plan = guide(scenario, network, step=step, relaxation=relaxation)
+    loop = _Loop(scenario, plan, session, perception or Ideal(), model or Kinematic(), Surface(network, plan))
+    loop.perception.reset(np.random.default_rng(seed))
     with Watchdog() as watchdog:
-        driver = _Driver(build, watchdog, cycle)
+        driver = Driver(build, watchdog)
         try:
-            driver.reset(_setup(scenario, network, loop.plan, loop.begin, step * cycle, seed, build))
-            loop.run(driver, stop_at_collision)
+            driver.reset(_setup(scenario, network, plan, step * cycle, seed, build))
+            loop.run(driver, cycle, stop_at_collision)
+            driver.close()
         except FunctionError as e:
-            loop.end, loop.failure = "function_failed", f"{build.label} at t = {loop.now:.2f} s {e}"
-        driver.close()
+            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}", stop_at_collision)
     return loop.result(driver, seed)
 
 
-def _cycle_steps(build: Build, step: float) -> int:
-    if build.cycle_time is None:
-        return 1
-    steps = round(build.cycle_time / step)
-    if steps < 1 or abs(steps * step - build.cycle_time) > 1e-9:
-        raise ResimError(
-            f"{build.path}: cycle_time {build.cycle_time:g} s is not a multiple of the step, {step:g} s. "
-            "Change one of them."
-        )
-    return steps
-
-
 def _setup(
-    scenario: Scenario, network: RoadNetwork, plan: Guide, begin: int, cycle: float, seed: int, build: Build
+    scenario: Scenario, network: RoadNetwork, plan: Guide, cycle: float, seed: int, build: Build
 ) -> Setup:
-    def recorded(t: float) -> EgoState:
-        return plan.state(0, int(np.clip(round((t - plan.t[0]) / step), 0, len(plan.t) - 1)))
-
     step = float(plan.t[1] - plan.t[0])
-    ego, last = scenario.ego, int(np.flatnonzero(plan.present[0])[-1])
+
+    def recorded(t: float) -> EgoState:
+        return plan.state(0, min(max(round((t - float(plan.t[0])) / step), 0), len(plan.t) - 1))
+
+    last = int(np.flatnonzero(plan.present[0])[-1])
     return Setup(
         road=network,
-        start=plan.state(0, begin),
+        start=plan.state(0, plan.begin),
         goal=(float(plan.x[0, last]), float(plan.y[0, last])),
-        length=ego.length,
-        width=ego.width,
+        length=scenario.ego.length,
+        width=scenario.ego.width,
         cycle=cycle,
         seed=seed,
         recorded=recorded if build.needs_truth else None,
     )
 
 
-class _Driver:
-    """The AD function behind its watchdog, called every `cycle` steps; remembers what it saw and planned."""
-
-    def __init__(self, build: Build, watchdog: Watchdog, cycle: int) -> None:
-        self.function, self.watchdog, self.cycle, self.limit = build.make(), watchdog, cycle, build.time_limit
-        self.seen: list[Perceived] = []
-        self.plans: list[tuple[float, Floats]] = []
-        self.answer: Command | Placement = Command(0.0, 0.0)
-
-    def reset(self, setup: Setup) -> None:
-        self.watchdog.call(_RESET_LIMIT, self.function.reset, setup)
-
-    def step(self, perceived: Perceived, keep: bool) -> None:
-        answer = self.watchdog.call(self.limit, self.function.step, perceived)
-        if isinstance(answer, Command):
-            if not (math.isfinite(answer.acceleration) and math.isfinite(answer.curvature)):
-                raise FunctionError(
-                    f"answered acceleration {answer.acceleration}, curvature {answer.curvature}"
-                )
-        elif not isinstance(answer, Placement):
-            raise FunctionError(f"answered {answer!r}, not a Command")
-        self.answer = answer
-        if keep:
-            self.seen.append(perceived)
-            if isinstance(answer, Command) and answer.plan is not None:
-                self.plans.append((perceived.t, answer.plan))
-
-    def close(self) -> None:
-        with_limit = self.watchdog.call
-        try:
-            with_limit(_RESET_LIMIT, self.function.close)
-        except FunctionError:
-            return
-
-
 class _Loop:
-    """One run's state: arrays of what is commanded and what came back, and the EGO's vehicle state."""
-
-    surface: Surface
+    """One run as it happens: the EGO's states and commands, what SUMO answered, and how it ended."""
 
     def __init__(
-        self, scenario: Scenario, plan: Guide, session: Session, perception: Perception, model: VehicleModel
+        self,
+        scenario: Scenario,
+        plan: Guide,
+        session: Session,
+        perception: Perception,
+        model: VehicleModel,
+        surface: Surface,
     ) -> None:
-        members = (scenario.ego, *scenario.objects)
-        self.plan, self.session, self.perception, self.model = plan, session, perception, model
-        self.ids = np.array([m.id for m in members], dtype=str)
-        self.kind = np.array([m.kind for m in members], dtype=str)
-        self.length = np.array([m.length for m in members])
-        self.width = np.array([m.width for m in members])
-        self.names = [str(n) for n in range(len(members))]  # SUMO's: whatever characters the ids have
-        self.begin = int(np.searchsorted(plan.t, scenario.ego.spawn_time - 1e-6))
-        self.step_length = float(plan.t[1] - plan.t[0])
-        front = to_sumo(plan.x, plan.y, plan.heading, self.length[:, None])
-        self.commanded = np.stack([*front, plan.v], axis=-1).transpose(1, 0, 2).copy()  # (T, N, 4)
-        self.read = np.full_like(self.commanded, np.nan)
-        self.commands = np.full((len(plan.t), 2), np.nan)
-        self.ego_rates = np.full((len(plan.t), 2), np.nan)  # a, yaw rate
-        self.reach = 0.5 * (np.hypot(self.length, self.width) + math.hypot(self.length[0], self.width[0]))
+        self.members = (scenario.ego, *scenario.objects)
+        self.plan, self.session, self.perception, self.model, self.surface = (
+            plan,
+            session,
+            perception,
+            model,
+            surface,
+        )
+        self.ego: list[EgoState] = []
+        self.read: list[tuple[Phase, list[Read]]] = []
+        self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
         self.end: End = "duration"
         self.failure = ""
-        self.last = -1
-        self.rows = np.empty(0, dtype=int)
-        self.now = float(plan.t[0])
+        self.looked = plan.begin
+        self.length = np.array([m.length for m in self.members])
+        self.width = np.array([m.width for m in self.members])
 
-    def run(self, driver: _Driver, stop_at_collision: bool) -> None:
-        plan, begin = self.plan, self.begin
+    @property
+    def now(self) -> float:
+        """Time [s] of the last step."""
+        return float(self.plan.t[max(len(self.ego) - 1, 0)])
+
+    def run(self, driver: Driver, cycle: int, stop_at_collision: bool) -> None:
+        """Take every step, from the lead-in's first to the end."""
+        begin, last = self.plan.begin, len(self.plan.t) - 1
+        dt = float(self.plan.t[1] - self.plan.t[0])
+        session, perceive, move = self.session, self.perception.perceive, self.model.step
         state: VehicleState | None = None
-        ego = plan.state(0, 0)
-        for k in range(len(plan.t)):
-            self.advance(k, ego)
-            if k >= begin and self.finished(k, ego, stop_at_collision):
-                return
-            if k == begin:
-                state = self.model.settle(ego)
-            if (k - begin) % driver.cycle == 0:
-                driver.step(self.perception.perceive(self.world(k, ego)), keep=k >= begin)
-            if k + 1 == len(plan.t):
-                return
-            if state is None:
-                ego = plan.state(0, k + 1)
-            else:
-                state, ego = self.move(k, state, driver.answer)
+        answer: Command | Placement = Command(0.0, 0.0)
+        ego = self.plan.state(0, 0)
+        session.add(EGO, float(self.length[0]), float(self.width[0]), abs(ego.v))
+        for phase in phases(self.plan, self.members):
+            phase.enter(session)
+            for k in range(phase.first, phase.after):
+                self.read.append((phase, session.advance(phase.commands[k - phase.first], ego)))
+                self.ego.append(ego)
+                if k - self.looked >= _BLOCK and self.look(stop_at_collision):
+                    return
+                if k == begin:
+                    state = self.model.settle(ego)
+                if (k - begin) % cycle == 0:
+                    answer = driver.step(perceive(phase.world(k, ego)), k >= begin)
+                if k == last:
+                    break
+                if state is None:
+                    ego = self.plan.state(0, k + 1)
+                elif isinstance(answer, Placement):
+                    ego = answer.state
+                else:
+                    self.commands.append((answer.acceleration, answer.curvature))
+                    ego = state = move(state, answer.acceleration, answer.curvature, dt)
+        self.look(stop_at_collision)
 
-    def move(self, k: int, state: VehicleState, answer: Command | Placement) -> tuple[VehicleState, EgoState]:
-        """Take the EGO to step k + 1."""
-        if isinstance(answer, Placement):
-            return state, answer.state
-        self.commands[k] = answer.acceleration, answer.curvature
-        state = self.model.step(state, answer.acceleration, answer.curvature, self.step_length)
-        return state, state.ego
+    def failed(self, why: str, stop_at_collision: bool) -> None:
+        """End the run with the function's failure, unless it had ended before."""
+        if not self.look(stop_at_collision):
+            self.end, self.failure = "function_failed", why
 
-    def advance(self, k: int, ego: EgoState) -> None:
-        """Command every object's state at step k to SUMO, step, and read back."""
-        present = self.plan.present[1:, k]
-        if k == 0 or (present != self.plan.present[1:, k - 1]).any():
-            self.populate(k)
-        session, rows = self.session, self.rows
-        values = self.commanded[k, rows].T if len(rows) < len(self.names) - 1 else self.commanded[k, 1:].T
-        session.place(self.present_names[1:], *values)
-        session.place_ego("0", ego.x, ego.y, ego.heading, ego.v)
-        session.step()
-        session.read(self.present_names, self.buffer)
-        self.read[k, 0] = self.buffer[0]
-        self.read[k, rows] = self.buffer[1:]
-        self.ego_rates[k] = ego.a, ego.yaw_rate
-        self.last, self.now = k, float(self.plan.t[k])
-
-    def populate(self, k: int) -> None:
-        """Let objects come and go."""
-        before = set(self.rows.tolist()) if k else set()
-        self.rows = 1 + np.flatnonzero(self.plan.present[1:, k])
-        for n in sorted(before - set(self.rows.tolist())):
-            self.session.remove(self.names[n])
-        for n in ([0] if k == 0 else []) + sorted(set(self.rows.tolist()) - before):
-            self.session.add(self.names[n], self.length[n], self.width[n], float(self.plan.v[n, k]))
-        self.present_names = ["0", *(self.names[n] for n in self.rows)]
-        self.buffer = np.empty((len(self.present_names), 4))
-        r = self.rows
-        self.fixed: tuple[Strings, Strings, Floats, Floats] = (
-            self.ids[r],
-            self.kind[r],
-            self.length[r],
-            self.width[r],
-        )
-
-    def world(self, k: int, ego: EgoState) -> World:
-        """The truth at step k: where the objects were commanded to be, which `result` checks SUMO did."""
-        plan, r = self.plan, self.rows
-        ids, kind, length, width = self.fixed
-        return World(
-            self.now, ego, ids, kind, plan.x[r, k], plan.y[r, k], plan.heading[r, k], plan.v[r, k], length, width
-        )  # fmt: skip
-
-    def finished(self, k: int, ego: EgoState, stop_at_collision: bool) -> bool:
-        """Note collisions; say whether the run ends here."""
-        plan, r = self.plan, self.rows
-        dx, dy = plan.x[r, k] - ego.x, plan.y[r, k] - ego.y
-        near = r[dx * dx + dy * dy <= self.reach[r] ** 2]
-        if len(near):
-            self.collide(k, ego, near)
-            if self.collisions and stop_at_collision:
-                self.end = "collision"
-                return True
-        if not self.surface.holds(ego.x, ego.y):
-            self.end = "off_road"
-            return True
-        return False
-
-    def collide(self, k: int, ego: EgoState, near: np.ndarray[tuple[int], np.dtype[np.intp]]) -> None:
-        plan, n = self.plan, near
-        hit = boxes_overlap(
-            ego.x, ego.y, ego.heading, self.length[0], self.width[0],
-            plan.x[n, k], plan.y[n, k], plan.heading[n, k], self.length[n], self.width[n],
-        )  # fmt: skip
+    def look(self, stop_at_collision: bool) -> bool:
+        """Look at the steps since the last look; say whether the run ended in one, and if so forget what came after."""
+        first, self.looked = self.looked, len(self.ego)
+        if first >= len(self.ego):
+            return False
+        steps = np.arange(first, len(self.ego))
+        x, y, heading = np.array([(e.x, e.y, e.heading) for e in self.ego[first:]]).T
+        hit = self.overlaps(steps, x, y, heading)
+        off = np.flatnonzero(~self.surface.holds(x, y))
+        ends = [(int(off[0]), "off_road")] if len(off) else []
+        struck = hit.any(axis=0)
+        if stop_at_collision and struck.any():
+            ends.append((int(np.argmax(struck)), "collision"))
+        stop = min(ends)[0] if ends else len(steps) - 1
         known = {c.id for c in self.collisions}
-        for name in self.ids[near[hit]].tolist():
+        for n in np.flatnonzero(hit[:, : stop + 1].any(axis=1)).tolist():
+            name = self.members[n + 1].id
             if name not in known:
-                self.collisions.append(Collision(self.now, name))
+                self.collisions.append(Collision(float(self.plan.t[first + int(np.argmax(hit[n]))]), name))
+        self.collisions.sort(key=lambda c: (c.t, c.id))
+        if not ends:
+            return False
+        self.end = "collision" if (stop, "collision") in ends else "off_road"
+        del self.ego[first + stop + 1 :]
+        return True
 
-    def result(self, driver: _Driver, seed: int) -> Run:
-        kept = slice(self.begin, max(self.last, self.begin) + 1)
-        read = self.read[kept].transpose(2, 1, 0)
+    def overlaps(self, steps: NDArray[np.intp], x: Floats, y: Floats, heading: Floats) -> Bools:
+        """Say (N, K) which traffic objects' boxes overlap the EGO's, for its poses (K,) at these steps."""
+        plan, length, width = self.plan, self.length[:, None], self.width[:, None]
+        px, py = plan.x[1:, steps], plan.y[1:, steps]
+        reach = 0.5 * (np.hypot(length[1:], width[1:]) + np.hypot(length[0], width[0]))
+        hit = np.asarray(np.hypot(px - x, py - y) <= reach)
+        if hit.any():
+            others = (px, py, plan.heading[1:, steps], length[1:], width[1:])
+            hit &= boxes_overlap(x, y, heading, length[0], width[0], *others)
+        return hit
+
+    def result(self, driver: Driver, seed: int) -> Run:
+        """Put together what the run gave, and check that SUMO did as it was told."""
+        kept = slice(self.plan.begin, max(len(self.ego), self.plan.begin + 1))
+        t, motion = self.plan.t[kept], self.motion(kept)
+        read = self.readings()[:, :, kept]
         x, y, heading = from_sumo(read[0], read[1], read[2], self.length[:, None])
-        plan = self.plan
-        error = np.abs(self.read[kept, 1:] - self.commanded[kept, 1:])
-        error = error[np.isfinite(error)]
-        control_error = float(error.max()) if error.size else 0.0
-        if control_error > _FOLLOWED:
-            raise ResimError(
-                f"SUMO did not put the traffic objects where it was told to: off by {control_error:g}"
-            )
-        a, yaw_rate = plan.a[:, kept].copy(), plan.yaw_rate[:, kept].copy()
-        a[0], yaw_rate[0] = self.ego_rates[kept].T
+        v = np.copysign(read[3], motion[3])
+        control_error = _followed(np.stack([x, y, heading, v]), motion[:4])
         truth = Tracks(
-            t=plan.t[kept], ids=self.ids, kind=self.kind, x=x, y=y, heading=wrap_angle(heading), v=read[3],
-            length=self.length, width=self.width, valid=np.isfinite(x), a=a, yaw_rate=yaw_rate,
+            t=t, ids=np.array([m.id for m in self.members]), kind=np.array([m.kind for m in self.members]),
+            x=x, y=y, heading=wrap_angle(heading), v=v, length=self.length, width=self.width,
+            valid=np.isfinite(x), a=motion[4], yaw_rate=motion[5],
         )  # fmt: skip
+        commands = np.full((len(t), 2), np.nan)
+        given = self.commands[: len(t)]
+        commands[: len(given)] = np.array(given).reshape(-1, 2)
         return Run(
             truth=truth,
-            perceived=tuple(driver.seen),
-            commands=self.commands[kept],
-            plans=tuple(driver.plans),
+            perceived=tuple(p for p in driver.seen if p.t <= t[-1]),
+            commands=commands,
+            plans=tuple(p for p in driver.plans if p[0] <= t[-1]),
             collisions=tuple(self.collisions),
             end=self.end,
             failure=self.failure,
             seed=seed,
             control_error=control_error,
         )
+
+    def motion(self, kept: slice) -> Floats:
+        """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first."""
+        plan = self.plan
+        out = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate])
+        out[:, 0] = np.nan
+        own = [(e.x, e.y, e.heading, e.v, e.a, e.yaw_rate) for e in self.ego]
+        out[:, 0, : len(own)] = np.array(own).reshape(-1, 6).T
+        return out[:, :, kept]
+
+    def readings(self) -> Floats:
+        """Give what SUMO said: (4, N, T) front bumper x, y, angle, speed, EGO first; NaN where nothing is."""
+        out = np.full((4, len(self.members), len(self.plan.t)), np.nan)
+        k = 0
+        for phase, block in groupby(self.read[: len(self.ego)], key=lambda entry: entry[0]):
+            said = np.array([[(*place, angle, v) for place, angle, v in step] for _, step in block])
+            out[:, [0, *phase.rows.tolist()], k : k + len(said)] = said.transpose(2, 1, 0)
+            k += len(said)
+        return out
+
+
+def _followed(read: Floats, meant: Floats) -> float:
+    """Give the largest distance [m] between where vehicles were commanded to be and where SUMO had them.
+
+    read, meant: (4, N, T) x, y, heading, v. Raises ResimError where SUMO did not follow.
+    """
+    off = read - meant
+    distance, turn, pace = np.hypot(off[0], off[1]), np.abs(wrap_angle(off[2])), np.abs(off[3])
+    worst = [float(np.max(value[np.isfinite(value)], initial=0.0)) for value in (distance, turn, pace)]
+    if max(worst) > _FOLLOWED:
+        raise ResimError(
+            "SUMO did not put the vehicles where it was told to: off by "
+            f"{worst[0]:g} m, {worst[1]:g} rad, {worst[2]:g} m/s"
+        )
+    return worst[0]

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from resim.core.geometry import Floats, to_frame, wrap_angle
+from resim.core.geometry import Floats
 from resim.core.tracks import Strings
 from resim.sim.adfunction import EgoState, Perceived
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """The truth at time t [s]: the EGO, and N traffic objects in the map frame, arrays (N,) in SI units."""
+    """The truth at time t [s]: the EGO, and N traffic objects in the map frame.
+
+    position: (N,) complex, x + iy [m] of the box centres. heading [rad], v [m/s], length, width [m]: (N,).
+    """
 
     t: float
     ego: EgoState
     ids: Strings
     kind: Strings
-    x: Floats
-    y: Floats
+    position: NDArray[np.complex128]
     heading: Floats
     v: Floats
     length: Floats
@@ -47,8 +52,9 @@ class Ideal:
     def perceive(self, world: World) -> Perceived:
         """Give the true objects in the EGO's frame."""
         ego = world.ego
-        x, y = to_frame(world.x, world.y, ego.x, ego.y, ego.heading)
-        turned = wrap_angle(world.heading - ego.heading)
+        relative = (world.position - complex(ego.x, ego.y)) * cmath.rect(1.0, -ego.heading)
+        turned = math.pi - np.mod((math.pi + ego.heading) - world.heading, 2.0 * math.pi)
         return Perceived(
-            world.t, ego, world.ids, world.kind, x, y, turned, world.v, world.length, world.width
+            world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
+            world.length, world.width,
         )  # fmt: skip

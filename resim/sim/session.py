@@ -1,7 +1,8 @@
 """The one place that talks to SUMO, and the one conversion between its conventions and ours.
 
 SUMO: front bumper, degrees clockwise from north. Ours: box centre, radians anticlockwise from east.
-Nets are converted without an offset, so that positions are the same.
+Nets are converted without an offset, so that positions are the same. SUMO knows no negative speed: an object
+that rolls backwards is given its amount, and the caller keeps the sign.
 """
 
 from __future__ import annotations
@@ -13,12 +14,22 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
+from resim.sim.adfunction import EgoState
+
+EGO = "ego"
+"""SUMO's name of the EGO."""
+
+Placed: TypeAlias = tuple[str, float, float, float, float]
+"""What SUMO is told of an object: name, front bumper x, y [m], angle [deg from north], speed >= 0 [m/s]."""
+
+Read: TypeAlias = tuple[tuple[float, float], float, float]
+"""What SUMO says of an object: front bumper (x, y) [m], angle [deg from north], speed [m/s]."""
 
 _TYPE = "guided"
 _MATCH = 5.0  # m; moveToXY scans every lane within this distance
@@ -36,7 +47,7 @@ class Session:
 
     def __init__(self, net: Path, step: float, *, gui: bool = False) -> None:
         self.net, self.step_length, self.gui = net, step, gui
-        self._present: dict[str, tuple[float, float]] = {}
+        self._length: dict[str, float] = {}
         self._folder = tempfile.TemporaryDirectory(prefix="resim-")
         folder = Path(self._folder.name)
         types = folder / "types.add.xml"
@@ -55,7 +66,7 @@ class Session:
 
     def reset(self) -> None:
         """Go back to the start with no vehicle on the road."""
-        for name in list(self._present):
+        for name in list(self._length):
             self.remove(name)
         if not self.gui:
             self._sumo.simulation.loadState(self._state)
@@ -68,38 +79,35 @@ class Session:
         vehicle.setWidth(name, width)
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
-        self._present[name] = (length, width)
+        self._length[name] = length
 
     def remove(self, name: str) -> None:
         """Take a vehicle off the road."""
         self._vehicle.remove(name)
-        del self._present[name]
+        del self._length[name]
 
-    def place(self, names: Sequence[str], front_x: Floats, front_y: Floats, angle: Floats, v: Floats) -> None:
-        """Command where the vehicles are after the next step, in SUMO's terms (see `to_sumo`)."""
-        move, speed = self._vehicle.moveToXY, self._vehicle.setSpeed
-        for name, x, y, degrees, pace in zip(
-            names, front_x.tolist(), front_y.tolist(), angle.tolist(), v.tolist(), strict=True
-        ):
-            move(name, "", -1, x, y, degrees, 2, _MATCH)
-            speed(name, pace)
-
-    def place_ego(self, name: str, x: float, y: float, heading: float, v: float) -> None:
-        """Command where one vehicle is after the next step: box centre [m], heading [rad], v [m/s]."""
-        half = 0.5 * self._present[name][0]
-        front_x, front_y = x + half * math.cos(heading), y + half * math.sin(heading)
-        self._vehicle.moveToXY(name, "", -1, front_x, front_y, 90.0 - math.degrees(heading), 2, _MATCH)
-        self._vehicle.setSpeed(name, v)
-
-    def step(self) -> None:
-        """Let SUMO do one step."""
-        self._sumo.simulationStep()
-
-    def read(self, names: Sequence[str], out: Floats) -> None:
-        """Read vehicles into out (len(names), 4): front x, front y [m], angle [deg], v [m/s]."""
+    def advance(self, commands: Sequence[Placed], ego: EgoState) -> list[Read]:
+        """Put objects and EGO where they are told to be, let SUMO do one step, and read all back, EGO first."""
         vehicle = self._vehicle
-        position, angle, speed = vehicle.getPosition, vehicle.getAngle, vehicle.getSpeed
-        out[:] = [(*position(name), angle(name), speed(name)) for name in names]
+        move, speed = vehicle.moveToXY, vehicle.setSpeed
+        for name, x, y, angle, v in commands:
+            move(name, "", -1, x, y, angle, 2, _MATCH)
+            speed(name, v)
+        half, v = 0.5 * self._length[EGO], abs(ego.v)
+        x, y = ego.x + half * math.cos(ego.heading), ego.y + half * math.sin(ego.heading)
+        move(EGO, "", -1, x, y, 90.0 - math.degrees(ego.heading), 2, _MATCH)
+        speed(EGO, v)
+        self._sumo.simulationStep()
+        place, turn, pace = vehicle.getPosition, vehicle.getAngle, vehicle.getSpeed
+        read = [(place(EGO), turn(EGO), pace(EGO) if pace(EGO) == v else self._insist(EGO, v))]
+        for name, _, _, _, v in commands:
+            read.append((place(name), turn(name), v if pace(name) == v else self._insist(name, v)))
+        return read
+
+    def _insist(self, name: str, v: float) -> float:
+        """Say the speed again: where SUMO finds no way from place to place it keeps the one before."""
+        self._vehicle.setPreviousSpeed(name, v)
+        return float(self._vehicle.getSpeed(name))
 
     def close(self) -> None:
         """End the simulation."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
 from resim.road.opendrive import RoadNetwork
+from resim.sim.guide import Guide
 
 _SEAM = 0.1  # m; closes the seams between lanes
 _DRIVEN = 2.0  # m; where something measured drove there is road, whatever the map says
@@ -17,17 +18,26 @@ _DRIVEN = 2.0  # m; where something measured drove there is road, whatever the m
 class Surface:
     """The road's surface, and the strips that the recorded objects drove over."""
 
-    def __init__(self, network: RoadNetwork, x: Floats, y: Floats) -> None:
-        """Take recorded positions x, y (N, T) [m], NaN where there is none."""
-        self._road = _road_surface(network)
-        lines = [np.column_stack([px, py])[np.isfinite(px)] for px, py in zip(x, y, strict=True)]
-        strips = [shapely.LineString(line[::5]).buffer(_DRIVEN) for line in lines if len(line) > 5]
-        self._driven = shapely.union_all(strips)
-        shapely.prepare(self._driven)
+    def __init__(self, network: RoadNetwork, plan: Guide) -> None:
+        self._road, self._plan = _road_surface(network), plan
 
-    def holds(self, x: float, y: float) -> bool:
-        """Say whether the point [m] is on it."""
-        return bool(shapely.intersects_xy(self._road, x, y) or shapely.intersects_xy(self._driven, x, y))
+    @cached_property
+    def _driven(self) -> shapely.Geometry:
+        lines = [
+            np.column_stack([x, y])[np.isfinite(x)] for x, y in zip(self._plan.x, self._plan.y, strict=True)
+        ]
+        driven = shapely.union_all(
+            [shapely.LineString(line).buffer(_DRIVEN) for line in lines if len(line) > 1]
+        )
+        shapely.prepare(driven)
+        return driven
+
+    def holds(self, x: Floats, y: Floats) -> Bools:
+        """Say which points (K,) [m] are on it."""
+        on = np.asarray(shapely.intersects_xy(self._road, x, y))
+        if not on.all():
+            on |= shapely.intersects_xy(self._driven, x, y)
+        return on
 
 
 @lru_cache(maxsize=4)

@@ -36,7 +36,9 @@ def cut_in_and_brake(noise: float, *, seed: int = 0) -> tuple[np.ndarray, ...]:
     return fine[every], *noisy, heading[every], v[every]
 
 
-def published(t: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, v: np.ndarray) -> tuple[float, int]:
+def published(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, v: np.ndarray
+) -> tuple[float, int]:
     """Mean error [m] and number of segments of the fit as published."""
     error, n = np.inf, 1
     while True:
@@ -48,13 +50,19 @@ def published(t: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, 
             tv, th = (np.concatenate([t[:1], inner, t[-1:]]) for inner in (tv, th))
             if min(np.diff(tv).min(), np.diff(th).min()) < MIN_SEGMENT:
                 return 1e3
-            speed, angle = CubicSpline(tv, pv, bc_type="natural")(t), CubicSpline(th, ph, bc_type="natural")(t)
+            speed, angle = (
+                CubicSpline(tv, pv, bc_type="natural")(t),
+                CubicSpline(th, ph, bc_type="natural")(t),
+            )
             dx = x[0] + cumulative_trapezoid(speed * np.cos(angle), t, initial=0.0) - x
             dy = y[0] + cumulative_trapezoid(speed * np.sin(angle), t, initial=0.0) - y
             return float(np.hypot(dx, dy).mean())
 
         found = minimize(
-            mean_distance, np.concatenate(start), method="L-BFGS-B", options={"maxfun": 10**6, "maxiter": 10**5}
+            mean_distance,
+            np.concatenate(start),
+            method="L-BFGS-B",
+            options={"maxfun": 10**6, "maxiter": 10**5},
         )
         if found.fun > (1.0 - GAIN) * error:
             return min(error, float(found.fun)), n
@@ -76,8 +84,20 @@ def main() -> None:
         for _ in range(20):
             new_fit = fit_trace(*trace)
         new = (time.process_time() - begin) / 20
-        rows.append((noise, old, old_error, old_segments, new, float(new_fit.distance.mean()), len(new_fit.trace.v.x) - 1))
-    print("noise [m]   as published: CPU [s]  error [m]  segments   here: CPU [s]  error [m]  segments   speedup")
+        rows.append(
+            (
+                noise,
+                old,
+                old_error,
+                old_segments,
+                new,
+                float(new_fit.distance.mean()),
+                len(new_fit.trace.v.x) - 1,
+            )
+        )
+    print(
+        "noise [m]   as published: CPU [s]  error [m]  segments   here: CPU [s]  error [m]  segments   speedup"
+    )
     for noise, old, oe, os_, new, ne, ns in rows:
         print(f"{noise:9.3f} {old:22.2f} {oe:10.4f} {os_:9d} {new:15.4f} {ne:10.4f} {ns:9d} {old / new:9.0f}")
     worst_speedup = min(r[1] / r[4] for r in rows)

@@ -1,0 +1,94 @@
+"""The guided traffic as the loop needs it: everything known beforehand is laid out before the first step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.geometry import Floats
+from resim.core.tracks import Strings
+from resim.scenario.scenario import ScenarioObject
+from resim.sim.adfunction import EgoState
+from resim.sim.guide import Guide
+from resim.sim.perception import World
+from resim.sim.session import Placed, Session, to_sumo
+
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """Steps first <= k < after, in which the same n traffic objects are there.
+
+    rows: (n,) of the guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
+    what SUMO is told. position: (K, n) x + iy [m]. heading [rad], v [m/s]: (K, n). The rest: (n,).
+    """
+
+    first: int
+    after: int
+    t: Floats
+    rows: Rows
+    names: tuple[str, ...]
+    come: tuple[str, ...]
+    go: tuple[str, ...]
+    commands: list[list[Placed]]
+    position: NDArray[np.complex128]
+    heading: Floats
+    v: Floats
+    ids: Strings
+    kind: Strings
+    length: Floats
+    width: Floats
+
+    def enter(self, session: Session) -> None:
+        """Let objects come and go in SUMO."""
+        for name in self.go:
+            session.remove(name)
+        size = dict(zip(self.names, zip(self.length.tolist(), self.width.tolist(), strict=True), strict=True))
+        pace = {name: abs(v) for name, _, _, _, v in self.commands[0]}
+        for name in self.come:
+            session.add(name, *size[name], pace[name])
+
+    def world(self, k: int, ego: EgoState) -> World:
+        """Give the truth at step k: where the objects were commanded to be, and SUMO has them (`Run`)."""
+        i = k - self.first
+        return World(
+            float(self.t[i]), ego, self.ids, self.kind, self.position[i], self.heading[i], self.v[i],
+            self.length, self.width,
+        )  # fmt: skip
+
+
+def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
+    """Cut the run where traffic objects come or go; members are the EGO and then the traffic objects."""
+    length, width = (np.array([getattr(m, name) for m in members]) for name in ("length", "width"))
+    ids, kind = (np.array([getattr(m, name) for m in members], dtype=str) for name in ("id", "kind"))
+    changes = np.flatnonzero((plan.present[1:, 1:] != plan.present[1:, :-1]).any(axis=0)) + 1
+    borders = [0, *changes.tolist(), len(plan.t)]
+    before: tuple[str, ...] = ()
+    for first, after in pairwise(borders):
+        rows = 1 + np.flatnonzero(plan.present[1:, first])
+        x, y, heading, v = (c[rows, first:after].T.copy() for c in (plan.x, plan.y, plan.heading, plan.v))
+        names = tuple(f"{n}" for n in rows.tolist())
+        told = np.stack([*to_sumo(x, y, heading, length[rows]), np.abs(v)], axis=-1).tolist()
+        yield Phase(
+            first=first,
+            after=after,
+            t=plan.t[first:after],
+            rows=rows,
+            names=names,
+            come=tuple(n for n in names if n not in before),
+            go=tuple(n for n in before if n not in names),
+            commands=[[(name, *place) for name, place in zip(names, step, strict=True)] for step in told],
+            position=x + 1j * y,
+            heading=heading,
+            v=v,
+            ids=ids[rows],
+            kind=kind[rows],
+            length=length[rows],
+            width=width[rows],
+        )
+        before = names

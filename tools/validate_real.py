@@ -1,0 +1,100 @@
+"""Re-simulate real vehicles, and print what docs/validation.md holds of them.
+
+    python tools/validate_real.py ../shared/data [--vehicles 2] [--only NAME]
+
+Every vehicle of NGSIM (four US-101 scenarios, Lankershim) that is there for at least 5 s can be EGO; the
+first and the last in file order of those that are there longest are taken. Mcity trials are imported with
+tools/import_mcity.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+# from import_mcity import import_trials
+
+from resim.core.errors import ResimError
+from resim.ingest import Recording, read_commonroad, read_recording
+from resim.pipeline import Options, resimulate
+from resim.sim.adfunction import load_build
+
+BUILDS = Path(__file__).parents[1] / "adfunc" / "builds"
+NGSIM = (
+    "USA_US101-5_1_T-1",
+    "USA_US101-10_1_T-1",
+    "USA_US101-12_1_T-1",
+    "USA_US101-22_1_T-1",
+    "USA_Lanker-1_17_T-1",
+)
+
+
+def candidates(xml: Path, road: Path, count: int) -> list[str]:
+    """Ids of `count` moving vehicles that are there longest, spread over the file."""
+    from lxml import etree
+
+    root = etree.parse(xml, etree.XMLParser(resolve_entities=False, no_network=True)).getroot()
+    found = []
+    for obstacle in [*root.iterfind("obstacle"), *root.iterfind("dynamicObstacle")]:
+        states = obstacle.findall(".//state")
+        speeds = [float(e.text) for e in obstacle.findall(".//state/velocity/exact")]
+        if speeds and max(speeds) > 2.0:
+            found.append((len(states), obstacle.get("id")))
+    longest = [name for n, name in found if n >= 0.8 * max(n for n, _ in found)]
+    return [longest[i] for i in np.unique(np.linspace(0, len(longest) - 1, count).round().astype(int))]
+
+
+def recordings(data: Path, count: int) -> list[Recording]:
+    """The NGSIM vehicles and the Mcity trials."""
+    out = []
+    for name in NGSIM:
+        xml, road = data / "ngsim" / f"{name}.xml", data / "ngsim" / f"{name}.xodr"
+        out += [read_commonroad(xml, map=road, ego=ego) for ego in candidates(xml, road, count)]
+    with tempfile.TemporaryDirectory() as folder:
+        pass  # out += [read_recording(path) for path in import_trials(data / "mcity", Path(folder))]
+    return out
+
+
+def row(recording: Recording, build_name: str) -> str:
+    """One line of the table."""
+    begin = time.perf_counter()
+    try:
+        result = resimulate(recording, load_build(BUILDS / f"{build_name}-1.0.toml"), Options())
+    except ResimError as e:
+        return f"| {recording.name} | {recording.ego} | {build_name} | refused: {e} |"
+    report, took = result.report(), time.perf_counter() - begin
+
+    def of(step: str, who: str, q: str = "d", stat: str = "mean") -> str:
+        s = report["errors"][step][who][q]
+        return "–" if s is None else f"{s[stat]:.3g}"
+
+    cells = [
+        recording.name, recording.ego, build_name, f"{len(result.branches['GT'].scenario.objects)}",
+        of("FIT_GT", "ego"), of("FIT_GT", "to"), of("SIM_GT", "ego", stat="max"), of("SIM_GT", "to", stat="max"),
+        of("FIT_rGT", "ego"), of("PIPE_GT", "ego"), of("S", "ego"), of("SIM_SD", "ego", stat="max"),
+        report["end"]["rGT"], "/".join(report["decision"]["GT"]) or "none", "/".join(report["decision"]["rGT"] or []) or "none",
+        f"{took:.1f}",
+    ]  # fmt: skip
+    return "| " + " | ".join(cells) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--vehicles", type=int, default=2, help="EGOs of each NGSIM scenario")
+    parser.add_argument("--only", default="", help="recordings whose name contains this")
+    arguments = parser.parse_args()
+    print("| recording | EGO | build | TO | FIT_GT EGO | FIT_GT TO | SIM_GT EGO max | SIM_GT TO max | FIT_rGT EGO "
+          "| PIPE_GT EGO | S EGO | SIM_SD EGO max | end | decision GT | decision rGT | s |")  # fmt: skip
+    print("|" + "---|" * 16)
+    for recording in recordings(arguments.data, arguments.vehicles):
+        if arguments.only in recording.name:
+            for build in ("replay", "follow_trace", "idm", "highway_pilot"):
+                print(row(recording, build), flush=True)
+
+
+if __name__ == "__main__":
+    main()
