@@ -15,7 +15,7 @@ class ConstantVelocity:
 
     def step(self, perceived: Perceived) -> Command:
         """Hold lane and speed."""
-        self.lane.locate(perceived)
+        self.lane.place(perceived.ego)
         return Command(1.0 * (self.v - perceived.ego.v), self.lane.steer(perceived.ego.v))
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from adfunc.lane_keeping import Lane, Traffic, in_corridor, nearest_ahead
+from adfunc.lane_keeping import Lane, Neighbour, in_corridor, nearest_ahead
 from resim.core.geometry import Floats
 from resim.sim.adfunction import Command, EgoState, Perceived, Setup
 
@@ -23,9 +23,8 @@ Mode = Literal["follow", "brake", "change"]
 
 @dataclass(frozen=True, slots=True)
 class _Lead:
-    """The vehicle to mind: its row, gap [m] between the boxes, speed [m/s] along the lane, acceleration [m/s²]."""
+    """The vehicle to mind: gap [m] between the boxes, its speed [m/s] along the lane, its acceleration [m/s²]."""
 
-    row: int
     gap: float
     v: float
     a: float
@@ -34,12 +33,12 @@ class _Lead:
 class HighwayPilot:
     """Drives on highways.
 
-    desired_speed [m/s]: if not given, the map's limit or the start speed, whichever is lower. time_gap [s] and
-    standstill_gap [m]: what following keeps. cut_in_horizon [s]: an object that its present drift takes into
-    the lane by then counts as ahead. A threat is a collision at present speeds and accelerations sooner than
-    threat_time [s], towards which the closing speed will be over threat_closing [m/s] in half a second. swerve_time [s]: what leaving the lane takes; swerve_gap [m]: what must be left of
-    the gap by then, else braking is the answer. comfort_braking, max_braking [m/s²]. change_time [s]: length
-    of a lane change.
+    desired_speed [m/s]: if not given, the map's limit or the start speed, whichever is lower. time_gap [s]
+    and standstill_gap [m]: what following keeps. cut_in_horizon [s]: an object that its present drift takes
+    into the lane by then counts as ahead. A threat is a collision at present speeds and accelerations sooner
+    than threat_time [s], towards which the closing speed will be over threat_closing [m/s] in half a second.
+    swerve_time [s]: what leaving the lane takes; swerve_gap [m]: what must be left of the gap by then, else
+    braking is the answer. comfort_braking, max_braking [m/s²]. change_time [s]: length of a lane change.
     """
 
     def __init__(
@@ -77,10 +76,11 @@ class HighwayPilot:
 
     def step(self, perceived: Perceived) -> Command:
         """Decide, then accelerate and steer accordingly."""
-        traffic = self.lane.locate(perceived)
+        self.lane.place(perceived.ego)
+        others = list(self.lane.locate(perceived))
         ego = perceived.ego
-        lead = self.mind(perceived, traffic)
-        self.decide(perceived.t, ego, traffic, lead)
+        lead = self.mind(perceived, others)
+        self.decide(perceived.t, ego, others, lead)
         a = self.accelerate(ego.v, lead)
         offset, drift, bend = self.lateral(perceived.t, ego)
         curvature = self.lane.steer(ego.v, offset, drift, bend)
@@ -89,28 +89,30 @@ class HighwayPilot:
     def close(self) -> None:
         """Nothing to end."""
 
-    def mind(self, perceived: Perceived, traffic: Traffic) -> _Lead | None:
+    def mind(self, perceived: Perceived, others: list[Neighbour]) -> _Lead | None:
         """Find the nearest vehicle that is in the way, or will be by its drift."""
-        self.remember(perceived, traffic)
-        soon = traffic.d + self.cut_in_horizon * traffic.v_d
+        self.remember(perceived.t, others)
         offset = self.lane.d if self.mode == "change" else 0.0
-        width = self.half_width + 0.1
-        blocking = in_corridor(traffic, traffic.d, width, offset) | in_corridor(traffic, soon, width, offset)
-        row = nearest_ahead(traffic, blocking)
+        width, horizon = self.half_width + 0.1, self.cut_in_horizon
+        row = nearest_ahead(
+            o
+            for o in others
+            if in_corridor(o.d, o, width, offset) or in_corridor(o.d + horizon * o.v_d, o, width, offset)
+        )
         if row is None:
             return None
-        gap = float(traffic.s[row] - traffic.half_length[row]) - self.half_length
-        return _Lead(row, max(gap, 0.1), float(traffic.v_s[row]), self.speeds[str(perceived.ids[row])][2])
+        gap = row.s - row.half_length - self.half_length
+        return _Lead(max(gap, 0.1), row.v_s, self.speeds[row.id][2])
 
-    def remember(self, perceived: Perceived, traffic: Traffic) -> None:
+    def remember(self, t: float, others: list[Neighbour]) -> None:
         """Estimate accelerations from the speeds seen, smoothed over 0.3 s."""
         known, self.speeds = self.speeds, {}
         weight = 1.0 - math.exp(-self.cycle / 0.3)
-        for name, v in zip(perceived.ids.tolist(), traffic.v_s.tolist(), strict=True):
-            t0, v0, a0 = known.get(name, (perceived.t - self.cycle, v, 0.0))
-            self.speeds[name] = (perceived.t, v, a0 + weight * ((v - v0) / max(perceived.t - t0, 1e-3) - a0))
+        for o in others:
+            t0, v0, a0 = known.get(o.id, (t - self.cycle, o.v_s, 0.0))
+            self.speeds[o.id] = (t, o.v_s, a0 + weight * ((o.v_s - v0) / max(t - t0, 1e-3) - a0))
 
-    def decide(self, t: float, ego: EgoState, traffic: Traffic, lead: _Lead | None) -> None:
+    def decide(self, t: float, ego: EgoState, others: list[Neighbour], lead: _Lead | None) -> None:
         """Change the mode where the situation asks for it."""
         if self.mode == "change":
             if t > self.change_begin + self.change_time:
@@ -121,7 +123,7 @@ class HighwayPilot:
             self.mode = "follow"
             return
         if self.mode == "follow" and self.threatened(ego, lead):
-            side = self.way_out(ego, traffic, lead)
+            side = self.way_out(ego, others, lead)
             if side == 0.0:
                 self.mode = "brake"
             else:
@@ -134,24 +136,27 @@ class HighwayPilot:
         soon = time_to_collision(lead.gap, closing, lead.a) < self.threat_time
         return soon and closing + 0.5 * max(-lead.a, 0.0) > self.threat_closing
 
-    def way_out(self, ego: EgoState, traffic: Traffic, lead: _Lead) -> float:
+    def way_out(self, ego: EgoState, others: list[Neighbour], lead: _Lead) -> float:
         """Give the lateral offset [m] of the neighbouring lane to evade to, left first; 0 where none is safe."""
         closing = ego.v - lead.v
         left_over = lead.gap - closing * self.swerve_time - 0.5 * max(-lead.a, 0.0) * self.swerve_time**2
         if left_over < self.swerve_gap:
             return 0.0
-        for width, sign in ((self.lane.here.left_width, 1.0), (self.lane.here.right_width, -1.0)):
-            side = sign * (self.lane.here.half_width + 0.5 * width)
-            if width > 2.5 and self.free(ego, traffic, side):
+        here = self.lane.here
+        for width, sign in ((here.left_width, 1.0), (here.right_width, -1.0)):
+            side = sign * (here.half_width + 0.5 * width)
+            if width > 2.5 and self.free(ego, others, side):
                 return side
         return 0.0
 
-    def free(self, ego: EgoState, traffic: Traffic, side: float) -> bool:
+    def free(self, ego: EgoState, others: list[Neighbour], side: float) -> bool:
         """Say whether nobody is or comes too near in the lane at lateral offset `side` [m]."""
-        beside = in_corridor(traffic, traffic.d, self.half_width + 0.3, side)
-        gap = np.abs(traffic.s) - traffic.half_length - self.half_length
-        closing = np.where(traffic.s > 0.0, ego.v - traffic.v_s, traffic.v_s - ego.v)
-        return not bool((beside & (gap < 5.0 + 2.0 * np.maximum(closing, 0.0))).any())
+        for o in others:
+            closing = ego.v - o.v_s if o.s > 0.0 else o.v_s - ego.v
+            gap = abs(o.s) - o.half_length - self.half_length
+            if in_corridor(o.d, o, self.half_width + 0.3, side) and gap < 5.0 + 2.0 * max(closing, 0.0):
+                return False
+        return True
 
     def accelerate(self, v: float, lead: _Lead | None) -> float:
         """Give the acceleration [m/s²]: towards the desired speed, bounded by the gap ahead."""
@@ -193,7 +198,7 @@ class HighwayPilot:
     def _desired(self) -> float:
         if self.desired_speed is not None:
             return self.desired_speed
-        limit = self.lane.here.speed_limit
+        limit = self.lane.path.speed_limit_at(self.lane.s)
         return min(limit, self.start_speed) if math.isfinite(limit) else self.start_speed
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from adfunc.lane_keeping import Lane, in_corridor, nearest_ahead
+from adfunc.lane_keeping import Lane, in_corridor
 from resim.sim.adfunction import Command, Perceived, Setup
 
 
@@ -35,13 +35,14 @@ class Idm:
 
     def step(self, perceived: Perceived) -> Command:
         """Keep the lane and the gap."""
-        traffic = self.lane.locate(perceived)
+        self.lane.place(perceived.ego)
         v = perceived.ego.v
         a = self.acceleration * (1.0 - (v / self._desired()) ** 4)
-        lead = nearest_ahead(traffic, in_corridor(traffic, traffic.d, self.half_width))
+        others = self.lane.locate(perceived, behind=0.0)
+        lead = next((o for o in others if o.s > 0.0 and in_corridor(o.d, o, self.half_width)), None)
         if lead is not None:
-            gap = max(float(traffic.s[lead] - traffic.half_length[lead]) - self.half_length, 0.1)
-            closing = v - float(traffic.v_s[lead])
+            gap = max(lead.s - lead.half_length - self.half_length, 0.1)
+            closing = v - lead.v_s
             wanted = v * self.time_gap + v * closing / (2.0 * math.sqrt(self.acceleration * self.braking))
             a -= self.acceleration * ((self.standstill_gap + max(wanted, 0.0)) / gap) ** 2
         return Command(max(a, -9.0), self.lane.steer(v))
@@ -52,5 +53,5 @@ class Idm:
     def _desired(self) -> float:
         if self.desired_speed is not None:
             return self.desired_speed
-        limit = self.lane.here.speed_limit
+        limit = self.lane.path.speed_limit_at(self.lane.s)
         return limit if math.isfinite(limit) else self.start_speed

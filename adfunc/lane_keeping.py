@@ -3,74 +3,97 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from resim.core.geometry import Bools, Floats
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import Path, PathPoint, lane_path
 from resim.sim.adfunction import EgoState, Perceived
 
-AHEAD = 600.0  # m of lane to look up at a time
-BEHIND = 150.0  # m
+AHEAD, BEHIND = 800.0, 350.0
+"""How much of a lane to look up at a time [m]."""
+
+ANCHOR = 200.0
+"""Lanes are looked up from multiples of this [m] on, so that runs on one map share them."""
+
+NEAR = 200.0
+"""Objects farther than this [m] from the EGO, ahead or to a side, are not looked at."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Traffic:
-    """Perceived objects along the EGO's lane.
+class Neighbour(NamedTuple):
+    """A perceived object along the EGO's lane.
 
-    s, d: (N,) m, of the centre along the lane from the EGO's and left of the lane's centre. v_s, v_d: (N,)
-    m/s, speed along and to the left of the lane. half_length, half_width: (N,) m.
+    s, d: m, of its centre along the lane from the EGO's and left of the lane's centre. v_s, v_d: m/s, speed
+    along and to the left of the lane. half_length, half_width: m.
     """
 
-    s: Floats
-    d: Floats
-    v_s: Floats
-    v_d: Floats
-    half_length: Floats
-    half_width: Floats
+    id: str
+    s: float
+    d: float
+    v_s: float
+    v_d: float
+    half_length: float
+    half_width: float
+
+
+@lru_cache(maxsize=256)
+def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float) -> Path:
+    return lane_path(road, road_id, lane, s, AHEAD, behind=BEHIND)
 
 
 class Lane:
-    """The lane that the EGO keeps, looked up on the map and followed as the EGO goes along."""
+    """The lane that the EGO keeps, looked up on the map and followed as the EGO goes along.
+
+    s, d: m, where the EGO is along it. turn: rad, its heading against the lane.
+    """
 
     def __init__(self, road: RoadNetwork, ego: EgoState) -> None:
         self._road = road
         self.look_up(ego)
 
-    def look_up(self, ego: EgoState, *, ahead: float = 0.0, left: float = 0.0) -> None:
-        """Take the lane at a point `ahead` and `left` [m] of the EGO from now on."""
-        c, s = math.cos(ego.heading), math.sin(ego.heading)
-        x, y = ego.x + c * ahead - s * left, ego.y + s * ahead + c * left
-        at = self._road.to_road(np.array([x]), np.array([y]), heading=np.array([ego.heading]))
-        road, lane = str(at.road[0]), int(at.lane[0])
-        self.path: Path = lane_path(self._road, road, lane, float(at.s[0]), AHEAD, behind=BEHIND)
-        self.s, self.d, self.turn = 0.0, 0.0, 0.0
-        self.here: PathPoint = self.path.at(0.0)
+    def look_up(self, ego: EgoState) -> None:
+        """Take the lane that the EGO is on from now on."""
+        at = self._road.to_road(np.array([ego.x]), np.array([ego.y]), heading=np.array([ego.heading]))
+        road, lane, s = str(at.road[0]), int(at.lane[0]), float(at.s[0])
+        anchor = min(max(ANCHOR * round(s / ANCHOR), 0.0), self._road.roads[road].length)
+        if not self._road.has_lane(road, lane, anchor):
+            anchor = s
+        self.path = _anchored_path(self._road, road, lane, anchor)
+        self._segments: dict[str, int] = {}
+        self._segment = -1
+        self.s, self.d, heading, self._segment = self.path.track(ego.x, ego.y)
+        self.turn = math.remainder(ego.heading - heading, 2.0 * math.pi)
 
-    def locate(self, perceived: Perceived) -> Traffic:
-        """Find the objects along the lane, and the EGO: `s`, `d` [m], `turn` [rad] against it, and the lane `here`."""
-        ego = perceived.ego
-        x, y = perceived.map_positions()
-        s, d = self.path.project(np.append(x, ego.x), np.append(y, ego.y))
-        self.s, self.d = float(s[-1]), float(d[-1])
+    def place(self, ego: EgoState) -> None:
+        """Find the EGO along the lane."""
+        self.s, self.d, heading, self._segment = self.path.track(ego.x, ego.y, self._segment)
+        self.turn = math.remainder(ego.heading - heading, 2.0 * math.pi)
         if self.s > self.path.s[-1] - 250.0 and not self.path.ends:
             self.look_up(ego)
-            s, d = self.path.project(np.append(x, ego.x), np.append(y, ego.y))
-            self.s, self.d = float(s[-1]), float(d[-1])
-        heading = np.interp(s, self.path.s, self.path.heading)
-        self.here = self.path.at(self.s)
-        self.turn = math.remainder(ego.heading - float(heading[-1]), 2.0 * math.pi)
-        turned = perceived.heading_ego + (ego.heading - heading[:-1])
-        return Traffic(
-            s[:-1] - self.s,
-            d[:-1],
-            perceived.v * np.cos(turned),
-            perceived.v * np.sin(turned),
-            0.5 * perceived.length,
-            0.5 * perceived.width,
-        )
+
+    @property
+    def here(self) -> PathPoint:
+        """The lane at the EGO."""
+        return self.path.at(self.s)
+
+    def locate(self, perceived: Perceived, *, behind: float = NEAR) -> Iterator[Neighbour]:
+        """Find the objects up to NEAR ahead and `behind` [m] of the EGO, rearmost first, each when it is asked for."""
+        ego, columns = perceived.ego, (perceived.ids, perceived.x_ego, perceived.y_ego)
+        ids, ahead, left = (column.tolist() for column in columns)
+        c, s = math.cos(ego.heading), math.sin(ego.heading)
+        track, segments = self.path.track, self._segments
+        for n in sorted(range(len(ids)), key=ahead.__getitem__):
+            far, aside, name = ahead[n], left[n], ids[n]
+            if far < -behind or far > NEAR or abs(aside) > NEAR:
+                continue
+            x, y = ego.x + c * far - s * aside, ego.y + s * far + c * aside
+            along, d, heading, segments[name] = track(x, y, segments.get(name, -1))
+            turned, v = float(perceived.heading_ego[n]) + ego.heading - heading, float(perceived.v[n])
+            size = 0.5 * float(perceived.length[n]), 0.5 * float(perceived.width[n])
+            yield Neighbour(name, along - self.s, d, v * math.cos(turned), v * math.sin(turned), *size)
 
     def steer(self, v: float, offset: float = 0.0, drift: float = 0.0, bend: float = 0.0) -> float:
         """Give the curvature [1/m] that brings the EGO to `offset` [m] left of the lane's centre.
@@ -81,17 +104,16 @@ class Lane:
         v = max(v, 3.0)
         omega = 0.8
         off, slant = self.d - offset, v * math.sin(self.turn) - drift
-        return self.path.at(self.s + 0.15 * v).curvature + (
+        return self.path.curvature_at(self.s + 0.15 * v) + (
             bend - omega * omega * off - 2.0 * omega * slant
         ) / (v * v)
 
 
-def in_corridor(traffic: Traffic, d: Floats, half_width: float, offset: float = 0.0) -> Bools:
-    """Say which objects at lateral positions d (N,) [m] reach into a corridor about `offset` [m]."""
-    return np.asarray(np.abs(d - offset) < half_width + traffic.half_width)
+def in_corridor(d: float, other: Neighbour, half_width: float, offset: float = 0.0) -> bool:
+    """Say whether an object at d [m] reaches into a corridor of this half width about `offset` [m]."""
+    return abs(d - offset) < half_width + other.half_width
 
 
-def nearest_ahead(traffic: Traffic, mask: Bools) -> int | None:
-    """Give the nearest masked object whose centre is ahead, None where there is none."""
-    ahead = np.flatnonzero(mask & (traffic.s > 0.0))
-    return int(ahead[np.argmin(traffic.s[ahead])]) if len(ahead) else None
+def nearest_ahead(others: Iterable[Neighbour]) -> Neighbour | None:
+    """Give the nearest object whose centre is ahead, None where there is none."""
+    return min((o for o in others if o.s > 0.0), key=lambda o: o.s, default=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
+from math import atan2, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +72,20 @@ class Path:
         parts = [_project_many(search, x_[k : k + CHUNK], y_[k : k + CHUNK]) for k in at]
         return np.concatenate([s for s, _ in parts]), np.concatenate([d for _, d in parts])
 
+    def track(self, x: float, y: float, i: int = -1) -> tuple[float, float, float, int]:
+        """Give s, d [m] and the path's heading there [rad] for one moving point, as `project`, and its segment.
+
+        i: the segment that the point's call before gave, to look from there; -1 to look everywhere.
+        """
+        rows = self._search.rows
+        if i < 0:
+            i = int(_nearest(self._search, np.array([x]), np.array([y]))[0])
+        s, d, tx, ty, i, found = _foot_on(rows, i, x, y)
+        if not found:
+            i = int(_nearest(self._search, np.array([x]), np.array([y]))[0])
+            s, d, tx, ty, i, found = _foot_on(rows, i, x, y)
+        return s, d, atan2(ty, tx), i
+
     def xy(self, s: ArrayLike, d: ArrayLike) -> tuple[Floats, Floats]:
         """Give the map positions [m] at s, d metres to the left; inverse of `project`."""
         start = self._search.columns[0]
@@ -93,6 +107,21 @@ class Path:
             x, y = self.xy(s, 0.0)
             point[:4] = float(x), float(y), point[2], 0.0
         return PathPoint._make([*point, self._limits[i + (f == 1.0)]])
+
+    def curvature_at(self, s: float) -> float:
+        """Give the curvature [1/m] at one s [m], linear between points, that of the ends beyond them."""
+        stations, values = self._curvatures
+        i = min(max(bisect_right(stations, s) - 1, 0), len(stations) - 2)
+        f = min(max((s - stations[i]) / (stations[i + 1] - stations[i]), 0.0), 1.0)
+        return values[i] + f * (values[i + 1] - values[i])
+
+    def speed_limit_at(self, s: float) -> float:
+        """Give the speed limit [m/s] at one s [m], NaN where there is none."""
+        return self._limits[min(max(bisect_right(self._curvatures[0], s) - 1, 0), len(self._limits) - 1)]
+
+    @cached_property
+    def _curvatures(self) -> tuple[list[float], list[float]]:
+        return self.s.tolist(), self.curvature.tolist()
 
     @cached_property
     def _rows(self) -> tuple[list[float], list[list[float]], list[list[float]]]:
@@ -151,12 +180,19 @@ def _project_few(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]
 
 
 def _foot(rows: list[tuple[float, ...]], i: int, x: float, y: float) -> tuple[float, float]:
-    """Give s and d of a point, sought from segment i.
+    """Give s and d of a point, sought from segment i."""
+    return _foot_on(rows, i, x, y)[:2]
+
+
+def _foot_on(
+    rows: list[tuple[float, ...]], i: int, x: float, y: float
+) -> tuple[float, float, float, float, int, bool]:
+    """Give s, d, the tangent, the segment, and whether it is the right one, of a point sought from segment i.
 
     With a = p - P from the segment's start P, chord e, tangents T and T + dT:
     (a - f e) · (T + f dT) = 0, quadratic in f, and d = (T + f dT) x (a - f e) / |T + f dT|.
     """
-    top = len(rows) - 1
+    top, found = len(rows) - 1, False
     for _ in range(TRIES):
         s, px, py, tx, ty, step, ex, ey, dtx, dty = rows[i]
         ax, ay = x - px, y - py
@@ -169,9 +205,10 @@ def _foot(rows: list[tuple[float, ...]], i: int, x: float, y: float) -> tuple[fl
         elif f > 1.0 + TINY and i < top:
             i += 1
         else:
+            found = True
             break
     tx, ty = tx + f * dtx, ty + f * dty
-    return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / sqrt(tx * tx + ty * ty)
+    return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / sqrt(tx * tx + ty * ty), tx, ty, i, found
 
 
 def _project_many(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:

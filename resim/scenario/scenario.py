@@ -52,12 +52,6 @@ class ScenarioObject:
         """When it appears [s]."""
         return float(self.v.x[0])
 
-    def trace(self, network: RoadNetwork) -> Trace:
-        """Give its trace in the map frame."""
-        start = self.start
-        x, y = network.to_xy(start.road, start.lane, start.s, start.t)
-        return Trace(float(np.ravel(x)[0]), float(np.ravel(y)[0]), self.v, self.heading)
-
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
@@ -74,10 +68,21 @@ class Scenario:
     description: str = ""
     environment: Mapping[str, str] = field(default_factory=dict)
 
+    def traces(self, network: RoadNetwork) -> tuple[Trace, ...]:
+        """Give the traces of EGO and objects, in this order, in the map frame."""
+        everyone = (self.ego, *self.objects)
+        starts = [m.start for m in everyone]
+        x, y = network.to_xy(
+            np.array([p.road for p in starts]), np.array([p.lane for p in starts]),
+            np.array([p.s for p in starts]), np.array([p.t for p in starts]),
+        )  # fmt: skip
+        places = zip(x.tolist(), y.tolist(), everyone, strict=True)
+        return tuple(Trace(x0, y0, member.v, member.heading) for x0, y0, member in places)
+
     def tracks(self, network: RoadNetwork, t: ArrayLike) -> Tracks:
         """Give EGO and objects, in this order, at times t (T,) [s] as the splines have them."""
         t, everyone = np.asarray(t, dtype=float), (self.ego, *self.objects)
-        states = [member.trace(network).states(t) for member in everyone]
+        states = [trace.states(t) for trace in self.traces(network)]
 
         def stack(name: str) -> Floats:
             return np.array([getattr(s, name) for s in states]).reshape(len(everyone), len(t))

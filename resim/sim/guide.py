@@ -7,6 +7,7 @@ fade in over the last second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,13 +55,13 @@ def guide(scenario: Scenario, network: RoadNetwork, *, step: float, relaxation: 
     before = round(relaxation / step)
     after = int(np.floor((scenario.duration - begin) / step + 1e-6))
     t = begin + step * np.arange(-before, after + 1, dtype=np.float64)
+    directions, bends = _lanes((scenario.ego, *scenario.objects), network)
     rows = []
-    for member in (scenario.ego, *scenario.objects):
-        trace = member.trace(network)
+    for trace, direction, bend in zip(scenario.traces(network), directions, bends, strict=True):
         states = _columns(trace.states(t))
-        if member.spawn_time <= begin + step:
-            early = t < member.spawn_time - 1e-6
-            states[:, early] = _lead_in(member, trace, network, member.spawn_time - t[early])
+        if trace.start <= begin + step:
+            early = t < trace.start - 1e-6
+            states[:, early] = _lead_in(trace, direction, bend, trace.start - t[early])
         rows.append(states)
     x, y, heading, v, a, yaw_rate = np.stack(rows, axis=1)
     return Guide(t, x, y, heading, v, a, yaw_rate, np.isfinite(x), before)
@@ -70,14 +71,22 @@ def _columns(states: States) -> Floats:
     return np.stack([states.x, states.y, states.heading, states.v, states.a, states.yaw_rate])
 
 
-def _lead_in(member: ScenarioObject, trace: Trace, network: RoadNetwork, tau: Floats) -> Floats:
+def _lanes(members: Sequence[ScenarioObject], network: RoadNetwork) -> tuple[list[float], list[float]]:
+    """Directions [rad] and curvatures [1/m] of every object's lane at its start."""
+    starts = [m.start for m in members]
+    at = (
+        np.array([p.road for p in starts]),
+        np.array([p.lane for p in starts]),
+        np.array([p.s for p in starts]),
+    )
+    return network.lane_heading(*at).tolist(), network.curvature(*at).tolist()
+
+
+def _lead_in(trace: Trace, direction: float, bend: float, tau: Floats) -> Floats:
     """States (6, T) tau [s] before the start of a trace."""
-    start = _columns(trace.states(np.array([trace.start])))[:, 0]
-    x0, y0, heading0, v0, a0, _ = start
-    a0 = float(np.clip(a0, -_STRONGEST, _STRONGEST))
-    at = (np.array([member.start.road]), np.array([member.start.lane]), np.array([member.start.s]))
-    across = float(wrap_angle(heading0 - network.lane_heading(*at)[0]))
-    bend = float(network.curvature(*at)[0])
+    x0, y0, heading0, v0, a0, _ = _columns(trace.states(np.array([trace.start])))[:, 0].tolist()
+    a0 = min(max(a0, -_STRONGEST), _STRONGEST)
+    across = float(wrap_angle(heading0 - direction))
     if abs(across) > _ACROSS or not np.isfinite(bend):
         across, bend = 0.0, 0.0
 

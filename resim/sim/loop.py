@@ -16,18 +16,17 @@ from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Command, EgoState, Placement, Setup
 from resim.sim.driver import Driver, cycle_steps
 from resim.sim.dynamics import Kinematic, VehicleModel, VehicleState
-from resim.sim.guide import Guide, guide
+from resim.sim.guide import Guide
 from resim.sim.perception import Ideal, Perception
 from resim.sim.run import Collision, End, Run
 from resim.sim.session import EGO, Read, Session, from_sumo, open_session
-from resim.sim.surface import Surface
-from resim.sim.traffic import Phase, phases
+from resim.sim.traffic import Phase, Stage, staged
 from resim.sim.watchdog import Watchdog
 
 RELAXATION = 3.0
 """Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""
 
-_BLOCK = 25
+_BLOCK = 50
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
 
 _FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
@@ -56,13 +55,13 @@ def simulate(
     cycle = cycle_steps(build, step)
     build.check()
     session = open_session(net, step, gui=gui)
-    plan = guide(scenario, network, step=step, relaxation=relaxation)
-    loop = _Loop(scenario, plan, session, perception or Ideal(), model or Kinematic(), Surface(network, plan))
+    stage = staged(scenario, network, step, relaxation)
+    loop = _Loop(stage, session, perception or Ideal(), model or Kinematic())
     loop.perception.reset(np.random.default_rng(seed))
     with Watchdog() as watchdog:
         driver = Driver(build, watchdog)
         try:
-            driver.reset(_setup(scenario, network, plan, step * cycle, seed, build))
+            driver.reset(_setup(scenario, network, stage.plan, step * cycle, seed, build))
             loop.run(driver, cycle, stop_at_collision)
             driver.close()
         except FunctionError as e:
@@ -94,30 +93,16 @@ def _setup(
 class _Loop:
     """One run as it happens: the EGO's states and commands, what SUMO answered, and how it ended."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        plan: Guide,
-        session: Session,
-        perception: Perception,
-        model: VehicleModel,
-        surface: Surface,
-    ) -> None:
-        self.members = (scenario.ego, *scenario.objects)
-        self.plan, self.session, self.perception, self.model, self.surface = (
-            plan,
-            session,
-            perception,
-            model,
-            surface,
-        )
+    def __init__(self, stage: Stage, session: Session, perception: Perception, model: VehicleModel) -> None:
+        self.stage, self.plan, self.members = stage, stage.plan, stage.members
+        self.session, self.perception, self.model = session, perception, model
         self.ego: list[EgoState] = []
         self.read: list[tuple[Phase, list[Read]]] = []
         self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
         self.end: End = "duration"
         self.failure = ""
-        self.looked = plan.begin
+        self.looked = stage.plan.begin
         self.length = np.array([m.length for m in self.members])
         self.width = np.array([m.width for m in self.members])
 
@@ -135,7 +120,7 @@ class _Loop:
         answer: Command | Placement = Command(0.0, 0.0)
         ego = self.plan.state(0, 0)
         session.add(EGO, float(self.length[0]), float(self.width[0]), abs(ego.v))
-        for phase in phases(self.plan, self.members):
+        for phase in self.stage.phases:
             phase.enter(session)
             for k in range(phase.first, phase.after):
                 self.read.append((phase, session.advance(phase.commands[k - phase.first], ego)))
@@ -170,7 +155,7 @@ class _Loop:
         steps = np.arange(first, len(self.ego))
         x, y, heading = np.array([(e.x, e.y, e.heading) for e in self.ego[first:]]).T
         hit = self.overlaps(steps, x, y, heading)
-        off = np.flatnonzero(~self.surface.holds(x, y))
+        off = np.flatnonzero(~self.stage.surface.holds(x, y))
         ends = [(int(off[0]), "off_road")] if len(off) else []
         struck = hit.any(axis=0)
         if stop_at_collision and struck.any():

@@ -99,10 +99,11 @@ class Session:
         speed(EGO, v)
         self._sumo.simulationStep()
         place, turn, pace = vehicle.getPosition, vehicle.getAngle, vehicle.getSpeed
-        read = [(place(EGO), turn(EGO), pace(EGO) if pace(EGO) == v else self._insist(EGO, v))]
-        for name, _, _, _, v in commands:
-            read.append((place(name), turn(name), v if pace(name) == v else self._insist(name, v)))
-        return read
+        commands = [(EGO, x, y, 0.0, v), *commands]
+        return [
+            (place(name), turn(name), v if pace(name) == v else self._insist(name, v))
+            for name, _, _, _, v in commands
+        ]
 
     def _insist(self, name: str, v: float) -> float:
         """Say the speed again: where SUMO finds no way from place to place it keeps the one before."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.core.tracks import Strings
-from resim.scenario.scenario import ScenarioObject
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.sim.adfunction import EgoState
-from resim.sim.guide import Guide
+from resim.sim.guide import Guide, guide
 from resim.sim.perception import World
 from resim.sim.session import Placed, Session, to_sumo
+from resim.sim.surface import Surface
 
 Rows = NDArray[np.intp]
 
@@ -60,6 +63,24 @@ class Phase:
             float(self.t[i]), ego, self.ids, self.kind, self.position[i], self.heading[i], self.v[i],
             self.length, self.width,
         )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What every run of one scenario shares: the guided motion, its phases, where the EGO may be."""
+
+    members: tuple[ScenarioObject, ...]
+    plan: Guide
+    phases: tuple[Phase, ...]
+    surface: Surface
+
+
+@lru_cache(maxsize=8)
+def staged(scenario: Scenario, network: RoadNetwork, step: float, relaxation: float) -> Stage:
+    """Lay out the scenario for its runs at this step [s] with this lead-in [s]; kept for the next run."""
+    plan = guide(scenario, network, step=step, relaxation=relaxation)
+    members = (scenario.ego, *scenario.objects)
+    return Stage(members, plan, tuple(phases(plan, members)), Surface(network, plan))
 
 
 def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
