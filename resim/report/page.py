@@ -1,0 +1,195 @@
+"""The page: its parts in order, as one HTML file."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from resim import __version__
+from resim.fidelity import BRAKING
+from resim.pipeline import Resimulation
+from resim.report import tables
+from resim.report.boxes import box_figure, reaction_figure
+from resim.report.plots import to_html
+from resim.report.road import distance_figure, lateral_figure, plan_figure
+from resim.report.steps import BANDS, band_figure
+from resim.report.view import EGO_COLORS, OTHERS, TO_COLORS, View, view
+
+PRINT_WIDTH = 980
+"""Width [px] that figures are laid out for on paper."""
+
+SCRIPT = f"""
+function everyPlot(f) {{ document.querySelectorAll('.plotly-graph-div').forEach(f); }}
+window.addEventListener('beforeprint', () => everyPlot(p => Plotly.relayout(p, {{width: {PRINT_WIDTH}}})));
+window.addEventListener('afterprint', () => everyPlot(p => Plotly.relayout(p, {{width: null, autosize: true}})));
+"""
+
+MEANINGS = (
+    ("S", "SD − GT", "what the sensors made of the truth"),
+    ("FIT_X", "JSCEN of X − X", "what describing it by splines did, for X = GT, SD, rGT, rSD"),
+    ("SIM_X", "rX − JSCEN of X", "what the simulation made of the description"),
+    ("PIPE_X", "JSCEN of rX − GT", "the whole chain, from the drive to its described re-simulation"),
+)
+
+
+def write_report(result: Resimulation, path: Path) -> None:
+    """Write the page: one HTML file with all it needs; the same result gives the same bytes."""
+    path.write_text(page(view(result)), encoding="utf-8", newline="\n")
+
+
+def page(look: View) -> str:
+    """Give the page's HTML."""
+    parts = [
+        _header(look),
+        _key(look),
+        _section("road", "Traces on the road", _road(look)),
+        _section("steps", "Step by step: place, speed and heading over time", _steps(look)),
+        _section("errors", "Errors of every step", _errors(look)),
+        _section("reaction", "Reaction time", _reaction(look)),
+        _section("perceived", "What the AD function perceived", _perceived(look)),
+        _section("provenance", "Provenance", tables.provenance(look)),
+    ]
+    css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")
+    title = f"{look.result.recording.name} · {look.result.build.label}"
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title>\n<style>{css}</style>\n"
+        f"<script>{get_plotlyjs()}</script></head>\n<body><main>\n"
+        + "\n".join(parts)
+        + f"</main>\n<script>{SCRIPT}</script></body></html>\n"
+    )
+
+
+def _section(name: str, title: str, body: str) -> str:
+    return f'<section id="{name}"><h2>{title}</h2>\n{body}</section>'
+
+
+def _figure(figure: go.Figure, name: str, title: str, note: str = "") -> str:
+    small = f'<span class="note">{note}</span>' if note else ""
+    return f"<figure><figcaption><b>{title}</b> {small}</figcaption>{to_html(figure, name)}</figure>\n"
+
+
+def _header(look: View) -> str:
+    result, report = look.result, look.report
+    drove = {True: "drove this recording", False: f"did not drive this recording; {result.recording.build} did",
+             None: "the recording does not say which build drove"}[report["build"]["drove"]]  # fmt: skip
+    objects = {i for tracks in look.tracks.values() for i in tracks.ids.tolist()} - {look.ego}
+    facts = (
+        ("build", f"<b>{escape(result.build.name)} {escape(result.build.version)}</b> ({escape(drove)})"),
+        ("map", escape(report["map"])),
+        (
+            "basis",
+            " and ".join(result.branches) + ("" if result.recording.sd is not None else " (no sensor data)"),
+        ),
+        ("EGO", f"{escape(look.ego)}, with {len(objects)} traffic object{'' if len(objects) == 1 else 's'}"),
+        ("time", f"{look.span[0]:.2f} s to {look.span[1]:.2f} s"),
+    )
+    listed = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in facts)
+    warnings = "".join(f"<li>{escape(w)}</li>" for w in report["warnings"])
+    return (
+        f'<header><p class="kind">Re-simulation report</p><h1>{escape(report["recording"])}</h1>'
+        f'<dl class="facts">{listed}</dl>\n<p class="line">{_line(look)}</p>\n{tables.outcome(look)}'
+        + (f'<div class="warnings"><b>Note</b><ul>{warnings}</ul></div>' if warnings else "")
+        + "</header>"
+    )
+
+
+def _line(look: View) -> str:
+    """The outcome in one sentence per run."""
+    out = [f"Measured drive: {tables.decision_words(look.report['decision']['GT'])}."]
+    for run in look.report["end"]:
+        css, words = tables.verdict(look, run)
+        said = f"{run}: <b>{words.lstrip('=≠✕ ')}</b>"
+        if css != "failed":
+            said += f" ({tables.decision_words(look.report['decision'][run])}"
+            change = look.report["reaction_difference"][run]
+            said += f"; braking {tables.difference_words(change)})" if change is not None else ")"
+        out.append(said + ".")
+    return " ".join(out)
+
+
+def _key(look: View) -> str:
+    """One key for all figures: colours by object and basis, dashes for what was re-simulated."""
+    entries = []
+    for source in look.tracks:
+        basis, dash = source.removeprefix("r"), ' stroke-dasharray="6 4"' if source.startswith("r") else ""
+        shown = [("EGO", EGO_COLORS[basis])]
+        shown += [(look.label(i), TO_COLORS[basis][k]) for k, i in enumerate(look.focus)]
+        entries += [_sample(f"{who} {source}", color, dash) for who, color in shown]
+    if look.others:
+        entries.append(_sample(f"{len(look.others)} other TOs", OTHERS, ""))
+    return (
+        f'<div class="key">{"".join(entries)}<span class="note">dashed: re-simulated · thin: JSCEN fit, '
+        "dots: its knots</span></div>"
+    )
+
+
+def _sample(text: str, color: str, dash: str) -> str:
+    stroke = f'<line x1="1" y1="6" x2="29" y2="6" stroke="{color}" stroke-width="2.6"{dash}/>'
+    return f'<span class="sample"><svg width="30" height="12" aria-hidden="true">{stroke}</svg>{text}</span>'
+
+
+def _road(look: View) -> str:
+    out = [
+        _figure(plan_figure(look), "plan", "From above", "both axes at one scale, travel to the right, 0 where "
+                "the measured EGO starts; boxes: vehicles where each source ends"),
+        _figure(lateral_figure(look), "lateral", "Across the road, stretched",
+                f"offset to the left of {look.path_name}, over the distance along it"),
+    ]  # fmt: skip
+    if (figure := distance_figure(look)) is not None:
+        title = "Distance of the re-simulation from the drive"
+        out.append(_figure(figure, "distance", title, "PIPE_X = JSCEN of rX − GT; ribbon: mean ± std"))
+    return "".join(out)
+
+
+def _steps(look: View) -> str:
+    legend = "".join(
+        f"<div><dt>{name}</dt><dd>{what} <span>{why}</span></dd></div>" for name, what, why in MEANINGS
+    )
+    out = [
+        "<p>Every error is <b>later minus earlier</b> in the chain, at equal times; d is the distance between "
+        "the two positions. Ribbons: mean ± standard deviation over the whole drive.</p>"
+        f'<dl class="meanings">{legend}</dl>'
+    ]
+    for band in BANDS:
+        if band.step in look.result.errors:
+            name = f"step-{band.step}"
+            out.append(_figure(band_figure(look, band), name, f"{band.step} · {band.title}"))
+    if "S" not in look.result.errors:
+        out.append("<p>There is no sensor data in this recording, so there is no sensor error S.</p>")
+    return "".join(out)
+
+
+def _errors(look: View) -> str:
+    return (
+        _figure(box_figure(look), "boxes", "Errors of the chain", "in each step EGO left, TO right; box: 25 % to "
+                "75 %, whiskers: whole range, diamond: mean ± std")
+        + "<h3>Numbers</h3>" + tables.numbers(look)
+        + "<h3>Do the steps add up? (Eq. 5.6)</h3><p>Positions add up as vectors: <i>mean of sums</i> is the mean "
+        "length of the summed vectors, <i>sum of means</i> the plain sum of the steps' means. What the first does "
+        "not explain of the measured error is interpolation between different sample times.</p>" + tables.sums(look)
+    )  # fmt: skip
+
+
+def _reaction(look: View) -> str:
+    reaction, change = look.report["reaction"], look.report["reaction_difference"]
+    said = [f"GT: {tables.reaction_words(reaction['GT'])}"]
+    for run in look.report["end"]:
+        text = f"{run}: {tables.reaction_words(reaction[run])}"
+        said.append(text + (f", {tables.difference_words(change[run])}" if change[run] is not None else ""))
+    return f"<p>{'; '.join(said)}.</p>" + _figure(
+        reaction_figure(look), "reaction-speed", "The EGO's speed and acceleration",
+        f"markers: first acceleration below {BRAKING:g} m/s² by the spline of the JSCEN fit",
+    )  # fmt: skip
+
+
+def _perceived(look: View) -> str:
+    return (
+        "<p>Objects shown to the function from t = 0 on, and how far they were off the simulated truth."
+        f"</p>{tables.perceived(look)}<p class='note'>resim {__version__}</p>"
+    )

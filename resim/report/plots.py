@@ -1,0 +1,95 @@
+"""Plotly as the page uses it: one look, compact arrays, and the HTML of a figure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from resim.core.geometry import Floats
+
+INK, GRID, FAINT = "#1d2733", "#e6e9ed", "#5b6673"
+FONT = "Inter, 'Segoe UI', system-ui, -apple-system, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
+DASH = "6px,4px"
+CONFIG = {"displayModeBar": False, "responsive": True}
+"""Zoom by dragging, back by a double click; a bar of buttons would cover the figures."""
+
+
+def compact(values: Floats) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Give values as 32-bit floats: half the page, and finer than a pixel."""
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def fade(color: str, share: float) -> str:
+    """Give a colour #rrggbb with an opacity of 0 to 1."""
+    red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{share:g})"
+
+
+def lighten(color: str, share: float) -> str:
+    """Give a colour #rrggbb mixed with a share of 0 to 1 of white."""
+    parts = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+    return "#" + "".join(f"{round(p + share * (255 - p)):02x}" for p in parts)
+
+
+def line(
+    x: Floats, y: Floats, *, color: str, name: str, width: float = 2.0, dashed: bool = False, hover: str = ""
+) -> go.Scatter:
+    """Give a line; x, y (K,), NaN breaks it. hover: its text, a d3 template over x and y; none if empty."""
+    return go.Scatter(
+        x=compact(x), y=compact(y), mode="lines", name=name, showlegend=False,
+        line={"color": color, "width": width, "dash": DASH if dashed else "solid"},
+        hoverinfo="skip" if not hover else None,
+        hovertemplate=f"<b>{name}</b><br>{hover}<extra></extra>" if hover else None,
+    )  # fmt: skip
+
+
+def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float = 5.0) -> go.Scatter:
+    """Give dots with a white rim; x, y (K,)."""
+    return go.Scatter(
+        x=compact(x), y=compact(y), mode="markers", name=name, showlegend=False,
+        marker={"color": color, "size": size, "line": {"color": "white", "width": 0.8}},
+        hovertemplate=f"<b>{name}</b><br>{hover}<extra></extra>",
+    )  # fmt: skip
+
+
+def number(value: float, digits: int) -> str:
+    """Give a number with a true minus sign, and no sign where it rounds to zero."""
+    text = f"{value:.{digits}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text.replace("-", "−")
+
+
+def joined(xs: list[Floats], ys: list[Floats]) -> tuple[Floats, Floats]:
+    """Give many lines as one, with a NaN between them."""
+    if not xs:
+        return np.empty(0), np.empty(0)
+    gap = np.array([np.nan])
+    return tuple(np.concatenate([part for a in many for part in (a, gap)]) for many in (xs, ys))  # type: ignore[return-value]
+
+
+def style(figure: go.Figure, height: float, **layout: Any) -> go.Figure:
+    """Give the figure the page's look."""
+    figure.update_layout(
+        template="none", height=round(height), paper_bgcolor="white", plot_bgcolor="white",
+        font={"family": FONT, "size": 12, "color": INK}, showlegend=False, hovermode="closest",
+        hoverlabel={"bgcolor": "white", "font": {"size": 12, "color": INK}},
+        margin={"l": 62, "r": 14, "t": 30, "b": 44},
+    )  # fmt: skip
+    axis = {
+        "gridcolor": GRID, "gridwidth": 1, "zeroline": False, "linecolor": "#9aa3ad", "linewidth": 1,
+        "showline": True, "ticks": "outside", "ticklen": 4, "tickcolor": "#9aa3ad",
+        "tickfont": {"size": 11}, "title": {"font": {"size": 12}, "standoff": 8},
+    }  # fmt: skip
+    figure.update_xaxes(**axis)
+    figure.update_yaxes(**axis)
+    figure.update_layout(**layout)
+    return figure
+
+
+def to_html(figure: go.Figure, name: str) -> str:
+    """Give the figure as a div of this id and its script, without plotly.js."""
+    html: str = figure.to_html(
+        full_html=False, include_plotlyjs=False, div_id=name, config=CONFIG, default_width="100%"
+    )
+    return f'<div class="plot">{html}</div>'

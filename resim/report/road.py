@@ -1,0 +1,197 @@
+"""Traces on the road: from above at one scale, stretched across the road, and the distance over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from resim.core.geometry import Floats, box_corners
+from resim.core.tracks import Tracks
+from resim.report.plots import fade, joined, line, style
+from resim.report.steps import FROM_ZERO, error_panel
+from resim.report.view import OTHERS, View
+from resim.road.opendrive import VEHICLE_LANES, LaneShape
+
+PLOT_WIDTH = 1120.0
+"""Width [px] of a figure's plot area on a page of 1280 px."""
+
+LANE, MARK = "#f1f2f4", "#a9b0b8"
+MARGIN_ALONG, MARGIN_ACROSS, BEYOND = 8.0, 6.0, 40.0
+Coordinates = Callable[[Floats, Floats], tuple[Floats, Floats]]
+Box = tuple[float, float, float, float]
+
+
+def plan_figure(view: View) -> go.Figure:
+    """Draw all traces from above, both axes at one scale, travel to the right (Figs. 5.4, 5.7, 5.8, top)."""
+    box = _extent(view)
+    figure = go.Figure()
+    figure.add_traces(list(_lanes(view, view.plan, box)))
+    figure.add_traces(list(_others(view, box)))
+    figure.add_traces(list(_traces(view, lambda tracks, name: view.plan(*_xy(tracks, name)))))
+    figure.add_traces(list(_boxes(view)))
+    height = np.clip(PLOT_WIDTH * (box[3] - box[2]) / (box[1] - box[0]), 150.0, 540.0)
+    style(figure, height + 80.0)
+    figure.update_xaxes(title_text="in direction of travel [m]", range=box[:2], showgrid=False)
+    figure.update_yaxes(
+        title_text="to the left [m]", range=box[2:], showgrid=False, scaleanchor="x", scaleratio=1
+    )
+    return figure
+
+
+def lateral_figure(view: View) -> go.Figure:
+    """Draw the traces with the road laid straight and stretched across: who changed lanes, and where."""
+    spots = [view.along(t, i) for t in view.tracks.values() for i in view.shown if i in t.ids]
+    ego = [view.along(t, view.ego) for t in view.tracks.values()]
+    s, d = _bounds([a for a, _ in ego], 0.0), _bounds([np.clip(b, -14.0, 14.0) for _, b in spots], 1.5)
+    low, high = min(d[0], -2.6), max(d[1], 2.6)
+    box = (s[0] - MARGIN_ALONG, s[1] + MARGIN_ALONG, low, high)
+    figure = go.Figure()
+    figure.add_traces(list(_lanes(view, view.path.project, box, spread=40.0)))
+    figure.add_traces(list(_traces(view, view.along)))
+    style(figure, 300.0)
+    figure.update_xaxes(title_text="distance along the road [m]", range=box[:2])
+    figure.update_yaxes(title_text=f"left of {view.path_short} [m]", range=box[2:], showgrid=False)
+    return figure
+
+
+def distance_figure(view: View) -> go.Figure | None:
+    """Draw the distance of each basis' re-simulation from the drive over time, with its ribbon."""
+    steps = [s for s in (f"PIPE_{basis}" for basis in view.result.branches) if s in view.result.errors]
+    if not steps:
+        return None
+    figure = make_subplots(rows=1, cols=len(steps), shared_yaxes=True, horizontal_spacing=0.03)
+    for column, step in enumerate(steps, start=1):
+        error_panel(figure, view, step, "d", {"row": 1, "col": column})
+        figure.update_xaxes(title_text=f"{step} over t [s]", row=1, col=column)
+    style(figure, 250.0, margin={"l": 62, "r": 14, "t": 22, "b": 42})
+    figure.update_xaxes(range=view.span)
+    figure.update_yaxes(**FROM_ZERO)
+    figure.update_yaxes(title_text="d [m]", col=1)
+    return figure
+
+
+def _xy(tracks: Tracks, name: str) -> tuple[Floats, Floats]:
+    n = tracks.index(name)
+    return tracks.x[n], tracks.y[n]
+
+
+def _bounds(parts: list[Floats], margin: float) -> tuple[float, float]:
+    every = np.concatenate(parts)
+    return float(np.nanmin(every)) - margin, float(np.nanmax(every)) + margin
+
+
+def _extent(view: View) -> Box:
+    """The view from above: wherever the EGO is in any source, and the TOs in focus as far as 40 m beyond."""
+    own = [view.plan(*_xy(tracks, view.ego)) for tracks in view.tracks.values()]
+    first, last = _bounds([x for x, _ in own], 0.0)
+    xs, ys = [x for x, _ in own], [y for _, y in own]
+    for tracks in view.tracks.values():
+        for name in set(view.focus) & set(tracks.ids.tolist()):
+            x, y = view.plan(*_xy(tracks, name))
+            near = (x > first - BEYOND) & (x < last + BEYOND)
+            xs.append(np.where(near, x, np.nan))
+            ys.append(np.where(near, y, np.nan))
+    return *_bounds(xs, MARGIN_ALONG), *_bounds(ys, MARGIN_ACROSS)
+
+
+def _lanes(view: View, coordinates: Coordinates, box: Box, spread: float = 0.0) -> Iterator[go.Scatter]:
+    """Driving lanes as areas, and the borders of all lanes as lines, as far as they reach into the box."""
+    areas: tuple[list[Floats], list[Floats]] = ([], [])
+    solid: tuple[list[Floats], list[Floats]] = ([], [])
+    broken: tuple[list[Floats], list[Floats]] = ([], [])
+    for shape in _near(view, spread):
+        outer = shape.left if shape.lane > 0 else shape.right
+        target = broken if "broken" in shape.mark else solid
+        if shape.mark != "none" or shape.type in VEHICLE_LANES:
+            _clip(*coordinates(outer[:, 0], outer[:, 1]), box, target)
+        if shape.type in VEHICLE_LANES:
+            ring = np.concatenate([shape.left, shape.right[::-1], shape.left[:1]])
+            x, y = coordinates(ring[:, 0], ring[:, 1])
+            inside = _inside(x, y, box)
+            if inside.any() and np.abs(np.diff(x)).max() < 30.0:
+                areas[0].append(x)
+                areas[1].append(y)
+    x, y = joined(*areas)
+    yield go.Scatter(x=x.astype(np.float32), y=y.astype(np.float32), mode="none", fill="toself",
+                     fillcolor=LANE, hoverinfo="skip", showlegend=False)  # fmt: skip
+    for lines, dash in ((solid, "solid"), (broken, "7px,6px")):
+        border = line(*joined(*lines), color=MARK, name="lane", width=1.0)
+        border.line.dash = dash
+        yield border
+
+
+def _near(view: View, spread: float) -> list[LaneShape]:
+    """The lanes of the neighbourhood: within the traces' bounding box in the map, and 40 m around it."""
+    xs, ys = zip(*(_xy(tracks, view.ego) for tracks in view.tracks.values()), strict=True)
+    x, y = _bounds(list(xs), 40.0 + spread), _bounds(list(ys), 40.0 + spread)
+    return [
+        shape
+        for shape in view.result.network.lane_shapes()
+        if (shape.centre[:, 0] >= x[0]).any() and (shape.centre[:, 0] <= x[1]).any()
+        and (shape.centre[:, 1] >= y[0]).any() and (shape.centre[:, 1] <= y[1]).any()
+    ]  # fmt: skip
+
+
+def _inside(x: Floats, y: Floats, box: Box) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    reach = 8.0
+    return np.asarray(
+        (x > box[0] - reach) & (x < box[1] + reach) & (y > box[2] - reach) & (y < box[3] + reach)
+    )
+
+
+def _clip(x: Floats, y: Floats, box: Box, lines: tuple[list[Floats], list[Floats]]) -> None:
+    """Keep of a line what lies in the box."""
+    keep = _inside(x, y, box)
+    if keep.any():
+        first, last = int(np.argmax(keep)), len(keep) - int(np.argmax(keep[::-1]))
+        inside = keep[first:last]
+        lines[0].append(np.where(inside, x[first:last], np.nan))
+        lines[1].append(np.where(inside, y[first:last], np.nan))
+
+
+def _others(view: View, box: Box) -> Iterator[go.Scatter]:
+    """The TOs that are not in focus, in grey, as the first source that has them."""
+    xs: list[Floats] = []
+    ys: list[Floats] = []
+    for name in view.others:
+        tracks = next(t for t in view.tracks.values() if name in t.ids)
+        x, y = view.plan(*_xy(tracks, name))
+        _clip(x, y, box, (xs, ys))
+    if xs:
+        yield line(*joined(xs, ys), color=OTHERS, name="other TOs", width=1.2)
+
+
+def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) -> Iterator[go.Scatter]:
+    for name in reversed(view.shown):
+        for source, tracks in view.tracks.items():
+            if name not in tracks.ids:
+                continue
+            x, y = places(tracks, name)
+            label = f"{view.label(name)} {source}"
+            trace = line(
+                x, y, color=view.color(name, source), name=label, dashed=source.startswith("r"),
+                hover="t = %{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m",
+            )  # fmt: skip
+            trace.customdata = tracks.t.astype(np.float32)
+            yield trace
+
+
+def _boxes(view: View) -> Iterator[go.Scatter]:
+    """Outlines of the vehicles where each source ends."""
+    for name in reversed(view.shown):
+        for source, tracks in view.tracks.items():
+            if name not in tracks.ids or not tracks.valid[tracks.index(name)].any():
+                continue
+            n = tracks.index(name)
+            k = int(np.flatnonzero(tracks.valid[n])[-1])
+            corners = box_corners(tracks.x[n, k], tracks.y[n, k], tracks.heading[n, k],
+                                  tracks.length[n], tracks.width[n])  # fmt: skip
+            x, y = view.plan(*np.concatenate([corners, corners[:1]]).T)
+            color = view.color(name, source)
+            outline = line(x, y, color=color, name="", width=1.3, dashed=source.startswith("r"))
+            outline.line.dash = "3px,2px" if source.startswith("r") else "solid"
+            outline.update(fill="toself", fillcolor=fade(color, 0.16))
+            yield outline

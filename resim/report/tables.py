@@ -1,0 +1,218 @@
+"""The page's tables: outcome, numbers of the errors, sums, what was perceived, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from resim.fidelity import QUANTITIES, STATISTICS, STEPS, SUMS
+from resim.pipeline import Branch
+from resim.report.plots import number
+from resim.report.steps import SYMBOLS
+from resim.report.view import View
+
+RUNS = ("rGT", "rSD")
+DIGITS: Mapping[str, int] = {"d": 3, "v": 3, "heading": 4}
+NONE = '<span class="none">–</span>'
+HEADS = {
+    "mean": "mean",
+    "std": "std",
+    "min": "min",
+    "q25": "25 %",
+    "q50": "50 %",
+    "q75": "75 %",
+    "max": "max",
+}
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], css: str = "") -> str:
+    """Give an HTML table of cells that are HTML; a row's first cell is its head."""
+    top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+    body = "".join(
+        f'<tr><th scope="row">{row[0]}</th>{"".join(f"<td>{cell}</td>" for cell in row[1:])}</tr>'
+        for row in rows
+    )
+    return f'<div class="wide"><table class="{css}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def decision_words(decision: Sequence[str] | None) -> str:
+    """Give a decision in words."""
+    if decision is None:
+        return NONE
+    return escape(", then ".join(word.replace("_", " ") for word in decision)) or "no reaction"
+
+
+def verdict(view: View, run: str) -> tuple[str, str]:
+    """Give the class and the words of the badge: whether a run decided as the measured drive did."""
+    report = view.report
+    if run not in report["end"]:
+        return "none", "not run"
+    if report["failure"][run]:
+        return "failed", "✕ run failed: not comparable"
+    one, two = report["decision"]["GT"], report["decision"][run]
+    if one is None or two is None:
+        return "failed", "✕ not comparable"
+    early = report["end"][run] != "duration"
+    until = f", up to its end at {_end(view, run):.2f} s" if early else ""
+    same = list(one) == list(two)
+    return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
+
+
+def badge(view: View, run: str) -> str:
+    """Give the verdict as a badge: colour, sign and words."""
+    css, words = verdict(view, run)
+    return f'<span class="badge {css}">{words}</span>'
+
+
+def difference_words(seconds: float | None) -> str:
+    """Give a difference of reaction times in words, later minus earlier."""
+    if seconds is None:
+        return NONE
+    if abs(seconds) < 0.005:
+        return "at the same time as GT"
+    return f"<b>{abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'}</b> than GT"
+
+
+def outcome(view: View) -> str:
+    """Give the table of decision, reaction, collision and end in GT, rGT and rSD."""
+    report = view.report
+    sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report["end"]]
+    rows = [
+        ["", "measured", *(badge(view, s) for s in sources[1:])],
+        ["decision", *(decision_words(report["decision"][s]) for s in sources)],
+        ["first braking", *(reaction_words(report["reaction"][s]) for s in sources)],
+        ["difference", NONE, *(difference_words(report["reaction_difference"][s]) for s in sources[1:])],
+        ["collision", *(_collisions(view, s) for s in sources)],
+        ["end", *(_end_words(view, s) for s in sources)],
+    ]
+    return table(["", *sources], rows, "outcome")
+
+
+def reaction_words(seconds: float | None) -> str:
+    """Give a time of first braking in words."""
+    return "no braking" if seconds is None else f"{seconds:.2f} s"
+
+
+def _collisions(view: View, source: str) -> str:
+    if source not in view.report["collisions"]:
+        return NONE
+    hits = view.report["collisions"][source]
+    return "; ".join(f"<b>{view.label(h['id'])} at {h['t']:.2f} s</b>" for h in hits) or "none"
+
+
+def _end(view: View, source: str) -> float:
+    times = view.tracks[source].t
+    return float(times[-1]) if len(times) else float("nan")
+
+
+def _end_words(view: View, source: str) -> str:
+    if source not in view.tracks:
+        return NONE
+    end = view.report["end"].get(source, "measured")
+    words = {"duration": "whole duration", "measured": "last sample"}.get(
+        end, f"<b>{end.replace('_', ' ')}</b>"
+    )
+    return f"{words}, {_end(view, source):.2f} s"
+
+
+def numbers(view: View) -> str:
+    """Give the errors of every step: a table for each of d, Δv and Δheading, EGO and TO side by side."""
+    errors = view.report["errors"]
+    out = []
+    for quantity, unit in QUANTITIES.items():
+        rows = []
+        for step in STEPS:
+            if step in view.result.errors:
+                cells = [errors[step][who][quantity] for who in ("ego", "to")]
+                rows.append([step, *(_number(c, key, quantity) for c in cells for key in STATISTICS)])
+        heads = [HEADS[key] for key in STATISTICS]
+        head = [
+            f"{SYMBOLS[quantity]} [{unit}]",
+            *(f"EGO<br>{h}" for h in heads),
+            *(f"TO<br>{h}" for h in heads),
+        ]
+        out.append(table(head, rows, "numbers"))
+    return "".join(out)
+
+
+def _number(found: Mapping[str, float] | None, key: str, quantity: str) -> str:
+    return NONE if found is None else number(found[key], DIGITS[quantity])
+
+
+def sums(view: View) -> str:
+    """Give Eq. 5.6: the sum of the steps' mean errors against the measured pipeline error."""
+    rows = []
+    for whole, parts in SUMS.items():
+        for who, found in view.report["sums"].get(whole, {}).items():
+            cells = [number(found["d"][key], 4) for key in ("sum_of_means", "sum", "measured")]
+            cells += [number(found[q][key], 4) for q in ("v", "heading") for key in ("sum", "measured")]
+            rows.append([f"{whole} = {' + '.join(parts)}", who.upper(), *cells])
+    if not rows:
+        return "<p>No branch has all of its steps, so there is no sum to compare.</p>"
+    head = ["", "", "d [m]<br>sum of means", "<br>mean of sums", "<br>measured", "Δv [m/s]<br>sum",
+            "<br>measured", "Δheading [rad]<br>sum", "<br>measured"]  # fmt: skip
+    return table(head, rows, "sums")
+
+
+def perceived(view: View) -> str:
+    """Give what the AD function was shown in each run."""
+    rows = [
+        row
+        for basis, branch in view.result.branches.items()
+        for row in _perceived_rows(view, f"r{basis}", branch)
+    ]
+    return table(["run", "object", "seen from", "to", "in cycles", "d mean [m]", "d max [m]", "Δv mean [m/s]"],
+                 rows, "sums")  # fmt: skip
+
+
+def _perceived_rows(view: View, run: str, branch: Branch) -> Iterable[list[str]]:
+    seen = [p for p in branch.run.perceived if p.t >= -1e-9]
+    counts = [len(p.ids) for p in seen]
+    if not seen:
+        yield [run, "no cycle", *[NONE] * 6]
+        return
+    span = f"{min(counts)} to {max(counts)} at once" if min(counts) != max(counts) else f"{counts[0]} at once"
+    yield [
+        run,
+        f"all objects: {span}",
+        f"{seen[0].t:.2f} s",
+        f"{seen[-1].t:.2f} s",
+        str(len(seen)),
+        *[NONE] * 3,
+    ]
+    for name in view.focus:
+        at = [(p, int(np.flatnonzero(p.ids == name)[0])) for p in seen if name in p.ids]
+        if not at:
+            yield [run, view.label(name), "never", *[NONE] * 5]
+            continue
+        truth = branch.run.truth.at(np.array([p.t for p, _ in at]))
+        n = truth.index(name)
+        x, y = np.array([[axis[k] for axis in p.map_positions()] for p, k in at]).T
+        apart = np.hypot(x - truth.x[n], y - truth.y[n])
+        dv = np.array([p.v[k] for p, k in at]) - truth.v[n]
+        known = np.isfinite(apart)
+        cells = [number(float(f(a[known])), 3) if known.any() else NONE
+                 for f, a in ((np.mean, apart), (np.max, apart), (np.mean, dv))]  # fmt: skip
+        yield [run, view.label(name), f"{at[0][0].t:.2f} s", f"{at[-1][0].t:.2f} s", str(len(at)), *cells]
+
+
+def provenance(view: View) -> str:
+    """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
+    facts = {key: value for key, value in view.result.provenance().items() if key != "times"}
+    rows = [[escape(key), f"<code>{escape(value)}</code>"] for key, value in _flat(facts)]
+    rows += [
+        [f"recording: {escape(key)}", escape(str(value))]
+        for key, value in sorted(view.result.recording.provenance.items())
+    ]
+    return table(["", ""], rows, "facts")
+
+
+def _flat(facts: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    for key, value in facts.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}: ")
+        else:
+            yield f"{prefix}{key}", f"{value:.3g}" if isinstance(value, float) else str(value)
