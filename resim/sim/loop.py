@@ -19,14 +19,14 @@ from resim.sim.dynamics import Kinematic, VehicleModel, VehicleState
 from resim.sim.guide import Guide
 from resim.sim.perception import Ideal, Perception
 from resim.sim.run import Collision, End, Run
-from resim.sim.session import EGO, Read, Session, from_sumo, open_session
+from resim.sim.session import EGO, Session, from_sumo, open_session
 from resim.sim.traffic import Phase, Stage, staged
 from resim.sim.watchdog import Watchdog
 
 RELAXATION = 3.0
 """Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""
 
-_BLOCK = 50
+_BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
 
 _FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
@@ -97,7 +97,7 @@ class _Loop:
         self.stage, self.plan, self.members = stage, stage.plan, stage.members
         self.session, self.perception, self.model = session, perception, model
         self.ego: list[EgoState] = []
-        self.read: list[tuple[Phase, list[Read]]] = []
+        self.read: list[tuple[Phase, list[float]]] = []
         self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
         self.end: End = "duration"
@@ -136,6 +136,7 @@ class _Loop:
                 if state is None:
                     ego = self.plan.state(0, k + 1)
                 elif isinstance(answer, Placement):
+                    self.commands.append((np.nan, np.nan))
                     ego = answer.state
                 else:
                     self.commands.append((answer.acceleration, answer.curvature))
@@ -226,8 +227,10 @@ class _Loop:
         out = np.full((4, len(self.members), len(self.plan.t)), np.nan)
         k = 0
         for phase, block in groupby(self.read[: len(self.ego)], key=lambda entry: entry[0]):
-            said = np.array([[(*place, angle, v) for place, angle, v in step] for _, step in block])
-            out[:, [0, *phase.rows.tolist()], k : k + len(said)] = said.transpose(2, 1, 0)
+            said = np.array([step for _, step in block])
+            out[:, [0, *phase.rows.tolist()], k : k + len(said)] = said.reshape(len(said), -1, 4).transpose(
+                2, 1, 0
+            )
             k += len(said)
         return out
 

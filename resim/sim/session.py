@@ -12,9 +12,9 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -28,15 +28,22 @@ EGO = "ego"
 Placed: TypeAlias = tuple[str, float, float, float, float]
 """What SUMO is told of an object: name, front bumper x, y [m], angle [deg from north], speed >= 0 [m/s]."""
 
-Read: TypeAlias = tuple[tuple[float, float], float, float]
-"""What SUMO says of an object: front bumper (x, y) [m], angle [deg from north], speed [m/s]."""
-
 _TYPE = "guided"
 _MATCH = 5.0  # m; moveToXY scans every lane within this distance
 _TYPES = f"""<additional>
     <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="100" speedFactor="10" speedDev="0" sigma="0"/>
 </additional>
 """
+
+
+class _Calls(NamedTuple):
+    """The calls of every step."""
+
+    moveToXY: Callable[..., None]
+    setSpeed: Callable[[str, float], None]
+    getPosition: Callable[[str], tuple[float, float]]
+    getAngle: Callable[[str], float]
+    getSpeed: Callable[[str], float]
 
 
 class Session:
@@ -63,6 +70,7 @@ class Session:
         if not gui:
             self._sumo.simulation.saveState(self._state)
         self._vehicle = self._sumo.vehicle
+        self._calls = _Calls(*(_native(self._sumo, call) for call in _Calls._fields))
 
     def reset(self) -> None:
         """Go back to the start with no vehicle on the road."""
@@ -86,10 +94,12 @@ class Session:
         self._vehicle.remove(name)
         del self._length[name]
 
-    def advance(self, commands: Sequence[Placed], ego: EgoState) -> list[Read]:
-        """Put objects and EGO where they are told to be, let SUMO do one step, and read all back, EGO first."""
-        vehicle = self._vehicle
-        move, speed = vehicle.moveToXY, vehicle.setSpeed
+    def advance(self, commands: Sequence[Placed], ego: EgoState) -> list[float]:
+        """Put objects and EGO where they are told to be, let SUMO do one step, and read all back.
+
+        Gives front bumper x, y [m], angle [deg from north], speed [m/s] of the EGO, then of the objects.
+        """
+        move, speed, place, turn, pace = self._calls
         for name, x, y, angle, v in commands:
             move(name, "", -1, x, y, angle, 2, _MATCH)
             speed(name, v)
@@ -98,12 +108,11 @@ class Session:
         move(EGO, "", -1, x, y, 90.0 - math.degrees(ego.heading), 2, _MATCH)
         speed(EGO, v)
         self._sumo.simulationStep()
-        place, turn, pace = vehicle.getPosition, vehicle.getAngle, vehicle.getSpeed
-        commands = [(EGO, x, y, 0.0, v), *commands]
-        return [
-            (place(name), turn(name), v if pace(name) == v else self._insist(name, v))
-            for name, _, _, _, v in commands
-        ]
+        read = [*place(EGO), turn(EGO), v if pace(EGO) == v else self._insist(EGO, v)]
+        for name, _, _, _, v in commands:
+            read += place(name)
+            read += turn(name), v if pace(name) == v else self._insist(name, v)
+        return read
 
     def _insist(self, name: str, v: float) -> float:
         """Say the speed again: where SUMO finds no way from place to place it keeps the one before."""
@@ -171,6 +180,12 @@ def _load(gui: bool) -> Any:
             "libX11, libXext, libXrender, libGL, libatomic, libexpat."
         ) from e
     return libsumo
+
+
+def _native(sumo: Any, call: str) -> Callable[..., Any]:
+    """The vehicle's call without libsumo's Python wrapper around it, which costs as much as the call."""
+    native = getattr(getattr(sumo, "libsumo", None), "_libsumo", None)
+    return getattr(native, f"vehicle_{call}", None) or getattr(sumo.vehicle, call)
 
 
 def _binary() -> str:

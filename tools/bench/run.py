@@ -1,5 +1,8 @@
 """A closed-loop run against the bare libsumo loop, on the same net in one process.
 
+Three cases: the straight of the proving ground, where SUMO is at its cheapest and the ratio at its worst
+(`cost_ratio`); its curve; and the straight with `idm` answering at every step instead of every 0.2 s.
+
 Bare: place (moveToXY, setSpeed) six vehicles and step, nothing else, over as many steps as the run takes
 with its lead-in. Closed loop: `simulate` whole, from the scenario to its `Run`: guided traffic objects,
 perception, `idm`, vehicle model, read-back, collisions, road surface.
@@ -12,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +25,7 @@ from resim.road.opendrive import RoadNetwork, load
 from resim.road.path import lane_path
 from resim.road.sumo import sumo_net
 from resim.scenario.scenario import Scenario, describe
-from resim.sim.adfunction import load_build
+from resim.sim.adfunction import Build, load_build
 from resim.sim.guide import guide
 from resim.sim.loop import simulate
 from resim.sim.session import Session, open_session, to_sumo
@@ -30,9 +34,9 @@ ROOT = Path(__file__).parents[2]
 STEP = 0.04
 
 
-def platoon(network: RoadNetwork) -> Scenario:
-    """EGO and five traffic objects around it, 10 s at about 25 m/s on the proving ground."""
-    path = lane_path(network, "1", -2, 300.0, 600.0, behind=200.0)
+def platoon(network: RoadNetwork, start: float) -> Scenario:
+    """EGO and five traffic objects around it, 10 s at about 25 m/s on the proving ground from s = start on."""
+    path = lane_path(network, "1", -2, start, 600.0, behind=200.0)
     t = np.arange(0.0, 10.0 + 1e-9, STEP)
     starts = np.array(
         [
@@ -48,7 +52,7 @@ def platoon(network: RoadNetwork) -> Scenario:
     heading = np.full(x.shape, path.at(0.0).heading)
     tracks = Tracks(
         t=t, ids=np.array(["ego", *"12345"]), kind=np.array(["car"] * 6), x=x, y=y, heading=heading,
-        v=np.broadcast_to(starts[:, 2:], x.shape), length=np.full(6, 4.7), width=np.full(6, 1.9),
+        v=np.broadcast_to(v, x.shape), length=np.full(6, 4.7), width=np.full(6, 1.9),
         valid=np.ones(x.shape, dtype=bool),
     )  # fmt: skip
     return describe(tracks, network, ego="ego", map_name="proving_ground.xodr")
@@ -69,45 +73,54 @@ def bare(session: Session, placements: list[list[tuple[float, float, float, floa
         step()
 
 
+def compare(
+    network: RoadNetwork, net: Path, scenario: Scenario, build: Build, repeat: int
+) -> tuple[float, float, int]:
+    """Median times [s] of the bare loop and the closed loop, run in turns, and their number of steps."""
+    plan = guide(scenario, network, step=STEP, relaxation=3.0)
+    front = to_sumo(plan.x, plan.y, plan.heading, np.full((6, 1), 4.7))
+    placements = [
+        [tuple(row) for row in rows]
+        for rows in np.stack([*front, plan.v], axis=-1).transpose(1, 0, 2).tolist()
+    ]
+    times = []
+    for _ in range(repeat + 1):
+        session = open_session(net, STEP)
+        begin = time.perf_counter()
+        bare(session, placements)
+        middle = time.perf_counter()
+        run = simulate(scenario, network, net, build, step=STEP)
+        times.append((middle - begin, time.perf_counter() - middle))
+        assert run.end == "duration", run.end
+    low = np.median(times[1:], axis=0)
+    return float(low[0]), float(low[1]), len(placements)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=30)
     repeat = parser.parse_args().repeat
-    network, net = (
-        load(ROOT / "networks" / "proving_ground.xodr"),
-        sumo_net(ROOT / "networks" / "proving_ground.xodr"),
-    )
-    scenario, build = platoon(network), load_build(ROOT / "adfunc" / "builds" / "idm-1.0.toml")
-    plan = guide(scenario, network, step=STEP, relaxation=3.0)
-    front = to_sumo(plan.x, plan.y, plan.heading, np.full((6, 1), 4.7))
-    placements = np.stack([*front, plan.v], axis=-1).transpose(1, 0, 2).tolist()
-    times: dict[str, list[float]] = {"bare": [], "closed": []}
-    for _ in range(repeat + 1):
-        session = open_session(net.path, STEP)
-        begin = time.perf_counter()
-        bare(session, [[tuple(row) for row in rows] for rows in placements])
-        middle = time.perf_counter()
-        run = simulate(scenario, network, net.path, build, step=STEP)
-        times["bare"].append(middle - begin)
-        times["closed"].append(time.perf_counter() - middle)
-        assert run.end == "duration"
-    low = {name: float(np.median(values[1:])) for name, values in times.items()}
-    print(f"{len(placements)} steps (3 s lead-in and 10 s at 25 Hz), 5 TO and EGO, median of {repeat} runs")
-    print(
-        f"bare libsumo loop       {1e3 * low['bare']:7.1f} ms   {1e6 * low['bare'] / len(placements):6.0f} µs a step"
-    )
-    print(
-        f"closed loop with idm    {1e3 * low['closed']:7.1f} ms   {1e6 * low['closed'] / len(placements):6.0f} µs a step"
-    )
-    print(
-        json.dumps(
-            {
-                "cost_ratio": round(low["closed"] / low["bare"], 3),
-                "bare_ms": round(1e3 * low["bare"], 2),
-                "closed_ms": round(1e3 * low["closed"], 2),
-            }
-        )
-    )
+    road = ROOT / "networks" / "proving_ground.xodr"
+    network, net = load(road), sumo_net(road).path
+    build = load_build(ROOT / "adfunc" / "builds" / "idm-1.0.toml")
+    cases = {
+        "cost_ratio": ("straight", platoon(network, 300.0), build),
+        "cost_ratio_curve": ("curve", platoon(network, 1300.0), build),
+        "cost_ratio_every_step": (
+            "straight, idm at every step",
+            platoon(network, 300.0),
+            replace(build, cycle_time=None),
+        ),
+    }
+    figures = {}
+    print(f"5 TO and EGO (idm), 3 s lead-in and 10 s at 25 Hz, median of {repeat} runs of each in turns")
+    print(f"{'case':30} {'bare libsumo loop':>24} {'closed loop':>24}  ratio")
+    for figure, (name, scenario, pinned) in cases.items():
+        one, two, steps = compare(network, net, scenario, pinned, repeat)
+        figures[figure] = round(two / one, 3)
+        columns = (f"{1e3 * took:.1f} ms, {1e6 * took / steps:.0f} µs a step" for took in (one, two))
+        print(f"{name:30} {next(columns):>24} {next(columns):>24}  {two / one:.2f}")
+    print(json.dumps(figures))
 
 
 if __name__ == "__main__":
