@@ -37,13 +37,16 @@ _TYPES = f"""<additional>
 
 
 class _Calls(NamedTuple):
-    """The calls of every step."""
+    """The calls of every step, in the order of `_STEP_CALLS`."""
 
-    moveToXY: Callable[..., None]
-    setSpeed: Callable[[str, float], None]
-    getPosition: Callable[[str], tuple[float, float]]
-    getAngle: Callable[[str], float]
-    getSpeed: Callable[[str], float]
+    move: Callable[..., None]
+    speed: Callable[[str, float], None]
+    place: Callable[[str], tuple[float, float]]
+    turn: Callable[[str], float]
+    pace: Callable[[str], float]
+
+
+_STEP_CALLS = ("moveToXY", "setSpeed", "getPosition", "getAngle", "getSpeed")
 
 
 class Session:
@@ -70,7 +73,7 @@ class Session:
         if not gui:
             self._sumo.simulation.saveState(self._state)
         self._vehicle = self._sumo.vehicle
-        self._calls = _Calls(*(_native(self._sumo, call) for call in _Calls._fields))
+        self._calls = _Calls(*(_native(self._sumo, call) for call in _STEP_CALLS))
 
     def reset(self) -> None:
         """Go back to the start with no vehicle on the road."""
@@ -185,7 +188,8 @@ def _load(gui: bool) -> Any:
 def _native(sumo: Any, call: str) -> Callable[..., Any]:
     """The vehicle's call without libsumo's Python wrapper around it, which costs as much as the call."""
     native = getattr(getattr(sumo, "libsumo", None), "_libsumo", None)
-    return getattr(native, f"vehicle_{call}", None) or getattr(sumo.vehicle, call)
+    found: Callable[..., Any] = getattr(native, f"vehicle_{call}", None) or getattr(sumo.vehicle, call)
+    return found
 
 
 def _binary() -> str:

@@ -38,18 +38,18 @@ def platoon(network: RoadNetwork, start: float) -> Scenario:
     """EGO and five traffic objects around it, 10 s at about 25 m/s on the proving ground from s = start on."""
     path = lane_path(network, "1", -2, start, 600.0, behind=200.0)
     t = np.arange(0.0, 10.0 + 1e-9, STEP)
-    starts = np.array(
+    s, d, v = np.array(
         [
-            [0.0, 0.0, 25.0],
-            [45.0, 0.0, 24.0],
-            [-40.0, 0.0, 25.0],
-            [20.0, 3.5, 27.0],
-            [-25.0, 3.5, 28.0],
-            [80.0, 3.5, 26.0],
+            (0.0, 0.0, 25.0),
+            (45.0, 0.0, 24.0),
+            (-40.0, 0.0, 25.0),
+            (20.0, 3.5, 27.0),
+            (-25.0, 3.5, 28.0),
+            (80.0, 3.5, 26.0),
         ]
-    )
-    x, y = path.xy(starts[:, :1] + starts[:, 2:] * t, np.broadcast_to(starts[:, 1:2], (6, len(t))))
-    heading = np.full(x.shape, path.at(0.0).heading)
+    ).T[..., None]
+    x, y = path.xy(s + v * t, np.broadcast_to(d, (6, len(t))))
+    heading = np.arctan2(np.gradient(y, axis=1), np.gradient(x, axis=1))
     tracks = Tracks(
         t=t, ids=np.array(["ego", *"12345"]), kind=np.array(["car"] * 6), x=x, y=y, heading=heading,
         v=np.broadcast_to(v, x.shape), length=np.full(6, 4.7), width=np.full(6, 1.9),
