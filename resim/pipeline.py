@@ -213,7 +213,8 @@ def resimulate(
     """Re-simulate a recording with a build, on each basis that the recording has, and compare every step."""
     clock = _Clock(progress)
     with clock.stage("map"):
-        network, net = load(recording.map), sumo_net(recording.map)
+        network = load(recording.map)
+        net = sumo_net(network)
     measured: dict[Basis, Tracks] = {"GT": ego_window(recording.gt, recording.ego)}
     if (sd := recording.sd_by_gt()) is not None:
         measured["SD"] = ego_window(sd, recording.ego)
@@ -232,7 +233,7 @@ def resimulate(
         network=network,
         branches=branches,
         errors=errors,
-        warnings=tuple(_warnings(recording, build, measured, branches)),
+        warnings=tuple(_warnings(recording, build, net, measured, branches)),
         times=clock.times,
         hashes={
             "build": build.hash,
@@ -296,8 +297,14 @@ def _errors(
 
 
 def _warnings(
-    recording: Recording, build: Build, measured: Mapping[Basis, Tracks], branches: Mapping[Basis, Branch]
+    recording: Recording,
+    build: Build,
+    net: SumoNet,
+    measured: Mapping[Basis, Tracks],
+    branches: Mapping[Basis, Branch],
 ) -> Iterator[str]:
+    if net.remark:
+        yield f"{recording.map.name}: {net.remark}"
     if recording.build and recording.build != build.label:
         yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"
     for basis, branch in branches.items():

@@ -232,7 +232,7 @@ def make(name: str) -> tuple[Drive, Run]:
     build = load_build(ROOT / "adfunc" / "builds" / f"{drive.build}.toml")
     sensor = Sensor(drive.sensor) if drive.sensor else None
     run = simulate(
-        scenario, network, sumo_net(MAP).path, build, step=STEP, seed=drive.seed, perception=sensor,
+        scenario, network, sumo_net(network).path, build, step=STEP, seed=drive.seed, perception=sensor,
         stop_at_collision=False,
     )  # fmt: skip
     if run.failure:

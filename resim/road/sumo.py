@@ -12,13 +12,14 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from lxml import etree
 
 from resim.core.errors import ConversionError, InputError
-from resim.road.opendrive import RoadNetwork, load
+from resim.road.opendrive import RoadNetwork
 from resim.road.prepare import VERSION, prepared, section_of
 
 OPTIONS = (
@@ -32,39 +33,59 @@ INSTALL = "Install eclipse-sumo of the version in pyproject.toml"
 LIBRARIES = "Install libX11, libXext, libXrender, libGL, libatomic and libexpat from the system's packages"
 SIMPLIFY = "Look at the map there in an OpenDRIVE editor, or use another map"
 
+JUNCTION_SHAPES = "--opendrive.internal-shapes"
+PLAIN_REMARK = "netconvert crashes over this map's junctions: converted without the shapes inside of them"
+
 LaneKey = tuple[str, int, int]
+
+
+class NetconvertCrashError(ConversionError):
+    """netconvert died on a signal."""
 
 
 @dataclass(frozen=True, eq=False)
 class SumoNet:
     """A converted map.
 
-    path: the .net.xml. lanes: (road, section index of the original file, lane) -> ids of its SUMO lanes in
-    order of s; lanes inside of junctions, and those netconvert left out, have no entry. hash: of all that
-    decides the net: the map's bytes, the options, the SUMO version, the preparation.
+    path: the .net.xml. hash: of all that decides the net: the map's bytes, the options, the SUMO version,
+    the preparation. remark: what had to be left out of the conversion, "" where nothing was.
     """
 
     path: Path
-    lanes: Mapping[LaneKey, tuple[str, ...]]
+    network: RoadNetwork
     hash: str
+    remark: str
+
+    @cached_property
+    def lanes(self) -> Mapping[LaneKey, tuple[str, ...]]:
+        """(road, section index of the map, lane) -> ids of its SUMO lanes in order of s.
+
+        Lanes inside of junctions, and those netconvert left out, have no entry.
+        """
+        return _lanes(self.path, self.network)
 
 
-def sumo_net(xodr: Path, *, cache: Path | None = None, time_limit: float = TIME_LIMIT) -> SumoNet:
+def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: float = TIME_LIMIT) -> SumoNet:
     """Give the SUMO net of an OpenDRIVE map, from the cache where it was converted before.
 
     cache: its directory, default resim/nets in XDG_CACHE_HOME or ~/.cache. time_limit: s for netconvert.
-    Raises InputError for a file that is no OpenDRIVE, ConversionError where netconvert is missing, refuses
-    the map, crashes or takes too long; nothing half-written stays behind.
+    A map that makes netconvert crash over the shapes inside of junctions is converted without them, and says
+    so in `remark`: replay places vehicles by position and does not need them. Raises ConversionError where
+    netconvert is missing, refuses the map, crashes or takes too long; nothing half-written stays behind.
     """
-    xodr = Path(xodr)
-    network = load(xodr)
-    text = xodr.read_bytes()
+    text = network.path.read_bytes()
     key = _hash(text)
     folder = cache or default_cache()
-    target = folder / f"{key}.net.xml"
-    if not target.is_file():
-        _convert(xodr, prepared(text, xodr), target, time_limit)
-    return SumoNet(target, _lanes(target, network), key)
+    whole, plain = folder / f"{key}.net.xml", folder / f"{key}.plain.net.xml"
+    if not whole.is_file() and not plain.is_file():
+        prepared_text = prepared(text, network.path)
+        try:
+            _convert(network.path, prepared_text, whole, OPTIONS, time_limit)
+        except NetconvertCrashError:
+            fewer = tuple(option for option in OPTIONS if option != JUNCTION_SHAPES)
+            _convert(network.path, prepared_text, plain, fewer, time_limit)
+    target = whole if whole.is_file() else plain
+    return SumoNet(target, network, key, "" if target == whole else PLAIN_REMARK)
 
 
 def default_cache() -> Path:
@@ -95,7 +116,7 @@ def _sumo_home() -> Path:
     return home
 
 
-def _convert(xodr: Path, text: bytes, target: Path, time_limit: float) -> None:
+def _convert(xodr: Path, text: bytes, target: Path, options: tuple[str, ...], time_limit: float) -> None:
     """Convert in a folder of its own beside the target, and move the whole net into place at the end."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -106,17 +127,17 @@ def _convert(xodr: Path, text: bytes, target: Path, time_limit: float) -> None:
     try:
         source, net = folder / "map.xodr", folder / "map.net.xml"
         source.write_bytes(text)
-        _run(xodr, source, net, time_limit)
+        _run(xodr, source, net, options, time_limit)
         net.replace(target)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _run(xodr: Path, source: Path, net: Path, time_limit: float) -> None:
+def _run(xodr: Path, source: Path, net: Path, options: tuple[str, ...], time_limit: float) -> None:
     home = _sumo_home()
     proj = str(home / "data" / "proj")
     environment = {**os.environ, "SUMO_HOME": str(home), "PROJ_DATA": proj, "PROJ_LIB": proj}
-    command = [str(home / "bin" / "netconvert"), "--opendrive-files", str(source), "-o", str(net), *OPTIONS]
+    command = [str(home / "bin" / "netconvert"), "--opendrive-files", str(source), "-o", str(net), *options]
     try:
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, errors="replace", timeout=time_limit,
@@ -129,23 +150,23 @@ def _run(xodr: Path, source: Path, net: Path, time_limit: float) -> None:
         raise ConversionError(f"netconvert cannot be started ({error.strerror}). {INSTALL}.") from None
     if done.returncode == 0 and net.is_file():
         return
-    raise ConversionError(_failure(xodr, done.returncode, done.stderr))
+    raise _failure(xodr, done.returncode, done.stderr)
 
 
-def _failure(xodr: Path, code: int, said: str) -> str:
+def _failure(xodr: Path, code: int, said: str) -> ConversionError:
     """Put a failed run of netconvert into words."""
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     if "error while loading shared libraries" in said:
-        return f"netconvert cannot start: {lines[-1]}. {LIBRARIES}."
+        return ConversionError(f"netconvert cannot start: {lines[-1]}. {LIBRARIES}.")
     if code < 0 or code > 128:
         number = -code if code < 0 else code - 128
         name = signal.Signals(number).name if number in set(signal.Signals) else str(number)
         last = f", after saying {lines[-1]!r}" if lines else ""
-        return f"{xodr}: netconvert crashed on this map ({name}){last}. {SIMPLIFY}."
+        return NetconvertCrashError(f"{xodr}: netconvert crashed on this map ({name}){last}. {SIMPLIFY}.")
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error")]
     told = [line for line in errors if " total messages of type" not in line] or errors
     last = told[-1].rstrip(".") if told else f"exit code {code}"
-    return f"{xodr}: netconvert refuses this map: {last}. {SIMPLIFY}."
+    return ConversionError(f"{xodr}: netconvert refuses this map: {last}. {SIMPLIFY}.")
 
 
 def _lanes(net: Path, network: RoadNetwork) -> dict[LaneKey, tuple[str, ...]]:

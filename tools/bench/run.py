@@ -101,7 +101,8 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=30)
     repeat = parser.parse_args().repeat
     road = ROOT / "networks" / "proving_ground.xodr"
-    network, net = load(road), sumo_net(road).path
+    network = load(road)
+    net = sumo_net(network).path
     build = load_build(ROOT / "adfunc" / "builds" / "idm-1.0.toml")
     cases = {
         "cost_ratio": ("straight", platoon(network, 300.0), build),
