@@ -9,7 +9,6 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from resim.core.geometry import to_frame
 from resim.fidelity import BRAKING, QUANTITIES
 from resim.report.plots import FAINT, fade, line, style
 from resim.report.steps import SYMBOLS
@@ -77,10 +76,9 @@ def _box(
 def reaction_figure(view: View) -> go.Figure:
     """Draw the EGO's speed in GT, rGT and rSD with the times of reaction, and below the acceleration."""
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.64, 0.36], vertical_spacing=0.06)
-    lead = lead_object(view)
-    if lead is not None:
+    if (lead := view.lead) is not None:
         tracks = view.tracks["GT"]
-        trace = line(tracks.t, tracks.v[tracks.index(lead)], color=view.color(view.focus[0], "GT"), width=1.4,
+        trace = line(tracks.t, tracks.v[tracks.index(lead)], color=view.color(lead, "GT"), width=1.4,
                      name=f"{view.label(lead)} GT", hover="t = %{x:.2f} s: %{y:.2f} m/s")  # fmt: skip
         figure.add_trace(trace, row=1, col=1)
     for source in ("GT", "rGT", "rSD"):
@@ -121,24 +119,3 @@ def _draw_reaction(figure: go.Figure, view: View, source: str) -> None:
         xanchor="right" if right else "left", yanchor="middle", xshift=-4 if right else 4, showarrow=False,
         font={"color": color, "size": 12},
     )  # fmt: skip
-
-
-def lead_object(view: View) -> str | None:
-    """Give the TO that was nearest ahead of the EGO within a lane's width in GT, when the EGO first reacted.
-
-    Where nobody reacted, over the whole drive; None where GT has no TO ahead.
-    """
-    tracks = view.tracks.get("GT")
-    if tracks is None or len(tracks) < 2:
-        return None
-    times = [t for t in view.report["reaction"].values() if t is not None]
-    here = tracks.window(min(times) - 1.0, max(times) + 1.0) if times else tracks
-    if view.ego not in here.ids or len(here) < 2:
-        return None
-    row = here.index(view.ego)
-    ahead, left = to_frame(here.x, here.y, here.x[row], here.y[row], here.heading[row])
-    gap = np.where((ahead > 0.0) & (np.abs(left) < 2.0), ahead, np.inf)
-    gap[row] = np.inf
-    nearest = np.nan_to_num(gap, nan=np.inf).min(axis=1)
-    best = int(np.argmin(nearest))
-    return str(here.ids[best]) if np.isfinite(nearest[best]) else None

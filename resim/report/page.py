@@ -17,7 +17,7 @@ from resim.report.boxes import box_figure, reaction_figure
 from resim.report.plots import to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
-from resim.report.view import EGO_COLORS, OTHERS, TO_COLORS, View, view
+from resim.report.view import OTHERS, View, view
 
 PRINT_WIDTH = 980
 """Width [px] that figures are laid out for on paper."""
@@ -77,7 +77,7 @@ def _figure(figure: go.Figure, name: str, title: str, note: str = "") -> str:
 def _header(look: View) -> str:
     result, report = look.result, look.report
     drove = {True: "drove this recording", False: f"did not drive this recording; {result.recording.build} did",
-             None: "the recording does not say which build drove"}[report["build"]["drove"]]  # fmt: skip
+             None: "the recording names no build"}[report["build"]["drove"]]  # fmt: skip
     objects = {i for tracks in look.tracks.values() for i in tracks.ids.tolist()} - {look.ego}
     facts = (
         ("build", f"<b>{escape(result.build.name)} {escape(result.build.version)}</b> ({escape(drove)})"),
@@ -117,10 +117,11 @@ def _key(look: View) -> str:
     """One key for all figures: colours by object and basis, dashes for what was re-simulated."""
     entries = []
     for source in look.tracks:
-        basis, dash = source.removeprefix("r"), ' stroke-dasharray="6 4"' if source.startswith("r") else ""
-        shown = [("EGO", EGO_COLORS[basis])]
-        shown += [(look.label(i), TO_COLORS[basis][k]) for k, i in enumerate(look.focus)]
-        entries += [_sample(f"{who} {source}", color, dash) for who, color in shown]
+        dash = ' stroke-dasharray="6 4"' if source.startswith("r") else ""
+        here = set(look.tracks[source].ids.tolist())
+        entries += [
+            _sample(f"{look.label(i)} {source}", look.color(i, source), dash) for i in look.shown if i in here
+        ]
     if look.others:
         entries.append(_sample(f"{len(look.others)} other TOs", OTHERS, ""))
     return (

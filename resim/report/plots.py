@@ -34,15 +34,34 @@ def lighten(color: str, share: float) -> str:
 
 
 def line(
-    x: Floats, y: Floats, *, color: str, name: str, width: float = 2.0, dashed: bool = False, hover: str = ""
+    x: Floats,
+    y: Floats,
+    *,
+    color: str,
+    name: str,
+    width: float = 2.0,
+    dashed: bool = False,
+    hover: str = "",
+    t: Floats | None = None,
 ) -> go.Scatter:
-    """Give a line; x, y (K,), NaN breaks it. hover: its text, a d3 template over x and y; none if empty."""
+    """Give a line; x, y (K,), NaN breaks it.
+
+    hover: its text, a d3 template over x, y, and customdata if times t (K,) [s] are given; none if empty.
+    """
+    part = known(x + y)
     return go.Scatter(
-        x=compact(x), y=compact(y), mode="lines", name=name, showlegend=False,
+        x=compact(x[part]), y=compact(y[part]), mode="lines", name=name, showlegend=False,
+        customdata=None if t is None else compact(t[part]),
         line={"color": color, "width": width, "dash": DASH if dashed else "solid"},
         hoverinfo="skip" if not hover else None,
         hovertemplate=f"<b>{name}</b><br>{hover}<extra></extra>" if hover else None,
     )  # fmt: skip
+
+
+def known(values: Floats) -> slice:
+    """Give the part of values (K,) from the first to the last that is not NaN."""
+    finite = np.flatnonzero(np.isfinite(values))
+    return slice(int(finite[0]), int(finite[-1]) + 1) if len(finite) else slice(0, 0)
 
 
 def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float = 5.0) -> go.Scatter:
@@ -62,10 +81,13 @@ def number(value: float, digits: int) -> str:
 
 def joined(xs: list[Floats], ys: list[Floats]) -> tuple[Floats, Floats]:
     """Give many lines as one, with a NaN between them."""
-    if not xs:
-        return np.empty(0), np.empty(0)
     gap = np.array([np.nan])
-    return tuple(np.concatenate([part for a in many for part in (a, gap)]) for many in (xs, ys))  # type: ignore[return-value]
+    parts: tuple[list[Floats], list[Floats]] = ([np.empty(0)], [np.empty(0)])
+    for x, y in zip(xs, ys, strict=True):
+        part = known(x + y)
+        parts[0].extend((x[part], gap))
+        parts[1].extend((y[part], gap))
+    return np.concatenate(parts[0]), np.concatenate(parts[1])
 
 
 def style(figure: go.Figure, height: float, **layout: Any) -> go.Figure:

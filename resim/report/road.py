@@ -10,18 +10,21 @@ from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
-from resim.report.plots import fade, joined, line, style
+from resim.report.plots import compact, fade, joined, line, style
 from resim.report.steps import FROM_ZERO, error_panel
 from resim.report.view import OTHERS, View
-from resim.road.opendrive import VEHICLE_LANES, LaneShape
+from resim.road.opendrive import VEHICLE_LANES
 
 PLOT_WIDTH = 1120.0
 """Width [px] of a figure's plot area on a page of 1280 px."""
 
-LANE, MARK = "#f1f2f4", "#a9b0b8"
+LANE, MARK = "#e7eaed", "#ffffff"
 MARGIN_ALONG, MARGIN_ACROSS, BEYOND = 8.0, 6.0, 40.0
 Coordinates = Callable[[Floats, Floats], tuple[Floats, Floats]]
 Box = tuple[float, float, float, float]
+Lines = tuple[list[Floats], list[Floats]]
+LEAP = 30.0
+"""Distance [m] between neighbours beyond which a border, laid straight, is torn and not drawn as an area."""
 
 
 def plan_figure(view: View) -> go.Figure:
@@ -49,7 +52,7 @@ def lateral_figure(view: View) -> go.Figure:
     low, high = min(d[0], -2.6), max(d[1], 2.6)
     box = (s[0] - MARGIN_ALONG, s[1] + MARGIN_ALONG, low, high)
     figure = go.Figure()
-    figure.add_traces(list(_lanes(view, view.path.project, box, spread=40.0)))
+    figure.add_traces(list(_lanes(view, view.path.project, box)))
     figure.add_traces(list(_traces(view, view.along)))
     style(figure, 300.0)
     figure.update_xaxes(title_text="distance along the road [m]", range=box[:2])
@@ -97,42 +100,36 @@ def _extent(view: View) -> Box:
     return *_bounds(xs, MARGIN_ALONG), *_bounds(ys, MARGIN_ACROSS)
 
 
-def _lanes(view: View, coordinates: Coordinates, box: Box, spread: float = 0.0) -> Iterator[go.Scatter]:
+def _lanes(view: View, coordinates: Coordinates, box: Box) -> Iterator[go.Scatter]:
     """Driving lanes as areas, and the borders of all lanes as lines, as far as they reach into the box."""
-    areas: tuple[list[Floats], list[Floats]] = ([], [])
-    solid: tuple[list[Floats], list[Floats]] = ([], [])
-    broken: tuple[list[Floats], list[Floats]] = ([], [])
-    for shape in _near(view, spread):
+    areas: Lines = ([], [])
+    solid: Lines = ([], [])
+    broken: Lines = ([], [])
+    for shape in view.lanes:
+        driven = shape.type in VEHICLE_LANES
         outer = shape.left if shape.lane > 0 else shape.right
-        target = broken if "broken" in shape.mark else solid
-        if shape.mark != "none" or shape.type in VEHICLE_LANES:
-            _clip(*coordinates(outer[:, 0], outer[:, 1]), box, target)
-        if shape.type in VEHICLE_LANES:
-            ring = np.concatenate([shape.left, shape.right[::-1], shape.left[:1]])
-            x, y = coordinates(ring[:, 0], ring[:, 1])
-            inside = _inside(x, y, box)
-            if inside.any() and np.abs(np.diff(x)).max() < 30.0:
-                areas[0].append(x)
-                areas[1].append(y)
+        if shape.mark != "none" or driven:
+            _clip(*coordinates(*outer.T), box, broken if "broken" in shape.mark else solid)
+        if driven:
+            _area(*coordinates(*shape.left.T), *coordinates(*shape.right.T), box, areas)
     x, y = joined(*areas)
-    yield go.Scatter(x=x.astype(np.float32), y=y.astype(np.float32), mode="none", fill="toself",
-                     fillcolor=LANE, hoverinfo="skip", showlegend=False)  # fmt: skip
-    for lines, dash in ((solid, "solid"), (broken, "7px,6px")):
-        border = line(*joined(*lines), color=MARK, name="lane", width=1.0)
+    yield go.Scatter(x=compact(x), y=compact(y), mode="none", fill="toself", fillcolor=LANE, hoverinfo="skip")
+    for lines, dash in ((solid, "solid"), (broken, "9px,8px")):
+        border = line(*joined(*lines), color=MARK, name="lane", width=1.6)
         border.line.dash = dash
         yield border
 
 
-def _near(view: View, spread: float) -> list[LaneShape]:
-    """The lanes of the neighbourhood: within the traces' bounding box in the map, and 40 m around it."""
-    xs, ys = zip(*(_xy(tracks, view.ego) for tracks in view.tracks.values()), strict=True)
-    x, y = _bounds(list(xs), 40.0 + spread), _bounds(list(ys), 40.0 + spread)
-    return [
-        shape
-        for shape in view.result.network.lane_shapes()
-        if (shape.centre[:, 0] >= x[0]).any() and (shape.centre[:, 0] <= x[1]).any()
-        and (shape.centre[:, 1] >= y[0]).any() and (shape.centre[:, 1] <= y[1]).any()
-    ]  # fmt: skip
+def _area(x: Floats, y: Floats, x2: Floats, y2: Floats, box: Box, areas: Lines) -> None:
+    """The part of a lane that lies in the box, between its left and right border."""
+    keep = np.flatnonzero(_inside(x, y, box) | _inside(x2, y2, box))
+    if not len(keep):
+        return
+    part = slice(int(keep[0]), int(keep[-1]) + 1)
+    ring = np.concatenate([x[part], x2[part][::-1], x[part][:1]])
+    if len(ring) > 3 and np.abs(np.diff(ring)).max() < LEAP:
+        areas[0].append(ring)
+        areas[1].append(np.concatenate([y[part], y2[part][::-1], y[part][:1]]))
 
 
 def _inside(x: Floats, y: Floats, box: Box) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -142,7 +139,7 @@ def _inside(x: Floats, y: Floats, box: Box) -> np.ndarray[tuple[int], np.dtype[n
     )
 
 
-def _clip(x: Floats, y: Floats, box: Box, lines: tuple[list[Floats], list[Floats]]) -> None:
+def _clip(x: Floats, y: Floats, box: Box, lines: Lines) -> None:
     """Keep of a line what lies in the box."""
     keep = _inside(x, y, box)
     if keep.any():
@@ -170,13 +167,10 @@ def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) 
             if name not in tracks.ids:
                 continue
             x, y = places(tracks, name)
-            label = f"{view.label(name)} {source}"
-            trace = line(
-                x, y, color=view.color(name, source), name=label, dashed=source.startswith("r"),
-                hover="t = %{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m",
+            yield line(
+                x, y, t=tracks.t, color=view.color(name, source), name=f"{view.label(name)} {source}",
+                dashed=source.startswith("r"), hover="t = %{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m",
             )  # fmt: skip
-            trace.customdata = tracks.t.astype(np.float32)
-            yield trace
 
 
 def _boxes(view: View) -> Iterator[go.Scatter]:

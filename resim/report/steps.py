@@ -90,7 +90,14 @@ def _draw_source(figure: go.Figure, view: View, source: str) -> None:
                 values = _values(view, tracks, name)[column - 1][0]
                 own = tracks.valid[n]
                 at = np.interp(spline.x, tracks.t[own], values[own])
-                knots = dots(spline.x, at, color=color, name=f"{label}: knot", hover="t = %{x:.2f} s")
+                knots = dots(
+                    spline.x,
+                    at,
+                    color=color,
+                    name=f"{label}: knot",
+                    hover="t = %{x:.2f} s",
+                    size=5.0 if view.only_one else 3.6,
+                )
                 figure.add_trace(knots, row=1, col=column)
 
 
@@ -115,7 +122,7 @@ def _draw_lane(figure: go.Figure, view: View) -> None:
     borders = [half, -half, np.where(left > 0.0, half + left, np.nan)]
     borders.append(np.where(right > 0.0, -half - right, np.nan))
     for border in borders:
-        trace = line(tracks.t, border, color="#a9b0b8", name="lane border", width=1.0)
+        trace = line(tracks.t, border, color="#b4bac2", name="lane border", width=1.0)
         trace.line.dash = "dot"
         figure.add_trace(trace, row=1, col=1)
 

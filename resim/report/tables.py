@@ -42,7 +42,7 @@ def decision_words(decision: Sequence[str] | None) -> str:
     """Give a decision in words."""
     if decision is None:
         return NONE
-    return escape(", then ".join(word.replace("_", " ") for word in decision)) or "no reaction"
+    return escape(", then ".join(word.replace("_", " ") for word in decision)) or "no braking, no lane change"
 
 
 def verdict(view: View, run: str) -> tuple[str, str]:
@@ -54,7 +54,8 @@ def verdict(view: View, run: str) -> tuple[str, str]:
         return "failed", "✕ run failed: not comparable"
     one, two = report["decision"]["GT"], report["decision"][run]
     if one is None or two is None:
-        return "failed", "✕ not comparable"
+        missing = "GT" if one is None else run
+        return "failed", f"✕ not comparable: no scenario of {missing}"
     early = report["end"][run] != "duration"
     until = f", up to its end at {_end(view, run):.2f} s" if early else ""
     same = list(one) == list(two)
@@ -83,9 +84,9 @@ def outcome(view: View) -> str:
     rows = [
         ["", "measured", *(badge(view, s) for s in sources[1:])],
         ["decision", *(decision_words(report["decision"][s]) for s in sources)],
-        ["first braking", *(reaction_words(report["reaction"][s]) for s in sources)],
+        ["first braking", *(_if_there(view, s, reaction_words(report["reaction"][s])) for s in sources)],
         ["difference", NONE, *(difference_words(report["reaction_difference"][s]) for s in sources[1:])],
-        ["collision", *(_collisions(view, s) for s in sources)],
+        ["collision", *(_if_there(view, s, _collisions(view, s)) for s in sources)],
         ["end", *(_end_words(view, s) for s in sources)],
     ]
     return table(["", *sources], rows, "outcome")
@@ -94,6 +95,10 @@ def outcome(view: View) -> str:
 def reaction_words(seconds: float | None) -> str:
     """Give a time of first braking in words."""
     return "no braking" if seconds is None else f"{seconds:.2f} s"
+
+
+def _if_there(view: View, source: str, words: str) -> str:
+    return words if view.report["decision"][source] is not None else NONE
 
 
 def _collisions(view: View, source: str) -> str:

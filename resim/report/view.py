@@ -13,7 +13,8 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, to_frame, unwrap_angle
 from resim.core.tracks import Tracks
-from resim.pipeline import Resimulation
+from resim.pipeline import Resimulation, ego_window
+from resim.road.opendrive import LaneShape
 from resim.road.path import Path, lane_path
 
 MOST_IN_FOCUS = 3
@@ -22,7 +23,7 @@ MOST_IN_FOCUS = 3
 TURNED_OFF = 12.0
 """Offset [m] from the starting lane beyond which the EGO has taken another way than straight on."""
 
-OTHERS = "#b4bac2"
+OTHERS = "#9aa1aa"
 EGO_COLORS: Mapping[str, str] = {"GT": "#0072B2", "SD": "#CC79A7"}
 TO_COLORS: Mapping[str, tuple[str, ...]] = {
     "GT": ("#009E73", "#6CB33F", "#00594A"),
@@ -36,6 +37,7 @@ class View:
     """A result as the page shows it.
 
     tracks: by source GT, SD, rGT, rSD. focus: ids of the TOs drawn in colour, the most relevant first.
+    lead: the TO ahead of the EGO in GT, if any, always in focus.
     path: what the offset across the road is measured from, the centre of the EGO's starting lane where it
     stays near it (on_lane), else its own way. turn: rad, the direction of travel,
     which the plan view lays to the right.
@@ -45,6 +47,7 @@ class View:
     report: Mapping[str, Any]
     tracks: Mapping[str, Tracks]
     focus: tuple[str, ...]
+    lead: str | None
     path: Path
     on_lane: bool
     origin: tuple[float, float]
@@ -65,6 +68,16 @@ class View:
         """The ids of all TOs of any source that are not in focus."""
         every = dict.fromkeys(i for tracks in self.tracks.values() for i in tracks.ids.tolist())
         return tuple(i for i in every if i not in self.shown)
+
+    @cached_property
+    def lanes(self) -> list[LaneShape]:
+        """The lanes within 80 m of the EGO's bounding box in the map."""
+        own = [tracks.select([self.ego]) for tracks in self.tracks.values()]
+        x, y = (np.concatenate([getattr(o, axis)[o.valid] for o in own]) for axis in ("x", "y"))
+        low = np.array([x.min(), y.min()]) - 80.0
+        high = np.array([x.max(), y.max()]) + 80.0
+        shapes = self.result.network.lane_shapes(2.0)
+        return [s for s in shapes if ((s.centre >= low) & (s.centre <= high)).all(axis=1).any()]
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -116,19 +129,21 @@ class View:
 
 def view(result: Resimulation) -> View:
     """Look at a result."""
-    tracks = result.tracks()
-    ego = result.ego
-    first = tracks["GT"] if "GT" in tracks else next(iter(tracks.values()))
+    ego, tracks = result.ego, _sources(result)
+    first = tracks["GT"]
     n = first.index(ego)
     x, y = first.x[n, first.valid[n]], first.y[n, first.valid[n]]
     heading = float(first.heading[n, first.valid[n]][0])
     travelled = np.hypot(x[-1] - x[0], y[-1] - y[0])
     path, on_lane = _path(result, tracks, first)
+    report = result.report()
+    lead = _lead(first, ego, report["reaction"].values())
     return View(
         result=result,
-        report=result.report(),
+        report=report,
         tracks=tracks,
-        focus=_focus(result, tracks.values()),
+        focus=_focus(result, tracks.values(), lead),
+        lead=lead,
         path=path,
         on_lane=on_lane,
         origin=(float(x[0]), float(y[0])),
@@ -136,8 +151,31 @@ def view(result: Resimulation) -> View:
     )
 
 
-def _focus(result: Resimulation, sources: Iterable[Tracks]) -> tuple[str, ...]:
-    """The TOs that came closest: distance [m] with the lateral part three times, what is behind twice."""
+def _sources(result: Resimulation) -> dict[str, Tracks]:
+    """What was measured, re-simulated or not, and the re-simulations."""
+    measured = {"GT": result.recording.gt}
+    if (sd := result.recording.sd_by_gt()) is not None:
+        measured["SD"] = sd
+    out = {basis: ego_window(tracks, result.ego) for basis, tracks in measured.items()}
+    return out | {name: tracks for name, tracks in result.tracks().items() if name not in out}
+
+
+def _lead(tracks: Tracks, ego: str, reactions: Iterable[float | None]) -> str | None:
+    """The TO nearest ahead of the EGO within 2 m to its side, around the reactions; else over the whole drive."""
+    times = [t for t in reactions if t is not None]
+    around = tracks.window(min(times) - 1.0, max(times) + 1.0) if times else tracks
+    here = around if ego in around.ids else tracks
+    row = here.index(ego)
+    ahead, left = to_frame(here.x, here.y, here.x[row], here.y[row], here.heading[row])
+    gap = np.where((ahead > 0.0) & (np.abs(left) < 2.0), ahead, np.inf)
+    gap[row] = np.inf
+    nearest = gap.min(axis=1)
+    best = int(np.argmin(nearest))
+    return str(here.ids[best]) if np.isfinite(nearest[best]) else None
+
+
+def _focus(result: Resimulation, sources: Iterable[Tracks], lead: str | None) -> tuple[str, ...]:
+    """TOs that were hit, the one ahead, and those that came closest, sideways counted three times, behind twice."""
     closest: dict[str, float] = {}
     for tracks in sources:
         row = tracks.index(result.ego)
@@ -148,7 +186,7 @@ def _focus(result: Resimulation, sources: Iterable[Tracks]) -> tuple[str, ...]:
             closest[name] = min(value, closest.get(name, np.inf))
     closest.pop(result.ego, None)
     struck = {c.id for branch in result.branches.values() for c in branch.run.collisions}
-    order = sorted(closest, key=lambda name: (name not in struck, closest[name]))
+    order = sorted(closest, key=lambda name: (name not in struck, name != lead, closest[name]))
     return tuple(order[:MOST_IN_FOCUS])
 
 
