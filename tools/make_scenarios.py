@@ -301,6 +301,5 @@ def sensed(run: Run) -> Tracks:
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or DRIVES:
         _, result = make(wanted)
-        print(
-            f"scenarios/{wanted}: {len(result.truth.t)} samples, ended by {result.end}, {len(result.collisions)} collisions"
-        )
+        ended = f"ended by {result.end}, {len(result.collisions)} collisions"
+        print(f"scenarios/{wanted}: {len(result.truth.t)} samples, {ended}")

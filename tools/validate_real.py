@@ -10,16 +10,18 @@ tools/import_mcity.py.
 from __future__ import annotations
 
 import argparse
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-# from import_mcity import import_trials
+from import_mcity import TRIALS, import_trial
+from lxml import etree
 
+# from import_mcity import TRIALS, import_trial
 from resim.core.errors import ResimError
-from resim.ingest import Recording, read_commonroad, read_recording
+from resim.ingest import Recording, read_commonroad
 from resim.pipeline import Options, resimulate
+from resim.road.opendrive import load
 from resim.sim.adfunction import load_build
 
 BUILDS = Path(__file__).parents[1] / "adfunc" / "builds"
@@ -32,10 +34,8 @@ NGSIM = (
 )
 
 
-def candidates(xml: Path, road: Path, count: int) -> list[str]:
+def candidates(xml: Path, count: int) -> list[str]:
     """Ids of `count` moving vehicles that are there longest, spread over the file."""
-    from lxml import etree
-
     root = etree.parse(xml, etree.XMLParser(resolve_entities=False, no_network=True)).getroot()
     found = []
     for obstacle in [*root.iterfind("obstacle"), *root.iterfind("dynamicObstacle")]:
@@ -52,9 +52,9 @@ def recordings(data: Path, count: int) -> list[Recording]:
     out = []
     for name in NGSIM:
         xml, road = data / "ngsim" / f"{name}.xml", data / "ngsim" / f"{name}.xodr"
-        out += [read_commonroad(xml, map=road, ego=ego) for ego in candidates(xml, road, count)]
-    with tempfile.TemporaryDirectory() as folder:
-        pass  # out += [read_recording(path) for path in import_trials(data / "mcity", Path(folder))]
+        out += [read_commonroad(xml, map=road, ego=ego) for ego in candidates(xml, count)]
+    mcity = data / "mcity"
+    out += [import_trial(trial, mcity, load(mcity / "mcity.xodr")) for trial in TRIALS]
     return out
 
 
@@ -75,7 +75,7 @@ def row(recording: Recording, build_name: str) -> str:
         recording.name, recording.ego, build_name, f"{len(result.branches['GT'].scenario.objects)}",
         of("FIT_GT", "ego"), of("FIT_GT", "to"), of("SIM_GT", "ego", stat="max"), of("SIM_GT", "to", stat="max"),
         of("FIT_rGT", "ego"), of("PIPE_GT", "ego"), of("S", "ego"), of("SIM_SD", "ego", stat="max"),
-        report["end"]["rGT"], "/".join(report["decision"]["GT"]) or "none", "/".join(report["decision"]["rGT"] or []) or "none",
+        report["end"]["rGT"], *("/".join(report["decision"][b] or []) or "none" for b in ("GT", "rGT")),
         f"{took:.1f}",
     ]  # fmt: skip
     return "| " + " | ".join(cells) + " |"
