@@ -14,7 +14,7 @@ from resim.fidelity import BRAKING
 from resim.pipeline import Resimulation
 from resim.report import tables
 from resim.report.boxes import box_figure, reaction_figure
-from resim.report.plots import to_html
+from resim.report.plots import number, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
 from resim.report.view import OTHERS, View, view
@@ -101,7 +101,9 @@ def _header(look: View) -> str:
 
 def _line(look: View) -> str:
     """The outcome in one sentence per run."""
-    out = [f"Measured drive: {tables.decision_words(look.report['decision']['GT'])}."]
+    measured = look.report["decision"]["GT"]
+    known = "GT is not among the bases" if measured is None else tables.decision_words(measured)
+    out = [f"Measured drive: {known}."]
     for run in look.report["end"]:
         css, words = tables.verdict(look, run)
         said = f"{run}: <b>{words.lstrip('=≠✕ ')}</b>"
@@ -185,7 +187,8 @@ def _reaction(look: View) -> str:
         said.append(text + (f", {tables.difference_words(change[run])}" if change[run] is not None else ""))
     return f"<p>{'; '.join(said)}.</p>" + _figure(
         reaction_figure(look), "reaction-speed", "The EGO's speed and acceleration",
-        f"markers: first acceleration below {BRAKING:g} m/s² by the spline of the JSCEN fit",
+        f"vertical: first acceleration below {number(BRAKING, 1)} m/s² (dotted), by the spline of the JSCEN fit"
+        + (f"; green: {look.label(look.lead)} GT, ahead" if look.lead else ""),
     )  # fmt: skip
 
 

@@ -35,8 +35,8 @@ def plan_figure(view: View) -> go.Figure:
     figure.add_traces(list(_others(view, box)))
     figure.add_traces(list(_traces(view, lambda tracks, name: view.plan(*_xy(tracks, name)))))
     figure.add_traces(list(_boxes(view)))
-    height = np.clip(PLOT_WIDTH * (box[3] - box[2]) / (box[1] - box[0]), 150.0, 540.0)
-    style(figure, height + 80.0)
+    height = np.clip(PLOT_WIDTH * (box[3] - box[2]) / (box[1] - box[0]), 110.0, 540.0)
+    style(figure, height + 76.0)
     figure.update_xaxes(title_text="in direction of travel [m]", range=box[:2], showgrid=False)
     figure.update_yaxes(
         title_text="to the left [m]", range=box[2:], showgrid=False, scaleanchor="x", scaleratio=1

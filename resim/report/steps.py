@@ -44,7 +44,7 @@ def band_figure(view: View, band: Band) -> go.Figure:
     """Draw one step: above what was and what became of it, below the error over time."""
     figure = make_subplots(
         rows=2, cols=3, shared_xaxes=True, row_heights=[0.56, 0.44], vertical_spacing=0.07,
-        horizontal_spacing=0.07,
+        horizontal_spacing=0.09,
     )  # fmt: skip
     for source in (band.earlier, band.later):
         _draw_source(figure, view, source)
@@ -52,7 +52,7 @@ def band_figure(view: View, band: Band) -> go.Figure:
         _draw_lane(figure, view)
     for column, quantity in enumerate(COLUMNS, start=1):
         error_panel(figure, view, band.step, quantity, {"row": 2, "col": column})
-    style(figure, 430.0, margin={"l": 58, "r": 14, "t": 12, "b": 42})
+    style(figure, 430.0, margin={"l": 68, "r": 14, "t": 12, "b": 42})
     for column, (quantity, above) in enumerate(
         zip(COLUMNS, (f"left of {view.path_short} [m]", "v [m/s]", "heading [rad]"), strict=True), start=1
     ):

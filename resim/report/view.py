@@ -23,6 +23,9 @@ MOST_IN_FOCUS = 3
 TURNED_OFF = 12.0
 """Offset [m] from the starting lane beyond which the EGO has taken another way than straight on."""
 
+SAME_LANE = 1.75
+"""Offset [m] between the EGO and a TO up to which that is ahead of it, not beside."""
+
 OTHERS = "#9aa1aa"
 EGO_COLORS: Mapping[str, str] = {"GT": "#0072B2", "SD": "#CC79A7"}
 TO_COLORS: Mapping[str, tuple[str, ...]] = {
@@ -135,9 +138,9 @@ def view(result: Resimulation) -> View:
     x, y = first.x[n, first.valid[n]], first.y[n, first.valid[n]]
     heading = float(first.heading[n, first.valid[n]][0])
     travelled = np.hypot(x[-1] - x[0], y[-1] - y[0])
-    path, on_lane = _path(result, tracks, first)
     report = result.report()
-    lead = _lead(first, ego, report["reaction"].values())
+    path, on_lane = _path(result, tracks, first)
+    lead = _lead(first, ego, report["reaction"].values(), path)
     return View(
         result=result,
         report=report,
@@ -160,15 +163,16 @@ def _sources(result: Resimulation) -> dict[str, Tracks]:
     return out | {name: tracks for name, tracks in result.tracks().items() if name not in out}
 
 
-def _lead(tracks: Tracks, ego: str, reactions: Iterable[float | None]) -> str | None:
-    """The TO nearest ahead of the EGO within 2 m to its side, around the reactions; else over the whole drive."""
+def _lead(tracks: Tracks, ego: str, reactions: Iterable[float | None], path: Path) -> str | None:
+    """The TO nearest ahead of the EGO in its lane, around the reactions; else over the whole drive."""
     times = [t for t in reactions if t is not None]
     around = tracks.window(min(times) - 1.0, max(times) + 1.0) if times else tracks
     here = around if ego in around.ids else tracks
+    s, d = np.full(here.x.shape, np.nan), np.full(here.x.shape, np.nan)
+    s[here.valid], d[here.valid] = path.project(here.x[here.valid], here.y[here.valid])
     row = here.index(ego)
-    ahead, left = to_frame(here.x, here.y, here.x[row], here.y[row], here.heading[row])
-    gap = np.where((ahead > 0.0) & (np.abs(left) < 2.0), ahead, np.inf)
-    gap[row] = np.inf
+    ahead, beside = s - s[row], np.abs(d - d[row])
+    gap = np.where((ahead > 0.0) & (beside < SAME_LANE), ahead, np.inf)
     nearest = gap.min(axis=1)
     best = int(np.argmin(nearest))
     return str(here.ids[best]) if np.isfinite(nearest[best]) else None
