@@ -19,6 +19,8 @@ KINDS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pede
 
 Strings = NDArray[np.str_]
 
+_SAME = 1e-9  # s; times this near to each other are one
+
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
@@ -113,9 +115,11 @@ class Tracks:
             if not len(known):
                 continue
             own = self.t[known]
-            after = np.clip(np.searchsorted(own, t, side="left"), 0, len(own) - 1)
-            before = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 1)
-            hit = (t >= own[0] - 1e-9) & (t <= own[-1] + 1e-9) & (own[after] - own[before] <= max_gap + 1e-9)
+            after = np.clip(np.searchsorted(own, t - _SAME, side="left"), 0, len(own) - 1)
+            before = np.clip(np.searchsorted(own, t + _SAME, side="right") - 1, 0, len(own) - 1)
+            hit = (
+                (t >= own[0] - _SAME) & (t <= own[-1] + _SAME) & (own[after] - own[before] <= max_gap + _SAME)
+            )
             for name in columns:
                 values = getattr(self, name)[n, known]
                 if name == "heading":
@@ -165,7 +169,9 @@ class Tracks:
 
     @classmethod
     def concatenate(cls, parts: list[Tracks]) -> Tracks:
-        """Give the objects of all parts, which share their times, in one."""
+        """Give the objects of all parts in one; raises ResimError where they do not share their times."""
+        if any(not np.array_equal(part.t, parts[0].t) for part in parts):
+            raise ResimError("tracks: only parts with the same times can be concatenated")
 
         def rows(name: str) -> Floats:
             return np.concatenate([getattr(part, name) for part in parts])

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from resim.ingest import Recording, read_recording
+from resim.pipeline import ego_window
+from resim.road.opendrive import RoadNetwork, load
+from resim.road.sumo import SumoNet, sumo_net
+from resim.scenario.scenario import Scenario, describe
+from resim.sim.adfunction import Build, load_build
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT.parent / "shared" / "data"
+SHIPPED = ("cut_in_brake", "rear_end", "overtake")
+
+BUILD = """name = "test"
+version = "0.1"
+factory = "{module}:{name}"
+{top}
+[parameters]
+{parameters}
+"""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _nets_in_a_cache_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="session")
+def network() -> RoadNetwork:
+    """The proving ground: road 1 straight over 2040 m, lanes -1 to -3 along +x."""
+    return load(ROOT / "networks" / "proving_ground.xodr")
+
+
+@pytest.fixture(scope="session")
+def net(network: RoadNetwork) -> SumoNet:
+    return sumo_net(network)
+
+
+@pytest.fixture(scope="session")
+def shipped() -> Callable[[str], Recording]:
+    """Give a recording that ships, by name."""
+    read: dict[str, Recording] = {}
+
+    def get(name: str) -> Recording:
+        if name not in read:
+            read[name] = read_recording(ROOT / "scenarios" / name)
+        return read[name]
+
+    return get
+
+
+@pytest.fixture(scope="session")
+def described(shipped: Callable[[str], Recording], network: RoadNetwork) -> Callable[..., Scenario]:
+    """Give the scenario fitted to a shipped recording's GT or SD."""
+    made: dict[tuple[str, str], Scenario] = {}
+
+    def get(name: str, basis: str = "GT") -> Scenario:
+        if (name, basis) not in made:
+            recording = shipped(name)
+            tracks = recording.gt if basis == "GT" else recording.sd_by_gt()
+            assert tracks is not None
+            window = ego_window(tracks, recording.ego)
+            made[name, basis] = describe(window, network, ego=recording.ego, map_name="proving_ground.xodr")
+        return made[name, basis]
+
+    return get
+
+
+@pytest.fixture
+def build() -> Callable[[str], Build]:
+    """Load a build that ships, by the name of its function."""
+    return lambda name: load_build(ROOT / "adfunc" / "builds" / f"{name}-1.0.toml")
+
+
+@pytest.fixture
+def write_build(tmp_path: Path) -> Callable[..., Path]:
+    """Write a build file, with the source of its module beside it where one is given."""
+
+    def write(source: str | None = None, *, module: str = "own", name: str = "Own", top: str = "",
+              parameters: str = "") -> Path:  # fmt: skip
+        if source is not None:
+            (tmp_path / f"{module}.py").write_text(source)
+        path = tmp_path / "build.toml"
+        path.write_text(BUILD.format(module=module, name=name, top=top, parameters=parameters))
+        return path
+
+    return write
