@@ -144,7 +144,7 @@ def _print_table(result: Resimulation) -> None:
     table.add_column("step")
     for who in ("EGO", "TO"):
         for quantity, unit in (("d", "m"), ("Δv", "m/s"), ("Δheading", "rad")):
-            table.add_column(f"{who} {quantity} [{unit}]", justify="right")
+            table.add_column(f"{who} {quantity} \\[{unit}]", justify="right")
     for name, errors in report["errors"].items():
         cells = [errors[who][q] for who in ("ego", "to") for q in ("d", "v", "heading")]
         if any(cell is not None for cell in cells):
@@ -180,11 +180,18 @@ def import_highd(
     out: Out,
     start: Start = None,
     end: End = None,
+    alignment: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y HEADING", help="Pose of the data's frame in the map [m m rad], if it is another."
+        ),
+    ] = None,
 ) -> None:
     """Import from CSV of the highD family (highD, exiD, inD, rounD)."""
-    from resim.ingest import read_highd
+    from resim.ingest import Alignment, read_highd
 
-    _write(read_highd(tracks, map=map_file, ego=ego, start=start, end=end), out)
+    pose = Alignment(*alignment) if alignment else None
+    _write(read_highd(tracks, map=map_file, ego=ego, start=start, end=end, alignment=pose), out)
 
 
 @imports.command("commonroad")

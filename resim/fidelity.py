@@ -185,48 +185,57 @@ def _sums_of(
     }
 
 
-def reaction_time(scenario: Scenario) -> float | None:
-    """Give the first time [s] at which the EGO's acceleration, by its spline, is under -0.5 m/s²."""
-    v = scenario.ego.v
-    t = np.arange(v.x[0], v.x[-1], 0.01)
-    braking = np.flatnonzero(v(t, 1) < BRAKING)
-    return float(t[braking[0]]) if len(braking) else None
+def reaction_time(tracks: Tracks, *, ego: str) -> float | None:
+    """Give the first time [s] at which the EGO's acceleration is under -0.5 m/s², None where it never is.
+
+    tracks must have `a`: a scenario's, whose splines give it without noise, or a run's.
+    """
+    if tracks.a is None:
+        raise ValueError("reaction needs the acceleration: take a scenario's or a run's tracks")
+    braking = np.flatnonzero(tracks.a[tracks.index(ego)] < BRAKING)
+    return float(tracks.t[braking[0]]) if len(braking) else None
 
 
-def decision(scenario: Scenario, network: RoadNetwork) -> list[str]:
+def decision(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[str]:
     """Give what the EGO did, in order of time, out of brake, lane_change_left and lane_change_right."""
-    events = lane_changes(scenario, network)
-    if (t := reaction_time(scenario)) is not None:
+    events = lane_changes(tracks, network, ego=ego)
+    if (t := reaction_time(tracks, ego=ego)) is not None:
         events.append((t, "brake"))
     return [name for _, name in sorted(events)]
 
 
-def lane_changes(scenario: Scenario, network: RoadNetwork) -> list[tuple[float, str]]:
+def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:
     """Give when [s] the EGO's centre entered another lane, and to which side."""
-    t = np.arange(scenario.ego.spawn_time, min(scenario.duration, float(scenario.ego.v.x[-1])), 0.02)
-    ego = scenario.tracks(network, t)
-    x, y, heading = ego.x[0], ego.y[0], ego.heading[0]
+    row = tracks.index(ego)
+    there = tracks.valid[row]
+    t, x, y, heading = (c[there] for c in (tracks.t, tracks.x[row], tracks.y[row], tracks.heading[row]))
     out: list[tuple[float, str]] = []
     k = 0
     while k < len(t):
-        at = network.to_road(x[k : k + 1], y[k : k + 1], heading=heading[k : k + 1])
-        length = float(np.hypot(np.diff(x[k:]), np.diff(y[k:])).sum()) + 20.0
-        path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
-        s, d = path.project(x[k:], y[k:])
-        half, on_left, on_right = (
-            np.interp(s, path.s, column) for column in (path.half_width, path.left_width, path.right_width)
-        )
-        left, right = (d > half) & (on_left > 0.0), (d < -half) & (on_right > 0.0)
-        crossed = np.flatnonzero(left | right)
-        if not len(crossed):
-            return out
-        first = int(crossed[0])
-        if first == 0:  # starts beside its lane's middle part, as where lanes overlap
-            k += 1
-            continue
-        out.append((float(t[k + first]), "lane_change_left" if left[first] else "lane_change_right"))
-        k += first
+        crossed = _leaves_lane(network, x[k:], y[k:], float(heading[k]))
+        if crossed is None:
+            break
+        step, side = crossed
+        if step:  # else it starts beyond its lane's border, as where lanes overlap
+            out.append((float(t[k + step]), side))
+        k += max(step, 1)
     return out
+
+
+def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: float) -> tuple[int, str] | None:
+    """The first sample in a lane beside the one of the first sample, and on which side that is."""
+    at = network.to_road(x[:1], y[:1], heading=np.array([heading]))
+    length = float(np.hypot(np.diff(x), np.diff(y)).sum()) + 20.0
+    path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
+    s, d = path.project(x, y)
+    columns = (path.half_width, path.left_width, path.right_width)
+    half, on_left, on_right = (np.interp(s, path.s, column) for column in columns)
+    left, right = (d > half) & (on_left > 0.0), (d < -half) & (on_right > 0.0)
+    crossed = np.flatnonzero(left | right)
+    if not len(crossed):
+        return None
+    first = int(crossed[0])
+    return first, "lane_change_left" if left[first] else "lane_change_right"
 
 
 def collisions(tracks: Tracks, *, ego: str) -> list[tuple[float, str]]:

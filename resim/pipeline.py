@@ -91,6 +91,15 @@ class Resimulation:
         out = {str(basis): branch.measured for basis, branch in self.branches.items()}
         return out | {f"r{basis}": branch.run.truth for basis, branch in self.branches.items()}
 
+    def driven(self) -> dict[str, Tracks | None]:
+        """Give how the EGO drove, with accelerations: in GT by its splines, in rGT and rSD as simulated."""
+        gt, runs = self.branches.get("GT"), {b: branch.run.truth for b, branch in self.branches.items()}
+        measured = None
+        if gt is not None:
+            t = np.arange(gt.scenario.ego.spawn_time, gt.scenario.duration, 0.01)
+            measured = gt.scenario.tracks(self.network, t)
+        return {"GT": measured, "rGT": runs.get("GT"), "rSD": runs.get("SD")}
+
     def tracks_frame(self) -> pd.DataFrame:
         """Give all tracks, and what the function perceived in map coordinates, as one table by `source`."""
         parts = [tracks.to_frame().assign(source=source) for source, tracks in self.tracks().items()]
@@ -103,9 +112,11 @@ class Resimulation:
 
     def report(self) -> dict[str, Any]:
         """Give what report.json holds."""
-        scenarios, runs = self.scenarios(), {f"r{basis}": b.run for basis, b in self.branches.items()}
-        bases = ("GT", "rGT", "rSD")
-        reaction = {b: fidelity.reaction_time(scenarios[b]) if b in scenarios else None for b in bases}
+        runs = {f"r{basis}": b.run for basis, b in self.branches.items()}
+        driven = self.driven()
+        reaction = {
+            b: None if t is None else fidelity.reaction_time(t, ego=self.ego) for b, t in driven.items()
+        }
         hits = {name: fidelity.collisions(tracks, ego=self.ego) for name, tracks in self.tracks().items()}
         return {
             "recording": self.recording.name,
@@ -117,7 +128,8 @@ class Resimulation:
             "reaction": reaction,
             "reaction_difference": {b: _minus(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
             "decision": {
-                b: fidelity.decision(scenarios[b], self.network) if b in scenarios else None for b in bases
+                b: None if t is None else fidelity.decision(t, self.network, ego=self.ego)
+                for b, t in driven.items()
             },
             "collision": {name: bool(h) for name, h in hits.items()},
             "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},
