@@ -102,6 +102,7 @@ def style(figure: go.Figure, height: float, **layout: Any) -> go.Figure:
         "gridcolor": GRID, "gridwidth": 1, "zeroline": False, "linecolor": "#9aa3ad", "linewidth": 1,
         "showline": True, "ticks": "outside", "ticklen": 4, "tickcolor": "#9aa3ad",
         "tickfont": {"size": 11}, "title": {"font": {"size": 12}, "standoff": 8},
+        "exponentformat": "e", "minexponent": 5,
     }  # fmt: skip
     figure.update_xaxes(**axis)
     figure.update_yaxes(**axis)

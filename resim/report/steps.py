@@ -16,8 +16,10 @@ from resim.report.view import OTHERS, View
 
 SYMBOLS = {"d": "d", "v": "Δv", "heading": "Δheading"}
 COLUMNS = ("d", "v", "heading")
-FROM_ZERO = {"autorangeoptions": {"minallowed": 0.0, "include": 0.0}}
-"""Distances are not negative, whatever mean - std is."""
+FROM_ZERO = {"autorangeoptions": {"minallowed": 0.0, "include": [0.0, 0.01]}}
+"""Distances are not negative, whatever mean - std is, and what is next to nothing looks like it."""
+LEAST = {"v": 0.01, "heading": 0.001}
+"""Errors [m/s, rad] up to which an axis reaches at least, to both sides."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ def band_figure(view: View, band: Band) -> go.Figure:
         figure.update_yaxes(title_text=above, row=1, col=column)
         below = f"{SYMBOLS[quantity]} [{QUANTITIES[quantity]}]"
         figure.update_yaxes(title_text=below, row=2, col=column)
+        if (least := LEAST.get(quantity)) is not None:
+            figure.update_yaxes(autorangeoptions_include=[-least, least], row=2, col=column)
     figure.update_yaxes(**FROM_ZERO, row=2, col=1)
     figure.update_xaxes(range=view.span)
     figure.update_xaxes(title_text="t [s]", row=2)
