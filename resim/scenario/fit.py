@@ -30,7 +30,8 @@ SEGMENT = 2.5
 _HEADING_WEIGHT = (
     0.003  # m/rad: the measured heading speaks only where positions say nothing, as at standstill
 )
-_SMOOTH_V, _SMOOTH_HEADING = 1e-5, 1e-4  # m s³ and m s²/rad on second derivatives: hold knots inside a gap
+_BEND_V, _BEND_HEADING = 10.0, 0.5  # m/s³, rad/s²; how much second derivatives of what drives are, a priori
+_LEAST_NOISE = 1e-3  # m
 _EXACT = 2e-3  # m, a fifth of the error of reference sensors: a mean error below it needs no further segment
 
 
@@ -56,13 +57,14 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
     stalled = 0
     while segments < most and best.mean > _EXACT and stalled < 2:
         segments += 1
+        problem.noise = max(best.mean, _LEAST_NOISE)
         last = problem.improve(problem.split(last), rounds=2, move_knots=False)
         if last.mean < (1.0 - GAIN) * best.mean:
             best, stalled = last, 0
         else:
             stalled += 1
     if best.mean > _EXACT:
-        best = problem.improve(best, rounds=5)
+        best = problem.improve(problem.again(best), rounds=5)
     trace = Trace(best.x0, best.y0, best.spline_v(), best.spline_heading())
     return Fit(trace, best.distance)
 
@@ -106,6 +108,7 @@ class _Problem:
     def __init__(self, t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> None:
         self.t, self.x, self.y, self.measured_heading, self.measured_v = t, x, y, heading, v
         self.rule = Quadrature.over(float(t[0]), t)
+        self.noise = _LEAST_NOISE
 
     def even(self, segments: int) -> _State:
         """A candidate with evenly spaced knots and the measured speed and heading."""
@@ -145,6 +148,10 @@ class _Problem:
         value = 0.5 * (values[i] + values[i + 1]) - width**2 / 16.0 * bend.sum()
         return Natural.over(knots, self.rule.nodes), np.insert(values, i + 1, value)
 
+    def again(self, state: _State) -> _State:
+        """Cost a candidate anew, at the noise that is known by now."""
+        return self.evaluate(state.v, state.heading, state.p_v, state.p_heading, state.x0, state.y0)
+
     def evaluate(
         self, v: Natural, heading: Natural, p_v: Floats, p_heading: Floats, x0: float, y0: float
     ) -> _State:
@@ -153,9 +160,9 @@ class _Problem:
         ry = y0 + self.rule(speed * np.sin(angle)) - self.y
         prior = angle[self.rule.grid :] - self.measured_heading
         cost = float(rx @ rx + ry @ ry + _HEADING_WEIGHT**2 * prior @ prior)
-        for spline, p, weight in ((v, p_v, _SMOOTH_V), (heading, p_heading, _SMOOTH_HEADING)):
+        for spline, p, usual in ((v, p_v, _BEND_V), (heading, p_heading, _BEND_HEADING)):
             bend = spline.second @ p
-            cost += weight**2 * len(self.t) * float(bend @ bend)
+            cost += (self.noise / usual) ** 2 * float(bend @ bend)
         return _State(v, heading, p_v, p_heading, x0, y0, rx, ry, cost)
 
     def improve(self, state: _State, rounds: int, move_knots: bool = True) -> _State:
@@ -193,7 +200,7 @@ class _Problem:
         speed, angle = v.basis @ state.p_v, heading.basis @ state.p_heading
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
         turn = speed[:, None] * by_heading
-        n, one, none = len(self.t), np.ones((len(self.t), 1)), np.zeros((len(self.t), 1))
+        one, none = np.ones((len(self.t), 1)), np.zeros((len(self.t), 1))
         jx = np.hstack([self.rule(np.hstack([by_v * c, -turn * s])), one, none])
         jy = np.hstack([self.rule(np.hstack([by_v * s, turn * c])), none, one])
         normal = jx.T @ jx + jy.T @ jy
@@ -202,12 +209,12 @@ class _Problem:
         at = slice(by_v.shape[1], by_v.shape[1] + by_heading.shape[1])
         normal[at, at] += _HEADING_WEIGHT**2 * own.T @ own
         gradient[at] += _HEADING_WEIGHT**2 * own.T @ (angle[self.rule.grid :] - self.measured_heading)
-        for spline, p, weight, first in (
-            (v, state.p_v, _SMOOTH_V, 0),
-            (heading, state.p_heading, _SMOOTH_HEADING, by_v.shape[1]),
+        for spline, p, usual, first in (
+            (v, state.p_v, _BEND_V, 0),
+            (heading, state.p_heading, _BEND_HEADING, by_v.shape[1]),
         ):
             at = slice(first, first + len(p))
-            smooth = weight**2 * n * (spline.second.T @ spline.second)
+            smooth = (self.noise / usual) ** 2 * (spline.second.T @ spline.second)
             normal[at, at] += smooth
             gradient[at] += smooth @ p
         return normal, gradient
