@@ -1,0 +1,5 @@
+"""`python -m resim`."""
+
+from resim.cli import main
+
+main()
