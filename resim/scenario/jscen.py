@@ -169,6 +169,8 @@ def read_jscen(path: Path) -> Scenario:
         data = json.loads(text)
     except json.JSONDecodeError as e:
         raise InputError(path, f"is not JSON: {e.msg} at line {e.lineno}, column {e.colno}") from e
+    except (ValueError, RecursionError) as e:
+        raise InputError(path, f"is JSON that cannot be read: {e}") from e
     try:
         return _scenario(JscenFile.model_validate(data))
     except ValidationError as e:
@@ -216,7 +218,7 @@ def _polynomials(segments: Sequence[_Segment]) -> PPoly:
 
 
 def write_jscen(scenario: Scenario, path: Path) -> None:
-    """Write a JSCEN file of version 0.10, whole or not at all."""
+    """Write a JSCEN file of version 0.10, whole or not at all; InputError for what the format cannot hold."""
     ego = _written(scenario.ego)
     del ego["spawningTime"], ego["description"]
     data = {
@@ -227,7 +229,10 @@ def write_jscen(scenario: Scenario, path: Path) -> None:
         "duration": scenario.duration,
         "fileVersion": {"major": VERSION[0], "minor": VERSION[1]},
     }
-    JscenFile.model_validate(data)
+    try:
+        JscenFile.model_validate(data)
+    except ValidationError as e:
+        raise InputError(path, f"this scenario cannot be written: {_faults(e)}") from e
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     beside.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     beside.replace(path)
