@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -39,9 +40,15 @@ class Neighbour(NamedTuple):
     half_width: float
 
 
+SMOOTH = 12.0
+"""The lane's bend is taken over this length [m]: digitised maps have kinks that nobody steers along."""
+
+
 @lru_cache(maxsize=256)
 def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float) -> Path:
-    return lane_path(road, road_id, lane, s, AHEAD, behind=BEHIND)
+    path = lane_path(road, road_id, lane, s, AHEAD, behind=BEHIND)
+    ends = (np.interp(path.s + side * 0.5 * SMOOTH, path.s, path.heading) for side in (-1.0, 1.0))
+    return replace(path, curvature=-np.subtract(*ends) / SMOOTH)
 
 
 class Lane:

@@ -122,9 +122,10 @@ def _with_progress(recording: Recording, build: object, options: Options, model:
 
     bases = [b for b in options.bases if b == "GT" or recording.sd is not None]
     stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s[-2:] in bases]
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        console=Console(stderr=True), transient=True,
+        console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     with bar:
         task = bar.add_task("start", total=len(stages))

@@ -1,6 +1,7 @@
 """Re-simulate real vehicles, and print what docs/validation.md holds of them.
 
-    python tools/validate_real.py ../shared/data [--vehicles 2] [--only NAME]
+    python tools/validate_real.py fits ../shared/data
+    python tools/validate_real.py runs ../shared/data [--vehicles 2] [--only NAME]
 
 Every vehicle of NGSIM (four US-101 scenarios, Lankershim) that is there for at least 5 s can be EGO; the
 first and the last in file order of those that are there longest are taken. Mcity trials are imported with
@@ -17,11 +18,12 @@ import numpy as np
 from import_mcity import TRIALS, import_trial
 from lxml import etree
 
-# from import_mcity import TRIALS, import_trial
 from resim.core.errors import ResimError
+from resim.core.tracks import Tracks
 from resim.ingest import Recording, read_commonroad
 from resim.pipeline import Options, resimulate
 from resim.road.opendrive import load
+from resim.scenario.fit import fit_trace
 from resim.sim.adfunction import load_build
 
 BUILDS = Path(__file__).parents[1] / "adfunc" / "builds"
@@ -32,6 +34,12 @@ NGSIM = (
     "USA_US101-22_1_T-1",
     "USA_Lanker-1_17_T-1",
 )
+
+
+COLUMNS = (
+    "recording", "EGO", "build", "TO", "FIT_GT EGO", "FIT_GT TO", "SIM_GT EGO max", "SIM_GT TO max", "FIT_rGT EGO",
+    "PIPE_GT EGO", "S EGO", "SIM_SD EGO max", "end", "decision GT", "decision rGT", "s",
+)  # fmt: skip
 
 
 def candidates(xml: Path, count: int) -> list[str]:
@@ -81,15 +89,49 @@ def row(recording: Recording, build_name: str) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def fits(data: Path) -> None:
+    """Print the distribution of the GT fit's mean errors over all vehicles, and of what they cost."""
+    print("| scenario | vehicles | min | q25 | median | q75 | q90 | max | mean segments | ms a vehicle |")
+    print("|" + "---|" * 10)
+    everything: list[tuple[float, int, float]] = []
+    for name in NGSIM:
+        road = data / "ngsim" / f"{name}.xodr"
+        ego = candidates(data / "ngsim" / f"{name}.xml", 1)[0]
+        gt = read_commonroad(data / "ngsim" / f"{name}.xml", map=road, ego=ego).gt
+        rows = [fitted(gt, n) for n in np.flatnonzero(gt.valid.sum(axis=1) >= 2)]
+        print(quantiles(name, rows))
+        everything += rows if "US101" in name else []
+    print(quantiles("four US-101", everything))
+
+
+def fitted(gt: Tracks, n: int) -> tuple[float, int, float]:
+    """Mean error [m], segments and time [s] of one vehicle's fit."""
+    own = gt.valid[n]
+    begin = time.perf_counter()
+    fit = fit_trace(gt.t[own], gt.x[n, own], gt.y[n, own], gt.heading[n, own], gt.v[n, own])
+    return float(fit.distance.mean()), len(fit.trace.v.x) - 1, time.perf_counter() - begin
+
+
+def quantiles(name: str, rows: list[tuple[float, int, float]]) -> str:
+    """One line of the table of fits."""
+    errors, segments, times = np.array(rows).T
+    cells = [f"{q:.4f}" for q in np.quantile(errors, [0.0, 0.25, 0.5, 0.75, 0.9, 1.0])]
+    return (
+        f"| {name} | {len(rows)} | {' | '.join(cells)} | {segments.mean():.1f} | {1e3 * times.mean():.0f} |"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=["fits", "runs"])
     parser.add_argument("data", type=Path)
     parser.add_argument("--vehicles", type=int, default=2, help="EGOs of each NGSIM scenario")
     parser.add_argument("--only", default="", help="recordings whose name contains this")
     arguments = parser.parse_args()
-    print("| recording | EGO | build | TO | FIT_GT EGO | FIT_GT TO | SIM_GT EGO max | SIM_GT TO max | FIT_rGT EGO "
-          "| PIPE_GT EGO | S EGO | SIM_SD EGO max | end | decision GT | decision rGT | s |")  # fmt: skip
-    print("|" + "---|" * 16)
+    if arguments.what == "fits":
+        fits(arguments.data)
+        return
+    print(f"| {' | '.join(COLUMNS)} |\n|" + "---|" * len(COLUMNS))
     for recording in recordings(arguments.data, arguments.vehicles):
         if arguments.only in recording.name:
             for build in ("replay", "follow_trace", "idm", "highway_pilot"):

@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -125,7 +126,7 @@ class Build:
     """An AD function at one version: what makes it, with which parameters.
 
     cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
-    answer. hash: SHA-256 over the build file and the source of the factory's module.
+    answer. hash: SHA-256 over the build file and the sources of the factory's module and its package.
     """
 
     name: str
@@ -182,7 +183,6 @@ def load_build(path: Path) -> Build:
     factory = getattr(module, name, None)
     if not callable(factory):
         raise InputError(path, f"factory {file.factory!r}: module {module_name} has no {name}")
-    source = Path(module.__file__).read_bytes() if getattr(module, "__file__", None) else b""
     return Build(
         name=file.name,
         version=file.version,
@@ -191,11 +191,20 @@ def load_build(path: Path) -> Build:
         parameters=file.parameters,
         cycle_time=file.cycle_time,
         time_limit=file.time_limit,
-        hash=hashlib.sha256(raw + b"\0" + source).hexdigest(),
+        hash=hashlib.sha256(raw + b"\0" + _sources(module)).hexdigest(),
     )
 
 
-def _import(path: Path, module_name: str) -> Any:
+def _sources(module: ModuleType) -> bytes:
+    """The module's source; of one in a package, all modules beside it, since it may use any of them."""
+    if module.__file__ is None:
+        return b""
+    own = Path(module.__file__)
+    files = sorted(own.parent.glob("*.py")) if module.__package__ else [own]
+    return b"\0".join(file.name.encode() + b"\0" + file.read_bytes() for file in files)
+
+
+def _import(path: Path, module_name: str) -> ModuleType:
     beside = path.parent / f"{module_name}.py"
     try:
         if not beside.is_file():

@@ -12,6 +12,7 @@ import math
 import os
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -67,8 +68,10 @@ class Session:
             "-n", str(net), "-a", str(types), "--step-length", f"{step:g}", "--time-to-teleport", "-1",
             "--collision.action", "none", "--no-step-log", "--no-warnings", "--xml-validation", "never",
         ]  # fmt: skip
-        gui_options = ["--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"] if gui else []
-        self._sumo.start([_binary() if gui else "sumo", *options, *gui_options])
+        if gui:
+            _start_window(self._sumo, [*options, "--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"])
+        else:
+            self._sumo.start(["sumo", *options])
         self._state = str(folder / "start.xml")
         if not gui:
             self._sumo.simulation.saveState(self._state)
@@ -192,10 +195,19 @@ def _native(sumo: Any, call: str) -> Callable[..., Any]:
     return found
 
 
-def _binary() -> str:
+def _start_window(traci: Any, options: list[str]) -> None:
+    """Start sumo-gui and connect to it."""
     import sumolib
 
-    return str(sumolib.checkBinary("sumo-gui"))
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise ResimError(
+            "--gui: there is no display to show sumo-gui on (DISPLAY is not set). Run without --gui."
+        )
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            traci.start([sumolib.checkBinary("sumo-gui"), *options], numRetries=20)
+    except traci.exceptions.FatalTraCIError as e:
+        raise ResimError(f"--gui: sumo-gui did not start: {e}. Run without --gui.") from e
 
 
 @contextlib.contextmanager
