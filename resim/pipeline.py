@@ -96,7 +96,7 @@ class Resimulation:
         gt, runs = self.branches.get("GT"), {b: branch.run.truth for b, branch in self.branches.items()}
         measured = None
         if gt is not None:
-            t = np.arange(gt.scenario.ego.spawn_time, gt.scenario.duration, 0.01)
+            t = np.round(np.arange(gt.scenario.ego.spawn_time, gt.scenario.duration, 0.01), 9)
             measured = gt.scenario.tracks(self.network, t)
         return {"GT": measured, "rGT": runs.get("GT"), "rSD": runs.get("SD")}
 
@@ -167,7 +167,7 @@ class Resimulation:
 
 
 def _minus(later: float | None, earlier: float | None) -> float | None:
-    return None if later is None or earlier is None else later - earlier
+    return None if later is None or earlier is None else round(later - earlier, 9)
 
 
 def perceived_frame(perceived: tuple[Perceived, ...]) -> pd.DataFrame:

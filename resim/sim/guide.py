@@ -54,7 +54,7 @@ def guide(scenario: Scenario, network: RoadNetwork, *, step: float, relaxation: 
     begin = scenario.ego.spawn_time
     before = round(relaxation / step)
     after = int(np.floor((scenario.duration - begin) / step + 1e-6))
-    t = begin + step * np.arange(-before, after + 1, dtype=np.float64)
+    t = np.round(begin + step * np.arange(-before, after + 1), 9)  # 0.6, not 0.6000000000000001
     directions, bends = _lanes((scenario.ego, *scenario.objects), network)
     rows = []
     for trace, direction, bend in zip(scenario.traces(network), directions, bends, strict=True):
