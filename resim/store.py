@@ -25,6 +25,11 @@ def check_output(folder: Path) -> None:
     """Refuse, before any work is done, a folder that must not be replaced."""
     if folder.is_file():
         raise InputError(folder, "is a file, expected a folder for the results", "Name another with --out.")
+    above = next(parent for parent in folder.absolute().parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise InputError(
+            folder, f"cannot be made: {above} is no folder that you may write", "Name another with --out."
+        )
     if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
         raise InputError(
             folder,
@@ -38,17 +43,19 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
     check_output(folder)
     folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir()
+    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(beside, ignore_errors=True)
+        beside.mkdir()
         yield beside
-        old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
         if folder.exists():
             folder.rename(old)
         beside.rename(folder)
         shutil.rmtree(old, ignore_errors=True)
+    except OSError as e:
+        raise InputError(folder, f"cannot be written: {e}", "Name another with --out.") from e
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 
@@ -62,7 +69,10 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
     """Write a Parquet file through DuckDB (libsumo brings an Arrow of its own that pyarrow would clash with)."""
     with duckdb.connect(config={"threads": 1}) as connection:
         connection.register("frame", table)
-        connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+        try:
+            connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+        except duckdb.IOException as e:
+            raise OSError(f"{path.name}: {str(e).splitlines()[0]}") from e
 
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:
