@@ -149,7 +149,7 @@ def _print_table(result: Resimulation) -> None:
     for name, errors in report["errors"].items():
         cells = [errors[who][q] for who in ("ego", "to") for q in ("d", "v", "heading")]
         if any(cell is not None for cell in cells):
-            table.add_row(name, *("–" if c is None else f"{c['mean']:.3f} ± {c['std']:.3f}" for c in cells))
+            table.add_row(name, *(_mean_and_std(c) for c in cells))
     console = Console(width=None if sys.stdout.isatty() else 120)
     console.print(table)
     for base in ("GT", "rGT", "rSD"):
@@ -162,6 +162,10 @@ def _print_table(result: Resimulation) -> None:
             )
     for warning in report["warnings"]:
         console.print(f"note: {warning}", highlight=False)
+
+
+def _mean_and_std(cell: dict[str, float] | None) -> str:
+    return "–" if cell is None else f"{round(cell['mean'], 3) + 0.0:.3f} ± {cell['std']:.3f}"
 
 
 Map = Annotated[Path, typer.Option("--map", help="OpenDRIVE map of the recording.")]

@@ -24,7 +24,8 @@ class Watchdog:
     """
 
     def __init__(self) -> None:
-        self._timed = threading.current_thread() is threading.main_thread()
+        in_main = threading.current_thread() is threading.main_thread()
+        self._timed = in_main and hasattr(signal, "setitimer")  # Windows has none
         self._inside = False
         self._previous: Any = None
 
