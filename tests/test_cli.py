@@ -1,0 +1,316 @@
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import duckdb
+import pytest
+
+from resim import __version__, cli
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT.parent / "shared" / "data"
+BUILDS = ROOT / "adfunc" / "builds"
+PILOT = str(BUILDS / "highway_pilot-1.0.toml")
+RESULTS = [
+    "GT.jscen.json", "SD.jscen.json", "proving_ground.xodr", "rGT.jscen.json", "rSD.jscen.json",
+    "report.html", "report.json", "run.json", "tracks.parquet",
+]  # fmt: skip
+
+MAP = """<OpenDRIVE><header revMajor="1" revMinor="6"/>{extra}<road id="7" length="500" junction="-1">{link}
+<planView><geometry s="0" x="0" y="0" hdg="0" length="500"><line/></geometry></planView>
+<lanes><laneSection s="0"><center><lane id="0" type="none"/></center><right>
+<lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right></laneSection></lanes>
+</road></OpenDRIVE>"""
+DIRECT = """<junction id="5" name="" type="direct"><connection id="0" incomingRoad="7" linkedRoad="7"
+contactPoint="start"><laneLink from="-1" to="-1"/></connection></junction>"""
+GT = "t,id,x,y,heading,v,length,width,kind\n" + "".join(
+    f"{t / 10},{name},{x + 2.0 * t},-1.75,0.0,20.0,4.7,1.9,car\n"
+    for t in range(20)
+    for name, x in (("a", 50), ("b", 99))
+)
+LOST = """class Own:
+    def reset(self, setup): pass
+    def step(self, perceived): raise ValueError("lost")
+    def close(self): pass
+"""
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
+    """Call `resim` in this process; gives exit code, standard output and standard error."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["resim", *map(str, arguments)])
+        capfd.readouterr()
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as e:
+            code = int(e.code or 0)
+        return code, *capfd.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Callable[..., Path]:
+    """Write a small recording of two cars, with what is to be wrong in it."""
+
+    def write(*, road: str | Path | None = None, gt: str | bytes | None = GT, name: str = "gt.csv") -> Path:
+        folder = tmp_path / "drive"
+        folder.mkdir()
+        if isinstance(road, Path):
+            shutil.copyfile(road, folder / "road.xodr")
+        else:
+            (folder / "road.xodr").write_text(road or MAP.format(extra="", link=""))
+        (folder / "recording.toml").write_text('name = "drive"\nmap = "road.xodr"\nego = "a"\n')
+        if gt is not None:
+            (folder / name).write_bytes(gt if isinstance(gt, bytes) else gt.encode())
+        return folder
+
+    return write
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def digest(folder: Path) -> dict[str, str]:
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}
+
+
+def refused(answer: tuple[int, str, str], *texts: str) -> None:
+    """Exit code 2, nothing on standard output, and one line that says why."""
+    code, out, error = answer
+    assert code == 2, error
+    assert out == ""
+    assert error.startswith("resim: ")
+    assert error.count("\n") == 1, error
+    for text in texts:
+        assert text in error
+
+
+def test_the_main_job_as_a_user_calls_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from resim.cli import main; main()", "run", "scenarios/cut_in_brake"]
+    command += ["--build", "adfunc/builds/highway_pilot-1.0.toml", "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert names(tmp_path / "out") == sorted(RESULTS)
+    assert names(tmp_path) == ["out"]
+    for text in ("PIPE_SD", "GT: brake; first braking at 7.", "rGT: brake, lane_change_left", "report.html"):
+        assert text in done.stdout
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["decision"]["GT"] == ["brake"]
+    assert report["reaction_difference"]["rGT"] < -0.5
+    html = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert html.startswith("<!")
+    for outside in ('src="http', "src='http", '<link rel="stylesheet" href="http', "@import"):
+        assert outside not in html
+
+
+def test_the_same_run_gives_the_same_bytes(call: Call, tmp_path: Path) -> None:
+    for out in ("one", "two"):
+        code, _, error = call(
+            "run", ROOT / "scenarios" / "cut_in_brake", "--build", PILOT, "--out", tmp_path / out
+        )
+        assert code == 0, error
+    one, two = digest(tmp_path / "one"), digest(tmp_path / "two")
+    assert sorted(one) == sorted(RESULTS)
+    differing = {name for name in one if one[name] != two[name]}
+    assert differing <= {"run.json", "report.html"}  # they hold wall-clock times
+
+
+def test_results_replace_earlier_ones(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
+    out, folder = tmp_path / "out", recording()
+    for _ in range(2):
+        code, _, error = call("run", folder, "--build", BUILDS / "idm-1.0.toml", "--out", out)
+        assert code == 0, error
+    assert names(out) == ["GT.jscen.json", "rGT.jscen.json", "report.html", "report.json", "road.xodr", "run.json",
+                          "tracks.parquet"]  # fmt: skip
+
+
+@pytest.mark.parametrize("vehicle", ["kinematic", "single-track"])
+def test_options_reach_the_run(
+    call: Call, recording: Callable[..., Path], tmp_path: Path, vehicle: str
+) -> None:
+    code, _, error = call(
+        "run", recording(), "--build", BUILDS / "idm-1.0.toml", "--out", tmp_path / "out", "--vehicle", vehicle,
+        "--step", "0.02", "--relaxation", "1", "--seed", "9", "--basis", "gt", "--no-stop-at-collision",
+    )  # fmt: skip
+    assert code == 0, error
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    text = json.dumps(run)
+    assert '"seed": 9' in text
+    assert '"step": 0.02' in text
+    with duckdb.connect() as db:
+        query = f"SELECT count(DISTINCT t) FROM '{tmp_path}/out/tracks.parquet' WHERE source = 'rGT'"
+        assert db.execute(query).fetchone() == (96,)
+
+
+def test_a_function_that_fails_is_a_bad_verdict_with_results(
+    call: Call, recording: Callable[..., Path], write_build: Callable[..., Path], tmp_path: Path
+) -> None:
+    code, out, error = call("run", recording(), "--build", write_build(LOST), "--out", tmp_path / "out")
+    assert code == 1
+    assert "raised ValueError: lost" in error
+    assert "Traceback" not in error + out
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["end"] == {"rGT": "function_failed"}
+    assert (tmp_path / "out" / "report.html").stat().st_size > 1000
+
+
+def test_a_collision_is_a_result_and_no_failure_of_the_job(call: Call, tmp_path: Path) -> None:
+    build = BUILDS / "constant_velocity-1.0.toml"
+    code, out, _ = call("run", ROOT / "scenarios" / "rear_end", "--build", build, "--out", tmp_path / "out")
+    assert code == 0
+    assert "ended by collision" in out
+
+
+def test_a_truncated_parquet_is_refused(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
+    folder = recording()
+    with duckdb.connect() as db:
+        db.execute(
+            f"COPY (SELECT * FROM read_csv('{folder}/gt.csv')) TO '{folder}/gt.parquet' (FORMAT parquet)"
+        )
+    (folder / "gt.csv").unlink()
+    whole = (folder / "gt.parquet").read_bytes()
+    (folder / "gt.parquet").write_bytes(whole[: len(whole) // 2])
+    refused(call("run", folder, "--build", PILOT, "--out", tmp_path / "out"), "gt.parquet")
+    assert names(tmp_path) == ["drive"]
+
+
+@pytest.mark.parametrize("name", ["gt.csv", "gt.parquet"])
+def test_an_empty_file_is_refused(
+    call: Call, recording: Callable[..., Path], tmp_path: Path, name: str
+) -> None:
+    refused(call("run", recording(gt=b"", name=name), "--build", PILOT, "--out", tmp_path / "out"), name)
+    assert names(tmp_path) == ["drive"]
+
+
+def test_a_recording_that_is_not_there_is_refused(call: Call, tmp_path: Path) -> None:
+    refused(
+        call("run", tmp_path / "none", "--build", PILOT, "--out", tmp_path / "out"), "none", "recording.toml"
+    )
+    assert names(tmp_path) == []
+
+
+def test_a_map_that_netconvert_refuses_is_refused(
+    call: Call, recording: Callable[..., Path], tmp_path: Path
+) -> None:
+    link = '<link><successor elementType="junction" elementId="5"/></link>'
+    folder = recording(road=MAP.format(extra=DIRECT, link=link))
+    refused(
+        call("run", folder, "--build", PILOT, "--out", tmp_path / "out"),
+        "road.xodr",
+        "netconvert refuses this map",
+    )
+    assert names(tmp_path) == ["drive"]
+
+
+def test_a_real_map_that_netconvert_refuses_is_refused(
+    call: Call, recording: Callable[..., Path], tmp_path: Path
+) -> None:
+    road = DATA / "xodr" / "edge_cases" / "od_newmarket.xodr"
+    if not road.is_file():
+        pytest.skip("the shared data are not on this machine")
+    answer = call("run", recording(road=road), "--build", PILOT, "--out", tmp_path / "out")
+    refused(answer, "road.xodr", "netconvert refuses this map")
+    assert names(tmp_path) == ["drive"]
+
+
+@pytest.mark.parametrize(
+    ("road", "text"),
+    [
+        (
+            '<!DOCTYPE x [<!ENTITY secret SYSTEM "file:///etc/passwd">]><OpenDRIVE>&secret;</OpenDRIVE>',
+            "road.xodr",
+        ),
+        ("<OpenDRIVE>", "road.xodr"),
+        ("no xml", "road.xodr"),
+        ("<OpenSCENARIO/>", "road.xodr"),
+    ],
+)
+def test_a_map_that_is_none_is_refused(
+    call: Call, recording: Callable[..., Path], tmp_path: Path, road: str, text: str
+) -> None:
+    answer = call("run", recording(road=road), "--build", PILOT, "--out", tmp_path / "out")
+    refused(answer, text)
+    assert "root:" not in answer[2]
+    assert names(tmp_path) == ["drive"]
+
+
+def test_a_folder_that_is_not_resims_is_left_alone(
+    call: Call, recording: Callable[..., Path], tmp_path: Path
+) -> None:
+    folder = recording()
+    refused(call("run", folder, "--build", PILOT, "--out", folder), "is not a results folder")
+    refused(
+        call("run", folder, "--build", PILOT, "--out", folder / "gt.csv" / "out"),
+        "no folder that you may write",
+    )
+    assert names(folder) == ["gt.csv", "recording.toml", "road.xodr"]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--step", "0.0333"), "whole milliseconds"),
+        (("--basis", "sd"), "has no sensor data"),
+    ],
+)
+def test_options_that_fit_nothing_are_refused(
+    call: Call, recording: Callable[..., Path], tmp_path: Path, options: tuple[str, ...], text: str
+) -> None:
+    refused(call("run", recording(), "--build", PILOT, "--out", tmp_path / "out", *options), text)
+
+
+@pytest.mark.xfail(reason="--relaxation inf ends in an OverflowError", strict=True, raises=OverflowError)
+def test_an_endless_lead_in_is_refused(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
+    answer = call("run", recording(), "--build", PILOT, "--out", tmp_path / "out", "--relaxation", "inf")
+    assert answer[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [(("highway_pilot", "nothing"), "cannot be read"), (None, "[parameters] do not fit Own")],
+)
+def test_a_build_that_cannot_be_used_is_refused(
+    call: Call, recording: Callable[..., Path], write_build: Callable[..., Path], tmp_path: Path,
+    change: tuple[str, str] | None, text: str,
+) -> None:  # fmt: skip
+    build = PILOT.replace(*change) if change else write_build(LOST, parameters="gain = 1.0")
+    refused(call("run", recording(), "--build", build, "--out", tmp_path / "out"), text)
+    assert "out" not in names(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("run",), ("run", "x", "--speed", "3"), ("fly",), ("run", "x", "--basis", "no")]
+)
+def test_a_wrong_call_ends_with_2(call: Call, arguments: tuple[str, ...]) -> None:
+    code, out, error = call(*arguments)
+    assert (code, out) == (2, "")
+    assert "resim" in error
+
+
+def test_help_and_version(call: Call) -> None:
+    assert call("--version") == (0, f"resim {__version__}\n", "")
+    for arguments in (("--help",), ("run", "--help"), ("import", "--help")):
+        code, out, error = call(*arguments)
+        assert (code, error) == (0, "")
+        assert "Usage: resim" in out
+    _, out, _ = call("run", "--help")
+    for option in ("--build", "--out", "--basis", "--vehicle", "--step", "--relaxation", "--seed", "--gui"):
+        assert option in out
+
+
+def test_help_loads_neither_sumo_nor_numpy() -> None:
+    program = "import sys, resim.cli; print([m for m in ('numpy', 'libsumo', 'scipy', 'pandas') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+import pytest
+
+from resim.core.errors import InputError
+from resim.ingest import Recording
+from resim.pipeline import Options, resimulate
+from resim.scenario.jscen import read_jscen
+from resim.sim.adfunction import Build
+from resim.store import MARK, check_output, whole_folder, write_json, write_parquet, write_resimulation
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_a_folder_appears_whole(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "deep" / "out") as folder:
+        (folder / "a").write_text("1")
+        assert not (tmp_path / "deep" / "out").exists()
+    assert names(tmp_path / "deep") == ["out"]
+    assert (tmp_path / "deep" / "out" / "a").read_text() == "1"
+
+
+def fail(out: Path, error: type[BaseException]) -> None:
+    with whole_folder(out) as folder:
+        (folder / MARK).write_text("half")
+        raise error
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failure_leaves_nothing_behind_and_the_old_results_as_they_were(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(error):
+        fail(out, error)
+    assert names(tmp_path) == []
+    with whole_folder(out) as folder:
+        (folder / MARK).write_text("old")
+    with pytest.raises(error):
+        fail(out, error)
+    assert names(tmp_path) == ["out"]
+    assert (out / MARK).read_text() == "old"
+
+
+def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for k in range(2):
+        with whole_folder(out) as folder:
+            (folder / MARK).write_text(str(k))
+            (folder / f"only {k}").touch()
+    assert names(out) == ["only 1", MARK]
+    assert names(tmp_path) == ["out"]
+
+
+def test_folders_that_are_no_results_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    check_output(tmp_path / "empty")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").touch()
+    with pytest.raises(InputError, match=r"exists and is not a results folder \(it has no run\.json\)"):
+        check_output(tmp_path / "mine")
+    with pytest.raises(InputError, match="is a file, expected a folder"):
+        check_output(tmp_path / "mine" / "thesis.txt")
+    with pytest.raises(InputError, match=r"thesis\.txt is no folder that you may write"):
+        check_output(tmp_path / "mine" / "thesis.txt" / "out")
+    with (
+        pytest.raises(InputError, match="is not a results folder"),
+        whole_folder(tmp_path / "mine"),
+    ):
+        pass
+    assert names(tmp_path / "mine") == ["thesis.txt"]
+
+
+def test_a_disk_that_takes_no_more_ends_in_one_error_and_nothing_half_written(tmp_path: Path) -> None:
+    program = f"""
+import resource
+from pathlib import Path
+import pandas as pd
+from resim.core.errors import InputError
+from resim.store import whole_folder, write_json, write_parquet
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+for write in (lambda f: write_json(list(range(50_000)), f / "a.json"),
+              lambda f: write_parquet(pd.DataFrame({{"x": [str(hash(k)) for k in range(50_000)]}}), f / "a.parquet")):
+    try:
+        with whole_folder(Path({str(tmp_path / "out")!r})) as folder:
+            write(folder)
+    except InputError as e:
+        print(e)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 2
+    assert all(line.startswith(f"{tmp_path / 'out'}: cannot be written: ") for line in lines)
+    assert all("File too large" in line for line in lines)
+    assert names(tmp_path) == []
+
+
+def test_json_is_the_same_bytes_and_holds_no_nan(tmp_path: Path) -> None:
+    write_json({"b": [1.5, None], "a": "ü"}, tmp_path / "a.json")
+    assert json.loads((tmp_path / "a.json").read_text()) == {"b": [1.5, None], "a": "ü"}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json({"a": float("nan")}, tmp_path / "b.json")
+
+
+def test_tables_come_back_from_parquet_wherever_they_are_written(tmp_path: Path) -> None:
+    table = pd.DataFrame({"id": ["a", "b"], "x": [1.5, float("nan")]})
+    folder = tmp_path / "it's here"
+    folder.mkdir()
+    write_parquet(table, folder / "t.parquet")
+    with duckdb.connect() as db:
+        rows = db.read_parquet(str(folder / "t.parquet")).fetchall()
+    assert rows[0] == ("a", 1.5)
+    assert rows[1][0] == "b"
+
+
+def test_results_are_written_with_everything_that_went_in_and_came_out(
+    shipped: Callable[[str], Recording], build: Callable[[str], Build], tmp_path: Path
+) -> None:
+    recording = shipped("cut_in_brake")
+    result = resimulate(recording, build("highway_pilot"), Options(seed=3))
+    write_resimulation(result, tmp_path)
+    jscen = [f"{name}.jscen.json" for name in ("GT", "SD", "rGT", "rSD")]
+    assert names(tmp_path) == sorted(
+        [*jscen, "proving_ground.xodr", "report.json", "run.json", "tracks.parquet"]
+    )
+    for name in jscen:
+        scenario = read_jscen(tmp_path / name)
+        assert (tmp_path / scenario.map).read_bytes() == recording.map.read_bytes()
+        assert (scenario.ego.id, [o.id for o in scenario.objects]) == ("ego", ["1"])
+    with duckdb.connect() as db:
+        query = f"SELECT source, count(*), min(t), max(t) FROM '{tmp_path}/tracks.parquet' GROUP BY source"
+        rows = {row[0]: row[1:] for row in db.execute(query).fetchall()}
+    assert set(rows) == {"GT", "SD", "rGT", "rSD", "perceived_rGT", "perceived_rSD"}
+    assert rows["GT"][0] == len(recording.gt.to_frame())
+    assert rows["perceived_rGT"][1:] == rows["rGT"][1:]
+    run = json.loads((tmp_path / "run.json").read_text())
+    text = json.dumps(run)
+    for wanted in (build("highway_pilot").hash, "libsumo", "numpy", "gt.csv", "sd.csv", '"seed": 3'):
+        assert wanted in text
