@@ -96,7 +96,8 @@ class Resimulation:
         gt, runs = self.branches.get("GT"), {b: branch.run.truth for b, branch in self.branches.items()}
         measured = None
         if gt is not None:
-            t = np.round(np.arange(gt.scenario.ego.spawn_time, gt.scenario.duration, 0.01), 9)
+            begin = gt.scenario.ego.spawn_time
+            t = np.round(np.arange(begin, begin + gt.scenario.duration, 0.01), 9)
             measured = gt.scenario.tracks(self.network, t)
         return {"GT": measured, "rGT": runs.get("GT"), "rSD": runs.get("SD")}
 

@@ -57,8 +57,8 @@ class ScenarioObject:
 class Scenario:
     """A test case: the road, the environment, the EGO's start and trace, the traces of the traffic objects.
 
-    `map` is the OpenDRIVE file's name beside the JSCEN file; `duration` [s]. The EGO's trace serves
-    assessment only: it never steers the EGO.
+    `map` is the OpenDRIVE file's name beside the JSCEN file; `duration` [s] counts from the EGO's start on.
+    The EGO's trace serves assessment only: it never steers the EGO.
     """
 
     map: str
@@ -127,7 +127,7 @@ def describe(
     members = {int(n): _fit_object(tracks, int(n), network) for n in seen}
     return Scenario(
         map=map_name,
-        duration=float(tracks.span()[1][row]),
+        duration=float(tracks.span()[1][row] - tracks.t[0]),
         ego=members.pop(row),
         objects=tuple(members.values()),
         description=description,

@@ -53,7 +53,7 @@ def guide(scenario: Scenario, network: RoadNetwork, *, step: float, relaxation: 
     """Lay out the commanded motion from `relaxation` [s] before the EGO's start to the scenario's end."""
     begin = scenario.ego.spawn_time
     before = round(relaxation / step)
-    after = int(np.floor((scenario.duration - begin) / step + 1e-6))
+    after = int(np.floor(scenario.duration / step + 1e-6))
     t = np.round(begin + step * np.arange(-before, after + 1), 9)  # 0.6, not 0.6000000000000001
     directions, bends = _lanes((scenario.ego, *scenario.objects), network)
     rows = []

@@ -98,7 +98,7 @@ def test_an_ego_that_comes_late_or_has_one_sample_is_refused(network: RoadNetwor
 
 def test_times_need_not_begin_at_zero(network: RoadNetwork) -> None:
     s = describe(straight(start=100.0), network, ego="a", map_name="m")
-    assert (s.ego.spawn_time, s.duration) == (100.0, 104.0)
+    assert (s.ego.spawn_time, s.duration) == (100.0, 4.0)
     np.testing.assert_allclose(s.tracks(network, [100.0, 104.0]).x[0], [300.0, 380.0], atol=1e-3)
     assert not s.tracks(network, [99.9, 104.1]).valid.any()
 

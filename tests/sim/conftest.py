@@ -44,7 +44,7 @@ def drive(network: RoadNetwork, net: SumoNet) -> Callable[..., Run]:
     """Simulate EGO and objects with a build, as long as the EGO's trace."""
 
     def run(build: Build, ego: ScenarioObject, *objects: ScenarioObject, **options: Any) -> Run:
-        scenario = Scenario("proving_ground.xodr", float(ego.v.x[-1]), ego, objects)
+        scenario = Scenario("proving_ground.xodr", float(ego.v.x[-1] - ego.v.x[0]), ego, objects)
         return simulate(scenario, network, net.path, build, **options)
 
     return run
