@@ -17,6 +17,8 @@ import pandas as pd
 
 import resim
 from resim import fidelity
+from resim.core.errors import ResimError
+from resim.core.geometry import wrap_angle
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
 from resim.ingest import Recording
@@ -42,6 +44,12 @@ class Options:
     seed: int = 0
     stop_at_collision: bool = True
     gui: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.step <= 1.0:
+            raise ResimError(f"step {self.step:g} s: expected more than 0 and at most 1 s")
+        if not 0.0 <= self.relaxation <= 60.0:
+            raise ResimError(f"relaxation {self.relaxation:g} s: expected 0 to 60 s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +195,9 @@ def perceived_frame(perceived: tuple[Perceived, ...]) -> pd.DataFrame:
             "id": column("ids"),
             "x": np.concatenate([x for x, _ in positions]),
             "y": np.concatenate([y for _, y in positions]),
-            "heading": column("heading_ego") + np.repeat([p.ego.heading for p in perceived], counts),
+            "heading": wrap_angle(
+                column("heading_ego") + np.repeat([p.ego.heading for p in perceived], counts)
+            ),
             "v": column("v"),
             "length": column("length"),
             "width": column("width"),

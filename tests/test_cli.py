@@ -271,7 +271,6 @@ def test_options_that_fit_nothing_are_refused(
     refused(call("run", recording(), "--build", PILOT, "--out", tmp_path / "out", *options), text)
 
 
-@pytest.mark.xfail(reason="--relaxation inf ends in an OverflowError", strict=True, raises=OverflowError)
 def test_an_endless_lead_in_is_refused(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
     answer = call("run", recording(), "--build", PILOT, "--out", tmp_path / "out", "--relaxation", "inf")
     assert answer[0] == 2

@@ -140,7 +140,6 @@ def test_times_do_not_matter_to_the_result(shipped: Shipped, build: Builds) -> N
     assert b["reaction"]["rGT"] - a["reaction"]["rGT"] == pytest.approx(32.0, abs=0.05)
 
 
-@pytest.mark.xfail(reason="JSCEN wants a duration over 0, and duration is the EGO's last time", strict=True)
 def test_times_before_zero_can_be_written(shipped: Shipped, build: Builds, tmp_path: Path) -> None:
     from resim.store import write_resimulation
 
@@ -195,7 +194,6 @@ def test_what_was_perceived_stands_in_map_coordinates(corner_case: Resimulation)
         )
 
 
-@pytest.mark.xfail(reason="perceived_frame adds two headings and does not wrap the sum", strict=True)
 def test_perceived_headings_in_the_table_are_wrapped_as_all_others() -> None:
     one, zero = np.array([1.0]), np.array([0.0])
     names = np.array(["1"]), np.array(["car"])

@@ -27,8 +27,8 @@ GAIN = 0.02
 SEGMENT = 2.5
 """Length [s] of the segments to begin with."""
 
-_HEADING_WEIGHT = (
-    0.003  # m/rad: the measured heading speaks only where positions say nothing, as at standstill
+_HEADING_OFF = (
+    0.5  # rad; how far off a measured heading may be, a priori: it speaks where positions say nothing
 )
 _BEND_V, _BEND_HEADING = 10.0, 0.5  # m/s³, rad/s²; how much second derivatives of what drives are, a priori
 _LEAST_NOISE = 1e-3  # m
@@ -159,7 +159,7 @@ class _Problem:
         rx = x0 + self.rule(speed * np.cos(angle)) - self.x
         ry = y0 + self.rule(speed * np.sin(angle)) - self.y
         prior = angle[self.rule.grid :] - self.measured_heading
-        cost = float(rx @ rx + ry @ ry + _HEADING_WEIGHT**2 * prior @ prior)
+        cost = float(rx @ rx + ry @ ry + (self.noise / _HEADING_OFF) ** 2 * prior @ prior)
         for spline, p, usual in ((v, p_v, _BEND_V), (heading, p_heading, _BEND_HEADING)):
             bend = spline.second @ p
             cost += (self.noise / usual) ** 2 * float(bend @ bend)
@@ -207,8 +207,9 @@ class _Problem:
         gradient = jx.T @ state.residual_x + jy.T @ state.residual_y
         own = by_heading[self.rule.grid :]
         at = slice(by_v.shape[1], by_v.shape[1] + by_heading.shape[1])
-        normal[at, at] += _HEADING_WEIGHT**2 * own.T @ own
-        gradient[at] += _HEADING_WEIGHT**2 * own.T @ (angle[self.rule.grid :] - self.measured_heading)
+        weight = (self.noise / _HEADING_OFF) ** 2
+        normal[at, at] += weight * own.T @ own
+        gradient[at] += weight * own.T @ (angle[self.rule.grid :] - self.measured_heading)
         for spline, p, usual, first in (
             (v, state.p_v, _BEND_V, 0),
             (heading, state.p_heading, _BEND_HEADING, by_v.shape[1]),

@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -213,8 +214,9 @@ def _import(path: Path, module_name: str) -> ModuleType:
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module  # dataclasses look themselves up there
         spec.loader.exec_module(module)
-    except Exception as e:
+    except (Exception, SystemExit) as e:
         remedy = "Install it, or put the module's file beside the build file."
         raise InputError(path, f"factory module {module_name!r} cannot be imported: {e!r}", remedy) from e
     return module

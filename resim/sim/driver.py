@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from numbers import Real
+from typing import Any
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Floats
-from resim.sim.adfunction import AdFunction, Build, Command, Perceived, Placement, Setup
+from resim.sim.adfunction import AdFunction, Build, Command, EgoState, Perceived, Placement, Setup
 from resim.sim.watchdog import Watchdog
 
 _RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
@@ -43,13 +46,10 @@ class Driver:
         """Give the function's answer; FunctionError for one that cannot be driven."""
         answer: Command | Placement = self._watchdog.call(self._limit, self._function.step, perceived)
         if isinstance(answer, Command):
-            if not math.isfinite(answer.acceleration + answer.curvature):
-                raise FunctionError(
-                    f"answered acceleration {answer.acceleration}, curvature {answer.curvature}"
-                )
+            answer = _numbers(answer)
             if keep and answer.plan is not None:
                 self.plans.append((perceived.t, answer.plan))
-        elif not isinstance(answer, Placement):
+        elif not isinstance(answer, Placement) or not _placeable(answer):
             raise FunctionError(f"answered {answer!r}, expected a Command")
         if keep:
             self.seen.append(perceived)
@@ -59,3 +59,24 @@ class Driver:
         """End the function."""
         if hasattr(self, "_function"):
             self._watchdog.call(_RESET_LIMIT, self._function.close)
+
+
+def _numbers(answer: Command) -> Command:
+    """Give the command with plain finite numbers, whatever kind of number the function calculates with."""
+    a: Any = answer.acceleration  # whatever a plug-in puts there
+    curvature: Any = answer.curvature
+    if not (isinstance(a, Real) and isinstance(curvature, Real)):
+        raise FunctionError(f"answered acceleration {a!r:.60}, curvature {curvature!r:.60}")
+    if type(a) is not float or type(curvature) is not float:
+        try:
+            answer = replace(answer, acceleration=float(a), curvature=float(curvature))
+        except OverflowError:
+            raise FunctionError("answered a number beyond all floats") from None
+    if not (math.isfinite(answer.acceleration) and math.isfinite(answer.curvature)):
+        raise FunctionError(f"answered acceleration {a}, curvature {curvature}")
+    return answer
+
+
+def _placeable(answer: Placement) -> bool:
+    state = answer.state
+    return isinstance(state, EgoState) and math.isfinite(state.x + state.y + state.heading + state.v)

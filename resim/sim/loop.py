@@ -63,9 +63,13 @@ def simulate(
         try:
             driver.reset(_setup(scenario, network, stage.plan, step * cycle, seed, build))
             loop.run(driver, cycle, stop_at_collision)
-            driver.close()
         except FunctionError as e:
             loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}", stop_at_collision)
+        try:
+            driver.close()
+        except FunctionError as e:
+            loop.failure = loop.failure or f"{build.label} on closing {e}"
+            loop.end = "function_failed" if loop.end == "duration" else loop.end
     return loop.result(driver, seed)
 
 

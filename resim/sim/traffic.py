@@ -94,6 +94,10 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
         rows = 1 + np.flatnonzero(plan.present[1:, first])
         x, y, heading, v = (c[rows, first:after].T.copy() for c in (plan.x, plan.y, plan.heading, plan.v))
         names = tuple(f"{n}" for n in rows.tolist())
+        position = x + 1j * y
+        who = ids[rows], kind[rows], length[rows], width[rows]
+        for shared in (position, heading, v, *who):
+            shared.setflags(write=False)  # every run and function sees these
         told = np.stack([*to_sumo(x, y, heading, length[rows]), np.abs(v)], axis=-1).tolist()
         yield Phase(
             first=first,
@@ -104,12 +108,12 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
             come=tuple(n for n in names if n not in before),
             go=tuple(n for n in before if n not in names),
             commands=[[(name, *place) for name, place in zip(names, step, strict=True)] for step in told],
-            position=x + 1j * y,
+            position=position,
             heading=heading,
             v=v,
-            ids=ids[rows],
-            kind=kind[rows],
-            length=length[rows],
-            width=width[rows],
+            ids=who[0],
+            kind=who[1],
+            length=who[2],
+            width=who[3],
         )
         before = names

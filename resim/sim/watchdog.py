@@ -55,6 +55,8 @@ class Watchdog:
             answer = what(*arguments)
         except _Overrun:
             raise FunctionError(f"did not answer within {limit:g} s") from None
+        except SystemExit as e:
+            raise FunctionError(f"tried to end the program: SystemExit({e.code})") from e
         except Exception as e:
             raise FunctionError(f"raised {type(e).__name__}: {e}") from e
         finally:

@@ -138,7 +138,6 @@ def test_a_stop_and_a_start() -> None:
     assert len(knots) < len(t)
 
 
-@pytest.mark.xfail(reason="2 cm of noise turn a parked car by 0.3 rad: _HEADING_WEIGHT is too small", strict=True)
 def test_a_parked_car_stays_and_keeps_its_measured_heading() -> None:
     t = times(10.0)
     noise = np.random.default_rng(1).normal(scale=0.02, size=(2, len(t)))

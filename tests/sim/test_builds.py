@@ -87,7 +87,6 @@ def test_what_is_no_build_is_refused(tmp_path: Path, content: bytes) -> None:
         load_build(tmp_path)
 
 
-@pytest.mark.xfail(reason="a module beside the build is not in sys.modules while it runs", strict=True)
 def test_a_module_beside_its_build_may_hold_a_dataclass(write_build: Write) -> None:
     source = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
     source += "@dataclass\nclass Own:\n    gain: float = 1.0\n"

@@ -138,9 +138,6 @@ def test_an_alarm_of_the_caller_is_left_as_it_was(drive: Drive, function: Make, 
         signal.signal(signal.SIGALRM, before)
 
 
-@pytest.mark.xfail(
-    reason="Driver.step adds acceleration and curvature before it knows they are numbers", strict=True
-)
 @pytest.mark.parametrize("answer", ["Command(None, 0.0)", "Command('1', 0.0)", "Command([1.0, 2.0], 0.0)",
                                     "Command(10**400, 0.0)", "Placement(None)"])  # fmt: skip
 def test_an_answer_of_no_numbers_ends_the_run(
@@ -150,13 +147,11 @@ def test_an_answer_of_no_numbers_ends_the_run(
     assert run.end == "function_failed"
 
 
-@pytest.mark.xfail(reason="a float32, as networks answer, reaches libsumo, which takes none", strict=True)
 def test_numbers_of_numpy_are_numbers(drive: Drive, function: Make, member: Member) -> None:
     own = function("import numpy as np\nreturn Command(np.float32(-1.0), np.float64(0.0))")
     assert drive(own, member("e", 300.0, 20.0)).end == "duration"
 
 
-@pytest.mark.xfail(reason="a Placement is not checked: NaN ends as off_road", strict=True)
 def test_a_placement_at_nan_is_a_failure(drive: Drive, function: Make, member: Member) -> None:
     run = drive(
         function(LATER + "return Placement(EgoState(math.nan, 0.0, 0.0, 1.0))"), member("e", 300.0, 20.0)
@@ -164,24 +159,15 @@ def test_a_placement_at_nan_is_a_failure(drive: Drive, function: Make, member: M
     assert run.end == "function_failed"
 
 
-@pytest.mark.xfail(
-    reason="the watchdog lets SystemExit through: the program ends", strict=True, raises=SystemExit
-)
 def test_a_function_that_exits_fails_alone(drive: Drive, function: Make, member: Member) -> None:
     assert drive(function("raise SystemExit(3)"), member("e", 300.0, 20.0)).end == "function_failed"
 
 
-@pytest.mark.xfail(
-    reason="`_Loop.failed` looks at new steps only, and forgets how the run had ended", strict=True
-)
 def test_a_fault_in_close_leaves_the_end_that_was(drive: Drive, function: Make, member: Member) -> None:
     own = function(close="raise RuntimeError('still open')")
     assert drive(own, member("e", 300.0, 20.0), member("1", 310.0, 5.0)).end == "collision"
 
 
-@pytest.mark.xfail(
-    reason="perceived arrays are views of what all runs of a scenario share, and writable", strict=True
-)
 def test_a_function_cannot_change_what_others_see(
     function: Make, member: Member, network: RoadNetwork, net: SumoNet
 ) -> None:
