@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from numbers import Real
 from typing import Any
+
+import numpy as np
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Floats
@@ -65,7 +66,8 @@ def _numbers(answer: Command) -> Command:
     """Give the command with plain finite numbers, whatever kind of number the function calculates with."""
     a: Any = answer.acceleration  # whatever a plug-in puts there
     curvature: Any = answer.curvature
-    if not (isinstance(a, Real) and isinstance(curvature, Real)):
+    numbers = (float, int, np.floating, np.integer)
+    if not (isinstance(a, numbers) and isinstance(curvature, numbers)):
         raise FunctionError(f"answered acceleration {a!r:.60}, curvature {curvature!r:.60}")
     if type(a) is not float or type(curvature) is not float:
         try:
