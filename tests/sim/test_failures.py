@@ -178,3 +178,11 @@ def test_a_function_cannot_change_what_others_see(
     simulate(scenario, network, net.path, with_care, stop_at_collision=False)
     run = simulate(scenario, network, net.path, function(), stop_at_collision=False)
     assert run.perceived[0].length.tolist() == [4.7]
+
+
+@pytest.mark.xfail(
+    reason="a Placement's float32 reaches libsumo, which takes none", strict=True, raises=TypeError
+)
+def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member: Member) -> None:
+    own = function("import numpy as np\nreturn Placement(EgoState(np.float32(300.0), -5.0, 0.0, 1.0))")
+    assert drive(own, member("e", 300.0, 20.0)).end == "duration"
