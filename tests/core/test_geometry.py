@@ -76,6 +76,17 @@ def test_overlap_is_that_of_shapely(one: tuple[float, ...], two: tuple[float, ..
     assert bool(boxes_overlap(*two, *one)) == (apart == 0.0)
 
 
+def test_overlap_of_many_boxes_near_each_other_is_that_of_shapely() -> None:
+    rng, n = np.random.default_rng(0), 5000
+    x, y = rng.uniform(-5.0, 5.0, (2, n))
+    turn, (length, width) = rng.uniform(-4.0, 4.0, n), rng.uniform(0.5, 6.0, (2, n))
+    own = shapely.polygons(box_corners(0.0, 0.0, 0.3, 4.7, 1.9))
+    expected = shapely.intersects(own, shapely.polygons(box_corners(x, y, turn, length, width)))
+    assert 500 < expected.sum() < 4500
+    np.testing.assert_array_equal(boxes_overlap(0.0, 0.0, 0.3, 4.7, 1.9, x, y, turn, length, width), expected)
+    np.testing.assert_array_equal(boxes_overlap(x, y, turn, length, width, 0.0, 0.0, 0.3, 4.7, 1.9), expected)
+
+
 def test_a_crossing_without_a_corner_inside_is_an_overlap() -> None:
     assert boxes_overlap(0.0, 0.0, 0.0, 10.0, 2.0, 0.0, 0.0, math.pi / 2, 10.0, 2.0)
 

@@ -199,12 +199,12 @@ def test_perceived_lists_and_commands_belong_to_the_scenario(
     assert run.commands[:-1, 0].min() < -0.5
 
 
+@pytest.mark.parametrize("relaxation", [3.0, 0.52])
 def test_a_function_with_a_cycle_of_its_own_is_held_in_between(
-    drive: Drive, function: Make, member: Member
+    drive: Drive, function: Make, member: Member, relaxation: float
 ) -> None:
-    run = drive(
-        function("return Command(perceived.t, 0.0)", top="cycle_time = 0.2"), member("e", 300.0, 20.0)
-    )
+    own = function("return Command(perceived.t, 0.0)", top="cycle_time = 0.2")
+    run = drive(own, member("e", 300.0, 20.0), relaxation=relaxation)
     np.testing.assert_allclose([p.t for p in run.perceived], 0.2 * np.arange(21), atol=1e-9)
     np.testing.assert_allclose(run.commands[:10, 0], [0.0] * 5 + [0.2] * 5, atol=1e-9)
 
