@@ -109,8 +109,8 @@ def difference(later: Tracks, earlier: Tracks, *, ego: str) -> Errors:
 
 
 def sensor_error(gt: Tracks, sd: Tracks, *, ego: str) -> Errors:
-    """S = SD - GT, at the times of SD."""
-    return difference(sd, gt.at(sd.t), ego=ego)
+    """S = SD - GT, at the times of SD; GT is interpolated between neighbouring samples."""
+    return difference(sd, gt.at(sd.t, max_gap=max(0.3, 2.0 * float(np.median(np.diff(gt.t))))), ego=ego)
 
 
 def fit_error(scenario: Scenario, tracks: Tracks, network: RoadNetwork) -> Errors:
@@ -228,14 +228,15 @@ def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: float) -> 
     length = float(np.hypot(np.diff(x), np.diff(y)).sum()) + 20.0
     path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
     s, d = path.project(x, y)
-    columns = (path.half_width, path.left_width, path.right_width)
-    half, on_left, on_right = (np.interp(s, path.s, column) for column in columns)
-    left, right = (d > half) & (on_left > 0.0), (d < -half) & (on_right > 0.0)
-    crossed = np.flatnonzero(left | right)
-    if not len(crossed):
+    half = np.interp(s, path.s, path.half_width)
+    beyond = np.flatnonzero(np.abs(d) > half)
+    there = beyond[
+        network.to_road(x[beyond], y[beyond]).on_road
+    ]  # beside the lane is another one, oncoming or not
+    if not len(there):
         return None
-    first = int(crossed[0])
-    return first, "lane_change_left" if left[first] else "lane_change_right"
+    first = int(there[0])
+    return first, "lane_change_left" if d[first] > 0.0 else "lane_change_right"
 
 
 def collisions(tracks: Tracks, *, ego: str) -> list[tuple[float, str]]:

@@ -166,7 +166,7 @@ class Resimulation:
         }
 
     def _drove(self) -> bool | None:
-        return None if not self.recording.build else self.recording.build == self.build.label
+        return None if not self.recording.build else not _another_build(self.recording, self.build)
 
     def _statistics(self, step: str) -> dict[str, dict[str, fidelity.Statistics | None]]:
         errors = self.errors.get(step)
@@ -328,8 +328,8 @@ def _warnings(
 ) -> Iterator[str]:
     if net.remark:
         yield f"{recording.map.name}: {net.remark}"
-    if recording.build and recording.build != build.label:
-        yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"
+    if recording.build and (other := _another_build(recording, build)):
+        yield f"{other} drove the recording, not {build.label}: EGO differences are those of two builds"
     for basis, branch in branches.items():
         described = {branch.scenario.ego.id, *(o.id for o in branch.scenario.objects)}
         if lost := sorted(set(branch.measured.ids.tolist()) - described):
@@ -342,6 +342,14 @@ def _warnings(
         unknown = [i for i in measured["SD"].ids.tolist() if i not in set(measured["GT"].ids.tolist())]
         if unknown:
             yield f"SD holds {len(unknown)} object(s) without ground truth: no errors for them, but rSD has them"
+
+
+def _another_build(recording: Recording, build: Build) -> str:
+    """What drove the recording, if it was not this build."""
+    if recording.build != build.label:
+        return recording.build or ""
+    same = recording.build_hash in (None, build.hash)
+    return "" if same else f"another state of {build.label} (hash {str(recording.build_hash)[:12]})"
 
 
 def file_hash(path: Path) -> str:

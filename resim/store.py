@@ -52,7 +52,12 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         yield beside
         if folder.exists():
             folder.rename(old)
-        beside.rename(folder)
+        try:
+            beside.rename(folder)
+        except OSError:
+            if old.exists():
+                old.rename(folder)
+            raise
         shutil.rmtree(old, ignore_errors=True)
     except OSError as e:
         raise InputError(folder, f"cannot be written: {e}", "Name another with --out.") from e

@@ -274,3 +274,17 @@ def test_a_spline_knows_its_reaction(network: RoadNetwork, described: Callable[.
     own = replace(scenario, ego=ego, objects=()).tracks(network, t)
     expected = 0.5 * math.asin(0.25)  # a = -2 sin 2t
     assert fidelity.reaction_time(own, ego="ego") == pytest.approx(expected, abs=0.02)
+
+
+def test_overtaking_through_the_oncoming_lane_is_a_lane_change(network: RoadNetwork) -> None:
+    t = np.arange(0.0, 8.0, 0.04)
+    y = LANE[-1] + 3.5 * np.clip((t - 2.0) / 3.0, 0.0, 1.0)
+    [(when, side)] = fidelity.lane_changes(tracks(t, e=(300.0 + 20.0 * t, y, 0.0, 20.0)), network, ego="e")
+    assert side == "lane_change_left"
+    assert when == pytest.approx(3.5, abs=0.1)
+
+
+def test_a_slow_ground_truth_still_has_a_sensor_error() -> None:
+    slow, fast = np.arange(0.0, 4.01, 0.5), np.arange(0.0, 4.0, 0.1)
+    gt, sd = (tracks(t, e=(10.0 * t + off, 0.0, 0.0, 10.0)) for t, off in ((slow, 0.0), (fast, 1.0)))
+    np.testing.assert_allclose(fidelity.sensor_error(gt, sd, ego="e").x, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import importlib.util
@@ -127,7 +128,8 @@ class Build:
     """An AD function at one version: what makes it, with which parameters.
 
     cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
-    answer. hash: SHA-256 over the build file and the sources of the factory's module and its package.
+    answer; `reset` and `close` have a minute. hash: SHA-256 over the build file, the source of the factory's
+    module, and the sources of what it imports from its own package.
     """
 
     name: str
@@ -148,13 +150,6 @@ class Build:
     def needs_truth(self) -> bool:
         """Whether the function is an oracle that is given the recorded EGO."""
         return bool(getattr(self.factory, "needs_truth", False))
-
-    def check(self) -> None:
-        """Raise InputError for parameters that the factory does not take."""
-        try:
-            inspect.signature(self.factory).bind(**self.parameters)
-        except TypeError as e:
-            raise InputError(self.path, f"[parameters] do not fit {self.factory.__name__}: {e}") from e
 
     def make(self) -> AdFunction:
         """Make the function."""
@@ -184,6 +179,10 @@ def load_build(path: Path) -> Build:
     factory = getattr(module, name, None)
     if not callable(factory):
         raise InputError(path, f"factory {file.factory!r}: module {module_name} has no {name}")
+    try:
+        inspect.signature(factory).bind(**file.parameters)
+    except TypeError as e:
+        raise InputError(path, f"[parameters] do not fit {name}: {e}") from e
     return Build(
         name=file.name,
         version=file.version,
@@ -197,12 +196,23 @@ def load_build(path: Path) -> Build:
 
 
 def _sources(module: ModuleType) -> bytes:
-    """The module's source; of one in a package, all modules beside it, since it may use any of them."""
-    if module.__file__ is None:
-        return b""
-    own = Path(module.__file__)
-    files = sorted(own.parent.glob("*.py")) if module.__package__ else [own]
-    return b"\0".join(file.name.encode() + b"\0" + file.read_bytes() for file in files)
+    """The module's source, and those of the modules it imports from its own package, and they from it."""
+    package = module.__name__.rpartition(".")[0]
+    known: dict[str, bytes] = {}
+    todo = [module]
+    while todo:
+        one = todo.pop()
+        if one.__name__ in known or not getattr(one, "__file__", None):
+            continue
+        known[one.__name__] = source = Path(str(one.__file__)).read_bytes()
+        names = {n.module for n in ast.walk(ast.parse(source)) if isinstance(n, ast.ImportFrom) and n.module}
+        names |= {a.name for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Import) for a in n.names}
+        todo += [
+            sys.modules[n]
+            for n in sorted(names)
+            if package and n.startswith(f"{package}.") and n in sys.modules
+        ]
+    return b"\0".join(known[name] for name in sorted(known))
 
 
 def _import(path: Path, module_name: str) -> ModuleType:
@@ -210,13 +220,23 @@ def _import(path: Path, module_name: str) -> ModuleType:
     try:
         if not beside.is_file():
             return importlib.import_module(module_name)
-        spec = importlib.util.spec_from_file_location(module_name, beside)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module_name] = module  # dataclasses look themselves up there
-        spec.loader.exec_module(module)
+        return _load(beside)
     except (Exception, SystemExit) as e:
         remedy = "Install it, or put the module's file beside the build file."
         raise InputError(path, f"factory module {module_name!r} cannot be imported: {e!r}", remedy) from e
+
+
+def _load(file: Path) -> ModuleType:
+    """Load a module from its file under a name of its own, so that it takes no other's place."""
+    name = f"{file.stem}_{hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look themselves up there
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -48,10 +48,14 @@ class Driver:
         answer: Command | Placement = self._watchdog.call(self._limit, self._function.step, perceived)
         if isinstance(answer, Command):
             answer = _numbers(answer)
+            if answer.plan is not None and not _is_plan(answer.plan):
+                raise FunctionError(f"answered the plan {answer.plan!r:.60}, expected finite numbers (K, 4)")
             if keep and answer.plan is not None:
                 self.plans.append((perceived.t, answer.plan))
-        elif not isinstance(answer, Placement) or not _placeable(answer):
-            raise FunctionError(f"answered {answer!r}, expected a Command")
+        elif isinstance(answer, Placement):
+            answer = _placement(answer)
+        else:
+            raise FunctionError(f"answered {answer!r:.60}, expected a Command")
         if keep:
             self.seen.append(perceived)
         return answer
@@ -62,23 +66,36 @@ class Driver:
             self._watchdog.call(_RESET_LIMIT, self._function.close)
 
 
+_NUMBERS = (float, int, np.floating, np.integer)
+
+
+def _plain(number: Any, what: str) -> float:
+    """Give a plain finite float, whatever kind of number the function calculates with."""
+    try:
+        value = float(number) if isinstance(number, _NUMBERS) else math.nan
+    except OverflowError:
+        value = math.inf
+    if not math.isfinite(value):
+        raise FunctionError(f"answered {what} {number!r:.60}, expected a finite number")
+    return value
+
+
 def _numbers(answer: Command) -> Command:
-    """Give the command with plain finite numbers, whatever kind of number the function calculates with."""
-    a: Any = answer.acceleration  # whatever a plug-in puts there
-    curvature: Any = answer.curvature
-    numbers = (float, int, np.floating, np.integer)
-    if not (isinstance(a, numbers) and isinstance(curvature, numbers)):
-        raise FunctionError(f"answered acceleration {a!r:.60}, curvature {curvature!r:.60}")
-    if type(a) is not float or type(curvature) is not float:
-        try:
-            answer = replace(answer, acceleration=float(a), curvature=float(curvature))
-        except OverflowError:
-            raise FunctionError("answered a number beyond all floats") from None
-    if not (math.isfinite(answer.acceleration) and math.isfinite(answer.curvature)):
-        raise FunctionError(f"answered acceleration {a}, curvature {curvature}")
-    return answer
+    a = _plain(answer.acceleration, "acceleration")
+    curvature = _plain(answer.curvature, "curvature")
+    if a is answer.acceleration and curvature is answer.curvature:
+        return answer
+    return Command(a, curvature, answer.plan)
 
 
-def _placeable(answer: Placement) -> bool:
-    state = answer.state
-    return isinstance(state, EgoState) and math.isfinite(state.x + state.y + state.heading + state.v)
+def _placement(answer: Placement) -> Placement:
+    state: Any = answer.state
+    if not isinstance(state, EgoState):
+        raise FunctionError(f"answered the placement {state!r:.60}, expected an EgoState")
+    values = ((field.name, getattr(state, field.name)) for field in fields(EgoState))
+    return Placement(EgoState(**{name: _plain(value, f"placement {name}") for name, value in values}))
+
+
+def _is_plan(plan: Any) -> bool:
+    is_table = isinstance(plan, np.ndarray) and plan.ndim == 2 and plan.shape[1] == 4
+    return is_table and plan.dtype.kind in "fiu" and bool(np.isfinite(plan).all())

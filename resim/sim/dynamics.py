@@ -92,11 +92,14 @@ class Kinematic:
         return VehicleState(state.x, state.y, state.heading, state.v, state.a, yaw_rate, steering)
 
     def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
-        """Move the rear axle along an arc, with the mean speed and steering angle of the step; v >= 0."""
+        """Move the rear axle along an arc, with the mean speed and steering angle of the step.
+
+        Braking ends at standstill; a vehicle that rolls backwards does not get faster by it.
+        """
         car = self.vehicle
         a, steering = actuate(car, state, acceleration, curvature, dt)
-        v = max(0.0, state.v + 0.5 * (state.a + a) * dt)
-        if v == 0.0:
+        v = max(min(state.v, 0.0), state.v + 0.5 * (state.a + a) * dt)  # brakes stop it, and hold it
+        if v <= 0.0:
             a = max(a, 0.0)
         path = 0.5 * (state.v + v) * dt
         bend = math.tan(0.5 * (state.steering + steering)) / car.wheelbase

@@ -53,7 +53,6 @@ def simulate(
     (`Run.failure`); faults of the input raise ResimError.
     """
     cycle = cycle_steps(build, step)
-    build.check()
     session = open_session(net, step, gui=gui)
     stage = staged(scenario, network, step, relaxation)
     loop = _Loop(stage, session, perception or Ideal(), model or Kinematic())
@@ -142,6 +141,7 @@ class _Loop:
                 elif isinstance(answer, Placement):
                     self.commands.append((np.nan, np.nan))
                     ego = answer.state
+                    state = self.model.settle(ego)
                 else:
                     self.commands.append((answer.acceleration, answer.curvature))
                     ego = state = move(state, answer.acceleration, answer.curvature, dt)

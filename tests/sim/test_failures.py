@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import time
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.sim import driver
-from resim.sim.adfunction import Build
+from resim.sim.adfunction import Build, load_build
 from resim.sim.loop import simulate
 from resim.sim.run import Run
 
@@ -35,24 +37,27 @@ STUBBORN = """while True:
     [
         ("raise ValueError('no lane')", "raised ValueError: no lane"),
         ("return 1 / 0", "raised ZeroDivisionError"),
-        ("return Command(math.nan, 0.0)", "answered acceleration nan, curvature 0.0"),
-        ("return Command(0.0, math.inf)", "answered acceleration 0.0, curvature inf"),
+        ("return Command(math.nan, 0.0)", "answered acceleration nan, expected a finite number"),
+        ("return Command(0.0, math.inf)", "answered curvature inf, expected a finite number"),
         ("return None", "answered None, expected a Command"),
         ("return (1.0, 0.0)", r"answered (1.0, 0.0), expected a Command"),
+        ("return Command(0.0, 0.0, 'straight on')", "answered the plan 'straight on'"),
+        (
+            "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), math.nan))",
+            "expected finite numbers (K, 4)",
+        ),
         ("return self.nothing.at_all", "raised AttributeError"),
-        (NEVER, "did not answer within 0.1 s"),
-        (SLEEPS, "did not answer within 0.1 s"),
-        (STUBBORN, "did not answer within 0.1 s"),
-        ("end = time.perf_counter() + 0.15\nwhile time.perf_counter() < end: pass", "0.1 s"),
+        (NEVER, "did not answer within 0.5 s"),
+        (SLEEPS, "did not answer within 0.5 s"),
+        (STUBBORN, "did not answer within 0.5 s"),
+        ("end = time.perf_counter() + 0.7\nwhile time.perf_counter() < end: pass", "0.5 s"),
         ("def deep(): return deep()\nreturn deep()", "raised RecursionError"),
     ],
 )
 def test_a_fault_in_a_step_ends_the_run_with_its_reason(
     drive: Drive, function: Make, member: Member, step: str, why: str
 ) -> None:
-    begin = time.perf_counter()
-    run = drive(function(LATER + step, top="time_limit = 0.1"), member("e", 300.0, 20.0), member("1", 340.0))
-    assert time.perf_counter() - begin < 5.0
+    run = drive(function(LATER + step, top="time_limit = 0.5"), member("e", 300.0, 20.0), member("1", 340.0))
     assert run.end == "function_failed"
     assert why in run.failure
     assert run.failure.startswith("test-0.1 at t = 1.00 s ")
@@ -110,7 +115,7 @@ def test_the_next_run_is_as_if_nothing_had_happened(drive: Drive, function: Make
     good = function()
     before = drive(good, *members)
     for bad in ("raise ValueError", NEVER):
-        drive(function(LATER + bad, top="time_limit = 0.1"), *members)
+        drive(function(LATER + bad, top="time_limit = 0.5"), *members)
     after = drive(good, *members)
     assert after.end == "duration"
     assert before.truth.x.tobytes() == after.truth.x.tobytes()
@@ -118,7 +123,7 @@ def test_the_next_run_is_as_if_nothing_had_happened(drive: Drive, function: Make
 
 def test_a_slow_run_of_quick_answers_is_no_overrun(drive: Drive, function: Make, member: Member) -> None:
     run = drive(
-        function("time.sleep(0.004)\nreturn Command(0.0, 0.0)", top="time_limit = 0.1"), member("e", 300.0)
+        function("time.sleep(0.004)\nreturn Command(0.0, 0.0)", top="time_limit = 0.5"), member("e", 300.0)
     )
     assert run.end == "duration"
 
@@ -180,9 +185,31 @@ def test_a_function_cannot_change_what_others_see(
     assert run.perceived[0].length.tolist() == [4.7]
 
 
-@pytest.mark.xfail(
-    reason="a Placement's float32 reaches libsumo, which takes none", strict=True, raises=TypeError
-)
 def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member: Member) -> None:
     own = function("import numpy as np\nreturn Placement(EgoState(np.float32(300.0), -5.0, 0.0, 1.0))")
     assert drive(own, member("e", 300.0, 20.0)).end == "duration"
+
+
+def test_a_function_that_swallows_every_interruption_ends_its_process_with_a_word(tmp_path: Path) -> None:
+    (tmp_path / "stubborn.py").write_text(
+        "import time\nclass Stubborn:\n    def reset(self, setup): pass\n    def close(self): pass\n"
+        "    def step(self, perceived):\n        while True:\n            try:\n                time.sleep(10)\n"
+        "            except:\n                pass\n"
+    )
+    build = tmp_path / "stubborn.toml"
+    build.write_text('name = "stubborn"\nversion = "1"\nfactory = "stubborn:Stubborn"\ntime_limit = 0.1\n')
+    scenario = Path(__file__).parents[2] / "scenarios" / "overtake"
+    done = subprocess.run(
+        [sys.executable, "-m", "resim", "run", scenario, "--build", build, "--out", tmp_path / "out"],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "does not answer and swallows every interruption" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_module_beside_its_build_takes_no_other_modules_place(write_build: Callable[..., Path]) -> None:
+    path = write_build("class Own:\n    pass\n")
+    installed = sys.modules.get("own")
+    assert load_build(path).factory.__name__ == "Own"
+    assert sys.modules.get("own") is installed

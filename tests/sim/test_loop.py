@@ -412,9 +412,6 @@ def test_a_seed_reaches_the_perception(drive: Drive, function: Make, member: Mem
     assert bytes_of(one) == bytes_of(two) != bytes_of(three)
 
 
-@pytest.mark.xfail(
-    reason="SUMO adds no vehicle that is faster than its type, 100 m/s: TraCIException", strict=True
-)
 def test_an_object_of_two_noisy_samples_may_be_as_fast_as_it_likes(
     drive: Drive, function: Make, member: Member
 ) -> None:
@@ -423,7 +420,6 @@ def test_an_object_of_two_noisy_samples_may_be_as_fast_as_it_likes(
     assert run.control_error <= 1e-6
 
 
-@pytest.mark.xfail(reason="a trace may end before the scenario: the record is NaN from there on", strict=True)
 def test_replay_of_a_published_file_goes_as_far_as_its_trace(
     network: RoadNetwork, net: SumoNet, build: Builds, member: Member
 ) -> None:
