@@ -121,7 +121,7 @@ def _with_progress(recording: Recording, build: object, options: Options, model:
     from resim.pipeline import STAGES, resimulate
 
     bases = [b for b in options.bases if b == "GT" or recording.sd is not None]
-    stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s[-2:] in bases]
+    stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s == "fit GT" or s[-2:] in bases]
     console = Console(stderr=True)
     bar = Progress(
         TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ import duckdb
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.pipeline import Resimulation
+from resim.pipeline import Resimulation, map_name
 from resim.scenario.jscen import write_jscen
 
 MARK = "run.json"
@@ -23,19 +24,32 @@ MARK = "run.json"
 
 def check_output(folder: Path) -> None:
     """Refuse, before any work is done, a folder that must not be replaced."""
-    if folder.is_file():
-        raise InputError(folder, "is a file, expected a folder for the results", "Name another with --out.")
-    above = next(parent for parent in folder.absolute().parents if parent.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK):
+    remedy = "Name another with --out."
+    try:
+        if folder.is_file():
+            raise InputError(folder, "is a file, expected a folder for the results", remedy)
+        above = next(parent for parent in folder.absolute().parents if parent.exists())
+        if not above.is_dir() or not os.access(above, os.W_OK):
+            raise InputError(folder, f"cannot be made: {above} is no folder that you may write", remedy)
+        held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    except OSError as e:
+        raise InputError(folder, f"cannot be used: {e.strerror}", remedy) from e
+    if held and not _is_result(folder / MARK):
+        raise InputError(folder, f"exists and is not a results folder (it has no {MARK} of resim's)", remedy)
+    if strange := [name for name in held if not _WRITTEN.fullmatch(name)]:
         raise InputError(
-            folder, f"cannot be made: {above} is no folder that you may write", "Name another with --out."
+            folder, f"holds {strange[0]}, which is no result of resim's and would be lost", remedy
         )
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
-        raise InputError(
-            folder,
-            f"exists and is not a results folder (it has no {MARK})",
-            "Name another with --out, or empty it.",
-        )
+
+
+_WRITTEN = re.compile(r"(run|report)\.json|report\.html|tracks\.parquet|r?(GT|SD)\.jscen\.json|[\w.-]+\.xodr")
+
+
+def _is_result(mark: Path) -> bool:
+    try:
+        return "resim" in json.loads(mark.read_text(encoding="utf-8"))["versions"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 @contextlib.contextmanager
@@ -82,7 +96,7 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:
     """Write everything but the page: report.json, tracks.parquet, the JSCEN files with their map, run.json."""
-    shutil.copyfile(result.recording.map, folder / result.recording.map.name)
+    shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
     for name, scenario in result.scenarios().items():
         write_jscen(scenario, folder / f"{name}.jscen.json")
     write_parquet(result.tracks_frame(), folder / "tracks.parquet")

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from resim.ingest import Recording, read_recording
-from resim.pipeline import ego_window
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.sumo import SumoNet, sumo_net
 from resim.scenario.scenario import Scenario, describe
@@ -65,7 +64,8 @@ def described(shipped: Callable[[str], Recording], network: RoadNetwork) -> Call
             recording = shipped(name)
             tracks = recording.gt if basis == "GT" else recording.sd_by_gt()
             assert tracks is not None
-            window = ego_window(tracks, recording.ego)
+            first, last = (float(t[tracks.index(recording.ego)]) for t in tracks.span())
+            window = tracks.window(first, last)
             made[name, basis] = describe(window, network, ego=recording.ego, map_name="proving_ground.xodr")
         return made[name, basis]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.fidelity import STEPS
 from resim.ingest import Recording, read_commonroad
@@ -213,3 +214,47 @@ def test_real_vehicles_replay_without_error(build: Builds, name: str) -> None:
     assert report["end"]["rGT"] in ("duration", "off_road")
     assert report["errors"]["SIM_GT"]["ego"]["d"]["max"] < 1e-6
     assert report["errors"]["SIM_GT"]["to"]["d"]["max"] < 1e-6
+
+
+def test_a_sensor_that_does_not_see_the_ego_is_not_perfect(shipped: Shipped, build: Builds) -> None:
+    one = shipped("overtake")
+    assert one.sd is not None
+    blind = replace(one, sd=one.sd.without("ego"), sd_gt_id=one.sd.without("ego").ids)
+    result = resimulate(blind, build("idm"))
+    report = result.report()
+    assert report["errors"]["S"]["ego"]["d"] is None
+    assert report["errors"]["S"]["to"]["d"]["mean"] > 1.0
+    assert any("SD holds no EGO" in w for w in result.warnings)
+
+
+def test_ground_truth_is_told_of_whatever_is_run(shipped: Shipped, build: Builds) -> None:
+    report = resimulate(shipped("cut_in_brake"), build("highway_pilot"), Options(bases=("SD",))).report()
+    assert report["decision"]["GT"] == ["brake"]
+    assert report["decision"]["rGT"] is None
+    assert report["reaction_difference"]["rSD"] < -0.5
+    assert report["collision"]["GT"] is False
+
+
+def test_clocks_that_do_not_meet_are_refused(shipped: Shipped, build: Builds) -> None:
+    one = shipped("overtake")
+    assert one.sd is not None
+    with pytest.raises(ResimError, match="they have no time in common"):
+        resimulate(replace(one, sd=one.sd.shifted(1000.0)), build("idm"))
+
+
+def test_wrong_maps_and_units_and_bridged_gaps_are_noted(shipped: Shipped, build: Builds) -> None:
+    one = replace(shipped("overtake"), sd=None, sd_gt_id=None)
+    moved = replace(one, gt=replace(one.gt, y=one.gt.y + 100.0))
+    assert any("on no driving lane in 100 %" in w for w in resimulate(moved, build("replay")).warnings)
+    turned = replace(one, gt=replace(one.gt, heading=one.gt.heading + 0.5))
+    assert any("rad off its motion" in w for w in resimulate(turned, build("replay")).warnings)
+    hidden = one.gt.valid & ((one.gt.t < 2.0) | (one.gt.t > 4.0) | (one.gt.ids == "ego")[:, None])
+    columns = {c: np.where(hidden, getattr(one.gt, c), np.nan) for c in ("x", "y", "heading", "v")}
+    gaps = replace(one, gt=replace(one.gt, valid=hidden, **columns))
+    assert any("1 is not seen from 1.96 to 4.04 s" in w for w in resimulate(gaps, build("replay")).warnings)
+
+
+def test_another_state_of_the_build_that_drove_is_another_build(shipped: Shipped, build: Builds) -> None:
+    result = resimulate(replace(shipped("overtake"), build_hash="0" * 64), build("highway_pilot"))
+    assert result.report()["build"]["drove"] is False
+    assert any("in another state" in w for w in result.warnings)

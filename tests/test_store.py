@@ -30,9 +30,13 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
     assert (tmp_path / "deep" / "out" / "a").read_text() == "1"
 
 
+def mark(folder: Path, text: str) -> None:
+    (folder / MARK).write_text(json.dumps({"versions": {"resim": text}}))
+
+
 def fail(out: Path, error: type[BaseException]) -> None:
     with whole_folder(out) as folder:
-        (folder / MARK).write_text("half")
+        mark(folder, "half")
         raise error
 
 
@@ -45,20 +49,20 @@ def test_a_failure_leaves_nothing_behind_and_the_old_results_as_they_were(
         fail(out, error)
     assert names(tmp_path) == []
     with whole_folder(out) as folder:
-        (folder / MARK).write_text("old")
+        mark(folder, "old")
     with pytest.raises(error):
         fail(out, error)
     assert names(tmp_path) == ["out"]
-    assert (out / MARK).read_text() == "old"
+    assert "old" in (out / MARK).read_text()
 
 
 def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for k in range(2):
         with whole_folder(out) as folder:
-            (folder / MARK).write_text(str(k))
-            (folder / f"only {k}").touch()
-    assert names(out) == ["only 1", MARK]
+            mark(folder, str(k))
+            (folder / f"map{k}.xodr").touch()
+    assert names(out) == ["map1.xodr", MARK]
     assert names(tmp_path) == ["out"]
 
 
@@ -67,7 +71,9 @@ def test_folders_that_are_no_results_are_left_alone(tmp_path: Path) -> None:
     check_output(tmp_path / "empty")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").touch()
-    with pytest.raises(InputError, match=r"exists and is not a results folder \(it has no run\.json\)"):
+    with pytest.raises(
+        InputError, match=r"exists and is not a results folder \(it has no run\.json of resim"
+    ):
         check_output(tmp_path / "mine")
     with pytest.raises(InputError, match="is a file, expected a folder"):
         check_output(tmp_path / "mine" / "thesis.txt")
@@ -79,6 +85,24 @@ def test_folders_that_are_no_results_are_left_alone(tmp_path: Path) -> None:
     ):
         pass
     assert names(tmp_path / "mine") == ["thesis.txt"]
+
+
+def test_files_of_others_in_a_results_folder_are_not_lost(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with whole_folder(out) as folder:
+        mark(folder, "1")
+    (out / "notes.txt").touch()
+    with pytest.raises(
+        InputError, match=r"holds notes\.txt, which is no result of resim's and would be lost"
+    ):
+        check_output(out)
+    foreign = tmp_path / "foreign"
+    foreign.mkdir()
+    (foreign / MARK).write_text('{"my": "run"}')
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(foreign)
+    with pytest.raises(InputError, match="File name too long"):
+        check_output(tmp_path / ("x" * 300))
 
 
 def test_a_disk_that_takes_no_more_ends_in_one_error_and_nothing_half_written(tmp_path: Path) -> None:

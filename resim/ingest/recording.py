@@ -43,6 +43,11 @@ class Recording:
     provenance: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
 
+    @property
+    def senses_ego(self) -> bool:
+        """Whether the SD has a track of the EGO."""
+        return self.sd_gt_id is not None and self.ego in self.sd_gt_id
+
     def sd_by_gt(self) -> Tracks | None:
         """Give the SD tracks under the GT ids, or None where nothing was measured.
 

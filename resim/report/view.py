@@ -13,7 +13,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, to_frame, unwrap_angle
 from resim.core.tracks import Tracks
-from resim.pipeline import Resimulation, ego_window
+from resim.pipeline import Resimulation
 from resim.road.opendrive import LaneShape
 from resim.road.path import Path, lane_path
 
@@ -132,7 +132,7 @@ class View:
 
 def view(result: Resimulation) -> View:
     """Look at a result."""
-    ego, tracks = result.ego, _sources(result)
+    ego, tracks = result.ego, result.tracks()
     first = tracks["GT"]
     n = first.index(ego)
     x, y = first.x[n, first.valid[n]], first.y[n, first.valid[n]]
@@ -152,15 +152,6 @@ def view(result: Resimulation) -> View:
         origin=(float(x[0]), float(y[0])),
         turn=float(np.arctan2(y[-1] - y[0], x[-1] - x[0])) if travelled > 5.0 else heading,
     )
-
-
-def _sources(result: Resimulation) -> dict[str, Tracks]:
-    """What was measured, re-simulated or not, and the re-simulations."""
-    measured = {"GT": result.recording.gt}
-    if (sd := result.recording.sd_by_gt()) is not None:
-        measured["SD"] = sd
-    out = {basis: ego_window(tracks, result.ego) for basis, tracks in measured.items()}
-    return out | {name: tracks for name, tracks in result.tracks().items() if name not in out}
 
 
 def _lead(tracks: Tracks, ego: str, reactions: Iterable[float | None], path: Path) -> str | None:

@@ -77,15 +77,20 @@ def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: flo
     key = _hash(text)
     folder = cache or default_cache()
     whole, plain = folder / f"{key}.net.xml", folder / f"{key}.plain.net.xml"
-    if not whole.is_file() and not plain.is_file():
+    if not _is_net(whole) and not _is_net(plain):
         prepared_text = prepared(text, network.path)
         try:
             _convert(network.path, prepared_text, whole, OPTIONS, time_limit)
         except NetconvertCrashError:
             fewer = tuple(option for option in OPTIONS if option != JUNCTION_SHAPES)
             _convert(network.path, prepared_text, plain, fewer, time_limit)
-    target = whole if whole.is_file() else plain
+    target = whole if _is_net(whole) else plain
     return SumoNet(target, network, key, "" if target == whole else PLAIN_REMARK)
+
+
+def _is_net(path: Path) -> bool:
+    """Say whether the file is there and whole."""
+    return path.is_file() and path.read_bytes()[-32:].rstrip().endswith(b"</net>")
 
 
 def default_cache() -> Path:

@@ -55,7 +55,7 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
     most = max(segments, min(int(span / MIN_SEGMENT), len(t) // 2))
     best = last = problem.improve(problem.even(segments), rounds=8, move_knots=False)
     stalled = 0
-    while segments < most and best.mean > _EXACT and stalled < 2:
+    while segments < most and best.mean > _EXACT and stalled < (6 if last.hangs_together else 2):
         segments += 1
         problem.noise = max(best.mean, _LEAST_NOISE)
         last = problem.improve(problem.split(last), rounds=2, move_knots=False)
@@ -90,6 +90,12 @@ class _State:
     @property
     def mean(self) -> float:
         return float(self.distance.mean())
+
+    @property
+    def hangs_together(self) -> bool:
+        """Whether neighbouring residuals are alike: then they are misfit, and more segments are worth a try."""
+        one, two = (np.stack([r[:-1], r[1:]]) for r in (self.residual_x, self.residual_y))
+        return bool((one[0] @ one[1] + two[0] @ two[1]) > 0.9 * (one[0] @ one[0] + two[0] @ two[0]))
 
     def spline_v(self) -> CubicSpline:
         return _natural(self.v.knots, self.p_v)

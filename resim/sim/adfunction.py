@@ -129,7 +129,7 @@ class Build:
 
     cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
     answer; `reset` and `close` have a minute. hash: SHA-256 over the build file, the source of the factory's
-    module, and the sources of what it imports from its own package.
+    module, and the sources of what it imports from its own folder.
     """
 
     name: str
@@ -179,6 +179,15 @@ def load_build(path: Path) -> Build:
     factory = getattr(module, name, None)
     if not callable(factory):
         raise InputError(path, f"factory {file.factory!r}: module {module_name} has no {name}")
+    lacks = [
+        call
+        for call in ("reset", "step", "close")
+        if isinstance(factory, type) and not hasattr(factory, call)
+    ]
+    if lacks:
+        raise InputError(
+            path, f"factory {file.factory!r} has no {', '.join(lacks)}", "An AD function has all three."
+        )
     try:
         inspect.signature(factory).bind(**file.parameters)
     except TypeError as e:
@@ -196,23 +205,23 @@ def load_build(path: Path) -> Build:
 
 
 def _sources(module: ModuleType) -> bytes:
-    """The module's source, and those of the modules it imports from its own package, and they from it."""
-    package = module.__name__.rpartition(".")[0]
+    """The module's source, and those of the modules it imports from its own folder, and they from it."""
+    folder = Path(module.__file__ or "").parent
     known: dict[str, bytes] = {}
     todo = [module]
     while todo:
         one = todo.pop()
-        if one.__name__ in known or not getattr(one, "__file__", None):
+        if one.__name__ in known or not one.__file__:
             continue
-        known[one.__name__] = source = Path(str(one.__file__)).read_bytes()
-        names = {n.module for n in ast.walk(ast.parse(source)) if isinstance(n, ast.ImportFrom) and n.module}
-        names |= {a.name for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Import) for a in n.names}
+        known[one.__name__] = source = Path(one.__file__).read_bytes()
+        nodes = list(ast.walk(ast.parse(source)))
+        names = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+        names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+        imported = [sys.modules[name] for name in sorted(names) if name in sys.modules]
         todo += [
-            sys.modules[n]
-            for n in sorted(names)
-            if package and n.startswith(f"{package}.") and n in sys.modules
+            m for m in imported if getattr(m, "__file__", None) and Path(str(m.__file__)).parent == folder
         ]
-    return b"\0".join(known[name] for name in sorted(known))
+    return b"\0".join(sorted(known.values()))
 
 
 def _import(path: Path, module_name: str) -> ModuleType:
@@ -227,16 +236,22 @@ def _import(path: Path, module_name: str) -> ModuleType:
 
 
 def _load(file: Path) -> ModuleType:
-    """Load a module from its file under a name of its own, so that it takes no other's place."""
+    """Load a module from its file under a name of its own, so that it takes no other's place.
+
+    What it imports may lie beside it.
+    """
     name = f"{file.stem}_{hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look themselves up there
+    sys.path.insert(0, str(file.parent.resolve()))
     try:
         spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
         raise
+    finally:
+        sys.path.remove(str(file.parent.resolve()))
     return module

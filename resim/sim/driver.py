@@ -24,7 +24,7 @@ def cycle_steps(build: Build, step: float) -> int:
     if steps < 1 or abs(steps * step - build.cycle_time) > 1e-9:
         raise ResimError(
             f"{build.path}: cycle_time {build.cycle_time:g} s is not a multiple of the step, {step:g} s. "
-            "Change one of them."
+            f"A step of {build.cycle_time / max(1, round(build.cycle_time / step)):g} s would fit."
         )
     return steps
 
@@ -33,19 +33,20 @@ class Driver:
     """One function for one run; remembers what it saw and planned from the scenario's start on."""
 
     def __init__(self, build: Build, watchdog: Watchdog) -> None:
-        self._make, self._watchdog, self._limit = build.make, watchdog, build.time_limit
+        self._build, self._watchdog, self._limit = build, watchdog, build.time_limit
         self._function: AdFunction
         self.seen: list[Perceived] = []
         self.plans: list[tuple[float, Floats]] = []
 
     def reset(self, setup: Setup) -> None:
         """Make the function and prepare it."""
-        self._function = self._watchdog.call(_RESET_LIMIT, self._make)
-        self._watchdog.call(_RESET_LIMIT, self._function.reset, setup)
+        self._function = self._watchdog.call(_RESET_LIMIT, self._build.make)
+        self._watchdog.call(_RESET_LIMIT, lambda: self._function.reset(setup))
+        self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step)
 
     def step(self, perceived: Perceived, keep: bool) -> Command | Placement:
         """Give the function's answer; FunctionError for one that cannot be driven."""
-        answer: Command | Placement = self._watchdog.call(self._limit, self._function.step, perceived)
+        answer: Command | Placement = self._watchdog.call(self._limit, self._step, perceived)
         if isinstance(answer, Command):
             answer = _numbers(answer)
             if answer.plan is not None and not _is_plan(answer.plan):
@@ -53,6 +54,8 @@ class Driver:
             if keep and answer.plan is not None:
                 self.plans.append((perceived.t, answer.plan))
         elif isinstance(answer, Placement):
+            if not self._build.needs_truth:
+                raise FunctionError("answered a Placement; only oracles may, that declare needs_truth = True")
             answer = _placement(answer)
         else:
             raise FunctionError(f"answered {answer!r:.60}, expected a Command")
@@ -63,7 +66,7 @@ class Driver:
     def close(self) -> None:
         """End the function."""
         if hasattr(self, "_function"):
-            self._watchdog.call(_RESET_LIMIT, self._function.close)
+            self._watchdog.call(_RESET_LIMIT, lambda: self._function.close())
 
 
 _NUMBERS = (float, int, np.floating, np.integer)

@@ -71,7 +71,8 @@ class Session:
         if gui:
             _start_window(self._sumo, [*options, "--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"])
         else:
-            self._sumo.start(["sumo", *options])
+            with self._told():
+                self._sumo.start(["sumo", *options])
         self._state = str(folder / "start.xml")
         if not gui:
             self._sumo.simulation.saveState(self._state)
@@ -88,12 +89,21 @@ class Session:
     def add(self, name: str, length: float, width: float, v: float) -> None:
         """Bring a vehicle into being; `place` puts it somewhere before the next step."""
         vehicle = self._vehicle
-        vehicle.add(name, "", _TYPE, departSpeed=repr(max(v, 0.0)))
+        with self._told():
+            vehicle.add(name, "", _TYPE, departSpeed=repr(max(v, 0.0)))
         vehicle.setLength(name, length)
         vehicle.setWidth(name, width)
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
         self._length[name] = length
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        """Say in our own words what SUMO refuses."""
+        try:
+            yield
+        except self._sumo.TraCIException as e:
+            raise ResimError(f"SUMO refused: {e} (net {self.net})") from e
 
     def remove(self, name: str) -> None:
         """Take a vehicle off the road."""

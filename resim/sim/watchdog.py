@@ -73,7 +73,8 @@ class Watchdog:
         except SystemExit as e:
             raise FunctionError(f"tried to end the program: SystemExit({e.code})") from e
         except Exception as e:
-            raise FunctionError(f"raised {type(e).__name__}: {e}") from e
+            said = " ".join(str(e).split())
+            raise FunctionError(f"raised {type(e).__name__}: {said:.300}") from e
         finally:
             self._inside = False
         if time.perf_counter() - begin > limit:

@@ -129,7 +129,7 @@ def test_one_basis(basis: str, tmp_path: Path) -> None:
     options = Options(bases=(basis,))  # type: ignore[arg-type]
     page = Page(html(resimulate(recording("rear_end"), load_build(PILOT), options), tmp_path))
     assert f"step-SIM_{basis}" in page.ids
-    assert ("not comparable" in page.text) == (basis == "SD")
+    assert "not comparable" not in page.text  # the measured drive is there, whatever is re-simulated
 
 
 FAULTY = """

@@ -12,6 +12,9 @@ ROOT = Path(__file__).parents[2]
 OWN = """class Own:
     def __init__(self, *, gain=1.0):
         self.gain = gain
+    def reset(self, setup): pass
+    def step(self, perceived): pass
+    def close(self): pass
 """
 Write = Callable[..., Path]
 
@@ -88,5 +91,5 @@ def test_what_is_no_build_is_refused(tmp_path: Path, content: bytes) -> None:
 
 def test_a_module_beside_its_build_may_hold_a_dataclass(write_build: Write) -> None:
     source = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
-    source += "@dataclass\nclass Own:\n    gain: float = 1.0\n"
+    source += "@dataclass\nclass Gain:\n    gain: float = 1.0\n" + OWN
     assert load_build(write_build(source)).make() is not None

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from resim.core.errors import InputError
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
@@ -25,6 +26,8 @@ Member = Callable[..., ScenarioObject]
 LATER = "if perceived.t < 1.0: return Command(0.0, 0.0)\n"
 NEVER = "while True: pass"
 SLEEPS = "time.sleep(100.0)"
+ORACLE = "needs_truth = True"
+METHODS = "".join(f"    def {name}(self, _=None): pass\n" for name in ("reset", "step", "close"))
 STUBBORN = """while True:
     try:
         while True: time.sleep(0.01)
@@ -186,7 +189,9 @@ def test_a_function_cannot_change_what_others_see(
 
 
 def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member: Member) -> None:
-    own = function("import numpy as np\nreturn Placement(EgoState(np.float32(300.0), -5.0, 0.0, 1.0))")
+    own = function(
+        "import numpy as np\nreturn Placement(EgoState(np.float32(300.0), -5.0, 0.0, 1.0))", members=ORACLE
+    )
     assert drive(own, member("e", 300.0, 20.0)).end == "duration"
 
 
@@ -209,7 +214,27 @@ def test_a_function_that_swallows_every_interruption_ends_its_process_with_a_wor
 
 
 def test_a_module_beside_its_build_takes_no_other_modules_place(write_build: Callable[..., Path]) -> None:
-    path = write_build("class Own:\n    pass\n")
+    path = write_build(f"class Own:\n{METHODS}")
     installed = sys.modules.get("own")
     assert load_build(path).factory.__name__ == "Own"
     assert sys.modules.get("own") is installed
+
+
+def test_only_oracles_place_the_ego(drive: Drive, function: Make, member: Member) -> None:
+    run = drive(function("return Placement(EgoState(300.0, -5.0, 0.0, 1.0))"), member("e", 300.0, 20.0))
+    assert "answered a Placement; only oracles may" in run.failure
+
+
+def test_a_class_that_is_no_function_is_refused(write_build: Callable[..., Path]) -> None:
+    with pytest.raises(InputError, match="has no step, close"):
+        load_build(write_build("class Own:\n    def reset(self, setup): pass\n"))
+
+
+def test_a_module_may_use_another_beside_it(write_build: Callable[..., Path]) -> None:
+    path = write_build(f"import own_gain\nclass Own:\n{METHODS}")
+    (path.parent / "own_gain.py").write_text("GAIN = 1\n")
+    one = load_build(path).hash
+    (path.parent / "own_gain.py").write_text("GAIN = 2\n")
+    del sys.modules["own_gain"]
+    assert load_build(path).hash != one
+    del sys.modules["own_gain"]

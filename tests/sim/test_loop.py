@@ -156,9 +156,12 @@ def test_the_lead_in_follows_the_lane_of_a_lane_changer(
     assert (np.diff(plan.heading[0, :76]) >= -1e-12).all()
 
 
+ORACLE = "needs_truth = True"
+
+
 def test_the_function_sees_objects_in_its_own_frame(drive: Drive, function: Make, member: Member) -> None:
     run = drive(
-        function("e = perceived.ego\nreturn Placement(EgoState(50.0 + perceived.t, 60.0, math.pi / 2, 3.0))"),
+        function("return Placement(EgoState(50.0 + perceived.t, 60.0, math.pi / 2, 3.0))", members=ORACLE),
         member("e", 50.0, 3.0, end=0.4), member("1", 100.0, 10.0, end=0.4), stop_at_collision=False,
     )  # fmt: skip
     seen = run.perceived[1]
@@ -331,7 +334,6 @@ def test_the_same_input_gives_the_same_bytes_in_a_process_of_its_own(
 import hashlib
 from pathlib import Path
 from resim.ingest import read_recording
-from resim.pipeline import ego_window
 from resim.road.opendrive import load
 from resim.scenario.scenario import describe
 from resim.sim.adfunction import load_build
@@ -339,7 +341,7 @@ from resim.sim.loop import simulate
 import numpy as np
 root = Path({str(ROOT)!r})
 recording, network = read_recording(root / "scenarios/cut_in_brake"), load(root / "networks/proving_ground.xodr")
-scenario = describe(ego_window(recording.gt, "ego"), network, ego="ego", map_name="proving_ground.xodr")
+scenario = describe(recording.gt, network, ego="ego", map_name="proving_ground.xodr")
 run = simulate(scenario, network, Path({str(net.path)!r}), load_build(root / "adfunc/builds/highway_pilot-1.0.toml"))
 t = run.truth
 columns = (t.t, t.x, t.y, t.heading, t.v, t.a, t.yaw_rate, run.commands, *(p for _, p in run.plans))

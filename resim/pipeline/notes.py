@@ -1,0 +1,96 @@
+"""What a reader of the results has to know besides the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from resim.core.tracks import Tracks
+from resim.fidelity import EGO_ROW, Errors
+from resim.ingest import Recording
+from resim.pipeline.result import Basis, Branch
+from resim.road.opendrive import RoadNetwork
+from resim.road.sumo import SumoNet
+from resim.scenario.scenario import Scenario
+from resim.sim.adfunction import Build
+
+GAP = 1.0
+"""Time [s] without a sample over which the bridge of a trace is worth a word."""
+
+OFF_ROAD = 0.1
+"""Share of the EGO's samples on no driving lane from which on the map is worth a look."""
+
+HEADING = 0.2
+"""Mean difference [rad] between measured heading and direction of motion that is worth a look."""
+
+
+def notes(
+    recording: Recording,
+    build: Build,
+    net: SumoNet,
+    network: RoadNetwork,
+    measured: Mapping[Basis, Tracks],
+    described: Mapping[Basis, Scenario],
+    branches: Mapping[Basis, Branch],
+    errors: Mapping[str, Errors],
+) -> Iterator[str]:
+    """Give one line for each thing that qualifies the results."""
+    if net.remark:
+        yield f"{recording.map.name}: {net.remark}"
+    yield from _who_drove(recording, build)
+    yield from _plausible(recording, network, measured["GT"], errors)
+    for basis, scenario in described.items():
+        yield from _described(basis, measured[basis], scenario)
+    for basis, branch in branches.items():
+        if branch.run.end in ("collision", "off_road"):
+            yield f"r{basis} ended at t = {branch.run.truth.t[-1]:.2f} s: {branch.run.end.replace('_', ' ')}"
+        if branch.run.failure:
+            yield f"r{basis}: AD function failed: {branch.run.failure}"
+    if "SD" in measured:
+        yield from _sensed(recording, measured, errors)
+
+
+def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
+    if not recording.build:
+        return
+    if recording.build != build.label:
+        yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"
+    elif recording.build_hash not in (None, build.hash):
+        yield f"{build.label} drove the recording in another state (hash {str(recording.build_hash)[:12]})"
+
+
+def _plausible(
+    recording: Recording, network: RoadNetwork, gt: Tracks, errors: Mapping[str, Errors]
+) -> Iterator[str]:
+    """The two looks that tell a recording from the wrong map, frame or unit."""
+    row = gt.index(recording.ego)
+    own = gt.valid[row]
+    off = 1.0 - float(network.to_road(gt.x[row, own], gt.y[row, own]).on_road.mean())
+    if off > OFF_ROAD:
+        yield f"the EGO is on no driving lane in {100.0 * off:.0f} % of its samples: is this the recording's map?"
+    turned = float(np.nanmean(np.abs(errors["FIT_GT"].heading[EGO_ROW])))
+    if turned > HEADING:
+        yield f"the EGO's heading is {turned:.2f} rad off its motion in the mean: is it in radians, in the map's frame?"
+
+
+def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str]:
+    there = {scenario.ego.id, *(o.id for o in scenario.objects)}
+    if lost := sorted(set(tracks.ids.tolist()) - there):
+        yield f"{basis}: seen only once and left out: {', '.join(lost)}"
+    for n, name in enumerate(tracks.ids.tolist()):
+        own = tracks.t[tracks.valid[n]]
+        for gap in np.flatnonzero(np.diff(own) > GAP):
+            yield f"{basis}: {name} is not seen from {own[gap]:.2f} to {own[gap + 1]:.2f} s; its trace is bridged there"
+
+
+def _sensed(
+    recording: Recording, measured: Mapping[Basis, Tracks], errors: Mapping[str, Errors]
+) -> Iterator[str]:
+    unknown = [i for i in measured["SD"].ids.tolist() if i not in set(measured["GT"].ids.tolist())]
+    if unknown:
+        yield f"SD holds {len(unknown)} object(s) without ground truth: no errors for them, but rSD has them"
+    if not recording.senses_ego:
+        yield "SD holds no EGO: its ground truth stands in, and S says nothing of it"
+    elif not np.isfinite(errors["S"].x[EGO_ROW]).any():
+        yield "S of the EGO is empty: no SD sample lies between two neighbouring GT samples"

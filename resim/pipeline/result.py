@@ -1,0 +1,207 @@
+"""What a re-simulation gives: tracks, scenarios, errors, and what the report files hold of them."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+import resim
+from resim import fidelity
+from resim.core.errors import ResimError
+from resim.core.geometry import wrap_angle
+from resim.core.tracks import Tracks
+from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
+from resim.ingest import Recording
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario
+from resim.sim.adfunction import Build, Perceived
+from resim.sim.run import Run
+
+Basis = Literal["GT", "SD"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to re-simulate: basis of the scenarios, step and lead-in [s], seed, and when to end."""
+
+    bases: tuple[Basis, ...] = ("GT", "SD")
+    step: float = 0.04
+    relaxation: float = 3.0
+    seed: int = 0
+    stop_at_collision: bool = True
+    gui: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.step <= 1.0:
+            raise ResimError(f"step {self.step:g} s: expected more than 0 and at most 1 s")
+        if not 0.0 <= self.relaxation <= 60.0:
+            raise ResimError(f"relaxation {self.relaxation:g} s: expected 0 to 60 s")
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """One basis through the chain: what was measured, its scenario, its run, and the run's scenario.
+
+    refit is None where the run ended before there was anything to describe.
+    """
+
+    measured: Tracks
+    scenario: Scenario
+    run: Run
+    refit: Scenario | None
+
+
+@dataclass(frozen=True, eq=False)
+class Resimulation:
+    """A re-simulated recording: what was measured and described, the branches that were run, and the errors.
+
+    measured holds GT, and SD where there is one, as long as the EGO is there; described and branches by basis,
+    GT always described.
+    """
+
+    recording: Recording
+    build: Build
+    options: Options
+    network: RoadNetwork
+    measured: Mapping[Basis, Tracks]
+    described: Mapping[Basis, Scenario]
+    branches: Mapping[Basis, Branch]
+    errors: Mapping[str, Errors]
+    warnings: tuple[str, ...]
+    times: Mapping[str, float]
+    hashes: Mapping[str, str]
+
+    @property
+    def ego(self) -> str:
+        """The EGO's id."""
+        return self.recording.ego
+
+    @property
+    def drove(self) -> bool | None:
+        """Whether this build drove the recording, None where the recording does not say what did."""
+        if not self.recording.build:
+            return None
+        same = self.recording.build_hash in (None, self.build.hash)
+        return self.recording.build == self.build.label and same
+
+    @property
+    def failure(self) -> str:
+        """Why the function failed, and in which run, or ""."""
+        whys = {f"r{basis}": b.run.failure for basis, b in self.branches.items() if b.run.failure}
+        return "; ".join(f"{name}: {why}" for name, why in whys.items())
+
+    def scenarios(self) -> dict[str, Scenario]:
+        """Give the scenarios by what they describe: GT, SD, rGT, rSD."""
+        out = {str(basis): scenario for basis, scenario in self.described.items()}
+        return out | {f"r{basis}": b.refit for basis, b in self.branches.items() if b.refit is not None}
+
+    def tracks(self) -> dict[str, Tracks]:
+        """Give the tracks by source: GT, SD, rGT, rSD."""
+        out = {str(basis): tracks for basis, tracks in self.measured.items()}
+        return out | {f"r{basis}": branch.run.truth for basis, branch in self.branches.items()}
+
+    def driven(self) -> dict[str, Tracks | None]:
+        """Give how the EGO drove, with accelerations: in GT by its splines, in rGT and rSD as simulated."""
+        gt, runs = self.described["GT"], {b: branch.run.truth for b, branch in self.branches.items()}
+        begin = gt.ego.spawn_time
+        t = np.round(np.arange(begin, begin + gt.duration, 0.01), 9)
+        return {"GT": gt.tracks(self.network, t), "rGT": runs.get("GT"), "rSD": runs.get("SD")}
+
+    def tracks_frame(self) -> pd.DataFrame:
+        """Give all tracks, and what the function perceived in map coordinates, as one table by `source`."""
+        parts = [tracks.to_frame().assign(source=source) for source, tracks in self.tracks().items()]
+        parts += [
+            perceived_frame(branch.run.perceived).assign(source=f"perceived_r{basis}")
+            for basis, branch in self.branches.items()
+        ]
+        table = pd.concat(parts, ignore_index=True)
+        return table[["source", *(c for c in table.columns if c != "source")]]
+
+    def report(self) -> dict[str, Any]:
+        """Give what report.json holds."""
+        runs = {f"r{basis}": b.run for basis, b in self.branches.items()}
+        driven = self.driven()
+        reaction = {
+            b: None if t is None else fidelity.reaction_time(t, ego=self.ego) for b, t in driven.items()
+        }
+        hits = {name: fidelity.collisions(tracks, ego=self.ego) for name, tracks in self.tracks().items()}
+        return {
+            "recording": self.recording.name,
+            "map": self.recording.map.name,
+            "ego": self.ego,
+            "build": {"name": self.build.name, "version": self.build.version, "drove": self.drove},
+            "errors": {step: self._statistics(step) for step in STEPS},
+            "sums": fidelity.sums(self.errors),
+            "reaction": reaction,
+            "reaction_difference": {b: _minus(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
+            "decision": {
+                b: None if t is None else fidelity.decision(t, self.network, ego=self.ego)
+                for b, t in driven.items()
+            },
+            "collision": {name: bool(h) for name, h in hits.items()},
+            "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},
+            "end": {name: run.end for name, run in runs.items()},
+            "failure": {name: run.failure or None for name, run in runs.items()},
+            "warnings": list(self.warnings),
+        }
+
+    def provenance(self) -> dict[str, Any]:
+        """Give what run.json holds: versions, hashes, seeds, times."""
+        packages = ("numpy", "scipy", "pandas", "shapely", "duckdb", "libsumo", "eclipse-sumo")
+        return {
+            "versions": {
+                "resim": resim.__version__,
+                "python": platform.python_version(),
+                **{p: importlib.metadata.version(p) for p in packages},
+            },
+            "hashes": dict(self.hashes),
+            "seed": self.options.seed,
+            "step": self.options.step,
+            "relaxation": self.options.relaxation,
+            "stop_at_collision": self.options.stop_at_collision,
+            "control_error": {f"r{basis}": b.run.control_error for basis, b in self.branches.items()},
+            "times": dict(self.times),
+        }
+
+    def _statistics(self, step: str) -> dict[str, dict[str, fidelity.Statistics | None]]:
+        errors = self.errors.get(step)
+        if errors is None:
+            return {who: dict.fromkeys(QUANTITIES) for who in ("ego", "to")}
+        return {"ego": errors.statistics(EGO_ROW), "to": errors.statistics(TO_ROWS)}
+
+
+def _minus(later: float | None, earlier: float | None) -> float | None:
+    return None if later is None or earlier is None else round(later - earlier, 9)
+
+
+def perceived_frame(perceived: tuple[Perceived, ...]) -> pd.DataFrame:
+    """Give perceived lists as a table in map coordinates, one row per time and object."""
+    if not perceived:
+        return pd.DataFrame({"t": [], "id": []})
+    counts = [len(p.ids) for p in perceived]
+    positions = [p.map_positions() for p in perceived]
+
+    def column(name: str) -> np.ndarray[Any, Any]:
+        return np.concatenate([getattr(p, name) for p in perceived])
+
+    return pd.DataFrame(
+        {
+            "t": np.repeat([p.t for p in perceived], counts),
+            "id": column("ids"),
+            "x": np.concatenate([x for x, _ in positions]),
+            "y": np.concatenate([y for _, y in positions]),
+            "heading": wrap_angle(
+                column("heading_ego") + np.repeat([p.ego.heading for p in perceived], counts)
+            ),
+            "v": column("v"),
+            "length": column("length"),
+            "width": column("width"),
+            "kind": column("kind"),
+        }
+    )

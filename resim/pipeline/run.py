@@ -1,0 +1,197 @@
+"""One recording, one build: describe, re-simulate, describe again, compare. What every command calls."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from resim import fidelity
+from resim.core.errors import ResimError
+from resim.core.tracks import Tracks
+from resim.fidelity import STEPS, Errors
+from resim.ingest import Recording
+from resim.pipeline.notes import notes
+from resim.pipeline.result import Basis, Branch, Options, Resimulation
+from resim.road.opendrive import RoadNetwork, load
+from resim.road.sumo import SumoNet, sumo_net
+from resim.scenario.scenario import Scenario, describe
+from resim.sim.adfunction import Build
+from resim.sim.dynamics import VehicleModel
+from resim.sim.loop import simulate
+
+Progress = Callable[[str], None]
+
+STAGES = ("map", "fit GT", "fit SD", "run GT", "fit rGT", "run SD", "fit rSD", "errors")
+"""What `resimulate` tells its progress, in order, as far as the bases ask for it."""
+
+
+@dataclass
+class _Clock:
+    """Wall-clock times of the stages, and who wants to hear of them."""
+
+    progress: Progress
+    times: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        self.progress(name)
+        begin = time.perf_counter()
+        yield
+        self.times[name] = time.perf_counter() - begin
+
+
+def resimulate(
+    recording: Recording,
+    build: Build,
+    options: Options = Options(),
+    *,
+    model: VehicleModel | None = None,
+    progress: Progress = lambda stage: None,
+) -> Resimulation:
+    """Re-simulate a recording with a build, on each basis that the recording has, and compare every step."""
+    clock = _Clock(progress)
+    with clock.stage("map"):
+        network = load(recording.map)
+        net = sumo_net(network)
+    measured = _measured(recording)
+    described: dict[Basis, Scenario] = {}
+    for basis in measured:
+        if basis == "GT" or basis in options.bases:
+            with clock.stage(f"fit {basis}"):
+                described[basis] = _describe(measured[basis], recording, network, basis)
+    branches: dict[Basis, Branch] = {}
+    for basis in options.bases:
+        if basis in measured:
+            branches[basis] = _branch(
+                basis,
+                measured[basis],
+                described[basis],
+                recording,
+                build,
+                network,
+                net,
+                options,
+                model,
+                clock,
+            )
+    with clock.stage("errors"):
+        errors = _errors(recording, branches, measured, described, network)
+    return Resimulation(
+        recording=recording,
+        build=build,
+        options=options,
+        network=network,
+        measured=measured,
+        described=described,
+        branches=branches,
+        errors=errors,
+        warnings=tuple(notes(recording, build, net, network, measured, described, branches, errors)),
+        times=clock.times,
+        hashes={
+            "build": build.hash,
+            "map": file_hash(recording.map),
+            "net": net.hash,
+            **_recording_hashes(recording),
+        },
+    )
+
+
+def _measured(recording: Recording) -> dict[Basis, Tracks]:
+    """GT, and SD where there is one, each as long as the EGO is there."""
+    where = recording.folder or recording.name
+    gt = _ego_window(recording.gt, recording.ego, f"{where}: gt")
+    if (sd := recording.sd_by_gt()) is None:
+        return {"GT": gt}
+    sd = _ego_window(sd, recording.ego, f"{where}: sd")
+    if sd.t[0] > gt.t[-1] or sd.t[-1] < gt.t[0]:
+        raise ResimError(
+            f"{where}: gt lasts from {gt.t[0]:g} to {gt.t[-1]:g} s and sd from {sd.t[0]:g} to {sd.t[-1]:g} s: "
+            "they have no time in common. Give both the same clock."
+        )
+    return {"GT": gt, "SD": sd}
+
+
+def _ego_window(tracks: Tracks, ego: str, where: str) -> Tracks:
+    own = tracks.valid[tracks.index(ego)]
+    if own.sum() < 2:
+        raise ResimError(f"{where}: EGO {ego!r} has {int(own.sum())} sample(s), expected two or more")
+    first, last = tracks.t[own][[0, -1]]
+    return tracks.window(float(first), float(last))
+
+
+def _describe(tracks: Tracks, recording: Recording, network: RoadNetwork, what: str) -> Scenario:
+    return describe(
+        tracks, network, ego=recording.ego, map_name=map_name(recording.map),
+        description=f"{recording.name}: {what}", environment=recording.environment,
+    )  # fmt: skip
+
+
+def map_name(road: Path) -> str:
+    """Give the name under which results keep the map: its own, where no other system or file minds it."""
+    return road.name if re.fullmatch(r"[\w.-]+\.xodr", road.name, re.ASCII) else "map.xodr"
+
+
+def _branch(
+    basis: Basis,
+    measured: Tracks,
+    scenario: Scenario,
+    recording: Recording,
+    build: Build,
+    network: RoadNetwork,
+    net: SumoNet,
+    options: Options,
+    model: VehicleModel | None,
+    clock: _Clock,
+) -> Branch:
+    with clock.stage(f"run {basis}"):
+        run = simulate(
+            scenario, network, net.path, build, step=options.step, relaxation=options.relaxation, seed=options.seed,
+            model=model, stop_at_collision=options.stop_at_collision, gui=options.gui,
+        )  # fmt: skip
+    with clock.stage(f"fit r{basis}"):
+        enough = run.truth.valid[0].sum() >= 2
+        refit = _describe(run.truth, recording, network, f"r{basis}") if enough else None
+    return Branch(measured, scenario, run, refit)
+
+
+def _errors(
+    recording: Recording,
+    branches: Mapping[Basis, Branch],
+    measured: Mapping[Basis, Tracks],
+    described: Mapping[Basis, Scenario],
+    network: RoadNetwork,
+) -> dict[str, Errors]:
+    gt = measured["GT"]
+    out: dict[str, Errors] = {}
+    if "SD" in measured:
+        out["S"] = fidelity.sensor_error(gt, measured["SD"], ego=recording.ego)
+        if not recording.senses_ego:
+            for column in (out["S"].x, out["S"].y, out["S"].v, out["S"].heading):
+                column[0] = np.nan  # the ground truth stands in for it: no error was measured
+    for basis, scenario in described.items():
+        out[f"FIT_{basis}"] = fidelity.fit_error(scenario, measured[basis], network)
+    for basis, b in branches.items():
+        out[f"SIM_{basis}"] = fidelity.simulation_error(b.run.truth, b.scenario, network)
+        if b.refit is not None:
+            out[f"FIT_r{basis}"] = fidelity.fit_error(b.refit, b.run.truth, network)
+            out[f"PIPE_{basis}"] = fidelity.pipeline_error(b.refit, gt, network)
+    return {step: out[step] for step in STEPS if step in out}
+
+
+def file_hash(path: Path) -> str:
+    """Give the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _recording_hashes(recording: Recording) -> dict[str, str]:
+    if recording.folder is None:
+        return {}
+    names = ("recording.toml", "gt.csv", "gt.parquet", "sd.csv", "sd.parquet")
+    return {name: file_hash(recording.folder / name) for name in names if (recording.folder / name).is_file()}
