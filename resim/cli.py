@@ -216,7 +216,9 @@ def import_commonroad(
 
 def _write(recording: Recording, out: Path) -> None:
     from resim.ingest import write_recording
+    from resim.road.opendrive import load
 
+    load(recording.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
     write_recording(recording, out)
     span = recording.gt.t[-1] - recording.gt.t[0]
     typer.echo(f"{out}: {len(recording.gt)} objects over {span:.2f} s, EGO {recording.ego}")

@@ -313,3 +313,44 @@ def test_help_loads_neither_sumo_nor_numpy() -> None:
     program = "import sys, resim.cli; print([m for m in ('numpy', 'libsumo', 'scipy', 'pandas') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_an_import_wants_an_opendrive_map(call: Call, tmp_path: Path) -> None:
+    source = DATA / "ngsim" / "USA_US101-5_1_T-1.xml"
+    if not source.is_file():
+        pytest.skip("the shared data are not on this machine")
+    arguments = ("import", "commonroad", source, "--ego", "449", "--out", tmp_path / "out")
+    refused(call(*arguments, "--map", source), "root element")
+    assert names(tmp_path) == []
+    code, out, _ = call(*arguments, "--map", source.with_suffix(".xodr"), "--start", "1", "--end", "7")
+    assert (code, "23 objects over 6.00 s, EGO 449" in out) == (0, True)
+    done = call(
+        "run",
+        tmp_path / "out",
+        "--build",
+        ROOT / "adfunc" / "builds" / "replay-1.0.toml",
+        "--out",
+        tmp_path / "run",
+    )
+    assert done[0] == 0
+
+
+def test_an_import_of_highd_is_put_on_its_map(call: Call, tmp_path: Path) -> None:
+    source = DATA / "highd_format" / "us101_22" / "01_tracks.csv"
+    if not source.is_file():
+        pytest.skip("the shared data are not on this machine")
+    road = DATA / "ngsim" / "USA_US101-22_1_T-1.xodr"
+    pose = ("--alignment", "-21.7293", "51.5141", "-0.71823")
+    code, out, _ = call(
+        "import", "highd", source, "--map", road, "--ego", "10", *pose, "--out", tmp_path / "out"
+    )
+    assert (code, "54 objects" in out) == (0, True)
+    code, out, _ = call(
+        "run",
+        tmp_path / "out",
+        "--build",
+        ROOT / "adfunc" / "builds" / "replay-1.0.toml",
+        "--out",
+        tmp_path / "run",
+    )
+    assert (code, "no driving lane" in out) == (0, False)
