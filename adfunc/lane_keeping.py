@@ -51,6 +51,12 @@ def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float) -> Path
     return replace(path, curvature=-np.subtract(*ends) / SMOOTH)
 
 
+@lru_cache(maxsize=256)
+def _lane_at(road: RoadNetwork, x: float, y: float, heading: float) -> tuple[str, int, float]:
+    at = road.to_road(np.array([x]), np.array([y]), heading=np.array([heading]))
+    return str(at.road[0]), int(at.lane[0]), float(at.s[0])
+
+
 class Lane:
     """The lane that the EGO keeps, looked up on the map and followed as the EGO goes along.
 
@@ -63,8 +69,7 @@ class Lane:
 
     def look_up(self, ego: EgoState) -> None:
         """Take the lane that the EGO is on from now on."""
-        at = self._road.to_road(np.array([ego.x]), np.array([ego.y]), heading=np.array([ego.heading]))
-        road, lane, s = str(at.road[0]), int(at.lane[0]), float(at.s[0])
+        road, lane, s = _lane_at(self._road, ego.x, ego.y, ego.heading)
         anchor = min(max(ANCHOR * round(s / ANCHOR), 0.0), self._road.roads[road].length)
         if not self._road.has_lane(road, lane, anchor):
             anchor = s

@@ -65,16 +65,22 @@ def actuate(
     vehicle: Vehicle, state: VehicleState, acceleration: float, curvature: float, dt: float
 ) -> tuple[float, float]:
     """Give acceleration [m/s²] and steering angle [rad] after dt [s] of lag and limits."""
-    wanted = min(max(acceleration, -vehicle.max_braking), vehicle.max_acceleration)
-    most = vehicle.max_jerk * dt
-    change = (wanted - state.a) * (1.0 - math.exp(-dt / vehicle.acceleration_lag))
-    a = state.a + min(max(change, -most), most)
+    a = state.a + _limited(
+        (_limited(acceleration, -vehicle.max_braking, vehicle.max_acceleration) - state.a)
+        * (1.0 - math.exp(-dt / vehicle.acceleration_lag)),
+        -vehicle.max_jerk * dt,
+        vehicle.max_jerk * dt,
+    )
     if state.v * state.v * abs(curvature) > vehicle.max_lateral:
         curvature = math.copysign(vehicle.max_lateral / (state.v * state.v), curvature)
-    steering = min(max(math.atan(vehicle.wheelbase * curvature), -vehicle.max_steering), vehicle.max_steering)
+    wanted = _limited(math.atan(vehicle.wheelbase * curvature), -vehicle.max_steering, vehicle.max_steering)
     most = vehicle.max_steering_rate * dt
-    change = (steering - state.steering) * (1.0 - math.exp(-dt / vehicle.steering_lag))
-    return a, state.steering + min(max(change, -most), most)
+    change = (wanted - state.steering) * (1.0 - math.exp(-dt / vehicle.steering_lag))
+    return a, state.steering + _limited(change, -most, most)
+
+
+def _limited(value: float, low: float, high: float) -> float:
+    return low if value < low else high if value > high else value
 
 
 class Kinematic:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import groupby
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from resim.sim.guide import Guide
 from resim.sim.perception import Ideal, Perception
 from resim.sim.run import Collision, End, Run
 from resim.sim.session import EGO, Session, from_sumo, open_session
-from resim.sim.traffic import Phase, Stage, staged
+from resim.sim.traffic import Stage, staged
 from resim.sim.watchdog import Watchdog
 
 RELAXATION = 3.0
@@ -99,8 +99,8 @@ class _Loop:
     def __init__(self, stage: Stage, session: Session, perception: Perception, model: VehicleModel) -> None:
         self.stage, self.plan, self.members = stage, stage.plan, stage.members
         self.session, self.perception, self.model = session, perception, model
-        self.ego: list[EgoState] = []
-        self.read: list[tuple[Phase, list[float]]] = []
+        self.steps = 0
+        self.ego, self.said = array("d"), array("d")  # compact: what a step leaves behind slows the next ones
         self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
         self.end: End = "duration"
@@ -112,7 +112,7 @@ class _Loop:
     @property
     def now(self) -> float:
         """Time [s] of the last step."""
-        return float(self.plan.t[max(len(self.ego) - 1, 0)])
+        return float(self.plan.t[max(self.steps - 1, 0)])
 
     def run(self, driver: Driver, cycle: int, stop_at_collision: bool) -> None:
         """Take every step, from the lead-in's first to the end."""
@@ -126,8 +126,9 @@ class _Loop:
         for phase in self.stage.phases:
             phase.enter(session)
             for k in range(phase.first, phase.after):
-                self.read.append((phase, session.advance(phase.commands[k - phase.first], ego)))
-                self.ego.append(ego)
+                self.said.extend(session.advance(phase.commands[k - phase.first], ego))
+                self.ego.extend((ego.x, ego.y, ego.heading, ego.v, ego.a, ego.yaw_rate))
+                self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look(stop_at_collision):
                     return
                 if k == begin:
@@ -154,11 +155,11 @@ class _Loop:
 
     def look(self, stop_at_collision: bool) -> bool:
         """Look at the steps since the last look; say whether the run ended in one, and if so forget what came after."""
-        first, self.looked = self.looked, len(self.ego)
-        if first >= len(self.ego):
+        first, self.looked = self.looked, self.steps
+        if first >= self.steps:
             return False
-        steps = np.arange(first, len(self.ego))
-        x, y, heading = np.array([(e.x, e.y, e.heading) for e in self.ego[first:]]).T
+        steps = np.arange(first, self.steps)
+        x, y, heading = np.array(self.ego[6 * first :]).reshape(-1, 6)[:, :3].T
         hit = self.overlaps(steps, x, y, heading)
         off = np.flatnonzero(~self.stage.surface.holds(x, y))
         ends = [(int(off[0]), "off_road")] if len(off) else []
@@ -175,7 +176,7 @@ class _Loop:
         if not ends:
             return False
         self.end = "collision" if (stop, "collision") in ends else "off_road"
-        del self.ego[first + stop + 1 :]
+        self.steps = first + stop + 1
         return True
 
     def overlaps(self, steps: NDArray[np.intp], x: Floats, y: Floats, heading: Floats) -> Bools:
@@ -191,7 +192,7 @@ class _Loop:
 
     def result(self, driver: Driver, seed: int) -> Run:
         """Put together what the run gave, and check that SUMO did as it was told."""
-        kept = slice(self.plan.begin, max(len(self.ego), self.plan.begin + 1))
+        kept = slice(self.plan.begin, max(self.steps, self.plan.begin + 1))
         t, motion = self.plan.t[kept], self.motion(kept)
         read = self.readings()[:, :, kept]
         x, y, heading = from_sumo(read[0], read[1], read[2], self.length[:, None])
@@ -222,20 +223,21 @@ class _Loop:
         plan = self.plan
         out = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate])
         out[:, 0] = np.nan
-        own = [(e.x, e.y, e.heading, e.v, e.a, e.yaw_rate) for e in self.ego]
-        out[:, 0, : len(own)] = np.array(own).reshape(-1, 6).T
+        out[:, 0, : self.steps] = np.array(self.ego).reshape(-1, 6)[: self.steps].T
         return out[:, :, kept]
 
     def readings(self) -> Floats:
         """Give what SUMO said: (4, N, T) front bumper x, y, angle, speed, EGO first; NaN where nothing is."""
         out = np.full((4, len(self.members), len(self.plan.t)), np.nan)
-        k = 0
-        for phase, block in groupby(self.read[: len(self.ego)], key=lambda entry: entry[0]):
-            said = np.array([step for _, step in block])
-            out[:, [0, *phase.rows.tolist()], k : k + len(said)] = said.reshape(len(said), -1, 4).transpose(
-                2, 1, 0
-            )
-            k += len(said)
+        said, used = np.array(self.said), 0
+        for phase in self.stage.phases:
+            rows = [0, *phase.rows.tolist()]
+            steps = slice(phase.first, min(phase.after, self.steps))
+            size = 4 * len(rows) * max(steps.stop - steps.start, 0)
+            out[:, rows, steps] = said[used : used + size].reshape(-1, len(rows), 4).transpose(2, 1, 0)
+            used += size
+            if steps.stop == self.steps:
+                break
         return out
 
 
