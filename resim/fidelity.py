@@ -36,6 +36,9 @@ STATISTICS = ("mean", "std", "min", "q25", "q50", "q75", "max")
 BRAKING = -0.5
 """Acceleration [m/s²] below which the EGO has reacted (Section 5.3.2)."""
 
+TURNED = 0.3
+"""Heading [rad] against the lane from which on leaving it is turning off and not changing lane."""
+
 Statistics: TypeAlias = dict[str, float]
 
 
@@ -212,30 +215,34 @@ def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tupl
     out: list[tuple[float, str]] = []
     k = 0
     while k < len(t):
-        crossed = _leaves_lane(network, x[k:], y[k:], float(heading[k]))
-        if crossed is None:
+        left = _leaves_lane(network, x[k:], y[k:], heading[k:])
+        if left is None:
             break
-        step, side = crossed
-        if step:  # else it starts beyond its lane's border, as where lanes overlap
+        step, side = left
+        if step and side:  # else it turned off, or starts beyond its lane's border, as where lanes overlap
             out.append((float(t[k + step]), side))
         k += max(step, 1)
     return out
 
 
-def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: float) -> tuple[int, str] | None:
-    """The first sample in a lane beside the one of the first sample, and on which side that is."""
-    at = network.to_road(x[:1], y[:1], heading=np.array([heading]))
+def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> tuple[int, str] | None:
+    """The first sample beyond the border of the first sample's lane, and the side; "" where it turns off.
+
+    A lane change ends in another lane, oncoming or not, and runs along the one it leaves.
+    """
+    at = network.to_road(x[:1], y[:1], heading=heading[:1])
     length = float(np.hypot(np.diff(x), np.diff(y)).sum()) + 20.0
     path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
     s, d = path.project(x, y)
-    half = np.interp(s, path.s, path.half_width)
-    beyond = np.flatnonzero(np.abs(d) > half)
-    there = beyond[
-        network.to_road(x[beyond], y[beyond]).on_road
-    ]  # beside the lane is another one, oncoming or not
-    if not len(there):
+    beyond = np.flatnonzero(np.abs(d) > np.interp(s, path.s, path.half_width))
+    across = wrap_angle(heading[beyond] - np.interp(s[beyond], path.s, path.heading))
+    turned = np.abs(across) > TURNED
+    counts = beyond[turned | network.to_road(x[beyond], y[beyond]).on_road]
+    if not len(counts):
         return None
-    first = int(there[0])
+    first = int(counts[0])
+    if turned[np.searchsorted(beyond, first)]:
+        return first, ""
     return first, "lane_change_left" if d[first] > 0.0 else "lane_change_right"
 
 

@@ -288,3 +288,10 @@ def test_a_slow_ground_truth_still_has_a_sensor_error() -> None:
     slow, fast = np.arange(0.0, 4.01, 0.5), np.arange(0.0, 4.0, 0.1)
     gt, sd = (tracks(t, e=(10.0 * t + off, 0.0, 0.0, 10.0)) for t, off in ((slow, 0.0), (fast, 1.0)))
     np.testing.assert_allclose(fidelity.sensor_error(gt, sd, ego="e").x, 1.0)
+
+
+def test_turning_off_is_no_lane_change(network: RoadNetwork) -> None:
+    t = np.arange(0.0, 2.5, 0.04)
+    turn = 0.6 * t
+    x, y = 300.0 + 10.0 * np.sin(turn), LANE[-1] + 10.0 * (1.0 - np.cos(turn))
+    assert fidelity.lane_changes(tracks(t, e=(x, y, turn, 6.0)), network, ego="e") == []
