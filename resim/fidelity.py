@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
-from resim.core.tracks import Strings, Tracks
+from resim.core.tracks import Strings, Tracks, whole_id
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import lane_path
 from resim.scenario.scenario import Scenario
@@ -127,8 +127,8 @@ def simulation_error(truth: Tracks, scenario: Scenario, network: RoadNetwork) ->
 
 
 def pipeline_error(scenario: Scenario, gt: Tracks, network: RoadNetwork) -> Errors:
-    """PIPE_X = JSCEN of rX - GT, at the times of GT."""
-    return difference(scenario.tracks(network, gt.t), gt, ego=scenario.ego.id)
+    """PIPE_X = JSCEN of rX - GT, at the times of GT; an object's parts (`Tracks.split`) are compared as one."""
+    return difference(scenario.tracks(network, gt.t).joined(), gt, ego=scenario.ego.id)
 
 
 def sums(errors: Mapping[str, Errors]) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
@@ -156,17 +156,18 @@ def sums(errors: Mapping[str, Errors]) -> dict[str, dict[str, dict[str, dict[str
 
 def _at(part: Errors, whole: Errors) -> Errors:
     """One step's errors at the times and objects of another's, by linear interpolation."""
-    order = {name: n for n, name in enumerate(part.ids.tolist())}
+    order = {name: row for row, name in enumerate(whole.ids.tolist())}
 
     def column(name: str) -> Floats:
         values = np.full((len(whole.ids), len(whole.t)), np.nan)
-        for row, object_id in enumerate(whole.ids.tolist()):
-            if (n := order.get(object_id)) is None:
-                continue
+        for n, object_id in enumerate(part.ids.tolist()):
             own = getattr(part, name)[n]
             known = np.isfinite(own)
-            if known.any():
-                values[row] = np.interp(whole.t, part.t[known], own[known], left=np.nan, right=np.nan)
+            row = order.get(object_id, order.get(whole_id(object_id, order)))
+            if row is None or not known.any():
+                continue
+            there = (whole.t >= part.t[known][0]) & (whole.t <= part.t[known][-1])
+            values[row, there] = np.interp(whole.t[there], part.t[known], own[known])
         return values
 
     return Errors(whole.t, whole.ids, *(column(c) for c in ("x", "y", "v", "heading")))

@@ -14,6 +14,7 @@ from resim.core.tracks import Tracks
 from resim.fidelity import STEPS
 from resim.ingest import Recording, read_commonroad
 from resim.pipeline import STAGES, Options, Resimulation, perceived_frame, resimulate
+from resim.scenario.jscen import read_jscen
 from resim.sim.adfunction import Build, EgoState, Perceived, load_build
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -147,6 +148,7 @@ def test_times_before_zero_can_be_written(shipped: Shipped, build: Builds, tmp_p
     one = shipped("overtake")
     early = replace(one, gt=one.gt.shifted(-60.0), sd=None, sd_gt_id=None)
     write_resimulation(resimulate(early, build("idm")), tmp_path)
+    assert read_jscen(tmp_path / "rGT.jscen.json").ego.spawn_time == -60.0
 
 
 def test_objects_seen_once_and_without_ground_truth_are_told(shipped: Shipped, build: Builds) -> None:
@@ -251,7 +253,13 @@ def test_wrong_maps_and_units_and_bridged_gaps_are_noted(shipped: Shipped, build
     hidden = one.gt.valid & ((one.gt.t < 2.0) | (one.gt.t > 4.0) | (one.gt.ids == "ego")[:, None])
     columns = {c: np.where(hidden, getattr(one.gt, c), np.nan) for c in ("x", "y", "heading", "v")}
     gaps = replace(one, gt=replace(one.gt, valid=hidden, **columns))
-    assert any("1 is not seen from 1.96 to 4.04 s" in w for w in resimulate(gaps, build("replay")).warnings)
+    result = resimulate(gaps, build("replay"))
+    assert any("another object when seen again: 1~2, 2~2, 3~2" in w for w in result.warnings)
+    truth = result.branches["GT"].run.truth
+    assert not truth.at([3.0]).select(["1"]).valid.any()  # nobody drives where nobody was seen
+    assert result.errors["PIPE_GT"].ids.tolist() == ["ego", "1", "2", "3"]
+    assert np.nanmax(result.errors["PIPE_GT"].d) < 0.1
+    assert np.nanmax(result.errors["SIM_GT"].d) < 1e-6
 
 
 def test_another_state_of_the_build_that_drove_is_another_build(shipped: Shipped, build: Builds) -> None:

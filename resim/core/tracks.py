@@ -17,9 +17,18 @@ COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
 OPTIONAL_COLUMNS = ("yaw_rate", "a")
 KINDS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown")
 
+PART = "~"
+"""What stands between an object's id and the number of its part (see `Tracks.split`)."""
+
 Strings = NDArray[np.str_]
 
 _SAME = 1e-9  # s; times this near to each other are one
+
+
+def whole_id(name: str, known: Iterable[str]) -> str:
+    """Give the id of the object whose part this is, if that one is known; else the name itself."""
+    base, _, number = name.rpartition(PART)
+    return base if number.isdigit() and base in known else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +136,45 @@ class Tracks:
                 out[name][n, hit] = np.interp(t[hit], own, values)
         out["heading"] = wrap_angle(out["heading"])
         return replace(self, t=t, valid=np.isfinite(out["x"]), **out)
+
+    def split(self, max_gap: float, *, keep: str) -> Tracks:
+        """Give tracks in which nobody is missing for more than max_gap [s]: who comes back later is another object.
+
+        The parts of object `5` are called `5`, `5~2`, `5~3`; the object `keep` is left whole.
+        """
+        rows: list[int] = []
+        parts: list[NDArray[np.intp]] = []
+        names: list[str] = []
+        for n, name in enumerate(self.ids.tolist()):
+            known = np.flatnonzero(self.valid[n])
+            late = np.flatnonzero(np.diff(self.t[known]) > max_gap + 1e-9) + 1
+            for k, part in enumerate([known] if name == keep else np.split(known, late), start=1):
+                rows.append(n)
+                parts.append(part)
+                names.append(name if k == 1 else f"{name}{PART}{k}")
+        if len(rows) == len(self):
+            return self
+        valid = np.zeros((len(rows), len(self.t)), dtype=bool)
+        for row, part in enumerate(parts):
+            valid[row, part] = True
+        every = {name: values[rows] for name, values in self._arrays().items()}
+        moved = {c: np.where(valid, v, np.nan) for c, v in every.items() if v.ndim == 2 and c != "valid"}
+        return replace(self, **{**every, **moved, "ids": np.array(names, dtype=str), "valid": valid})
+
+    def joined(self) -> Tracks:
+        """Give the tracks with the parts of an object in one row again; inverse of `split`."""
+        names = [whole_id(name, self.ids.tolist()) for name in self.ids.tolist()]
+        first = {name: names.index(name) for name in dict.fromkeys(names)}
+        if len(first) == len(self):
+            return self
+        out = {c: v[list(first.values())].copy() for c, v in self._arrays().items()}
+        out["ids"] = np.array(list(first), dtype=str)
+        for n, row in enumerate(list(first).index(name) for name in names):
+            there = self.valid[n]
+            for column, values in self._arrays().items():
+                if values.ndim == 2:
+                    out[column][row, there] = values[n, there]
+        return replace(self, **out)
 
     def to_frame(self) -> pd.DataFrame:
         """Give a table with one row per time and valid object, by time, then in the order of `ids`."""

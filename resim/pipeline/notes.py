@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from resim.core.tracks import Tracks
+from resim.core.tracks import Tracks, whole_id
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.result import Basis, Branch
@@ -16,7 +16,7 @@ from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
 
 GAP = 1.0
-"""Time [s] without a sample over which the bridge of a trace is worth a word."""
+"""Time [s] for which a trace is bridged where nothing was seen; an object seen again later is another one."""
 
 OFF_ROAD = 0.1
 """Share of the EGO's samples on no driving lane from which on the map is worth a look."""
@@ -78,16 +78,24 @@ def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str
     there = {scenario.ego.id, *(o.id for o in scenario.objects)}
     if lost := sorted(set(tracks.ids.tolist()) - there):
         yield f"{basis}: seen only once and left out: {', '.join(lost)}"
-    for n, name in enumerate(tracks.ids.tolist()):
-        own = tracks.t[tracks.valid[n]]
-        for gap in np.flatnonzero(np.diff(own) > GAP):
-            yield f"{basis}: {name} is not seen from {own[gap]:.2f} to {own[gap + 1]:.2f} s; its trace is bridged there"
+    yield from _gaps(basis, tracks, scenario.ego.id)
+
+
+def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:
+    own = tracks.t[tracks.valid[tracks.index(ego)]]
+    for gap in np.flatnonzero(np.diff(own) > GAP):
+        yield f"{basis}: the EGO is not seen from {own[gap]:.2f} to {own[gap + 1]:.2f} s; its trace is bridged there"
+    parts = [name for name in tracks.ids.tolist() if whole_id(name, tracks.ids.tolist()) != name]
+    if parts:
+        which = ", ".join(parts[:10]) + (", ..." if len(parts) > 10 else "")
+        yield f"{basis}: not seen for over {GAP:g} s, and another object when seen again: {which}"
 
 
 def _sensed(
     recording: Recording, measured: Mapping[Basis, Tracks], errors: Mapping[str, Errors]
 ) -> Iterator[str]:
-    unknown = [i for i in measured["SD"].ids.tolist() if i not in set(measured["GT"].ids.tolist())]
+    known = set(measured["GT"].joined().ids.tolist())
+    unknown = [i for i in measured["SD"].joined().ids.tolist() if i not in known]
     if unknown:
         yield f"SD holds {len(unknown)} object(s) without ground truth: no errors for them, but rSD has them"
     if not recording.senses_ego:

@@ -17,7 +17,7 @@ from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
-from resim.pipeline.notes import notes
+from resim.pipeline.notes import GAP, notes
 from resim.pipeline.result import Basis, Branch, Options, Resimulation
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.sumo import SumoNet, sumo_net
@@ -60,7 +60,8 @@ def resimulate(
     with clock.stage("map"):
         network = load(recording.map)
         net = sumo_net(network)
-    measured = _measured(recording)
+    whole = _measured(recording)
+    measured = {basis: tracks.split(GAP, keep=recording.ego) for basis, tracks in whole.items()}
     described: dict[Basis, Scenario] = {}
     for basis in measured:
         if basis == "GT" or basis in options.bases:
@@ -82,7 +83,7 @@ def resimulate(
                 clock,
             )
     with clock.stage("errors"):
-        errors = _errors(recording, branches, measured, described, network)
+        errors = _errors(recording, branches, whole, measured, described, network)
     return Resimulation(
         recording=recording,
         build=build,
@@ -164,14 +165,14 @@ def _branch(
 def _errors(
     recording: Recording,
     branches: Mapping[Basis, Branch],
+    whole: Mapping[Basis, Tracks],
     measured: Mapping[Basis, Tracks],
     described: Mapping[Basis, Scenario],
     network: RoadNetwork,
 ) -> dict[str, Errors]:
-    gt = measured["GT"]
     out: dict[str, Errors] = {}
-    if "SD" in measured:
-        out["S"] = fidelity.sensor_error(gt, measured["SD"], ego=recording.ego)
+    if "SD" in whole:
+        out["S"] = fidelity.sensor_error(whole["GT"], whole["SD"], ego=recording.ego)
         if not recording.senses_ego:
             for column in (out["S"].x, out["S"].y, out["S"].v, out["S"].heading):
                 column[0] = np.nan  # the ground truth stands in for it: no error was measured
@@ -181,7 +182,7 @@ def _errors(
         out[f"SIM_{basis}"] = fidelity.simulation_error(b.run.truth, b.scenario, network)
         if b.refit is not None:
             out[f"FIT_r{basis}"] = fidelity.fit_error(b.refit, b.run.truth, network)
-            out[f"PIPE_{basis}"] = fidelity.pipeline_error(b.refit, gt, network)
+            out[f"PIPE_{basis}"] = fidelity.pipeline_error(b.refit, whole["GT"], network)
     return {step: out[step] for step in STEPS if step in out}
 
 

@@ -138,3 +138,25 @@ def test_concatenating_parts_of_other_times_is_refused() -> None:
     one = tracks(np.ones((1, 4)))
     with pytest.raises(ResimError, match="times"):
         Tracks.concatenate([one, replace(one, ids=np.array(["z"]), t=one.t + 1.0)])
+
+
+def test_split_and_joined_are_inverse() -> None:
+    t = np.arange(0.0, 10.0, 0.1)
+    x = np.stack([t, t + 50.0])
+    x[0, (t > 2.0) & (t < 4.0)] = np.nan
+    x[0, (t > 6.0) & (t < 6.5)] = np.nan
+    x[1, (t > 3.0) & (t < 8.0)] = np.nan
+    valid = np.isfinite(x)
+    other = np.where(valid, 1.0, np.nan)
+    whole = Tracks(
+        t=t, ids=np.array(["a", "e"]), kind=np.array(["car", "car"]), x=x, y=other, heading=other, v=other,
+        length=np.array([4.0, 5.0]), width=np.array([2.0, 2.0]), valid=valid,
+    )  # fmt: skip
+    parts = whole.split(1.0, keep="e")
+    assert parts.ids.tolist() == ["a", "a~2", "e"]
+    assert parts.length.tolist() == [4.0, 4.0, 5.0]
+    first, last = parts.span()
+    np.testing.assert_allclose((first[1], last[0]), (4.0, 2.0))
+    np.testing.assert_array_equal(parts.joined().x, whole.x)
+    np.testing.assert_array_equal(parts.joined().valid, whole.valid)
+    assert whole.split(20.0, keep="e") is whole
