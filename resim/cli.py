@@ -18,6 +18,8 @@ from resim.core.errors import ResimError
 if TYPE_CHECKING:
     from resim.ingest import Recording
     from resim.pipeline import Options, Resimulation
+    from resim.sim.adfunction import Build
+    from resim.sim.dynamics import VehicleModel
 
 app = typer.Typer(
     help="Put a measured test drive back into simulation, with the same AD function at the wheel, "
@@ -114,7 +116,7 @@ class BadVerdictError(Exception):
     """The job is done and its verdict is bad: exit code 1."""
 
 
-def _with_progress(recording: Recording, build: object, options: Options, model: object) -> Resimulation:
+def _with_progress(recording: Recording, build: Build, options: Options, model: VehicleModel) -> Resimulation:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -133,7 +135,7 @@ def _with_progress(recording: Recording, build: object, options: Options, model:
         def tell(stage: str) -> None:
             bar.update(task, description=stage, completed=stages.index(stage))
 
-        return resimulate(recording, build, options, model=model, progress=tell)  # type: ignore[arg-type]
+        return resimulate(recording, build, options, model=model, progress=tell)
 
 
 def _print_table(result: Resimulation) -> None:

@@ -156,10 +156,10 @@ def test_every_error_is_the_difference_of_its_two_sides(
     pipe = branch.refit.tracks(network, gt.t).select(["ego", "1"])
     measured = gt.select(["ego", "1"])
     np.testing.assert_allclose(r.errors["PIPE_GT"].x, pipe.x - measured.x, atol=1e-9)
-    fit = branch.scenario.tracks(network, gt.t).select(["ego", "1"])
+    fit = r.described["GT"].tracks(network, gt.t).select(["ego", "1"])
     np.testing.assert_allclose(r.errors["FIT_GT"].v, fit.v - measured.v, atol=1e-9)
     truth = branch.run.truth.select(["ego", "1"])
-    described = branch.scenario.tracks(network, truth.t).select(["ego", "1"])
+    described = r.described["GT"].tracks(network, truth.t).select(["ego", "1"])
     np.testing.assert_allclose(
         r.errors["SIM_GT"].heading, wrap_angle(truth.heading - described.heading), atol=1e-9
     )

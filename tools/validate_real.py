@@ -80,7 +80,7 @@ def row(recording: Recording, build_name: str) -> str:
         return "–" if s is None else f"{s[stat]:.3g}"
 
     cells = [
-        recording.name, recording.ego, build_name, f"{len(result.branches['GT'].scenario.objects)}",
+        recording.name, recording.ego, build_name, f"{len(result.described['GT'].objects)}",
         of("FIT_GT", "ego"), of("FIT_GT", "to"), of("SIM_GT", "ego", stat="max"), of("SIM_GT", "to", stat="max"),
         of("FIT_rGT", "ego"), of("PIPE_GT", "ego"), of("S", "ego"), of("SIM_SD", "ego", stat="max"),
         report["end"]["rGT"], *("/".join(report["decision"][b] or []) or "none" for b in ("GT", "rGT")),

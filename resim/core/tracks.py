@@ -140,14 +140,20 @@ class Tracks:
     def split(self, max_gap: float, *, keep: str) -> Tracks:
         """Give tracks in which nobody is missing for more than max_gap [s]: who comes back later is another object.
 
-        The parts of object `5` are called `5`, `5~2`, `5~3`; the object `keep` is left whole.
+        The parts of object `5` are called `5`, `5~2`, `5~3`; the object `keep` is left whole. Raises ResimError
+        where an id reads as a part of another already.
         """
+        if parted := self.parts():
+            whole = whole_id(parted[0], set(self.ids.tolist()))
+            raise ResimError(
+                f"the id {parted[0]!r} reads as a part of object {whole!r}; give it another name"
+            )
         rows: list[int] = []
         parts: list[NDArray[np.intp]] = []
         names: list[str] = []
         for n, name in enumerate(self.ids.tolist()):
             known = np.flatnonzero(self.valid[n])
-            late = np.flatnonzero(np.diff(self.t[known]) > max_gap + 1e-9) + 1
+            late = np.flatnonzero(np.diff(self.t[known]) > max_gap + _SAME) + 1
             for k, part in enumerate([known] if name == keep else np.split(known, late), start=1):
                 rows.append(n)
                 parts.append(part)
@@ -161,9 +167,15 @@ class Tracks:
         moved = {c: np.where(valid, v, np.nan) for c, v in every.items() if v.ndim == 2 and c != "valid"}
         return replace(self, **{**every, **moved, "ids": np.array(names, dtype=str), "valid": valid})
 
+    def parts(self) -> list[str]:
+        """Give the ids that are parts of another object (see `split`)."""
+        ids = set(self.ids.tolist())
+        return [name for name in self.ids.tolist() if whole_id(name, ids) != name]
+
     def joined(self) -> Tracks:
         """Give the tracks with the parts of an object in one row again; inverse of `split`."""
-        names = [whole_id(name, self.ids.tolist()) for name in self.ids.tolist()]
+        ids = set(self.ids.tolist())
+        names = [whole_id(name, ids) for name in self.ids.tolist()]
         first = {name: names.index(name) for name in dict.fromkeys(names)}
         if len(first) == len(self):
             return self

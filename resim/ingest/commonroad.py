@@ -12,6 +12,7 @@ from lxml import etree
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
+from resim.core.xml import safe_root
 from resim.ingest.recording import Recording, existing_map, sample_rate
 from resim.ingest.window import cut_window
 
@@ -53,19 +54,12 @@ def read_commonroad(
 
 
 def _parse(path: Path) -> etree._Element:
-    """The root of a CommonRoad file; no entity is resolved and nothing is fetched."""
-    parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
-        remove_comments=True, remove_pis=True,
-    )  # fmt: skip
+    """The root of a CommonRoad file."""
     try:
-        root = etree.fromstring(path.read_bytes(), parser)
+        text = path.read_bytes()
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", "Check the path.") from e
-    except etree.XMLSyntaxError as e:
-        raise InputError(path, f"is not well-formed XML ({e.msg})", _EXPORT) from e
-    if root.getroottree().docinfo.internalDTD is not None:
-        raise InputError(path, "has a DOCTYPE, which may declare entities", "Remove the DOCTYPE.")
+    root = safe_root(text, path, remedy=_EXPORT)
     if root.tag != "commonRoad":
         raise InputError(path, f"the root element is <{root.tag}>, expected <commonRoad>")
     if (version := root.get("commonRoadVersion")) not in VERSIONS:

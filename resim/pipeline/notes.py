@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from resim.core.tracks import Tracks, whole_id
+from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
-from resim.pipeline.result import Basis, Branch
+from resim.pipeline.result import Basis, Branch, drove
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario
@@ -52,11 +52,11 @@ def notes(
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
-    if not recording.build:
+    if drove(recording, build) is not False:
         return
     if recording.build != build.label:
         yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"
-    elif recording.build_hash not in (None, build.hash):
+    else:
         yield f"{build.label} drove the recording in another state (hash {str(recording.build_hash)[:12]})"
 
 
@@ -85,8 +85,7 @@ def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:
     own = tracks.t[tracks.valid[tracks.index(ego)]]
     for gap in np.flatnonzero(np.diff(own) > GAP):
         yield f"{basis}: the EGO is not seen from {own[gap]:.2f} to {own[gap + 1]:.2f} s; its trace is bridged there"
-    parts = [name for name in tracks.ids.tolist() if whole_id(name, tracks.ids.tolist()) != name]
-    if parts:
+    if parts := tracks.parts():
         which = ", ".join(parts[:10]) + (", ..." if len(parts) > 10 else "")
         yield f"{basis}: not seen for over {GAP:g} s, and another object when seen again: {which}"
 

@@ -21,6 +21,7 @@ from resim.ingest import Recording
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Perceived
+from resim.sim.loop import RELAXATION
 from resim.sim.run import Run
 
 Basis = Literal["GT", "SD"]
@@ -32,7 +33,7 @@ class Options:
 
     bases: tuple[Basis, ...] = ("GT", "SD")
     step: float = 0.04
-    relaxation: float = 3.0
+    relaxation: float = RELAXATION
     seed: int = 0
     stop_at_collision: bool = True
     gui: bool = False
@@ -46,13 +47,11 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One basis through the chain: what was measured, its scenario, its run, and the run's scenario.
+    """What was run on one basis, and the run's scenario.
 
     refit is None where the run ended before there was anything to describe.
     """
 
-    measured: Tracks
-    scenario: Scenario
     run: Run
     refit: Scenario | None
 
@@ -81,14 +80,6 @@ class Resimulation:
     def ego(self) -> str:
         """The EGO's id."""
         return self.recording.ego
-
-    @property
-    def drove(self) -> bool | None:
-        """Whether this build drove the recording, None where the recording does not say what did."""
-        if not self.recording.build:
-            return None
-        same = self.recording.build_hash in (None, self.build.hash)
-        return self.recording.build == self.build.label and same
 
     @property
     def failure(self) -> str:
@@ -135,7 +126,11 @@ class Resimulation:
             "recording": self.recording.name,
             "map": self.recording.map.name,
             "ego": self.ego,
-            "build": {"name": self.build.name, "version": self.build.version, "drove": self.drove},
+            "build": {
+                "name": self.build.name,
+                "version": self.build.version,
+                "drove": drove(self.recording, self.build),
+            },
             "errors": {step: self._statistics(step) for step in STEPS},
             "sums": fidelity.sums(self.errors),
             "reaction": reaction,
@@ -174,6 +169,13 @@ class Resimulation:
         if errors is None:
             return {who: dict.fromkeys(QUANTITIES) for who in ("ego", "to")}
         return {"ego": errors.statistics(EGO_ROW), "to": errors.statistics(TO_ROWS)}
+
+
+def drove(recording: Recording, build: Build) -> bool | None:
+    """Say whether this build drove the recording, None where the recording does not say what did."""
+    if not recording.build:
+        return None
+    return recording.build == build.label and recording.build_hash in (None, build.hash)
 
 
 def _minus(later: float | None, earlier: float | None) -> float | None:

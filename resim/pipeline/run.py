@@ -72,7 +72,6 @@ def resimulate(
         if basis in measured:
             branches[basis] = _branch(
                 basis,
-                measured[basis],
                 described[basis],
                 recording,
                 build,
@@ -141,7 +140,6 @@ def map_name(road: Path) -> str:
 
 def _branch(
     basis: Basis,
-    measured: Tracks,
     scenario: Scenario,
     recording: Recording,
     build: Build,
@@ -159,7 +157,7 @@ def _branch(
     with clock.stage(f"fit r{basis}"):
         enough = run.truth.valid[0].sum() >= 2
         refit = _describe(run.truth, recording, network, f"r{basis}") if enough else None
-    return Branch(measured, scenario, run, refit)
+    return Branch(run, refit)
 
 
 def _errors(
@@ -179,7 +177,7 @@ def _errors(
     for basis, scenario in described.items():
         out[f"FIT_{basis}"] = fidelity.fit_error(scenario, measured[basis], network)
     for basis, b in branches.items():
-        out[f"SIM_{basis}"] = fidelity.simulation_error(b.run.truth, b.scenario, network)
+        out[f"SIM_{basis}"] = fidelity.simulation_error(b.run.truth, described[basis], network)
         if b.refit is not None:
             out[f"FIT_r{basis}"] = fidelity.fit_error(b.refit, b.run.truth, network)
             out[f"PIPE_{basis}"] = fidelity.pipeline_error(b.refit, whole["GT"], network)

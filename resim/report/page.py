@@ -101,9 +101,7 @@ def _header(look: View) -> str:
 
 def _line(look: View) -> str:
     """The outcome in one sentence per run."""
-    measured = look.report["decision"]["GT"]
-    known = "GT is not among the bases" if measured is None else tables.decision_words(measured)
-    out = [f"Measured drive: {known}."]
+    out = [f"Measured drive: {tables.decision_words(look.report['decision']['GT'])}."]
     for run in look.report["end"]:
         css, words = tables.verdict(look, run)
         said = f"{run}: <b>{words.lstrip('=≠✕ ')}</b>"

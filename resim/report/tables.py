@@ -52,13 +52,9 @@ def verdict(view: View, run: str) -> tuple[str, str]:
         return "none", "not run"
     if report["failure"][run]:
         return "failed", "✕ run failed: not comparable"
-    one, two = report["decision"]["GT"], report["decision"][run]
-    if one is None or two is None:
-        missing = "GT" if one is None else run
-        return "failed", f"✕ not comparable: no scenario of {missing}"
     early = report["end"][run] != "duration"
     until = f", up to its end at {_end(view, run):.2f} s" if early else ""
-    same = list(one) == list(two)
+    same = report["decision"][run] == report["decision"]["GT"]
     return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
 
 

@@ -90,7 +90,11 @@ def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: flo
 
 def _is_net(path: Path) -> bool:
     """Say whether the file is there and whole."""
-    return path.is_file() and path.read_bytes()[-32:].rstrip().endswith(b"</net>")
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 32, 0))
+        return file.read().rstrip().endswith(b"</net>")
 
 
 def default_cache() -> Path:

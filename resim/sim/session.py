@@ -87,7 +87,7 @@ class Session:
             self._sumo.simulation.loadState(self._state)
 
     def add(self, name: str, length: float, width: float, v: float) -> None:
-        """Bring a vehicle into being; `place` puts it somewhere before the next step."""
+        """Bring a vehicle into being; `advance` puts it somewhere before the next step."""
         vehicle = self._vehicle
         with self._told():
             vehicle.add(name, "", _TYPE, departSpeed=repr(max(v, 0.0)))

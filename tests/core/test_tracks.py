@@ -160,3 +160,14 @@ def test_split_and_joined_are_inverse() -> None:
     np.testing.assert_array_equal(parts.joined().x, whole.x)
     np.testing.assert_array_equal(parts.joined().valid, whole.valid)
     assert whole.split(20.0, keep="e") is whole
+
+
+def test_ids_that_read_as_parts_are_refused_where_it_would_matter() -> None:
+    one = np.ones((2, 3))
+    both = Tracks(
+        t=np.arange(3.0), ids=np.array(["a", "a~2"]), kind=np.array(["car", "car"]), x=one, y=one, heading=one, v=one,
+        length=np.ones(2), width=np.ones(2), valid=one > 0.0,
+    )  # fmt: skip
+    with pytest.raises(ResimError, match="the id 'a~2' reads as a part of object 'a'"):
+        both.split(1.0, keep="a")
+    assert both.select(["a~2"]).split(1.0, keep="") is not None

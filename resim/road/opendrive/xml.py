@@ -8,6 +8,7 @@ from pathlib import Path
 from lxml import etree
 
 from resim.core.errors import InputError
+from resim.core.xml import safe_root
 
 OPEN_IT = "Give an ASAM OpenDRIVE 1.4 to 1.8 file (.xodr)"
 MEND = "Correct the map in its editor, or export it again"
@@ -30,19 +31,7 @@ def parse_bytes(text: bytes, path: Path) -> etree._Element:
     """Give the <OpenDRIVE> element of the text as `parse` does; `path` names it in errors."""
     if not text.strip():
         raise InputError(path, "the file is empty", OPEN_IT)
-    declares = InputError(path, "has a DOCTYPE, which may declare entities", "Remove the DOCTYPE")
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise declares
-    parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
-        remove_comments=True, remove_pis=True,
-    )  # fmt: skip
-    try:
-        root = etree.fromstring(text, parser)
-    except etree.XMLSyntaxError as error:
-        raise InputError(path, f"not well-formed XML ({error.msg})", OPEN_IT) from None
-    if root.getroottree().docinfo.internalDTD is not None:  # in an encoding that hid it from the search
-        raise declares
+    root = safe_root(text, path, remedy=OPEN_IT)
     for element in root.iter():
         if isinstance(element.tag, str) and element.tag.startswith("{"):
             element.tag = element.tag.partition("}")[2]
