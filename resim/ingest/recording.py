@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
+from resim.core.finding import Finding
 from resim.core.geometry import Floats
 from resim.core.tracks import Strings, Tracks
 from resim.ingest.identity import name_by_ground_truth
@@ -24,7 +26,8 @@ class Recording:
     existence_probability: (N_sd, T_sd), NaN where not given. gt_rate, sd_rate: samples a second [Hz].
     build: AD-function build that drove, build_hash what pins it. plan: the EGO's recorded plans, one row per
     time `t` and planned time `t_plan` [s], with x, y [m] and v [m/s]. environment: JSCEN terms.
-    provenance: free text.
+    provenance: free text. repair_marks: for "gt" and "sd", where anything was repaired, (N, T) "" or the codes
+    of the findings that were, spaces between. findings: what is known to be wrong with it, worst first.
     """
 
     name: str
@@ -42,6 +45,17 @@ class Recording:
     environment: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
+    repair_marks: Mapping[str, Strings] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def repaired(self) -> dict[str, dict[str, int]]:
+        """How many samples were repaired: by "gt" or "sd", then by code of the finding; empty where none."""
+        counts = {
+            name: Counter(code for text in marks.ravel().tolist() if text for code in text.split())
+            for name, marks in self.repair_marks.items()
+        }
+        return {name: dict(sorted(count.items())) for name, count in counts.items() if count}
 
     @property
     def senses_ego(self) -> bool:

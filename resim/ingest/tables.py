@@ -14,22 +14,27 @@ from numpy.typing import ArrayLike
 from resim.core.errors import InputError
 from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
 
-GT_ID, EXISTENCE = "gt_id", "existence_probability"
-TEXT = ("id", "kind", GT_ID)
+GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
+TEXT = ("id", "kind", GT_ID, REPAIRED)
+VALUES = ("x", "y", "heading", "v")
+"""Columns in which a sample may be missing a value; `resim.check` reports it, a recording refuses it."""
 _CSV_ERRORS = (
     pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError, OSError
 )  # fmt: skip
 
 
 def read_track_table(path: Path) -> pd.DataFrame:
-    """Give the checked rows of a track table, indexed by their row number in the file.
+    """Give the rows of a track table as they stand, indexed by their row number in the file.
 
     The columns are `core.tracks.COLUMNS` and, where the file has them, OPTIONAL_COLUMNS, `gt_id` ("" for
-    none) and `existence_probability`; other columns are left out. A CSV row's number is its line (the header
-    is line 1), a Parquet row's its place from 1. Raises InputError for whatever cannot be used.
+    none), `existence_probability` and `repaired` ("" or the codes of the findings repaired, spaces between);
+    other columns are left out. A CSV row's number is its line (the header is line 1), a Parquet row's its
+    place from 1. Rows may repeat or run back in time, and VALUES may be NaN. Raises InputError for whatever
+    cannot be read at all, a size or kind that is none, or a probability beyond 0 to 1.
     """
-    frame = read_table(path, required=COLUMNS, optional=(*OPTIONAL_COLUMNS, EXISTENCE, GT_ID))
-    check_tracks(path, frame)
+    optional = (*OPTIONAL_COLUMNS, EXISTENCE, GT_ID, REPAIRED)
+    frame = read_table(path, required=COLUMNS, optional=optional, missing=VALUES)
+    _check_terms(path, frame)
     return frame
 
 
@@ -38,29 +43,44 @@ def check_tracks(path: Path, frame: pd.DataFrame) -> None:
 
     frame: track table with `core.tracks.COLUMNS`, indexed by the row's number in the file. Raises InputError.
     """
+    _check_terms(path, frame)
+    check_times(path, frame)
+
+
+def check_complete(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse rows in which one of VALUES is missing. Raises InputError."""
+    for column in VALUES:
+        _refuse(path, frame, ~np.isfinite(frame[column]), column, "a finite number")
+
+
+def _check_terms(path: Path, frame: pd.DataFrame) -> None:
     for column in ("length", "width"):
         _refuse(path, frame, frame[column] <= 0.0, column, "a size above 0 m")
     _refuse(path, frame, ~frame["kind"].isin(KINDS), "kind", f"one of {', '.join(KINDS)}")
     if EXISTENCE in frame:
         _refuse(path, frame, (frame[EXISTENCE] < 0.0) | (frame[EXISTENCE] > 1.0), EXISTENCE, "0 to 1")
-    _check_times(path, frame)
 
 
 def read_table(
-    path: Path, *, required: Sequence[str], optional: Sequence[str] = (), text: Sequence[str] = TEXT
+    path: Path,
+    *,
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    text: Sequence[str] = TEXT,
+    missing: Sequence[str] = (),
 ) -> pd.DataFrame:
     """Give the wanted columns of a CSV or Parquet file, indexed by the row's number in the file.
 
     Columns in `text` are strings, "" where empty; all others are floats, finite where the column is required,
-    finite or NaN where it is optional. Raises InputError for an unreadable or empty file, missing columns,
-    values that are no numbers.
+    finite or NaN where it is optional or one of `missing`. Raises InputError for an unreadable or empty file,
+    missing columns, values that are no numbers.
     """
     numbers = [c for c in (*required, *optional) if c not in text]
     frame = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, numbers, text)
-    missing = [c for c in required if c not in frame.columns]
-    if missing:
+    lost = [c for c in required if c not in frame.columns]
+    if lost:
         raise InputError(
-            path, f"column {', '.join(missing)} missing; found {', '.join(map(str, frame.columns))}",
+            path, f"column {', '.join(lost)} missing; found {', '.join(map(str, frame.columns))}",
             f"The header must name {', '.join(required)}, parted by commas alone.",
         )  # fmt: skip
     if frame.empty:
@@ -72,7 +92,8 @@ def read_table(
             if column in required:
                 _refuse(path, frame, frame[column] == "", column, "a name")
         else:
-            frame[column] = _numbers(path, frame, column, required=column in required)
+            needed = column in required and column not in missing
+            frame[column] = _numbers(path, frame, column, required=needed)
     return frame
 
 
@@ -142,8 +163,8 @@ def _is_number(value: object) -> bool:
     return "_" not in value  # 1_000 is a number to Python alone
 
 
-def _check_times(path: Path, frame: pd.DataFrame) -> None:
-    """Refuse a (t, id) that stands twice and an object whose times run backwards."""
+def check_times(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse a (t, id) that stands twice and an object whose times run backwards. Raises InputError."""
     twice = frame.duplicated(["t", "id"])
     if twice.any():
         row = frame.index[twice.to_numpy()][0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from resim.core.errors import InputError
-from resim.ingest import read_recording, write_recording
+from resim.ingest import Tables, read_recording, read_tables, recording_of, write_recording
 
 HEADER = "t,id,x,y,heading,v,length,width,kind"
 EGO = "0.0,ego,0.0,0.0,0.0,20.0,4.7,1.9,car\n0.1,ego,2.0,0.0,0.0,20.0,4.7,1.9,car\n"
@@ -75,7 +75,7 @@ TABLES = {
         ["row 5 (t 0.05, object 'ego')", "time runs backwards", "t 0.1", "Sort"],
     ),
     "duplicate": (f"{HEADER}\n{EGO}{EGO}", ["row 4 (t 0.0, object 'ego')", "stand there before"]),
-    "nan": (f"{HEADER}\n{EGO}0.2,ego,nan,0,0,20,4.7,1.9,car\n", ["row 4 (t 0.2, object 'ego'): x is 'nan'"]),
+    "nan": (f"{HEADER}\n{EGO}0.2,ego,nan,0,0,20,4.7,1.9,car\n", ["row 4 (t 0.2, object 'ego'): x is nan"]),
     "empty field": (f"{HEADER}\n{EGO}0.2,ego,,0,0,20,4.7,1.9,car\n", ["row 4", "x is nan", "finite number"]),
     "inf": (f"{HEADER}\n{EGO}0.2,ego,1,0,0,-inf,4.7,1.9,car\n", ["row 4", "v is -inf", "finite number"]),
     "text": (f"{HEADER}\n{EGO}0.2,ego,1,0,north,2,4,2,car\n", ["row 4", "heading is 'north'"]),
@@ -91,7 +91,7 @@ TABLES = {
     "length": (f"{HEADER}\n{EGO}0.2,b,1,0,0,2,-4,1,car\n", ["row 4", "length is -4.0", "above 0 m"]),
     "long row": (f"{HEADER}\n{EGO}0.2,b,1,0,0,2,4,2,car,7\n", ["not a readable CSV", "line 4", "saw 10"]),
     "all rows long": (f"{HEADER}\n0.2,b,1,0,0,2,4,2,car,7\n", ["not a readable CSV"]),
-    "short row": (f"{HEADER}\n{EGO}0.2,b,1\n", ["row 4", "y is nan"]),
+    "short row": (f"{HEADER}\n{EGO}0.2,b,1\n", ["row 4", "is nan"]),
     "binary": ("PAR1\x00\x00\n\x00", ["missing; found"]),
     "one sample": (f"{HEADER}\n{EGO.splitlines()[0]}\n", ["no object has two samples"]),
 }  # fmt: skip
@@ -204,3 +204,49 @@ def test_written_folder_is_self_contained_or_refers_to_the_shared_map(make: Make
     write_recording(recording, tmp_path / "linked", map_reference="../road.xodr")
     assert sorted(p.name for p in (tmp_path / "linked").iterdir()) == ["gt.csv", "recording.toml"]
     assert read_recording(tmp_path / "linked").map == tmp_path / "road.xodr"
+
+
+FAULTY = f"""{HEADER}
+{EGO}0.1,ego,9.0,0.0,0.0,20.0,4.7,1.9,car
+0.3,ego,6.0,0.0,0.0,20.0,4.7,1.9,car
+0.2,ego,4.0,0.0,0.0,20.0,5.0,1.9,car
+0.4,ego,,0.0,0.0,20.0,4.7,1.9,car
+"""
+
+
+def test_tables_hold_the_faults_that_a_recording_refuses(make: Make) -> None:
+    tables = read_tables(make(gt=FAULTY, toml=TOML))
+    assert tables.gt["t"].tolist() == [0.0, 0.1, 0.1, 0.3, 0.2, 0.4]
+    assert np.isnan(tables.gt["x"].iloc[-1])
+    with pytest.raises(InputError, match=r"gt\.csv: row 7 .*x is nan"):
+        recording_of(tables)
+
+
+def test_lenient_keeps_the_first_row_sorts_and_drops_what_misses_values(make: Make) -> None:
+    gt = recording_of(read_tables(make(gt=FAULTY, toml=TOML)), lenient=True).gt
+    np.testing.assert_array_equal(gt.t, [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(gt.x, [[0.0, 2.0, 4.0, 6.0]])
+    assert gt.length.tolist() == [4.7]
+
+
+def test_lenient_refuses_an_ego_of_which_nothing_is_left(make: Make) -> None:
+    text = f"{HEADER}\n0.0,ego,,0,0,20,4,2,car\n0.0,b,1,0,0,20,4,2,car\n0.1,b,1,0,0,20,4,2,car\n"
+    with pytest.raises(InputError, match="ego 'ego' has no row without missing values"):
+        recording_of(read_tables(make(gt=text, toml=TOML)), lenient=True)
+
+
+def test_what_was_repaired_is_kept_counted_and_written(make: Make, tmp_path: Path) -> None:
+    rows = [line + end for line, end in zip(EGO.splitlines(), (",", ",OUTLIER GAP"), strict=True)]
+    recording = read_recording(make(gt="\n".join([f"{HEADER},repaired", *rows]) + "\n", toml=TOML))
+    assert recording.repaired == {"gt": {"GAP": 1, "OUTLIER": 1}}
+    write_recording(recording, tmp_path / "again")
+    assert read_recording(tmp_path / "again").repaired == recording.repaired
+
+
+def test_tables_of_a_recording_give_it_again(make: Make) -> None:
+    sd = f"{HEADER},gt_id,existence_probability\n0.0,7,1,0,0,2,4,2,car,a,0.5\n0.1,7,1,0,0,2,4,2,car,a,\n"
+    recording = read_recording(make(sd=sd))
+    again = recording_of(Tables.of(recording))
+    assert again.gt.to_frame().equals(recording.gt.to_frame())
+    assert (again.sd_gt_id, again.environment) == (recording.sd_gt_id, recording.environment)
+    np.testing.assert_array_equal(again.existence_probability, recording.existence_probability)

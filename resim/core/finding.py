@@ -1,0 +1,35 @@
+"""Findings: what a look at a recording turned up, one struct that readers, checks and reports share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["error", "warning", "note"]
+Source = Literal["gt", "sd", "recording"]
+
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
+"""From worst: results would be wrong; results are qualified; worth knowing."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault of a recording.
+
+    code: its kind (`resim.check.CODES`). source: the table it is in, "recording" where it lies between the two.
+    object: its id there, "" where the whole table is concerned. start, end [s]: when, NaN where that has no
+    meaning. value: how large, in `unit`. text: what was found, in one line with numbers. meaning: what it does
+    to the result. repair: what a repair would do, "" where none is safe.
+    """
+
+    code: str
+    severity: Severity
+    source: Source
+    object: str
+    start: float
+    end: float
+    value: float
+    unit: str
+    text: str
+    meaning: str
+    repair: str

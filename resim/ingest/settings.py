@@ -1,0 +1,94 @@
+"""The settings of a recording folder: `recording.toml`, read and written."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from datetime import date, datetime, time
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from resim.core.errors import InputError
+
+SETTINGS = "recording.toml"
+
+
+def _text(value: object) -> object:
+    """TOML's own numbers and times as text."""
+    if isinstance(value, datetime | date | time):
+        return value.isoformat()
+    return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+_Text = Annotated[str, BeforeValidator(_text)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
+
+
+class Environment(_Part):
+    """The environment, in JSCEN's terms."""
+
+    fog_density: _Text | None = Field(default=None, alias="fogDensity")
+    precipitation_density: _Text | None = Field(default=None, alias="precipitationDensity")
+    date_time: _Text | None = Field(default=None, alias="dateTime")
+
+
+class Settings(_Part):
+    """What `recording.toml` says: map as written, rates in Hz."""
+
+    name: str = Field(min_length=1)
+    map: str = Field(min_length=1)
+    ego: _Text = Field(min_length=1)
+    build: str | None = None
+    build_hash: str | None = None
+    gt_rate: float | None = Field(default=None, gt=0.0)
+    sd_rate: float | None = Field(default=None, gt=0.0)
+    environment: Environment = Environment()
+    provenance: dict[str, _Text] = Field(default_factory=dict)
+
+
+def read_settings(path: Path) -> Settings:
+    """Give the settings in the file; raises InputError that names every wrong field."""
+    try:
+        with path.open("rb") as file:
+            return Settings.model_validate(tomllib.load(file), by_name=False)
+    except OSError as e:
+        remedy = f"A recording is a folder with {SETTINGS}, gt.csv and a map."
+        raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise InputError(path, f"is not TOML ({e})", 'TOML puts text in quotes: name = "drive 1".') from e
+    except ValidationError as e:
+        problems = "; ".join(map(_problem, e.errors()))
+        raise InputError(path, problems, "Correct these fields.") from e
+
+
+def settings_text(fields: Mapping[str, str | float | None], sections: Mapping[str, Mapping[str, str]]) -> str:
+    """Give the text of a `recording.toml`: its fields that are not None, then the sections that hold anything."""
+    lines = [f"{key} = {_toml(value)}" for key, value in fields.items() if value is not None]
+    for section, entries in sections.items():
+        if entries:
+            lines += ["", f"[{section}]", *(f"{_key(k)} = {_toml(v)}" for k, v in entries.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _problem(error: ErrorDetails) -> str:
+    found = "" if error["type"] == "missing" else f", found {error['input']!r}"
+    return f"{'.'.join(map(str, error['loc']))}: {error['msg']}{found}"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else _toml(name)
+
+
+def _toml(value: str | float) -> str:
+    """A TOML number or basic string (JSON's escapes, and DEL)."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(float(value))
