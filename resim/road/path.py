@@ -286,7 +286,7 @@ def _beyond(last: Floats, rows: Floats, ahead: bool) -> Floats:
 def _points(net: RoadNetwork, road: str, lane: int, s: Floats, section: int) -> Floats:
     """Columns x, y, heading, curvature, left, right and half width, speed limit at s (K,)."""
     x, y = net.to_xy(road, lane, s, 0.0)
-    inward = 1 if net.roads[road].along(lane) else -1
+    inward = 1 if net.roads[road].along(lane, section) else -1
     left, right = (_neighbour(net, road, section, lane, lane + d, s) for d in (inward, -inward))
     columns = [x, y, net.lane_heading(road, lane, s), net.curvature(road, lane, s), left, right]
     columns += [0.5 * net.lane_width(road, lane, s), net.speed_limit(road, lane, s)]

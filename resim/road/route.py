@@ -40,8 +40,8 @@ def follow(net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool) -> 
     file. Ends at a lane that is not driven on or the other way round. A loop goes on for ever.
     """
     own = net.roads[road]
-    up = own.along(lane) == ahead
     section = own.section_index(min(max(s, 0.0), own.length))
+    up = own.along(lane, section) == ahead
     at = s
     for _ in range(MOST_STRETCHES):
         border = _border(own, section, up)
@@ -71,12 +71,14 @@ def _next(
     linked = here.successor if up else here.predecessor
     if 0 <= index < len(road.sections):
         target = lane if linked is None else linked
-        return (road, index, target, up) if _passable(road, index, target, road.along(lane)) else None
+        return (
+            (road, index, target, up) if _passable(road, index, target, road.along(lane, section)) else None
+        )
     link = road.successor if up else road.predecessor
     if link is None:
         return None
     ways = list(dict.fromkeys(_ways(net, road, lane, linked, up, link)))
-    good = [way for way in ways if _continues(net, road, lane, up, way)]
+    good = [way for way in ways if _continues(net, road.along(lane, section) == up, way)]
     if not good:
         return None
     if len(good) > 1:
@@ -91,7 +93,9 @@ Way = tuple[str, int, bool]
 
 
 def _ways(net: RoadNetwork, road: Road, lane: int, linked: int | None, up: bool, link: Link) -> Iterator[Way]:
-    """Every way on from the road's end (up) or start along the link."""
+    """Every way on from the road's end (up) or start along the link; none into the middle of a road."""
+    if link.s is not None:
+        return
     if link.kind == "road":
         into = link.contact != "end" if link.contact else up
         target = linked if linked is not None else lane if into == up else -lane
@@ -122,19 +126,18 @@ def _joining(other: Road, road: Road, lane: int, up: bool) -> Iterator[Way]:
                 yield other.id, candidate.id, end
 
 
-def _continues(net: RoadNetwork, road: Road, lane: int, up: bool, way: Way) -> bool:
+def _continues(net: RoadNetwork, ahead: bool, way: Way) -> bool:
     name, target, into = way
     other = net.roads.get(name)
     if other is None:
         return False
-    ahead = road.along(lane) == up
     return _passable(other, 0 if into else -1, target, into == ahead)
 
 
 def _passable(road: Road, section: int, lane: int, along: bool) -> bool:
     """Whether vehicles drive on the lane in (along) or against the direction of s."""
     found: Lane | None = road.sections[section].lanes.get(lane)
-    return found is not None and lane != 0 and found.drivable and road.along(lane) == along
+    return found is not None and lane != 0 and found.drivable and road.along(lane, section) == along
 
 
 def _turn(net: RoadNetwork, road: Road, section: int, lane: int, up: bool, way: Way) -> float:

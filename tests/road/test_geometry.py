@@ -241,6 +241,58 @@ def test_lane_offset_and_elevation(one_road):
     np.testing.assert_allclose(net.z("7", [10.0, 20.0]), [1.0, 6.0])
 
 
+def test_superelevation_and_lane_height(one_road):
+    lanes = (
+        '<laneOffset s="0" a="1" b="0" c="0" d="0"/><laneSection s="0"><left><lane id="1" type="sidewalk">'
+        '<width sOffset="0" a="2" b="0" c="0" d="0"/><height sOffset="20" inner="0.1" outer="0.3"/></lane></left>'
+        '<right><lane id="-1" type="driving"><width sOffset="0" a="4" b="0" c="0" d="0"/></lane></right>'
+        "</laneSection>"
+    )
+    extra = (
+        '<elevationProfile><elevation s="0" a="1" b="0.5" c="0" d="0"/></elevationProfile><lateralProfile>'
+        '<superelevation s="10" a="0.1" b="0.002" c="0" d="0"/></lateralProfile>'
+    )
+    net = load(one_road(
+        '<geometry s="0" x="0" y="0" hdg="0" length="99"><line/></geometry>', lanes=lanes, extra=extra
+    ))  # fmt: skip
+    roll = np.sin(0.1 + 0.002 * 20.0)
+    np.testing.assert_allclose(net.z("7", 30.0, [0.0, 2.0, -3.0]), 16.0 + np.array([0.0, 2.0, -3.0]) * roll)
+    np.testing.assert_allclose(net.z("7", 30.0, 0.5, lane=-1), 16.0 - 0.5 * roll)
+    np.testing.assert_allclose(net.z("7", 30.0, [-1.0, 0.0, 1.0], lane=1),
+                               16.0 + np.array([1.0, 2.0, 3.0]) * roll + np.array([0.1, 0.2, 0.3]))  # fmt: skip
+    assert net.z("7", 10.0, 0.0, lane=1) == pytest.approx(6.0 + 2.0 * np.sin(0.1))
+    assert net.z("7", 5.0, lane=1, t=0.0) == pytest.approx(3.5 + 2.0 * np.sin(0.09))
+
+
+def test_a_width_wins_over_a_border(one_road):
+    lanes = (
+        '<laneSection s="0"><right><lane id="-1" type="driving"><border sOffset="0" a="-9" b="0" c="0" d="0"/>'
+        '<width sOffset="0" a="3" b="0" c="0" d="0"/></lane><lane id="-2" type="driving">'
+        '<border sOffset="0" a="-5" b="0" c="0" d="0"/></lane></right></laneSection>'
+    )
+    net = load(one_road('<geometry s="0" x="0" y="0" hdg="0" length="9"><line/></geometry>', lanes=lanes))
+    np.testing.assert_allclose(net.lane_width("7", [-1, -2], 5.0), [3.0, 2.0])
+
+
+def test_a_parameter_range_left_out_is_normalized(one_road):
+    net = load(one_road(
+        '<geometry s="0" x="0" y="0" hdg="0" length="50">'
+        '<paramPoly3 aU="0" bU="50" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/></geometry>'
+    ))  # fmt: skip
+    np.testing.assert_allclose(net.to_xy("7", 0, 30.0, 0.0), [30.0, 0.0], atol=1e-9)
+
+
+def test_records_may_stand_in_any_order(one_road):
+    lanes = (
+        '<laneOffset s="40" a="1" b="0" c="0" d="0"/><laneOffset s="0" a="0.5" b="0" c="0" d="0"/>'
+        '<laneSection s="0"><right><lane id="-1" type="driving"><width sOffset="20" a="4" b="0" c="0" d="0"/>'
+        '<width sOffset="0" a="2" b="0" c="0" d="0"/></lane></right></laneSection>'
+    )
+    net = load(one_road('<geometry s="0" x="0" y="0" hdg="0" length="99"><line/></geometry>', lanes=lanes))
+    np.testing.assert_allclose(net.to_xy("7", 0, [10.0, 50.0], 0.0)[1], [0.5, 1.0])
+    np.testing.assert_allclose(net.lane_width("7", -1, [10.0, 50.0]), [2.0, 4.0])
+
+
 ORACLE = [
     "xodr/esmini/e6mini.xodr", "xodr/esmini/curves.xodr", "xodr/esmini/curve_r100.xodr",
     "xodr/alks/alks_road_different_curvatures.xodr", "xodr/esmini/highway_exit.xodr",

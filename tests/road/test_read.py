@@ -70,6 +70,10 @@ def test_bad_geometry_is_named(one_road, geometry, says):
         ('<laneSection s="0"><right><lane id="-2"/></right></laneSection>', "lane -1 is missing"),
         ('<laneSection s="0"><left><lane id="1"/><lane id="1"/></left></laneSection>', "stands twice"),
         ('<laneSection s="5"/><laneSection s="0"/>', "does not increase"),
+        (
+            '<laneSection s="0"/><laneSection s="7"/><laneSection s="7"/>',
+            "road 7: two laneSections start at s=7",
+        ),
         ("<nothing/>", "has no laneSection"),
     ],
 )
@@ -97,6 +101,45 @@ def test_a_namespace_changes_nothing(tmp_path, proving_ground):
     assert load(path).roads == proving_ground.roads
 
 
+def test_a_namespace_with_a_prefix_changes_nothing(tmp_path, proving_ground):
+    text = proving_ground.path.read_text().replace("<", "<odr:").replace("<odr:/", "</odr:")
+    text = text.replace("<odr:?", "<?").replace("<odr:!--", "<!--").replace("<odr:![CDATA", "<![CDATA")
+    path = tmp_path / "prefixed.xodr"
+    path.write_text(text.replace("<odr:OpenDRIVE", '<odr:OpenDRIVE xmlns:odr="http://a.b/c"', 1))
+    assert load(path).roads == proving_ground.roads
+
+
+def test_the_geo_reference_may_stand_in_cdata(one_road):
+    path = one_road(LINE)
+    path.write_text(path.read_text().replace(
+        '<header revMajor="1" revMinor="6"/>',
+        '<header revMajor="1" revMinor="8"><geoReference>\n<![CDATA[+proj=utm +zone=32 +datum=WGS84]]></geoReference>'
+        '<license name="x" resource="y"/></header>',
+    ))  # fmt: skip
+    net = load(path)
+    assert net.geo_reference == "+proj=utm +zone=32 +datum=WGS84"
+    assert net.header.revision == (1, 8)
+
+
+def test_a_file_too_large_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "city.xodr"
+    with path.open("wb") as file:
+        file.truncate(123_000_000)
+    with pytest.raises(InputError, match=r"city\.xodr: has 123 MB; maps of up to 100 MB .* Cut out the part"):
+        load(path)
+
+
+def test_ids_that_stand_twice_are_named(one_road):
+    path = one_road(LINE)
+    text = path.read_text()
+    road = text[text.index("<road") : text.index("</OpenDRIVE>")]
+    for twice, says in ((road, "road 7: the id stands twice"),
+                        ('<junction id="3" name=""/>' * 2, "junction 3: the id stands twice")):  # fmt: skip
+        path.write_text(text.replace("</OpenDRIVE>", twice + "</OpenDRIVE>"))
+        with pytest.raises(InputError, match=says):
+            load(path)
+
+
 def test_what_the_proving_ground_says(proving_ground):
     net = proving_ground
     assert net.header.revision == (1, 6)
@@ -114,7 +157,7 @@ def test_what_the_proving_ground_says(proving_ground):
 
 def test_odd_sections_and_a_road_that_follows_itself_do_no_harm(one_road):
     lane = '<right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>'
-    lanes = "".join(f'<laneSection s="{s}">{lane}</laneSection>' for s in (0, 50, 50, 150))
+    lanes = "".join(f'<laneSection s="{s}">{lane}</laneSection>' for s in (0, 50, 100, 150))
     itself = '<link><successor elementType="road" elementId="7" contactPoint="start"/></link>'
     net = load(one_road(LINE, lanes=lanes, extra=itself))
     found = net.to_road([1.0, 50.0, 120.0], [-1.0, -1.0, -1.0])
@@ -149,6 +192,86 @@ def test_speed_units_and_lane_speed_over_road_speed(one_road, unit, factor):
 def test_no_limit_is_nan(one_road):
     net = load(one_road(LINE, extra='<type s="0" type="motorway"><speed max="no limit"/></type>'))
     assert np.isnan(net.speed_limit("7", -1, 5.0))
+
+
+LANE = '<lane id="{}" type="driving"{}><width sOffset="0" a="{}" b="{}" c="0" d="0"/></lane>'
+
+
+def test_a_section_of_one_side_leaves_the_other_as_it_was(one_road):
+    net = load(one_road(LINE, lanes=(
+        f'<laneSection s="0"><left>{LANE.format(1, "", 3, 0.01)}</left>'
+        f'<right>{LANE.format(-1, "", 4, 0)}</right></laneSection><laneSection s="40" singleSide="true">'
+        f'<right>{LANE.format(-1, "", 5, 0)}{LANE.format(-2, "", 2, 0)}</right></laneSection>'
+        f'<laneSection s="70" singleSide="true"><left>{LANE.format(1, "", 6, 0)}</left></laneSection>'
+    )))  # fmt: skip
+    assert [sorted(section.lanes) for section in net.roads["7"].sections] == [
+        [-1, 1],
+        [-2, -1, 1],
+        [-2, -1, 1],
+    ]
+    np.testing.assert_allclose(net.lane_width("7", 1, [10.0, 50.0, 80.0]), [3.1, 3.5, 6.0])
+    np.testing.assert_allclose(net.lane_width("7", -1, [10.0, 50.0, 80.0]), [4.0, 5.0, 5.0])
+    assert net.roads["7"].sections[1].lanes[1].predecessor == 1
+    assert net.roads["7"].sections[1].lanes[-2].successor == -2
+
+
+def test_a_reversed_lane_is_driven_the_other_way(one_road):
+    net = load(one_road(LINE, lanes=(
+        f'<laneSection s="0" layer="permanent"><right>{LANE.format(-1, "", 3, 0)}'
+        f"""{LANE.format(-2, ' direction="reversed"', 3, 0)}{LANE.format(-3, ' direction="both"', 3, 0)}"""
+        "</right></laneSection>"
+    )))  # fmt: skip
+    np.testing.assert_allclose(np.abs(net.lane_heading("7", [-1, -2, -3], 50.0)), [0.0, np.pi, 0.0])
+    found = net.to_road(50.0, -3.0, heading=np.pi)
+    assert found.lane[0] == -2
+    path = lane_path(net, "7", -2, 80.0, 50.0)
+    assert path.at(10.0).x == pytest.approx(70.0)
+    assert not path.ends
+
+
+def test_newer_elements_do_no_harm(one_road):
+    extra = (
+        '<lateralProfile><crossSectionSurface><tOffset><coefficients s="0" a="0" b="0" c="0" d="0"/></tOffset>'
+        '</crossSectionSurface></lateralProfile><objects/><surface/><railroad/><userData code="x" value="y"/>'
+    )
+    assert load(one_road(LINE, extra=extra)).lane_width("7", -1, 5.0) == 3.5
+
+
+JUNCTIONS = """<OpenDRIVE><header revMajor="1" revMinor="7"/>{roads}
+<junction id="1" name="direct" type="direct"><connection id="0" incomingRoad="1" linkedRoad="2" contactPoint="end">
+<laneLink from="-1" to="1" overlapZone="0"/></connection></junction>
+<junction id="2" name="virtual" type="virtual" mainRoad="1" sStart="20" sEnd="30" orientation="-">
+<connection id="0" type="virtual"><predecessor elementType="road" elementId="1" elementS="20" elementDir="+"/>
+</connection><connection id="1" incomingRoad="1" connectingRoad="3" contactPoint="start">
+<laneLink from="-1" to="-1"/></connection></junction></OpenDRIVE>"""
+
+
+def test_direct_and_virtual_junctions(tmp_path):
+    road = (
+        '<road id="{}" length="50" junction="{}"><link>{}</link><planView><geometry s="0" x="{}" y="{}" hdg="{}" '
+        f'length="50"><line/></geometry></planView><lanes><laneSection s="0"><left>{LANE.format(1, "", 3, 0)}</left>'
+        f"<right>{LANE.format(-1, '', 3, 0)}</right></laneSection></lanes></road>"
+    )
+    direct = '<{} elementType="junction" elementId="1"/>'
+    middle = '<predecessor elementType="road" elementId="1" elementS="20" elementDir="+"/>'
+    path = tmp_path / "junctions.xodr"
+    path.write_text(JUNCTIONS.format(roads=(
+        road.format(1, -1, direct.format("successor"), 0, 0, 0)
+        + road.format(2, -1, direct.format("successor"), 100, 0, math.pi)
+        + road.format(3, 2, middle, 20, 0, -0.5)
+    )))  # fmt: skip
+    net = load(path)
+    assert {j.id: j.type for j in net.junctions.values()} == {"1": "direct", "2": "virtual"}
+    (direct_way,) = net.junctions["1"].connections
+    assert (direct_way.connecting, direct_way.contact, direct_way.lane_links) == ("2", "end", ((-1, 1),))
+    (side_way,) = net.junctions["2"].connections
+    assert (side_way.incoming, side_way.connecting) == ("1", "3")
+    assert net.roads["3"].predecessor.s == 20.0
+    along = lane_path(net, "1", -1, 30.0, 40.0)
+    assert along.at(40.0).x == pytest.approx(70.0)
+    back = lane_path(net, "3", 1, 30.0, 60.0)
+    assert back.ends
+    assert back.end == pytest.approx(30.0)
 
 
 def test_unknown_road_and_lane_are_named(proving_ground):

@@ -6,6 +6,7 @@ from resim.road.opendrive.model import (
     Cubic,
     Geometry,
     Header,
+    Height,
     Junction,
     Lane,
     LaneSection,
@@ -13,11 +14,12 @@ from resim.road.opendrive.model import (
     Road,
     RoadMark,
     RoadType,
+    SpeedSign,
 )  # fmt: skip
 from resim.road.opendrive.network import RoadNetwork, RoadPositions, load
 from resim.road.opendrive.shapes import LaneShape
 
 __all__ = [
-    "VEHICLE_LANES", "Connection", "Cubic", "Geometry", "Header", "Junction", "Lane", "LaneSection",
-    "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType", "load",
+    "VEHICLE_LANES", "Connection", "Cubic", "Geometry", "Header", "Height", "Junction", "Lane", "LaneSection",
+    "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType", "SpeedSign", "load",
 ]  # fmt: skip

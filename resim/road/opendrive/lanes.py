@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from resim.core.geometry import Floats
 from resim.road.opendrive.arclength import powers
+from resim.road.opendrive.limits import limits
 from resim.road.opendrive.model import Cubic, Lane, LaneSection, Road
 from resim.road.opendrive.reference import Ints, Steps
 
@@ -44,7 +45,7 @@ class Lanes:
         self.end = np.array([e[2].end for e in entries])
         self.types = [e[3].type for e in entries]
         self.drivable = np.array([e[3].drivable for e in entries])
-        self.forward = np.array([roads[e[0]].along(e[3].id) for e in entries])
+        self.forward = np.array([roads[e[0]].along(e[3].id, e[1]) for e in entries])
         self._index_rows(pairs)
         self._fill(roads, pairs)
 
@@ -60,20 +61,20 @@ class Lanes:
         self.row_of[section, self.lane - self.lowest] = np.arange(len(self.lane))
 
     def _fill(self, roads: Sequence[Road], pairs: list[tuple[int, int, LaneSection]]) -> None:
-        rows, starts, centres, widths, limits = [], [], [], [], []
+        rows, starts, centres, widths, speeds = [], [], [], [], []
         row = 0
-        for r, _, section in pairs:
+        for r, k, section in pairs:
             breaks = _breaks(roads[r], section)
-            for centre, width, limit in _profiles(roads[r], section, breaks):
+            for centre, width, limit in _profiles(roads[r], k, breaks):
                 rows.append(np.full(len(breaks), row))
                 starts.append(breaks)
                 centres.append(centre)
                 widths.append(width)
-                limits.append(limit)
+                speeds.append(limit)
                 row += 1
         self.piece_start = np.concatenate(starts)
         self._centre, self._width = np.concatenate(centres), np.concatenate(widths)
-        self._limit = np.concatenate(limits)
+        self._limit = np.concatenate(speeds)
         self.pieces = Steps(np.concatenate(rows).astype(np.intp), self.piece_start, row)
 
     def section_at(self, road: Ints, s: Floats) -> Ints:
@@ -122,6 +123,7 @@ def _with_zero(section: LaneSection) -> list[Lane]:
 def _breaks(road: Road, section: LaneSection) -> Floats:
     """Every s in the section at which a polynomial or a speed limit of one of its lanes changes."""
     at = {section.start, *(c.s for c in road.lane_offsets), *(t.s for t in road.types)}
+    at |= {sign.s for sign in road.signs}
     for lane in section.lanes.values():
         at |= {section.start + c.s for c in (lane.widths or lane.borders)}
         at |= {section.start + s for s, _ in lane.speeds}
@@ -130,16 +132,17 @@ def _breaks(road: Road, section: LaneSection) -> Floats:
     return np.array([s for s in inside if s not in close])
 
 
-def _profiles(road: Road, section: LaneSection, breaks: Floats) -> list[tuple[Floats, Floats, Floats]]:
-    """Centre and width coefficients (K, 4) and limits (K,) of each lane, by ascending lane id."""
+def _profiles(road: Road, index: int, breaks: Floats) -> list[tuple[Floats, Floats, Floats]]:
+    """Centre and width coefficients (K, 4) and limits (K,) of each lane of a section, by ascending id."""
+    section = road.sections[index]
     offset = reexpanded(road.lane_offsets, breaks)
-    out = {0: (offset, np.zeros_like(offset), _limits(road, section, Lane(0, "none"), breaks))}
+    out = {0: (offset, np.zeros_like(offset), limits(road, index, 0, breaks))}
     for side in (1, -1):
         inner = offset
         for lane in sorted((x for x in section.lanes.values() if x.id * side > 0), key=lambda x: abs(x.id)):
             outer = _outer(lane, inner, breaks - section.start, side)
             out[lane.id] = (0.5 * (inner + outer), side * (outer - inner),
-                            _limits(road, section, lane, breaks))  # fmt: skip
+                            limits(road, index, lane.id, breaks))  # fmt: skip
             inner = outer
     return [out[lane] for lane in sorted(out)]
 
@@ -149,15 +152,3 @@ def _outer(lane: Lane, inner: Floats, ds: Floats, side: int) -> Floats:
     if lane.borders and not lane.widths:
         return reexpanded(lane.borders, ds)
     return inner + side * reexpanded(lane.widths, ds)
-
-
-def _limits(road: Road, section: LaneSection, lane: Lane, breaks: Floats) -> Floats:
-    of_road = _held([(t.s, t.speed) for t in road.types], breaks)
-    of_lane = _held([(section.start + s, speed) for s, speed in lane.speeds], breaks)
-    return np.where(np.isfinite(of_lane), of_lane, of_road)
-
-
-def _held(records: Iterable[tuple[float, float]], s: Floats) -> Floats:
-    """The value of the last record at or before s, NaN before the first."""
-    table = np.array([(-np.inf, np.nan), *records])
-    return np.asarray(table[np.searchsorted(table[:, 0], s + 1e-9, side="right") - 1, 1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -12,6 +13,7 @@ VEHICLE_LANES = frozenset({
 """Lane types that vehicles drive on: only in these is a point `on_road`."""
 
 Side = Literal["start", "end"]
+Orientation = Literal["+", "-", "none"]
 
 
 class Cubic(NamedTuple):
@@ -55,9 +57,21 @@ class RoadMark:
     width: float | None
 
 
+class Height(NamedTuple):
+    """Height [m] of a lane's inner and outer border over the road from s on, s within the section."""
+
+    s: float
+    inner: float
+    outer: float
+
+
 @dataclass(frozen=True)
 class Lane:
-    """One lane of a lane section. widths, borders and speeds (s, m/s) count s from the section's start."""
+    """One lane of a lane section. widths, borders, heights, speeds (s, m/s) count s from the section's start.
+
+    speeds: inf where the file says that there is no limit, NaN where it leaves it open. reversed: driven
+    against the road's rule (direction="reversed" of OpenDRIVE 1.8).
+    """
 
     id: int
     type: str
@@ -67,6 +81,8 @@ class Lane:
     speeds: tuple[tuple[float, float], ...] = ()
     predecessor: int | None = None
     successor: int | None = None
+    heights: tuple[Height, ...] = ()
+    reversed: bool = False
 
     @property
     def drivable(self) -> bool:
@@ -85,16 +101,20 @@ class LaneSection:
 
 @dataclass(frozen=True)
 class Link:
-    """Where a road goes on: a road (with the end at which it is entered) or a junction."""
+    """Where a road goes on: a road (with the end at which it is entered) or a junction.
+
+    s: where within that road [m], for roads that leave or join one at a virtual junction; else None.
+    """
 
     kind: Literal["road", "junction"]
     id: str
     contact: Side | None
+    s: float | None = None
 
 
 @dataclass(frozen=True)
 class RoadType:
-    """Type of the road from s [m] on, with its speed limit [m/s], NaN where none."""
+    """Type of the road from s [m] on, with its speed limit [m/s]: inf for no limit, NaN where left open."""
 
     s: float
     type: str
@@ -102,8 +122,29 @@ class RoadType:
 
 
 @dataclass(frozen=True)
+class SpeedSign:
+    """A signal that begins or ends a speed limit at s [m].
+
+    orientation: for traffic along s (+), against it (-) or both (none). lanes: ranges of lane ids it is for,
+    () for all. speed [m/s]: inf ends the limit before it, NaN where the file does not say a speed that a sign
+    can show. text: what the file says.
+    """
+
+    id: str
+    s: float
+    orientation: Orientation
+    lanes: tuple[tuple[int, int], ...]
+    speed: float
+    text: str
+
+
+@dataclass(frozen=True)
 class Road:
-    """One road. length [m] is that of its planView; left_hand: traffic keeps left (rule LHT)."""
+    """One road. length [m] is that of its planView; left_hand: traffic keeps left (rule LHT).
+
+    superelevations: roll [rad]. declared_length [m]: as written at the road, NaN where it is not. empty: s
+    [m] of planView elements without length, which are passed over.
+    """
 
     id: str
     name: str
@@ -117,20 +158,29 @@ class Road:
     types: tuple[RoadType, ...] = ()
     predecessor: Link | None = None
     successor: Link | None = None
+    superelevations: tuple[Cubic, ...] = ()
+    signs: tuple[SpeedSign, ...] = ()
+    declared_length: float = math.nan
+    empty: tuple[float, ...] = ()
 
     def section_index(self, s: float) -> int:
         """Give the index of the lane section at s [m], clamped to the road."""
         after = [i for i, section in enumerate(self.sections) if section.start <= s]
         return after[-1] if after else 0
 
-    def along(self, lane: int) -> bool:
-        """Say whether the lane is driven in the direction of s."""
-        return lane <= 0 if not self.left_hand else lane >= 0
+    def along(self, lane: int, section: int = 0) -> bool:
+        """Say whether the lane of the section (an index) is driven in the direction of s."""
+        standard = lane <= 0 if not self.left_hand else lane >= 0
+        found = self.sections[section].lanes.get(lane)
+        return standard != (found is not None and found.reversed)
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A way through a junction: from a lane of `incoming` to one of `connecting`, entered at `contact`."""
+    """A way through a junction: from a lane of `incoming` to one of `connecting`, entered at `contact`.
+
+    In a direct junction `connecting` is the linked road itself, as there is no road inside.
+    """
 
     id: str
     incoming: str
@@ -141,7 +191,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class Junction:
-    """A junction and its connections."""
+    """A junction and its connections. type: default, direct, virtual, crossing."""
 
     id: str
     name: str

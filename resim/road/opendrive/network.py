@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, wrap_angle
+from resim.road.opendrive.heights import raised
 from resim.road.opendrive.index import LaneIndex
-from resim.road.opendrive.lanes import ZERO, Lanes, reexpanded
+from resim.road.opendrive.lanes import Lanes, reexpanded
 from resim.road.opendrive.model import Header, Junction, Road
 from resim.road.opendrive.reader import ModelReader
 from resim.road.opendrive.reference import Frame, Ints, ReferenceLines
@@ -48,7 +49,8 @@ class RoadNetwork:
     Everywhere: road is an id or (N,) ids; lane an id or (N,) ids; s, t metres, scalars or (N,); s beyond a
     road's ends means its end tangents, with the lane as it is at that end. t is measured from the lane
     centre, positive to the left of s. Where a section begins at s, s belongs to it. Raises InputError for a
-    road or lane that does not exist there. Superelevation and lane height are left out: this is the plane.
+    road or lane that does not exist there. Superelevation and lane height matter for z alone: t is measured
+    in the plane (a roll of 5 degrees makes 4 mm of a metre).
     """
 
     path: Path
@@ -113,20 +115,36 @@ class RoadNetwork:
         return self._lanes.centre_and_width(self._rows(number, lanes, inside), inside)[1].reshape(shape)
 
     def speed_limit(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
-        """Give the speed limit [m/s]: the lane's own, else the road type's; NaN where there is none."""
+        """Give the speed limit [m/s], NaN where there is none.
+
+        The lane's own record comes first, then the speed-limit sign in force (see `limits`), then the type
+        of the road. Signs end with their road: a limit is not carried over to the next one.
+        """
         number, lanes, s_, shape = self._places(road, lane, s)
         inside = self._clamped(number, s_)
         return self._lanes.limit(self._rows(number, lanes, inside), inside).reshape(shape)
 
-    def z(self, road: ArrayLike, s: ArrayLike) -> Floats:
-        """Give the elevation [m] of the reference line; 0 where the file has none."""
-        number, _, s_, shape = self._places(road, 0, s)
-        out, inside = np.zeros(len(s_)), self._clamped(number, s_)
+    def z(
+        self, road: ArrayLike, s: ArrayLike, t: ArrayLike = 0.0, *, lane: ArrayLike | None = None
+    ) -> Floats:
+        """Give the height [m] of places at t [m] left of the reference line, or of the centre of `lane`.
+
+        z = elevation(s) + t sin(superelevation(s)), t from the reference line; with `lane` its height over
+        the road as well, linear from its inner to its outer border. 0 where the file says nothing.
+        """
+        number, lanes, s_, shape = self._places(road, 0 if lane is None else lane, s, t)
+        inside, t_ = self._clamped(number, s_), np.broadcast_to(np.asarray(t, float), shape).ravel()
+        above = np.zeros(len(s_))
+        if lane is not None:
+            row = self._rows(number, lanes, inside)
+            above = raised(list(self.roads.values()), self._lanes, row, inside, t_)
+            t_ = t_ + self._lanes.centre(row, inside)
+        elevation, roll = np.zeros(len(s_)), np.zeros(len(s_))
         for own in np.unique(number):
-            rows = np.flatnonzero(number == own)
-            records = self.roads[str(self._ids[own])].elevations or ZERO
-            out[rows] = reexpanded(records, inside[rows])[:, 0]
-        return out.reshape(shape)
+            rows, of = np.flatnonzero(number == own), self.roads[str(self._ids[own])]
+            elevation[rows] = reexpanded(of.elevations, inside[rows])[:, 0]
+            roll[rows] = reexpanded(of.superelevations, inside[rows])[:, 0]
+        return np.asarray(elevation + t_ * np.sin(roll) + above).reshape(shape)
 
     def has_lane(self, road: str, lane: int, s: float) -> bool:
         """Say whether the road has the lane at s [m]; raises InputError for an unknown road."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import cast
@@ -14,6 +15,7 @@ from resim.road.opendrive.model import (
     Cubic,
     Geometry,
     Header,
+    Height,
     Junction,
     Lane,
     LaneSection,
@@ -23,10 +25,10 @@ from resim.road.opendrive.model import (
     RoadType,
     Side,
 )  # fmt: skip
+from resim.road.opendrive.sections import both_sides
+from resim.road.opendrive.signs import SPEED_UNITS, read_signs
 from resim.road.opendrive.xml import Reader
 
-SPEED_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
-NO_LIMIT = ("no limit", "undefined")
 SHORTEST = 1e-9
 CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 Coefficients = tuple[float, float, float, float]
@@ -73,7 +75,7 @@ class ModelReader(Reader):
         """Read one <road>."""
         road_id = self.text(element, "id", "road")
         where = f"road {road_id}"
-        geometries = self._geometries(element, where)
+        geometries, empty = self._geometries(element, where)
         length = geometries[-1].s + geometries[-1].length
         junction = element.get("junction", "-1")
         return Road(
@@ -87,27 +89,43 @@ class ModelReader(Reader):
             types=self._types(element, where),
             predecessor=self._link(element, "predecessor", where),
             successor=self._link(element, "successor", where),
+            superelevations=self._cubics(element, "lateralProfile/superelevation", "s", where),
+            signs=read_signs(self, element, self._signals, where),
+            declared_length=self.number(element, "length", where, math.nan), empty=empty,
         )  # fmt: skip
 
     def junctions(self) -> dict[str, Junction]:
         """Read all junctions, by id."""
-        found = (self._junction(element) for element in self.root.iterfind("junction"))
-        return {junction.id: junction for junction in found}
+        junctions: dict[str, Junction] = {}
+        for element in self.root.iterfind("junction"):
+            junction = self._junction(element)
+            if junction.id in junctions:
+                raise self.error(f"junction {junction.id}", "the id stands twice")
+            junctions[junction.id] = junction
+        return junctions
 
-    def _geometries(self, road: _Element, where: str) -> tuple[Geometry, ...]:
-        found = []
+    @cached_property
+    def _signals(self) -> dict[str, _Element]:
+        """Every signal of the map by its id, for the references to it."""
+        return {element.get("id", ""): element for element in self.root.iterfind("road/signals/signal")}
+
+    def _geometries(self, road: _Element, where: str) -> tuple[tuple[Geometry, ...], tuple[float, ...]]:
+        """The elements of the planView, and the s of those passed over because they have no length."""
+        found, empty = [], []
         for i, element in enumerate(road.iterfind("planView/geometry")):
             at = f"{where}, geometry {i}"
             if self.number(element, "length", at) < 0.0:
                 raise self.error(at, f"length={element.get('length')} is negative")
             if self.number(element, "length", at) > SHORTEST:
                 found.append(self._geometry(element, at))
+            else:
+                empty.append(self.number(element, "s", at))
         if not found:
             raise self.error(where, "planView has no geometry of a length above zero")
         for before, after in pairwise(found):
             if after.s <= before.s:
                 raise self.error(where, f"geometry at s={after.s} follows one at s={before.s}")
-        return tuple(found)
+        return tuple(found), tuple(empty)
 
     def _geometry(self, element: _Element, where: str) -> Geometry:
         s, x, y, heading, length = (self.number(element, n, where) for n in ("s", "x", "y", "hdg", "length"))
@@ -149,12 +167,15 @@ class ModelReader(Reader):
         return tuple(sorted(found, key=lambda kind: kind.s))
 
     def _speed(self, element: _Element, where: str) -> float:
-        if element.get("max", "undefined") in NO_LIMIT:
-            return math.nan
+        """The speed [m/s], inf for no limit, NaN where undefined (negative numbers mean that, too)."""
+        text = element.get("max", "undefined")
+        if text in ("no limit", "undefined"):
+            return math.inf if text == "no limit" else math.nan
         unit = element.get("unit", "m/s")
         if unit not in SPEED_UNITS:
             raise self.error(where, f"speed unit {unit!r} is none of {', '.join(SPEED_UNITS)}")
-        return self.number(element, "max", where) * SPEED_UNITS[unit]
+        speed = self.number(element, "max", where)
+        return speed * SPEED_UNITS[unit] if speed >= 0.0 else math.nan
 
     def _link(self, road: _Element, tag: str, where: str) -> Link | None:
         element = road.find(f"link/{tag}")
@@ -166,21 +187,27 @@ class ModelReader(Reader):
         contact = element.get("contactPoint")
         if contact not in (None, "start", "end"):
             raise self.error(f"{where}, {tag}", f"contactPoint={contact!r} is neither start nor end")
+        s = self.number(element, "elementS", f"{where}, {tag}") if "elementS" in element.attrib else None
         return Link("road" if kind == "road" else "junction", str(element.get("elementId")),
-                    cast(Side | None, contact))  # fmt: skip
+                    cast(Side | None, contact), s)  # fmt: skip
 
     def _sections(self, road: _Element, length: float, where: str) -> tuple[LaneSection, ...]:
         elements = road.findall("lanes/laneSection")
         if not elements:
             raise self.error(where, "has no laneSection")
         starts = [self.number(e, "s", f"{where}, laneSection {i}") for i, e in enumerate(elements)]
-        if sorted(starts) != starts:
-            raise self.error(where, f"laneSections start at s={starts}, which does not increase")
+        single = [element.get("singleSide") in ("true", "1") for element in elements]
+        for i, (before, after) in enumerate(pairwise(starts)):
+            if after < before:
+                raise self.error(where, f"laneSections start at s={starts}, which does not increase")
+            if after == before and not (single[i] and single[i + 1]):
+                raise self.error(where, f"two laneSections start at s={after:g}")
+        lanes = [self._lanes(element, f"{where}, laneSection {i}") for i, element in enumerate(elements)]
+        for i in range(1, len(lanes)):
+            if single[i]:
+                lanes[i - 1], lanes[i] = both_sides(lanes[i - 1], lanes[i], starts[i] - starts[i - 1])
         ends = [*starts[1:], max(length, starts[-1])]
-        return tuple(
-            LaneSection(start, end, self._lanes(element, f"{where}, laneSection {i}"))
-            for i, (element, start, end) in enumerate(zip(elements, starts, ends, strict=True))
-        )
+        return tuple(LaneSection(*section) for section in zip(starts, ends, lanes, strict=True))
 
     def _lanes(self, section: _Element, where: str) -> dict[int, Lane]:
         lanes = [self._lane(element, where) for element in section.iterfind("*/lane")]
@@ -206,6 +233,11 @@ class ModelReader(Reader):
             )),
             predecessor=self._lane_link(element, "predecessor", at),
             successor=self._lane_link(element, "successor", at),
+            heights=tuple(sorted(
+                Height(*(self.number(e, name, at) for name in ("sOffset", "inner", "outer")))
+                for e in element.iterfind("height")
+            )),
+            reversed=element.get("direction") == "reversed",
         )  # fmt: skip
 
     def _marks(self, lane: _Element, where: str) -> tuple[RoadMark, ...]:

@@ -12,15 +12,22 @@ from resim.core.xml import safe_root
 
 OPEN_IT = "Give an ASAM OpenDRIVE 1.4 to 1.8 file (.xodr)"
 MEND = "Correct the map in its editor, or export it again"
+CUT = "Cut out the part of the map that was driven, and give that"
+LARGEST = 100_000_000
 
 
 def parse(path: Path) -> etree._Element:
     """Give the <OpenDRIVE> element of the file, its XML namespace taken off every tag.
 
-    No entity is resolved and nothing is fetched. Raises InputError where the file is missing, empty, not
-    XML, has a DOCTYPE, or another root.
+    No entity is resolved and nothing is fetched. Raises InputError where the file is missing, empty, larger
+    than 100 MB, not XML, has a DOCTYPE, or another root.
     """
     try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise InputError(
+                path, f"has {size / 1e6:.0f} MB; maps of up to {LARGEST / 1e6:.0f} MB are read", CUT
+            )
         text = path.read_bytes()
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "Check the path of the map") from None
