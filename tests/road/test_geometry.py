@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +8,6 @@ from scipy.integrate import quad
 from scipy.special import fresnel
 
 from resim.road.opendrive import load
-from resim.road.opendrive.index import foot
 
 ROUND_TRIP = [
     "xodr/esmini/e6mini.xodr", "xodr/esmini/curves.xodr", "xodr/esmini/fabriksgatan.xodr",
@@ -291,30 +288,6 @@ def test_records_may_stand_in_any_order(one_road):
     net = load(one_road('<geometry s="0" x="0" y="0" hdg="0" length="99"><line/></geometry>', lanes=lanes))
     np.testing.assert_allclose(net.to_xy("7", 0, [10.0, 50.0], 0.0)[1], [0.5, 1.0])
     np.testing.assert_allclose(net.lane_width("7", -1, [10.0, 50.0]), [2.0, 4.0])
-
-
-ORACLE = [
-    "xodr/esmini/e6mini.xodr", "xodr/esmini/curves.xodr", "xodr/esmini/curve_r100.xodr",
-    "xodr/alks/alks_road_different_curvatures.xodr", "xodr/esmini/highway_exit.xodr",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ORACLE)
-def test_reference_lines_agree_with_pyxodr(shared_map, name):
-    network = pytest.importorskip("pyxodr.road_objects.network")
-    net = shared_map(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        roads = network.RoadNetwork(str(net.path), resolution=0.5).get_roads()
-        lines = {road.id: np.asarray(road.reference_line)[:, :2] for road in roads}
-    for road_id, line in lines.items():
-        number = np.full(len(line), list(net.roads).index(road_id))
-        guess = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-        length = net.roads[road_id].length
-        s, _, _ = foot(net._lines, number, line[:, 0], line[:, 1], np.clip(guess, 0.0, length))
-        ours = net._lines.evaluate(number, np.clip(s, 0.0, length))
-        # pyxodr's own clothoids are good to some 0.3 mm: ours are held to Fresnel integrals above
-        assert np.hypot(ours.x - line[:, 0], ours.y - line[:, 1]).max() < 5e-4
 
 
 def test_lane_shapes_of_the_proving_ground(proving_ground):
