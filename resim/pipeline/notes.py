@@ -10,6 +10,7 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.result import Basis, Branch, drove
+from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario
@@ -17,6 +18,8 @@ from resim.sim.adfunction import Build
 
 GAP = 1.0
 """Time [s] for which a trace is bridged where nothing was seen; an object seen again later is another one."""
+
+MOST_LANES = 5
 
 OFF_ROAD = 0.1
 """Share of the EGO's samples on no driving lane from which on the map is worth a look."""
@@ -36,8 +39,7 @@ def notes(
     errors: Mapping[str, Errors],
 ) -> Iterator[str]:
     """Give one line for each thing that qualifies the results."""
-    if net.remark:
-        yield f"{recording.map.name}: {net.remark}"
+    yield from _inexact(recording.map.name, net, network, measured)
     yield from _who_drove(recording, build)
     yield from _plausible(recording, network, measured["GT"], errors)
     for basis, scenario in described.items():
@@ -49,6 +51,29 @@ def notes(
             yield f"r{basis}: AD function failed: {branch.run.failure}"
     if "SD" in measured:
         yield from _sensed(recording, measured, errors)
+
+
+def _inexact(
+    name: str, net: SumoNet, network: RoadNetwork, measured: Mapping[Basis, Tracks]
+) -> Iterator[str]:
+    """The lanes that somebody drove on and that the SUMO net has not, or not exactly."""
+    bad = {lane.key: lane for lane in net.conversion.bad}
+    touched: set[LaneKey] = set()
+    for tracks in measured.values() if bad else ():
+        found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
+        places = set(
+            zip(found.road.tolist(), found.lane.tolist(), np.round(found.s, 1).tolist(), strict=True)
+        )
+        touched |= {LaneKey(r, network.roads[r].section_index(s), lane) for r, lane, s in places if s == s}
+    hit = [lane for key, lane in bad.items() if key in touched]
+    for lane in hit[:MOST_LANES]:
+        what = (
+            "is not in the SUMO net" if lane.worst is None else f"is {lane.worst:.3f} m off in the SUMO net"
+        )
+        why = f" ({lane.remark})" if lane.remark else f" at s = {lane.s:g} m"
+        yield f"{name}: {lane.key}, which traces touch, {what}{why}"
+    if len(hit) > MOST_LANES:
+        yield f"{name}: {len(hit) - MOST_LANES} more such lanes"
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:

@@ -1,0 +1,126 @@
+"""Check: looks at a recording's tables for what would make a result wrong, before anything is computed of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from resim.check.agreement import clocks, pairs, reference_points, strangers
+from resim.check.bodies import overlaps, sizes
+from resim.check.clock import in_order
+from resim.check.codes import CODES, Code, Found, worst_first
+from resim.check.identity import broken, jumps, parts_of
+from resim.check.motion import heading, limits, speed
+from resim.check.place import places
+from resim.check.samples import duplicates, holes, missing_values, repeated
+from resim.check.tracks import Table, table_of
+from resim.check.units import heading_units, mirrored, speed_units
+from resim.core.finding import Finding, Source
+from resim.ingest import Tables
+from resim.ingest.tables import GT_ID
+from resim.road.opendrive import RoadNetwork
+
+__all__ = ["CODES", "Code", "examine"]
+
+TORN = ("ID_SWITCH", "ID_REUSED", "POSITION_JUMP")
+"""Findings that tear a track: what differs from the other source, the map or other boxes after them follows."""
+
+EXPLAINED = {
+    "ACCELERATION": ("SPEED_DISAGREES",),
+    "YAW_RATE": ("HEADING_DISAGREES",),
+    "SPEED_DISAGREES": ("CLOCK_DRIFT",),
+    "WRONG_WAY": ("HEADING_DISAGREES", *TORN),
+    "OFF_MAP": TORN,
+    "OVERLAP": ("OFF_MAP", *TORN),
+}
+"""Findings that are symptoms where the same object, or its table, has one of these."""
+
+
+def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
+    """Give what is wrong with a recording, worst first; the same tables give the same findings.
+
+    network: the recording's map, None where there is none to look at. A look goes from cause to symptom: what
+    is found is put right in memory (units, clock jumps, outliers) before the next look, so that one fault gives
+    one finding. Raises nothing on any tables that `read_tables` lets through.
+    """
+    ego = tables.settings.ego
+    gt, out = _source("gt", tables.gt, {}, ego)
+    sd: Table | None = None
+    if tables.sd is not None:
+        sd, more = _source("sd", tables.sd, _gt_names(tables.sd, tables.gt), ego)
+        out += more
+    gt, sd, more = mirrored(gt, sd, network)
+    out += more
+    gt, more = _motion(gt, network)
+    out += more
+    if sd is not None:
+        sd, more = _motion(sd, network)
+        out += more + list(_both(gt, sd, [f.finding for f in out + more]))
+    return worst_first(_causes(out))
+
+
+def _source(
+    source: Source, frame: pd.DataFrame, gt_id: dict[str, str], ego: str
+) -> tuple[Table, list[Found]]:
+    """What the rows of one source show, and its table in SI units."""
+    frame, out = in_order(source, frame)
+    out += missing_values(source, frame)
+    out += duplicates(source, frame)
+    out += sizes(source, frame)
+    out += holes(table_of(source, frame, gt_id, incomplete=True), ego)
+    table = table_of(source, frame, gt_id)
+    for look in (repeated, speed_units, heading_units):
+        table, more = look(table)
+        out += more
+    return table, out
+
+
+def _motion(table: Table, network: RoadNetwork | None) -> tuple[Table, list[Found]]:
+    """What the motion of one source shows, and its table, cut where tracks are torn."""
+    if not table.tracks:
+        return table, []
+    out = broken(table)
+    table, more = jumps(table)
+    out += more
+    for look in (speed, heading, limits, overlaps):
+        out += look(table)
+    if network is not None:
+        out += places(table, network)
+    return table, out
+
+
+def _both(gt: Table, sd: Table, known: list[Finding]) -> Iterator[Found]:
+    """What the two sources show beside each other, where neither is torn."""
+    torn = {(f.source, f.object) for f in known if f.code in (*TORN, "OFF_MAP", "WRONG_WAY")}
+    beside = [
+        p for p in pairs(gt, sd) if not torn & {("gt", p.gt.id), ("sd", p.sd.id), ("gt", ""), ("sd", "")}
+    ]
+    found_clocks, explained = clocks(gt, sd, beside)
+    yield from found_clocks
+    yield from reference_points(beside, explained)
+    yield from strangers(sd, beside, explained, parts_of(known))
+
+
+def _gt_names(sd: pd.DataFrame, gt: pd.DataFrame) -> dict[str, str]:
+    """The GT id of each SD object, "" for none."""
+    if GT_ID in sd:
+        return {str(name): str(own) for name, own in sd.groupby("id", sort=False)[GT_ID].first().items()}
+    known = set(gt["id"])
+    return {name: name if name in known else "" for name in dict.fromkeys(sd["id"])}
+
+
+def _causes(everything: list[Found]) -> list[Found]:
+    """The findings without symptoms, and of each code and object the worst (each gap stays)."""
+    have = {(f.finding.code, f.finding.source, f.finding.object) for f in everything}
+    whole = {(f.finding.code, f.finding.source) for f in everything if not f.finding.object}
+    best: dict[tuple[object, ...], Found] = {}
+    for one in everything:
+        f = one.finding
+        causes = EXPLAINED.get(f.code, ())
+        if any((c, f.source, f.object) in have or (c, f.source) in whole for c in causes):
+            continue
+        key = (f.code, f.source, f.object, f.start if f.code in ("GAP", *TORN) else 0.0)
+        if key not in best or one.excess > best[key].excess:
+            best[key] = one
+    return list(best.values())

@@ -1,0 +1,119 @@
+"""One source's clock: rows out of order, and times that jump while the motion goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from resim.check.codes import Found, found
+from resim.check.tracks import runs
+from resim.core.finding import Source
+from resim.core.geometry import Bools, Floats
+
+JUMP = 0.06
+"""Time [s] by which stamps and motion must differ in one step: 1.5 m at 25 m/s."""
+MOVING = 2.0
+"""Speed [m/s] from which on the way tells the time; 0.1 m of noise are then 0.05 s."""
+SHARE = 0.3
+"""Part of the jump by which the objects may differ in it."""
+
+
+def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Found]]:
+    """Give clock jumps and rows that run back in time; and the rows with the jumps taken out, by time.
+
+    A jump is one that all objects share, and after which the motion in the order of the file goes on; else
+    the rows stand in the wrong order.
+    """
+    whole = np.flatnonzero(np.isfinite(frame[["x", "y", "heading", "v"]].to_numpy(float)).all(axis=1))
+    steps = _steps(frame.iloc[whole])
+    if steps is None:
+        return frame, []
+    usual = float(np.median(steps["dt"][steps["dt"] > 0.0])) if (steps["dt"] > 0.0).any() else np.nan
+    out, shifts = [], []
+    for at, amount, after in _jumps(steps, usual):
+        shifts.append((int(whole[at]), amount))
+        text = f"the clock jumps by {amount:+.3f} s at {after:.2f} s, the motion does not"
+        out.append(found("CLOCK_JUMP", source, "", (after, after), amount, "s", text, limit=JUMP))
+    frame = frame.copy()
+    if shifts:
+        correction = np.zeros(len(frame))
+        place = np.arange(len(frame))
+        for at, amount in shifts:
+            correction[place >= at] -= amount
+        frame["t"] = np.round(frame["t"].to_numpy(float) + correction, 9)
+    out += _backwards(source, frame)
+    return frame.sort_values("t", kind="stable"), out
+
+
+def _steps(frame: pd.DataFrame) -> dict[str, Floats] | None:
+    """Every step of every object in the order of the file: dt, the time that the motion needs, the row after."""
+    if len(frame) < 2:
+        return None
+    rows = {name: np.flatnonzero(frame["id"].to_numpy(str) == name) for name in frame["id"].unique()}
+    columns = [frame[c].to_numpy(float) for c in ("t", "x", "y", "heading", "v")]
+    parts = []
+    for number, own in enumerate(rows.values()):
+        t, x, y, heading, v = (c[own] for c in columns)
+        if len(t) < 2:
+            continue
+        # along the heading: rows in the wrong order go back in place as they do in time
+        way = np.diff(x) * np.cos(heading[:-1]) + np.diff(y) * np.sin(heading[:-1])
+        speed = 0.5 * (v[1:] + v[:-1])
+        needs = np.divide(way, speed, out=np.full(len(way), np.nan), where=np.abs(speed) > MOVING)
+        parts.append((np.diff(t), needs, own[1:], t[:-1], np.full(len(way), number)))
+    if not parts:
+        return None
+    names = ("dt", "needs", "row", "t", "object")
+    return {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)}
+
+
+def _jumps(steps: dict[str, Floats], usual: float) -> list[tuple[int, float, float]]:
+    """Row in the complete frame from which on times are off, by how much [s], and the stamp before."""
+    out = []
+    scale = _scale(steps)
+    needs = steps["needs"] / scale[steps["object"].astype(int)]
+    off = steps["dt"] - needs
+    suspect = (np.abs(off) > JUMP) & ((steps["dt"] < 0.5 * usual) | (steps["dt"] > 1.5 * usual))
+    suspect &= np.abs(needs) < 3.0 * max(usual, JUMP)  # a hole in which the object drove on is no jump
+    for stamp in np.unique(np.round(steps["t"][suspect], 6)):
+        here = np.abs(steps["t"] - stamp) < 0.5 * usual
+        moving = here & np.isfinite(off)
+        first = moving & suspect
+        if not len(off[first]) or not suspect[moving].all():
+            continue
+        amount = float(np.median(steps["dt"][first])) - usual
+        if np.ptp(steps["dt"][here]) > max(SHARE * abs(amount), 1e-6):
+            continue
+        out.append((int(steps["row"][here].min()), amount, float(stamp)))
+    return out
+
+
+def _scale(steps: dict[str, Floats]) -> Floats:
+    """Each object's usual ratio of the time that the motion needs to the time stamped: a wrong unit of speed."""
+    objects = steps["object"].astype(int)
+    out = np.ones(objects.max() + 1)
+    for n in range(len(out)):
+        own = (objects == n) & (steps["dt"] > 0.0) & np.isfinite(steps["needs"])
+        if own.any():
+            ratio = float(np.median(steps["needs"][own] / steps["dt"][own]))
+            out[n] = ratio if ratio > 0.0 else 1.0
+    return out
+
+
+def _backwards(source: Source, frame: pd.DataFrame) -> list[Found]:
+    """Objects whose rows run back in time; one finding where every object of several does."""
+    step = frame.groupby("id", sort=False)["t"].diff().to_numpy(float)
+    back: Bools = step < 0.0
+    names = list(dict.fromkeys(frame["id"][back]))
+    if not names:
+        return []
+    whole = len(names) > 1 and len(names) == frame["id"].nunique()
+    groups = [("", back)] if whole else [(n, back & (frame["id"] == n).to_numpy()) for n in names]
+    out = []
+    for name, rows in groups:
+        t = frame["t"].to_numpy(float)[rows]
+        text = f"{len(runs(rows))} times a row stands behind a later one, by up to {-step[rows].min():.3f} s"
+        out.append(
+            found("TIME_BACKWARDS", source, str(name), (t.min(), t.max()), len(t), "rows", text, limit=1.0)
+        )
+    return out

@@ -1,0 +1,158 @@
+"""What a check can find: each code with its severity, what it means for a result, and the repair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from resim.core.finding import SEVERITIES, Finding, Severity, Source
+
+
+@dataclass(frozen=True)
+class Code:
+    """One kind of finding. repair is "" where none is safe."""
+
+    severity: Severity
+    meaning: str
+    repair: str = ""
+
+
+CODES: Mapping[str, Code] = {
+    "MISSING_VALUES": Code(
+        "warning",
+        "rows without a position, heading or speed cannot be used",
+        "leave these rows out; the track is interpolated there like a gap",
+    ),
+    "MISSING_SAMPLES": Code(
+        "note", "the track is interpolated over the hole", "fill the hole along the track, marked"
+    ),
+    "GAP": Code(
+        "warning",
+        "no error is computed inside the gap; after more than 1 s the object counts as another one",
+        "bridge gaps up to 1 s along the track, marked",
+    ),
+    "DUPLICATE_SAMPLES": Code(
+        "warning", "one time and object stand more than once", "keep the first of the rows"
+    ),
+    "REPEATED_SAMPLES": Code(
+        "warning",
+        "the object stands still in the data and catches up in one step: accelerations there are false",
+        "drop the repeated values and interpolate, marked",
+    ),
+    "TIME_BACKWARDS": Code(
+        "warning", "rows stand in the wrong order", "sort each object's rows by time"
+    ),
+    "CLOCK_JUMP": Code(
+        "error",
+        "all times after the jump are off: speeds, gaps and errors against the other source are wrong",
+        "shift the times after the jump by the amount that the motion shows",
+    ),
+    "CLOCK_DRIFT": Code(
+        "error",
+        "one clock runs faster: the offset between GT and SD grows, and sensor errors with it",
+        "scale the times of this source by the rate found",
+    ),
+    "CLOCK_OFFSET": Code(
+        "error",
+        "speed times delay enters every position error, and reaction times are off by the delay",
+        "shift the times by the delay found",
+    ),
+    "ID_REUSED": Code(
+        "error",
+        "two objects share one id: the trace between them was never driven",
+        "give the later object an id of its own",
+    ),
+    "ID_SWITCH": Code(
+        "error", "two objects change ids: both traces jump", "change the ids back from there on"
+    ),
+    "TRACK_BROKEN": Code(
+        "warning",
+        "the object vanishes and another one appears in its place, at its speed",
+        "give both parts one id",
+    ),
+    "POSITION_JUMP": Code(
+        "error", "the object moves farther in one step than it can: the fit bends through the jump"
+    ),
+    "OUTLIER": Code(
+        "warning", "single samples far off the track bend the fit", "drop them and interpolate, marked"
+    ),
+    "SPEED_DISAGREES": Code(
+        "warning",
+        "speed and positions tell different motions: the speed spline, TTC and reaction times follow the speed",
+        "take the speed from the positions, marked",
+    ),
+    "HEADING_DISAGREES": Code(
+        "warning",
+        "heading and positions tell different motions: boxes are turned, and lateral motion is false",
+        "take the heading from the positions, marked",
+    ),
+    "ACCELERATION": Code(
+        "warning", "no vehicle of its kind can do it: the speed fit follows noise, peaks are not to be trusted"
+    ),
+    "YAW_RATE": Code(
+        "warning", "no vehicle of its kind can turn so: the heading fit follows noise"
+    ),
+    "OVERLAP": Code(
+        "warning", "two boxes are in each other for longer than a collision lasts: sizes, positions or a double"
+    ),
+    "SIZE_CHANGES": Code(
+        "warning", "the first size is taken for the whole track", "take the median size of the object"
+    ),
+    "OFF_MAP": Code(
+        "warning", "no lane lies there: lane-based results and the re-simulation's road do not hold for it"
+    ),
+    "WRONG_WAY": Code("warning", "it drives against its lane: a real wrong-way driver, or a wrong map or frame"),
+    "REFERENCE_POINT": Code(
+        "error",
+        "positions name another point than the box centre: distances are off by as much",
+        "move the positions by the offset, along each heading",
+    ),
+    "SPEED_UNIT": Code("error", "every result that uses speed is wrong", "convert the speeds to m/s"),
+    "HEADING_UNIT": Code("error", "every result that uses heading is wrong", "convert the headings to radians"),
+    "MIRRORED_Y": Code(
+        "error", "left and right are exchanged, and lanes with them", "turn the sign of y and of the heading"
+    ),
+    "SD_WITHOUT_GT": Code("note", "no sensor error can be computed for it; rSD has it all the same"),
+}  # fmt: skip
+"""Every code: its usual severity, what it means, and the repair."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A finding, and how many times its threshold it is (the order within a severity)."""
+
+    finding: Finding
+    excess: float
+
+
+def found(
+    code: str,
+    source: Source,
+    object: str,
+    span: tuple[float, float],
+    value: float,
+    unit: str,
+    text: str,
+    *,
+    limit: float,
+    severity: Severity | None = None,
+    repair: str | None = None,
+) -> Found:
+    """Give a finding with the terms of its code. span: start and end [s]; limit: what value had to exceed."""
+    terms = CODES[code]
+    finding = Finding(
+        code=code, severity=severity or terms.severity, source=source, object=object, start=float(span[0]),
+        end=float(span[1]), value=float(value), unit=unit, text=text, meaning=terms.meaning,
+        repair=terms.repair if repair is None else repair,
+    )  # fmt: skip
+    return Found(finding, abs(float(value)) / limit if limit > 0.0 else abs(float(value)))
+
+
+def worst_first(everything: Iterable[Found]) -> tuple[Finding, ...]:
+    """Give the findings by severity, then by how far they are beyond their threshold."""
+
+    def rank(one: Found) -> tuple[int, float, str, str, str, float]:
+        f = one.finding
+        return SEVERITIES.index(f.severity), -one.excess, f.code, f.source, f.object, f.start
+
+    return tuple(one.finding for one in sorted(everything, key=rank))

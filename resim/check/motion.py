@@ -1,0 +1,169 @@
+"""Motion: speed and heading against the positions, and what no vehicle can do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from resim.check.codes import Found, found
+from resim.check.derived import WINDOW, Motion, motion
+from resim.check.tracks import PEDESTRIAN, Table, Track, longest_run, runs
+from resim.core.geometry import Floats, unwrap_angle, wrap_angle
+
+SPEED_RUN, SPEED_SHARE = 0.7, 0.05
+"""Difference of speeds [m/s], and part of the speed, beyond which it must not stay for RUN."""
+SPEED_BIAS, BIAS_SHARE = 0.3, 0.03
+"""Median difference [m/s], and part of the speed, that a whole track may have."""
+RUN = 0.4
+"""Time [s] that a difference lasts before it is no noise."""
+HEADING_RUN, HEADING_BIAS = 0.1, 0.035
+"""Difference of heading and course [rad], for RUN and in the median: 2 degrees over a whole track."""
+POSITION_NOISE = 0.15
+"""Noise of the way over a window [m]: turns the course of slow objects."""
+FAST = 2.0
+"""Speed [m/s] from which on there is a course."""
+DELAYS = 2.0
+"""Longest delay [s] that is looked for."""
+EXPLAINS = 0.6
+"""Part of the difference that may be left when a delay explains it."""
+STEADY = 0.2
+"""Time [s] over which acceleration and yaw rate are taken: shorter peaks are noise and move nothing."""
+STRONGEST = {"pedestrian": 8.0, "bicycle": 8.0, "truck": 11.0, "bus": 11.0, "trailer": 11.0}
+STRONGEST_VEHICLE = 13.0
+"""Acceleration [m/s²] that none reaches: the best tyres brake at 11, trucks at 8, men and bicycles at 6."""
+LATERAL = 14.0
+"""Lateral acceleration [m/s²] that none reaches."""
+TURNING = 2.0
+"""Yaw rate [rad/s] that no vehicle has at any speed at which it can turn."""
+
+
+def speed(table: Table) -> Iterator[Found]:
+    """Give, per object, the worst disagreement of speed and positions, with the delay that would explain it."""
+    for track in table.tracks:
+        m = motion(track, table.step)
+        if not len(m.t):
+            continue
+        off = np.abs(m.told) - np.abs(m.moved)
+        if track.kind == PEDESTRIAN:
+            off = np.interp(m.t, track.t, np.abs(track.v)) - np.abs(m.moved)
+        size = np.abs(m.moved)
+        bad = np.abs(off) > SPEED_RUN + SPEED_SHARE * size
+        span = longest_run(bad, m.t)
+        bias = float(np.median(off))
+        lasting = span is not None and span[1] - span[0] >= RUN - 0.5 * table.step
+        biased = (
+            abs(bias) > SPEED_BIAS + BIAS_SHARE * float(np.median(size)) and len(m.t) * table.step > WINDOW
+        )
+        if not lasting and not biased:
+            continue
+        if lasting and span is not None:
+            within = (m.t >= span[0]) & (m.t <= span[1])
+            value = float(off[within][np.argmax(np.abs(off[within]))])
+        else:
+            span, value = (float(m.t[0]), float(m.t[-1])), bias
+        text = f"its speed is up to {value:+.2f} m/s off its positions, {bias:+.2f} m/s in the median"
+        delay, left = _delay(m.t, np.abs(m.told), np.abs(m.moved))
+        text, repair = _explained(text, delay, left, "m/s")
+        limit = SPEED_RUN if lasting else SPEED_BIAS
+        yield found(
+            "SPEED_DISAGREES", table.source, track.id, span, value, "m/s", text, limit=limit,
+            severity="note" if delay > 0.0 and left < SPEED_RUN else None, repair=repair,
+        )  # fmt: skip
+
+
+def heading(table: Table) -> Iterator[Found]:
+    """Give, per vehicle, the worst disagreement of heading and course, with the delay that would explain it."""
+    for track in table.tracks:
+        m = motion(track, table.step)
+        fast = (np.abs(m.moved) > FAST) & (np.abs(m.told) > FAST)
+        if track.kind == PEDESTRIAN or not fast.any():
+            continue
+        t, off = m.t[fast], np.angle(m.told[fast] * np.conj(m.moved[fast]))
+        loose = _looseness(track, m)[fast]
+        span = longest_run(np.abs(off) > HEADING_RUN + loose, t)
+        bias = float(np.median(off))
+        lasting = span is not None and span[1] - span[0] >= RUN - 0.5 * table.step
+        biased = abs(bias) > HEADING_BIAS + float(np.median(loose)) and len(t) * table.step > WINDOW
+        if not lasting and not biased:
+            continue
+        if lasting and span is not None:
+            within = (t >= span[0]) & (t <= span[1])
+            value = float(off[within][np.argmax(np.abs(off[within]))])
+        else:
+            span, value = (float(t[0]), float(t[-1])), bias
+        text = f"its heading is up to {value:+.3f} rad off its course, {bias:+.3f} rad in the median"
+        delay, left = _delay(t, unwrap_angle(np.angle(m.told[fast])), unwrap_angle(np.angle(m.moved[fast])))
+        text, repair = _explained(text, delay, left, "rad")
+        if np.abs(wrap_angle(bias - np.pi)) < 0.3:
+            text += "; it drives backwards with a speed above 0, or its heading is turned"
+        limit = HEADING_RUN if lasting else HEADING_BIAS
+        yield found(
+            "HEADING_DISAGREES", table.source, track.id, span, value, "rad", text, limit=limit, repair=repair
+        )
+
+
+def _looseness(track: Track, m: Motion) -> Floats:
+    """Angle [rad] that noise of the positions and a box centre off the axle that steers nothing explain."""
+    size = np.maximum(np.abs(m.moved), 0.1)
+    return np.asarray(POSITION_NOISE / (WINDOW * size) + 0.5 * track.length * np.abs(m.turn) / size)
+
+
+def _delay(t: Floats, told: Floats, moved: Floats) -> tuple[float, float]:
+    """The delay [s] of what is told that explains most, and the rms that is left; 0 where it explains too little."""
+    if len(t) < 5 or np.ptp(moved) < 1e-9:
+        return 0.0, np.nan
+    step = float(np.median(np.diff(t)))
+    rms0 = float(np.sqrt(np.mean((told - moved) ** 2)))
+    best, left = 0.0, rms0
+    for delay in np.arange(-DELAYS, DELAYS + 1e-9, max(step, 0.04)):
+        both = (t + delay >= t[0]) & (t + delay <= t[-1])
+        if both.sum() < max(5, len(t) // 3):
+            continue
+        off = np.interp(t[both] + delay, t, told) - moved[both]
+        rms = float(np.sqrt(np.mean(off**2)))
+        if rms < left:
+            best, left = float(delay), rms
+    return (best, left) if left < EXPLAINS * rms0 and abs(best) > step else (0.0, rms0)
+
+
+def _explained(text: str, delay: float, left: float, unit: str) -> tuple[str, str | None]:
+    if delay == 0.0:
+        return text, None
+    when = "late" if delay > 0.0 else "early"
+    return f"{text}; {abs(delay):.2f} s {when} would explain it ({left:.2g} {unit} left)", None
+
+
+def limits(table: Table) -> Iterator[Found]:
+    """Give, per object, acceleration and yaw rate that none of its kind reaches."""
+    for track in table.tracks:
+        hop = max(round(STEADY / table.step), 1)
+        if len(track) <= hop:
+            continue
+        dt = track.t[hop:] - track.t[:-hop]
+        whole = dt < 1.5 * hop * table.step
+        t, dt = (0.5 * (track.t[hop:] + track.t[:-hop]))[whole], dt[whole]
+        a = ((track.v[hop:] - track.v[:-hop])[whole]) / dt
+        most = STRONGEST.get(track.kind, STRONGEST_VEHICLE)
+        yield from _beyond(
+            table, track, "ACCELERATION", t, a, np.full(len(t), most), "m/s²", "accelerates by"
+        )
+        if track.kind == PEDESTRIAN:
+            continue
+        rate = ((track.heading[hop:] - track.heading[:-hop])[whole]) / dt
+        v = np.maximum(np.abs(track.v[hop:]), np.abs(track.v[:-hop]))[whole]
+        may = np.minimum(TURNING, LATERAL / np.maximum(v, 0.1) + 0.15)
+        yield from _beyond(table, track, "YAW_RATE", t, rate, may, "rad/s", "turns at")
+
+
+def _beyond(
+    table: Table, track: Track, code: str, t: Floats, value: Floats, most: Floats, unit: str, verb: str
+) -> Iterator[Found]:
+    over = np.abs(value) > most
+    if not over.any():
+        return
+    k = int(np.argmax(np.where(over, np.abs(value) / most, 0.0)))
+    spans = runs(over)
+    text = f"{verb} {value[k]:+.3g} {unit} at {t[k]:.2f} s (none reaches {most[k]:.3g}), {len(spans)} time(s)"
+    span = (t[spans[0][0]], t[spans[-1][1]])
+    yield found(code, table.source, track.id, span, value[k], unit, text, limit=float(most[k]))

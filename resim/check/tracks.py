@@ -1,0 +1,106 @@
+"""What the checks look at: each object's complete samples in order of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from resim.core.finding import Source
+from resim.core.geometry import Bools, Floats
+
+Complex = NDArray[np.complex128]
+Ints = NDArray[np.intp]
+
+PEDESTRIAN = "pedestrian"
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, unwrapped, v (K,)."""
+
+    id: str
+    kind: str
+    length: float
+    width: float
+    t: Floats
+    p: Complex
+    heading: Floats
+    v: Floats
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def at(self, keep: Bools | Ints | slice) -> Track:
+        """Give the samples chosen."""
+        return replace(self, t=self.t[keep], p=self.p[keep], heading=self.heading[keep], v=self.v[keep])
+
+    def split(self, after: list[int]) -> list[Track]:
+        """Give the pieces between the samples after which it is cut."""
+        ends = [0, *(k + 1 for k in after), len(self)]
+        return [self.at(slice(a, b)) for a, b in pairwise(ends) if b > a]
+
+    def velocity(self) -> Complex:
+        """Give the velocity (K,) [m/s] that heading and speed tell."""
+        return np.asarray(self.v * np.exp(1j * self.heading))
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """One source: its tracks, its usual time step [s], and for the SD the GT id of each object."""
+
+    source: Source
+    step: float
+    tracks: tuple[Track, ...]
+    gt_id: dict[str, str]
+
+    def replaced(self, tracks: list[Track]) -> Table:
+        """Give the table with other tracks."""
+        return replace(self, tracks=tuple(tracks))
+
+    def shaped(self, **change: Any) -> Table:
+        """Give the table with every track changed: each value is a function of the track."""
+        return self.replaced([replace(k, **{n: f(k) for n, f in change.items()}) for k in self.tracks])
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time [s]."""
+        times = [(k.t[0], k.t[-1]) for k in self.tracks if len(k)]
+        return (min(a for a, _ in times), max(b for _, b in times)) if times else (np.nan, np.nan)
+
+
+def table_of(
+    source: Source, frame: pd.DataFrame, gt_id: dict[str, str], *, incomplete: bool = False
+) -> Table:
+    """Give the complete rows, or all, by object and time; of rows at one time the first."""
+    whole = frame
+    if not incomplete:
+        whole = frame[np.isfinite(frame[["x", "y", "heading", "v"]].to_numpy(float)).all(axis=1)]
+    whole = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
+    tracks = [_track(str(name), rows) for name, rows in whole.groupby("id", sort=False)]
+    steps = np.concatenate([np.zeros(0), *(np.diff(k.t) for k in tracks)])
+    return Table(source, float(np.median(steps)) if len(steps) else np.nan, tuple(tracks), gt_id)
+
+
+def _track(name: str, rows: pd.DataFrame) -> Track:
+    t, x, y, heading, v = (rows[c].to_numpy(float) for c in ("t", "x", "y", "heading", "v"))
+    return Track(
+        id=name, kind=str(rows["kind"].iloc[0]), length=float(rows["length"].median()),
+        width=float(rows["width"].median()), t=t, p=x + 1j * y, heading=np.unwrap(heading), v=v,
+    )  # fmt: skip
+
+
+def runs(mask: Bools) -> list[tuple[int, int]]:
+    """Give first and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def longest_run(mask: Bools, t: Floats) -> tuple[float, float] | None:
+    """Give start and end [s] of the longest run of True, None where there is none."""
+    spans = [(float(t[a]), float(t[b])) for a, b in runs(mask)]
+    return max(spans, key=lambda s: s[1] - s[0]) if spans else None

@@ -1,0 +1,207 @@
+"""Units and signs: speeds in km/h, headings in degrees, y down. What is found is put right for the checks after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from resim.check.codes import Found, found
+from resim.check.derived import motion
+from resim.check.tracks import PEDESTRIAN, Table, Track
+from resim.core.geometry import Floats, wrap_angle
+from resim.road.opendrive import RoadNetwork
+
+SPEED_UNITS = {"km/h": 3.6, "mph": 2.236936}
+NEAR = 0.08
+"""Relative distance from a unit's factor that still is it: noise, and speeds that are late; km/h and mph are far
+apart, and no speedometer is wrong by a factor of two."""
+MOVING = 1.0
+"""Speed of the positions [m/s] from which on their ratio to the speed says something."""
+DEGREES = 180.0 / np.pi
+FITS, MISFITS = 0.1, 0.3
+"""Heading in degrees: it fits the course [rad, root mean square] when converted, and by a third of that at most
+of what it does as it stands."""
+TURNED = 0.01
+"""Misfit of the heading [rad] from which on its unit is asked for: smaller does no harm."""
+BAD, GOOD = 0.3, 0.8
+"""Share of places with the road's direction, as they stand and mirrored, that tell a mirrored map frame."""
+MIRROR_FAR = 2.0
+"""Distance of SD and GT [m] from which on a mirror image is looked for."""
+
+
+def speed_units(table: Table) -> tuple[Table, list[Found]]:
+    """Give objects whose speed is a unit's factor larger than their positions', and the table in m/s."""
+    units: dict[str, str] = {}
+    moving = 0
+    for track in table.tracks:
+        m = motion(track, table.step)
+        drives = (np.abs(m.moved) > MOVING) & (np.abs(m.told) > MOVING)
+        if not drives.sum() >= 5:
+            continue
+        moving += 1
+        ratio = float(np.median(np.abs(m.told[drives]) / np.abs(m.moved[drives])))
+        for unit, factor in SPEED_UNITS.items():
+            if abs(ratio / factor - 1.0) < NEAR:
+                units[track.id] = unit
+    if not units:
+        return table, []
+
+    def converted(track: Track) -> Floats:
+        return track.v / SPEED_UNITS[units[track.id]] if track.id in units else track.v
+
+    whole = len(units) == moving > 1 and len(set(units.values())) == 1
+    out = []
+    for name in [""] if whole else units:
+        unit = units[name] if name else next(iter(units.values()))
+        who = f"all {moving} moving objects: their speeds are" if whole else "its speeds are"
+        text = f"{who} {SPEED_UNITS[unit]:.2f} times those of the positions: {unit}"
+        out.append(_over(table, name, "SPEED_UNIT", SPEED_UNITS[unit], "", text, 1.0))
+    if whole:  # those at rest are in the same unit
+        unit = next(iter(units.values()))
+        return table.shaped(v=lambda k: k.v / SPEED_UNITS[unit]), out
+    return table.shaped(v=converted), out
+
+
+def heading_units(table: Table) -> tuple[Table, list[Found]]:
+    """Give objects whose heading fits their course in degrees, and the table in radians."""
+    fits: dict[str, tuple[float, float]] = {}
+    asked = 0
+    for track in table.tracks:
+        if (both := _misfits(track, table.step)) is None:
+            continue
+        asked += 1
+        as_is, converted = both
+        if as_is > TURNED and converted < min(FITS, MISFITS * as_is):
+            fits[track.id] = both
+    if not fits:
+        return table, []
+    whole = len(fits) == asked > 1
+    out = []
+    for name in [""] if whole else fits:
+        as_is, converted = fits[name] if name else max(fits.values())
+        text = f"headings are {as_is:.3g} rad off the course as radians and {converted:.3g} rad as degrees"
+        out.append(_over(table, name, "HEADING_UNIT", as_is, "rad", text, TURNED))
+
+    def radians(track: Track) -> Floats:
+        if not whole and track.id not in fits:
+            return track.heading
+        return np.asarray(np.unwrap(_raw(track) / DEGREES))
+
+    return table.shaped(heading=radians), out
+
+
+def _misfits(track: Track, step: float) -> tuple[float, float] | None:
+    """How far [rad, rms] the heading is off the course, as radians and as degrees; None where it does not drive."""
+    if track.kind == PEDESTRIAN or len(track) < 5:
+        return None
+    far = max(round(0.4 / step), 1)
+    if len(track) <= 2 * far:
+        return None
+    way = track.p[2 * far :] - track.p[: -2 * far]
+    drives = np.abs(way) > max(4.0 * MOVING * far * step, 0.5)
+    if not drives.any():
+        return None
+    course = np.angle(way[drives])
+    raw = _raw(track)[far:-far][drives]
+    reverse = np.where(track.v[far:-far][drives] < 0.0, np.pi, 0.0)
+    off = [wrap_angle(h + reverse - course) for h in (raw, raw / DEGREES)]
+    return float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2)))
+
+
+def _raw(track: Track) -> Floats:
+    """The heading as it stood, jumps by 2 pi and all."""
+    return track.heading
+
+
+def _over(table: Table, name: str, code: str, value: float, unit: str, text: str, limit: float) -> Found:
+    own = [k for k in table.tracks if k.id == name]
+    span = (own[0].t[0], own[-1].t[-1]) if own else table.span
+    return found(code, table.source, name, span, value, unit, text, limit=limit)
+
+
+@dataclass(frozen=True)
+class _Mirror:
+    """What a table looks like as it stands and with y turned: share of places that agree with the road."""
+
+    as_is: float
+    turned: float
+
+    @property
+    def is_one(self) -> bool:
+        return self.as_is < BAD and self.turned > GOOD
+
+
+def mirrored(
+    gt: Table, sd: Table | None, network: RoadNetwork | None
+) -> tuple[Table, Table | None, list[Found]]:
+    """Give sources whose y points down, by the map, and by each other; and the tables with y up."""
+    out: list[Found] = []
+    on_road = {k.source: _on_road(k, network) for k in (gt, sd) if k is not None and network is not None}
+    wrong = {source for source, look in on_road.items() if look is not None and look.is_one}
+    if sd is not None and (far := _apart(gt, sd, np.asarray)) > MIRROR_FAR:
+        near = _apart(gt, sd, np.conj)
+        opposite = near < 0.3 * far
+        if opposite and len(wrong) != 1:
+            looks = {s: look.as_is if look else 1.0 for s, look in on_road.items()}
+            wrong = {"gt" if looks.get("gt", 1.0) < looks.get("sd", 1.0) else "sd"}
+    tables = []
+    for table in (gt, sd):
+        if table is None or table.source not in wrong:
+            tables.append(table)
+            continue
+        look = on_road.get(table.source)
+        text = "y points down: " + (
+            f"{100.0 * look.as_is:.0f} % of the places agree with the map as they stand, {100.0 * look.turned:.0f} % "
+            "with y turned" if look and look.is_one else "it fits the other source when turned"
+        )  # fmt: skip
+        height = float(np.median(np.concatenate([np.abs(k.p.imag) for k in table.tracks])))
+        out.append(_over(table, "", "MIRRORED_Y", height, "m", text, 1.0))
+        tables.append(_turned(table))
+    return tables[0], tables[1], out  # type: ignore[return-value]
+
+
+def _turned(table: Table) -> Table:
+    """The table with y turned; headings too where they fit then."""
+
+    def heading(track: Track) -> Floats:
+        velocity = np.diff(np.conj(track.p))
+        fits = [
+            np.abs(np.angle(velocity * np.exp(-1j * h[:-1]))).mean() for h in (track.heading, -track.heading)
+        ]
+        return track.heading if len(velocity) and fits[0] < fits[1] else -track.heading
+
+    return table.shaped(heading=heading, p=lambda k: np.conj(k.p))
+
+
+def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:
+    """Share of the moving vehicles' places on a lane in its direction, as they stand and mirrored."""
+    vehicles = [k for k in table.tracks if k.kind != PEDESTRIAN]
+    some = [
+        k.at(np.abs(k.v) > MOVING).at(slice(None, None, max(round(0.5 / table.step), 1))) for k in vehicles
+    ]
+    some = [k for k in some if len(k)]
+    if not some or network is None:
+        return None
+    p, heading = np.concatenate([k.p for k in some]), np.concatenate([k.heading for k in some])
+
+    def share(p: np.ndarray, heading: Floats) -> float:
+        at = network.to_road(p.real, p.imag, heading=heading)
+        along = network.lane_heading(at.road, at.lane, at.s)
+        return float(np.mean(at.on_road & (np.abs(wrap_angle(heading - along)) < 0.5 * np.pi)))
+
+    return _Mirror(share(p, heading), share(np.conj(p), -heading))
+
+
+def _apart(gt: Table, sd: Table, turn: Callable[..., np.ndarray]) -> float:
+    """Median distance [m] of SD, turned, from its GT; NaN without a common time."""
+    truth = {k.id: k for k in gt.tracks}
+    far = [np.zeros(0)]
+    for track in sd.tracks:
+        own = truth.get(sd.gt_id.get(track.id, ""))
+        if own is not None and len(own) > 1:
+            there = (track.t >= own.t[0]) & (track.t <= own.t[-1])
+            far.append(np.abs(turn(track.p[there]) - np.interp(track.t[there], own.t, own.p)))
+    every = np.concatenate(far)
+    return float(np.median(every)) if len(every) else np.nan

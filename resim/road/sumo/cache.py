@@ -1,0 +1,117 @@
+"""SUMO nets of OpenDRIVE maps, converted once and kept in a cache."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from resim.core.errors import ConversionError, InputError
+from resim.road.links import LaneKey
+from resim.road.opendrive import RoadNetwork
+from resim.road.sumo.conversion import Conversion, measure
+from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
+from resim.road.sumo.patch import patch
+from resim.road.sumo.plain import plain, write
+
+VERSION = 2
+"""Counts up when the same map gives another net."""
+
+TIME_LIMIT = 120.0
+NET, REPORT = "net.xml", "conversion.json"
+
+
+@dataclass(frozen=True, eq=False)
+class SumoNet:
+    """A converted map.
+
+    path: the .net.xml. report: the file with its `Conversion`. hash: of all that decides the net: the map's
+    bytes, netconvert's options, the SUMO version, ours.
+    """
+
+    path: Path
+    report: Path
+    hash: str
+
+    @cached_property
+    def conversion(self) -> Conversion:
+        """How exact the net is."""
+        return Conversion.from_json(json.loads(self.report.read_text(encoding="utf-8")))
+
+    @cached_property
+    def lanes(self) -> Mapping[LaneKey, tuple[str, ...]]:
+        """Every lane of the map that is in the net, with its SUMO lanes in driving direction."""
+        return {lane.key: lane.sumo for lane in self.conversion.lanes if lane.sumo}
+
+
+def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: float = TIME_LIMIT) -> SumoNet:
+    """Give the SUMO net of an OpenDRIVE map, from the cache where it was converted before.
+
+    cache: its directory, default resim/nets in XDG_CACHE_HOME or ~/.cache. time_limit: s for netconvert.
+    Processes may convert the same map at once. Raises ConversionError where the map has no driving lane or
+    netconvert is missing, refuses it, crashes or takes too long; nothing half-written stays behind.
+    """
+    key = _hash(network.path.read_bytes())
+    folder = (cache or default_cache()) / key
+    found = SumoNet(folder / NET, folder / REPORT, key)
+    if not (found.path.is_file() and found.report.is_file()):
+        _convert(network, folder, time_limit)
+    return found
+
+
+def default_cache() -> Path:
+    """Give the directory of the converted nets."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "resim" / "nets"
+
+
+def _hash(text: bytes) -> str:
+    digest = hashlib.sha256(text)
+    digest.update("\0".join((*OPTIONS, sumo_version(), str(VERSION))).encode())
+    return digest.hexdigest()[:32]
+
+
+def _convert(network: RoadNetwork, target: Path, time_limit: float) -> None:
+    """Convert in a folder beside the target, and move it into place, whole, at the end."""
+    lanes = [lane for road in network.roads.values() for s in road.sections for lane in s.lanes.values()]
+    if not any(lane.drivable and lane.id != 0 for lane in lanes):
+        kinds = ", ".join(sorted({lane.type for lane in lanes if lane.id != 0})) or "none at all"
+        raise InputError(network.path, f"has no driving lane (its lanes are: {kinds})", "Give a map with lanes "
+                         'of type "driving".')  # fmt: skip
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix="converting-", dir=target.parent))
+    except OSError as error:
+        problem = f"the cache cannot be written ({error.strerror})"
+        raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a folder that can") from None
+    try:
+        work, result = beside / "work", beside / "result"
+        work.mkdir()
+        result.mkdir()
+        made = plain(network)
+        if not made.lanes:
+            raise ConversionError(f"{network.path}: all roads are inside of junctions, none leads to them")
+        arguments = write(network, made, work)
+        run_netconvert(network.path, arguments, work / NET, time_limit=time_limit)
+        net, via = patch(work / NET, made)
+        report = measure(network, net, made, via)
+        (result / NET).write_bytes(net)
+        (result / REPORT).write_text(json.dumps(report.to_json(), indent=1) + "\n", encoding="utf-8")
+        _put(result, target)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _put(result: Path, target: Path) -> None:
+    """Move the folder into place; another process may have been first."""
+    try:
+        result.rename(target)
+    except OSError:
+        if not (target / NET).is_file():
+            raise

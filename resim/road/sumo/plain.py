@@ -1,0 +1,220 @@
+"""Writes a map as SUMO's plain XML: nodes, edges and connections with the map's own geometry and links.
+
+netconvert's OpenDRIVE import is not used: it gives tapers one width and the wrong place, moves junctions by metres,
+drops links, guesses others, and refuses or crashes on valid maps (docs/validation.md). From plain XML it only
+builds what SUMO needs inside of junctions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from resim.core.geometry import Floats
+from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, ways
+from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
+from resim.road.sumo.pieces import Piece, Pieces, cut
+from resim.road.sumo.shapes import Stretch, polylines, sample
+
+ALLOWED = {
+    "sidewalk": "pedestrian",
+    "walking": "pedestrian",
+    "biking": "bicycle",
+    "rail": "rail",
+    "tram": "tram",
+}
+NOT_ON_ROADS = (
+    "pedestrian tram rail_urban rail rail_electric rail_fast ship container cable_car subway aircraft"
+)
+DEFAULT_SPEED = 50.0 / 3.6
+NARROWEST = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class LaneLine:
+    """A lane of an edge: its SUMO id, what it is in the map, its exact centre line (K, 2) and mean width [m]."""
+
+    id: str
+    stretch: Stretch
+    line: Floats
+    width: float
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """From one SUMO lane to another over lanes inside of a junction (none: they meet); line (K, 2) [m].
+
+    jump: distance [m] between where the lane before ends and the lane after begins, beyond what lies between.
+    """
+
+    origin: str
+    target: str
+    way: tuple[LaneKey, ...]
+    stretches: tuple[Stretch, ...]
+    line: Floats
+    width: float
+    jump: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plain:
+    """All that goes into the net. twice: ways over junction lanes that another way between the same lanes hides."""
+
+    pieces: Pieces
+    lanes: dict[str, LaneLine]
+    connections: tuple[Connection, ...]
+    twice: tuple[tuple[LaneKey, ...], ...]
+
+
+def plain(network: RoadNetwork) -> Plain:
+    """Give the lanes of all edges and the connections between them."""
+    graph = lane_graph(network)
+    inside = inner_roads(network, graph)
+    pieces = cut(network, inside)
+    places = [(piece, index, lane) for piece in pieces.all for index, lane in enumerate(piece.lanes)]
+    stretches = [Stretch(p.road, p.section, lane, p.start, p.end, p.forward) for p, _, lane in places]
+    samples = sample(network, stretches) if stretches else None
+    lanes = {}
+    if samples is not None:
+        lines = polylines(samples)
+        widths = np.add.reduceat(samples.width, samples.first[:-1]) / np.diff(samples.first)
+        for (piece, index, _), stretch, line, width in zip(places, stretches, lines, widths, strict=True):
+            name = f"{piece.id}_{index}"
+            lanes[name] = LaneLine(name, stretch, line, max(float(width), NARROWEST))
+    connections, twice = _connections(network, graph, inside, pieces, lanes)
+    return Plain(pieces, lanes, connections, twice)
+
+
+def _connections(
+    network: RoadNetwork, graph: Graph, inside: Collection[str], pieces: Pieces, lanes: dict[str, LaneLine]
+) -> tuple[tuple[Connection, ...], tuple[tuple[LaneKey, ...], ...]]:
+    found: dict[tuple[str, str], tuple[LaneKey, ...]] = {}
+    twice = []
+    for key, own in pieces.of_lane.items():
+        for before, after in pairwise(own):
+            found[_lane(before, key.lane), _lane(after, key.lane)] = ()
+        for way in ways(graph, key, inside):
+            if way[-1] not in pieces.of_lane:
+                continue
+            ends = _lane(own[-1], key.lane), _lane(pieces.of_lane[way[-1]][0], way[-1].lane)
+            if ends in found:
+                twice.append(way[:-1])
+            else:
+                found[ends] = way[:-1]
+    return tuple(_with_lines(network, lanes, found)), tuple(twice)
+
+
+def _lane(piece: Piece, lane: int) -> str:
+    return f"{piece.id}_{piece.lanes.index(lane)}"
+
+
+def _with_lines(
+    network: RoadNetwork, lanes: dict[str, LaneLine], found: dict[tuple[str, str], tuple[LaneKey, ...]]
+) -> Iterator[Connection]:
+    """Connections with the centre lines of the junction lanes they pass."""
+    inner = {key: _whole(network, key) for way in found.values() for key in way}
+    known = [stretch for stretch in inner.values() if stretch is not None]
+    samples = sample(network, known) if known else None
+    lines = dict(zip(known, polylines(samples), strict=True)) if samples is not None else {}
+    for (origin, target), way in found.items():
+        stretches = tuple(stretch for key in way if (stretch := inner[key]) is not None)
+        own = [lines[stretch] for stretch in stretches]
+        before, after = lanes[origin].line[-1:], lanes[target].line[:1]
+        gaps = [np.hypot(*(b[0] - a[-1])) for a, b in pairwise([before, *own, after])]
+        line = np.concatenate(own) if own else np.concatenate([before, after])
+        yield Connection(origin, target, way, stretches, line, lanes[origin].width, float(max(gaps)))
+
+
+def _whole(network: RoadNetwork, key: LaneKey) -> Stretch | None:
+    """The whole of a lane inside of a junction, None where its section has no length."""
+    road = network.roads[key.road]
+    section = road.sections[key.section]
+    end = min(section.end, road.length)
+    if end - section.start < 1e-6:
+        return None
+    return Stretch(*key, section.start, end, road.along(key.lane))
+
+
+def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
+    """Write nodes, edges and connections into the folder; give the arguments that make netconvert read them."""
+    trees = {"node": _nodes(made), "edge": _edges(network, made), "connection": _connection_xml(made)}
+    arguments = []
+    for name, root in trees.items():
+        path = folder / f"map.{name}.xml"
+        path.write_bytes(etree.tostring(root))
+        arguments += [f"--{name}-files", str(path)]
+    return arguments
+
+
+def _nodes(made: Plain) -> etree._Element:
+    """Every node in the mean of the lane ends that meet there."""
+    ends: dict[str, list[Floats]] = defaultdict(list)
+    for piece in made.pieces.all:
+        for index in range(len(piece.lanes)):
+            line = made.lanes[f"{piece.id}_{index}"].line
+            ends[piece.origin].append(line[0])
+            ends[piece.target].append(line[-1])
+    root = etree.Element("nodes")
+    for name, points in ends.items():
+        x, y = np.mean(points, axis=0)
+        etree.SubElement(root, "node", id=name, x=_number(x), y=_number(y), type="priority")
+    return root
+
+
+def _edges(network: RoadNetwork, made: Plain) -> etree._Element:
+    root = etree.Element("edges")
+    for piece in made.pieces.all:
+        edge = etree.SubElement(root, "edge", {"id": piece.id, "from": piece.origin, "to": piece.target,
+                                               "numLanes": str(len(piece.lanes)), "spreadType": "center"})  # fmt: skip
+        middle = 0.5 * (piece.start + piece.end)
+        limits = network.speed_limit(piece.road, np.array(piece.lanes), np.full(len(piece.lanes), middle))
+        for index, (lane, limit) in enumerate(zip(piece.lanes, limits.tolist(), strict=True)):
+            own = made.lanes[f"{piece.id}_{index}"]
+            element = etree.SubElement(
+                edge, "lane", index=str(index), width=_number(own.width), shape=shape_text(own.line),
+                speed=_number(limit if math.isfinite(limit) and limit > 0.0 else DEFAULT_SPEED),
+            )  # fmt: skip
+            name, value = _permission(network.roads[piece.road].sections[piece.section].lanes[lane].type)
+            element.set(name, value)
+            etree.SubElement(element, "param", key="origId", value=f"{piece.road}_{piece.section}_{lane}")
+    return root
+
+
+def _permission(kind: str) -> tuple[str, str]:
+    if kind in VEHICLE_LANES:
+        return "disallow", NOT_ON_ROADS
+    return ("allow", ALLOWED[kind]) if kind in ALLOWED else ("allow", "authority")
+
+
+def _connection_xml(made: Plain) -> etree._Element:
+    root = etree.Element("connections")
+    left: dict[str, str] = {}
+    for connection in made.connections:
+        (origin, before), (target, after) = (
+            name.rsplit("_", 1) for name in (connection.origin, connection.target)
+        )
+        left[origin] = target
+        attributes = {"from": origin, "to": target, "fromLane": before, "toLane": after}
+        if connection.stretches:
+            attributes["shape"] = shape_text(connection.line)
+        etree.SubElement(root, "connection", attributes)
+    for piece in made.pieces.all:
+        if piece.id not in left:  # said, or netconvert guesses where it might lead
+            etree.SubElement(root, "connection", {"from": piece.id})
+    return root
+
+
+def shape_text(line: Floats | Sequence[Sequence[float]]) -> str:
+    """Give points (K, 2) [m] as SUMO writes them."""
+    return " ".join(f"{x:.6f},{y:.6f}" for x, y in np.asarray(line).tolist())
+
+
+def _number(value: float) -> str:
+    return f"{value:.6f}"
