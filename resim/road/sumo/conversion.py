@@ -193,6 +193,7 @@ def _compared(
 
 
 def _error(network: RoadNetwork, key: LaneKey, found: list[_Found]) -> LaneError:
+    found = sorted(found, key=lambda f: f.stretch.start if f.stretch.forward else -f.stretch.start)
     worst = max(found, key=lambda f: float(f.distance.max()))
     at = int(worst.distance.argmax())
     parts = {f.stretch: f for f in found}.values()  # ways through a junction may pass one lane several times
