@@ -1,4 +1,4 @@
-"""Every map that ships, and of the shared data where it is there, against oracles: quadrature of the file's own numbers, pyxodr, the way back.
+"""Every map that ships or is in the shared data, against quadrature of its own numbers, pyxodr, the way back.
 
 The quadrature reads the XML itself and shares no code with the evaluator: it integrates the heading of each
 <geometry>, inverts arc lengths by bisection and adds up the widths of lanes.

@@ -84,6 +84,12 @@ class RoadNetwork:
             self._ids[found.road], self._lanes.lane[found.row], found.s, found.t, found.on_road
         )
 
+    def reference_line(self, road: ArrayLike, s: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Give position x, y [m] and heading [rad] of the roads' reference lines; no lane offset in it."""
+        number, _, s_, shape = self._places(road, 0, s)
+        frame = self._lines.evaluate(number, s_)
+        return frame.x.reshape(shape), frame.y.reshape(shape), frame.heading.reshape(shape)
+
     def lane_heading(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
         """Give the driving direction [rad] of the lane centre, in (-pi, pi]; lane tapers turn it.
 

@@ -1,0 +1,20 @@
+"""What is wrong in an OpenDRIVE map, told element by element: flaws(network)."""
+
+from __future__ import annotations
+
+from resim.road.flaws import lanes, links, planview
+from resim.road.flaws.flaw import SEVERITIES, Flaw, Severity
+from resim.road.opendrive import RoadNetwork
+
+__all__ = ["SEVERITIES", "Flaw", "Severity", "flaws"]
+
+
+def flaws(network: RoadNetwork) -> tuple[Flaw, ...]:
+    """Give every flaw of the map, errors first, then by code, the largest value first.
+
+    error: places are lost, or traffic cannot go on as the file means it. warning: positions or limits near
+    the place are in doubt. note: nothing to fear, but the file does not say what it should. Codes: see
+    `planview`, `lanes` and `links`. The same map gives the same flaws in the same order.
+    """
+    found = {*planview.flaws(network), *lanes.flaws(network), *links.flaws(network)}
+    return tuple(sorted(found, key=Flaw.order))

@@ -1,0 +1,76 @@
+"""Flaws of reference lines.
+
+gap: successive elements do not meet, by over 0.01 m (error over 0.1 m). kink: their headings differ by over
+0.01 rad (note; warning over 0.1 rad). overlap, hole: an element begins over 0.01 m before or behind the end of
+the one before (the later one holds; the earlier one is drawn on). empty: an element without length, passed
+over. length: the road's declared length is over 0.1 m off that of its elements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from resim.core.geometry import wrap_angle
+from resim.road.flaws.flaw import Flaw, Severity
+from resim.road.opendrive import Road, RoadNetwork
+
+JUMP, BROKEN = 0.01, 0.1
+KINK, SHARP = 0.01, 0.1
+LENGTH = 0.1
+JUST_BEFORE = 1e-9
+
+
+def flaws(network: RoadNetwork) -> Iterator[Flaw]:
+    """Give the flaws of all reference lines."""
+    yield from _joints(network)
+    for road in network.roads.values():
+        yield from _distances(road)
+
+
+def _joints(network: RoadNetwork) -> Iterator[Flaw]:
+    """Gaps and kinks where the elements of a road meet."""
+    joints = [(road.id, after) for road in network.roads.values() for after in road.geometries[1:]]
+    if not joints:
+        return
+    x, y, heading = network.reference_line(
+        [road for road, _ in joints], np.array([after.s for _, after in joints]) - JUST_BEFORE
+    )
+    jump = np.hypot(x - [after.x for _, after in joints], y - [after.y for _, after in joints])
+    own = [after.heading + np.arctan2(after.v[1], after.u[1]) for _, after in joints]
+    turn = np.abs(wrap_angle(np.array(own) - heading))
+    for (road, after), gap, kink in zip(joints, jump.tolist(), turn.tolist(), strict=True):
+        severity: Severity
+        at = f"road {road}: at s={after.s:.3f} m the reference line"
+        if gap > JUMP:
+            severity = "error" if gap > BROKEN else "warning"
+            yield Flaw(severity, "gap", road, None, None, after.s, gap, "m", f"{at} jumps by {gap:.3f} m")
+        if kink > KINK:
+            severity = "warning" if kink > SHARP else "note"
+            yield Flaw(severity, "kink", road, None, None, after.s, kink, "rad",
+                       f"{at} has a kink of {kink:.3f} rad")  # fmt: skip
+
+
+def _distances(road: Road) -> Iterator[Flaw]:
+    """Elements that overlap in s, leave a hole or have no length, and the road's own length."""
+    for before, after in pairwise(road.geometries):
+        early = before.s + before.length - after.s
+        if abs(early) > JUMP:
+            code, what = ("overlap", "before") if early > 0.0 else ("hole", "behind")
+            text = (
+                f"road {road.id}: the element at s={after.s:.3f} m begins {abs(early):.3f} m {what} the end "
+                f"of the one at s={before.s:.3f} m"
+            )
+            yield Flaw("warning", code, road.id, None, None, after.s, abs(early), "m", text)
+    for s in road.empty:
+        text = f"road {road.id}: the element at s={s:.3f} m has no length and is passed over"
+        yield Flaw("note", "empty", road.id, None, None, s, 0.0, "m", text)
+    off = abs(road.declared_length - road.length)
+    if off > LENGTH:
+        text = (
+            f"road {road.id}: its length is declared as {road.declared_length:.3f} m, its elements end at "
+            f"{road.length:.3f} m, which is taken"
+        )
+        yield Flaw("warning", "length", road.id, None, None, road.length, off, "m", text)

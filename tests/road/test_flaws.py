@@ -1,0 +1,259 @@
+"""Each flaw on a map made to have it, and none on maps that have none."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from resim.road.flaws import SEVERITIES, flaws
+from resim.road.opendrive import load
+
+WIDTH = '<width sOffset="0" a="3.5" b="0" c="0" d="0"/>'
+
+
+def geometry(s, x, length, *, y=0, heading=0.0, curve="<line/>"):
+    return f'<geometry s="{s}" x="{x}" y="{y}" hdg="{heading}" length="{length}">{curve}</geometry>'
+
+
+def lane(number, inside=WIDTH, *, kind="driving", links=""):
+    named = "".join(f'<{end} id="{to}"/>' for end, to in links)
+    return f'<lane id="{number}" type="{kind}"><link>{named}</link>{inside}</lane>'
+
+
+def section(right, s=0.0):
+    return f'<laneSection s="{s}"><center><lane id="0"/></center><right>{right}</right></laneSection>'
+
+
+def road(name, plan, lanes, *, links="", length=None, junction=-1, extra=""):
+    declared = "" if length is None else f'length="{length}"'
+    return (
+        f'<road id="{name}" {declared} junction="{junction}"><link>{links}</link><planView>{plan}</planView>'
+        f"<lanes>{lanes}</lanes>{extra}</road>"
+    )
+
+
+def link(end, other, contact="start", kind="road"):
+    at = f'contactPoint="{contact}"' if kind == "road" else ""
+    return f'<{end} elementType="{kind}" elementId="{other}" {at}/>'
+
+
+@pytest.fixture
+def found(tmp_path):
+    """Gives the flaws of a map with these roads and junctions."""
+
+    def ask(*inside):
+        path = tmp_path / "flawed.xodr"
+        path.write_text(f'<OpenDRIVE><header revMajor="1" revMinor="7"/>{"".join(inside)}</OpenDRIVE>')
+        return flaws(load(path))
+
+    return ask
+
+
+def told(flaws):
+    return [(flaw.severity, flaw.code) for flaw in flaws]
+
+
+LINE, LANES = geometry(0, 0, 100), section(lane(-1))
+
+
+def test_a_sound_road_has_none(found):
+    assert found(road("1", LINE, LANES, length=100)) == ()
+
+
+@pytest.mark.parametrize(
+    ("plan", "severity", "code", "s", "value", "says"),
+    [
+        (geometry(0, 0, 50) + geometry(50, 50.05, 50), "warning", "gap", 50, 0.05, "jumps by 0.050 m"),
+        (geometry(0, 0, 50) + geometry(50, 50, 50, y=2), "error", "gap", 50, 2.0, "jumps by 2.000 m"),
+        (geometry(0, 0, 50) + geometry(50, 50, 50, heading=0.05), "note", "kink", 50, 0.05, "kink of 0.050 rad"),
+        (geometry(0, 0, 50) + geometry(50, 50, 50, heading=6.0), "warning", "kink", 50, 0.2832, "kink"),
+        (geometry(0, 0, 60) + geometry(50, 50, 50), "warning", "overlap", 50, 10, "s=50.000 m begins 10.000 m before"),
+        (geometry(0, 0, 40) + geometry(50, 50, 50), "warning", "hole", 50, 10, "begins 10.000 m behind the end"),
+        (geometry(0, 0, 0) + LINE, "note", "empty", 0, 0, "has no length and is passed over"),
+        (geometry(0, 0, 99), "warning", "length", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
+    ],
+)  # fmt: skip
+def test_reference_lines(found, plan, severity, code, s, value, says):
+    (flaw,) = found(road("1", plan, LANES, length=100))
+    assert (flaw.severity, flaw.code, flaw.road, flaw.s) == (severity, code, "1", s)
+    assert flaw.value == pytest.approx(value, abs=1e-4)
+    assert flaw.text.startswith("road 1: ")
+    assert says in flaw.text
+
+
+def test_an_element_may_turn_by_itself(found):
+    """The heading of a polynomial element is that of its curve, not of its axis."""
+    curve = '<paramPoly3 pRange="arcLength" aU="0" bU="0" cU="0" dU="0" aV="0" bV="1" cV="0" dV="0"/>'
+    plan = geometry(0, 0, 50) + geometry(50, 50, 50, heading=-math.pi / 2, curve=curve)
+    assert found(road("1", plan, LANES)) == ()
+
+
+def cubic(a, b=0.0, c=0.0, tag="width"):
+    return f'<{tag} sOffset="0" a="{a}" b="{b}" c="{c}" d="0"/>'
+
+
+@pytest.mark.parametrize(
+    ("inside", "kind", "severity", "code", "s", "value"),
+    [
+        (cubic(0.75, -0.04, 0.0004), "driving", "error", "negative-width", 50, -0.25),
+        (cubic(0.75, -0.04, 0.0004), "shoulder", "warning", "negative-width", 50, -0.25),
+        (cubic(3.0, -0.0302), "driving", "warning", "negative-width", 100, -0.02),
+        (cubic(2.0, tag="border"), "driving", "error", "negative-width", 0, -2.0),
+        (cubic(3.0, 0.2), "driving", "warning", "wide", 100, 23.0),
+        ("", "driving", "error", "no-width", 0, math.nan),
+        ("", "border", "note", "no-width", 0, math.nan),
+    ],
+)
+def test_lanes(found, inside, kind, severity, code, s, value):
+    other = road("2", geometry(0, 0, 9), LANES)  # with a lane to drive on
+    (flaw,) = found(road("1", LINE, section(lane(-1, inside, kind=kind))), other)
+    assert (flaw.severity, flaw.code, flaw.section, flaw.lane) == (severity, code, 0, -1)
+    assert flaw.s == pytest.approx(s, abs=1e-6)
+    assert flaw.value == pytest.approx(value, abs=1e-6, nan_ok=True)
+    assert flaw.text.startswith("road 1, lane section 0, lane -1 ")
+
+
+def test_a_section_behind_the_end_of_its_road(found):
+    (flaw,) = found(road("1", LINE, LANES + section(lane(-1), 120)))
+    assert (flaw.severity, flaw.code, flaw.section, flaw.value) == ("warning", "section-beyond-end", 1, 20.0)
+
+
+def test_no_lane_to_drive_on(found):
+    assert told(found(road("1", LINE, section(lane(-1, kind="sidewalk"))))) == [("error", "no-driving-lane")]
+
+
+def test_a_sign_that_shows_no_speed(found):
+    sign = '<signal id="9" s="20" orientation="+" country="DE" type="274" value="13.9" unit="km/h"/>'
+    (flaw,) = found(road("1", LINE, LANES, extra=f"<signals>{sign}</signals>"))
+    assert (flaw.severity, flaw.code, flaw.s) == ("warning", "speed-sign", 20.0)
+    assert "sign 9 at s=20.000 m (country=DE, type=274, value=13.9, unit=km/h)" in flaw.text
+
+
+def test_flaws_can_be_written_as_json(found):
+    (flaw,) = found(road("1", LINE, section(lane(-1, kind="sidewalk"))))
+    assert json.loads(json.dumps(flaw.to_json(), allow_nan=False)) == {
+        "severity": "error", "code": "no-driving-lane", "road": None, "section": None, "lane": None, "s": None,
+        "value": None, "unit": "", "text": "the map has no lane that vehicles drive on",
+    }  # fmt: skip
+
+
+def test_links_to_what_is_not_there(found):
+    links = link("predecessor", "77") + link("successor", "5", kind="junction")
+    assert [(f.code, f.s) for f in found(road("1", LINE, LANES, links=links))] == [
+        ("missing-junction", 100.0), ("missing-road", 0.0)]  # fmt: skip
+
+
+def pair(gap=0.0, y=0.0, *, back=True, to=-1, width=WIDTH, contact="start"):
+    """Two roads, the second behind the first."""
+    first = road(
+        "1", LINE, section(lane(-1, links=[("successor", to)])), links=link("successor", "2", contact)
+    )
+    returns = link("predecessor", "1", "end") if back else ""
+    return first, road("2", geometry(0, 100 + gap, 50, y=y), section(lane(-1, width)), links=returns)
+
+
+def test_roads_that_follow_each_other(found):
+    assert found(*pair()) == ()
+    assert told(found(*pair(back=False))) == [("warning", "one-sided")]
+    assert told(found(*pair(gap=0.5))) == [
+        ("warning", "lane-gap"),
+        ("note", "road-gap"),
+        ("note", "road-gap"),
+    ]
+    (worst, *_) = found(*pair(y=-3.0))
+    assert (worst.severity, worst.code, worst.lane, worst.value) == (
+        "error",
+        "lane-gap",
+        -1,
+        pytest.approx(3.0),
+    )
+    assert "lane -1: its end is 3.000 m from lane -1 of road 2, section 0" in worst.text
+    (flaw,) = found(*pair(to=-4))
+    assert (flaw.code, flaw.severity, flaw.s) == ("missing-lane", "error", 100.0)
+    assert "its successor is lane -4, which road 2 has not in its section 0" in flaw.text
+
+
+def test_the_contact_point_says_which_end(found):
+    assert "one-sided" in {f.code for f in found(*pair(contact="end"))}
+    assert any(f.code == "lane-gap" and f.value > 49.0 for f in found(*pair(contact="end")))
+
+
+def test_lanes_of_no_width_need_not_meet(found):
+    assert told(found(*pair(width=cubic(0.0, 0.1)))) == []
+
+
+def test_sections_of_a_road(found):
+    one = section(lane(-1, links=[("successor", -2)]))
+    assert told(found(road("1", LINE, one + section(lane(-1) + lane(-2), 50)))) == [("error", "lane-gap")]
+    (flaw,) = found(road("1", LINE, one + section(lane(-1), 50)))
+    assert (flaw.code, flaw.section, flaw.s) == ("missing-lane", 0, 50.0)
+
+
+def junction(*lane_links, incoming="1", connecting="3", kind="default"):
+    named = "".join(f'<laneLink from="{a}" to="{b}"/>' for a, b in lane_links)
+    role = "linkedRoad" if kind == "direct" else "connectingRoad"
+    return (
+        f'<junction id="5" name="" type="{kind}"><connection id="0" incomingRoad="{incoming}" {role}="{connecting}" '
+        f'contactPoint="start">{named}</connection></junction>'
+    )
+
+
+def crossing(*lane_links, y=0.0, **connection):
+    arm = road("1", LINE, LANES, links=link("successor", "5", kind="junction"))
+    links = link("predecessor", "1", "end")
+    way = road("3", geometry(0, 100, 20, y=y), section(lane(-1, links=[("predecessor", -1)])),
+               links=links, junction=5)  # fmt: skip
+    return arm, way, junction(*lane_links, **connection)
+
+
+def test_junctions(found):
+    assert found(*crossing((-1, -1))) == ()
+    assert told(found(*crossing((-1, -1), connecting="9"))) == [("error", "missing-road")]
+    (first, second) = found(*crossing((-3, -2)))
+    assert {first.text, second.text} == {
+        "junction 5, connection 0: road 1 has no lane -3 there",
+        "junction 5, connection 0: road 3 has no lane -2 there",
+    }
+    assert told(found(*crossing((-1, -1), y=0.4))) == [("warning", "lane-gap")]
+
+
+def test_a_direct_junction_links_roads_without_one_between(found):
+    first = road("1", LINE, LANES, links=link("successor", "5", kind="junction"))
+    other = road("3", geometry(0, 100, 20), LANES, links=link("predecessor", "1", "end"))
+    assert found(first, other, junction((-1, -1), kind="direct")) == ()
+
+
+MANY = ["ngsim/USA_Lanker-1_17_T-1.xodr", "xodr/edge_cases/od_newmarket.xodr", "mcity/mcity.xodr"]
+NONE = [
+    "xodr/carla/Town04.xodr", "xodr/esmini/fabriksgatan.xodr", "xodr/esmini/e6mini.xodr",
+    "xodr/esmini/highway_exit.xodr", "xodr/esmini/direct_junction_simple.xodr",
+    "xodr/esmini/highway_example_with_merge_and_split.xodr", "xodr/alks/alks_road_different_curvatures.xodr",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_the_worst_comes_first_and_nothing_twice(shared_map, name):
+    net = shared_map(name)
+    all_of_them = flaws(net)
+    ranks = [SEVERITIES.index(flaw.severity) for flaw in all_of_them]
+    assert ranks == sorted(ranks)
+    assert len({flaw.text for flaw in all_of_them}) == len(all_of_them)
+    assert [flaw.text for flaw in all_of_them] == [flaw.text for flaw in flaws(load(net.path))]
+
+
+@pytest.mark.parametrize("name", NONE)
+def test_sound_maps_have_none(shared_map, name):
+    assert flaws(shared_map(name)) == ()
+
+
+def test_the_proving_ground_has_none(proving_ground):
+    assert flaws(proving_ground) == ()
+
+
+def test_what_is_known_of_real_maps(shared_map):
+    texts = [flaw.text for flaw in flaws(shared_map("xodr/edge_cases/od_newmarket.xodr"))]
+    assert "road 112: its successor is junction 675, which is not in the map" in texts
+    (jump, *_) = flaws(shared_map("xodr/edge_cases/sumo_imprecise_geometry.xodr"))
+    assert (jump.code, round(jump.value, 3)) == ("gap", 3.714)
