@@ -22,6 +22,7 @@ from resim.road.opendrive import load
 from resim.road.opendrive.index import foot
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
+MADE = Path(__file__).parent / "maps"
 NETWORKS = Path(__file__).parents[2] / "networks"
 FILES = {
     str(path.relative_to(folder)): path
@@ -147,18 +148,31 @@ class RawRoad:
         return piece.s, min([*following, piece.s + piece.length])
 
     def lanes(self, s):
-        section = self.sections[max(bisect_right(self.starts, s) - 1, 0)]
-        return section, {int(lane.get("id")): lane for lane in section.iterfind("{*}*/{*}lane")}
+        """The lanes at s, each with the section that describes it: a single-sided one leaves the other side."""
+        held = {}
+        for section, start in zip(self.sections, self.starts, strict=True):
+            if start <= s or not held:
+                sides = [side for side in ("left", "right") if section.find(f"{{*}}{side}") is not None]
+                if section.get("singleSide") == "true":
+                    held = {
+                        lane: own
+                        for lane, own in held.items()
+                        if ("left" if lane > 0 else "right") not in sides
+                    }
+                else:
+                    held = {}
+                held |= {int(lane.get("id")): (section, lane) for lane in section.iterfind("{*}*/{*}lane")}
+        return held
 
     def borders(self, lane, s):
         """The inner and outer border's t of the lane at s: the lane offset and the widths up to it."""
-        section, lanes = self.lanes(s)
+        lanes = self.lanes(s)
         inner = outer = profile(self.offsets, "s", s)
         side = 1 if lane > 0 else -1
         for between in range(side, lane + side, side) if lane else ():
+            section, element = lanes[between]
             inner, ds = outer, s - number(section, "s")
-            widths = lanes[between].findall("{*}width")
-            borders = lanes[between].findall("{*}border")
+            widths, borders = element.findall("{*}width"), element.findall("{*}border")
             if borders and not widths:
                 outer = profile(borders, "sOffset", ds)
             else:
@@ -179,7 +193,7 @@ def samples(name):
         low, high = road.span(piece)
         for _ in range(max(PLACES // len(pieces), 1)):
             s = rng.uniform(low, high)
-            yield road, piece, int(rng.choice([0, *road.lanes(s)[1]])), s
+            yield road, piece, int(rng.choice([0, *road.lanes(s)])), s
 
 
 @every_map
@@ -213,8 +227,7 @@ def test_heights_agree_with_the_files_polynomials(name):
         t, height = rng.uniform(-8, 8), profile(road.elevations, "s", s)
         roll = profile(road.rolls, "s", s)
         assert net.z(road.id, s, t) == pytest.approx(height + t * math.sin(roll), abs=1e-9)
-        lanes = road.lanes(s)[1]
-        if lane in lanes and lanes[lane].find("{*}height") is None:
+        if not lane or road.lanes(s)[lane][1].find("{*}height") is None:
             across = sum(road.borders(lane, s)) / 2
             assert net.z(road.id, s, lane=lane) == pytest.approx(height + across * math.sin(roll), abs=1e-9)
 
@@ -227,7 +240,7 @@ def pyxodr_pieces(road, monkeypatch, folder):
     from pyxodr.road_objects.road import Road
 
     monkeypatch.chdir(folder)  # where it puts a picture of what it takes for an error
-    for geometry in road.element.findall("planView/geometry"):
+    for geometry in road.element.findall("{*}planView/{*}geometry"):
         if number(geometry, "length") <= 1e-9:
             geometry.getparent().remove(geometry)
     for resolution in (0.5, 0.01, 0.001):
@@ -246,6 +259,8 @@ def pyxodr_pieces(road, monkeypatch, folder):
 def test_reference_lines_agree_with_pyxodr(name, monkeypatch, tmp_path):
     """With the samples it computes, not its `reference_line`: that one cuts corners between them."""
     pytest.importorskip("pyxodr")
+    if "}" in raw_roads(name)[0].element.tag:
+        pytest.skip("pyxodr does not read maps with an XML namespace")
     net, worst = network(FILES[name]), 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

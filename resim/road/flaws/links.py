@@ -1,7 +1,8 @@
 """Flaws of links.
 
-missing-road, missing-junction: a road's link, or a connection, names one that is not there. missing-lane: the
-same of a lane (warning where nobody drives on it). one-sided: a road goes on into another, which does not
+missing-road, missing-junction: a road's link, or a connection, names one that is not there, as in a map that
+was cut out of a larger one. missing-lane: a link names a lane that its road does not have there (error on
+driven lanes). one-sided: a road goes on into another, which does not
 link back. road-gap: the reference lines of linked roads end over 0.1 m apart (note: their lanes may meet all
 the same). lane-gap: the centres of linked lanes end over 0.1 m apart, measured where both are wider than 0.1 m
 (error on driven lanes over 1 m).
@@ -55,7 +56,7 @@ def _road_link(network: RoadNetwork, road: Road, at_end: bool, link: Link) -> It
     text = f"road {road.id}: its {side} is {link.kind} {link.id}"
     if link.id not in (network.roads if link.kind == "road" else network.junctions):
         code = f"missing-{link.kind}"
-        yield Flaw("error", code, road.id, None, None, s, math.nan, "", f"{text}, which is not in the map")
+        yield Flaw("warning", code, road.id, None, None, s, math.nan, "", f"{text}, which is not in the map")
         return
     if link.kind == "junction" or link.s is not None:
         return
@@ -137,7 +138,7 @@ def _connection(
 ) -> Iterator[Flaw]:
     absent = [name for name in (connection.incoming, connection.connecting) if name not in network.roads]
     for name in dict.fromkeys(absent):
-        yield Flaw("error", "missing-road", None, None, None, None, math.nan, "",
+        yield Flaw("warning", "missing-road", None, None, None, None, math.nan, "",
                    f"{where}: road {name} is not in the map")  # fmt: skip
     if absent:
         return

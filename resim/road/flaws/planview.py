@@ -1,6 +1,6 @@
 """Flaws of reference lines.
 
-gap: successive elements do not meet, by over 0.01 m (error over 0.1 m). kink: their headings differ by over
+gap: successive elements do not meet, by over 0.01 m (error over 0.5 m). kink: their headings differ by over
 0.01 rad (note; warning over 0.1 rad). overlap, hole: an element begins over 0.01 m before or behind the end of
 the one before (the later one holds; the earlier one is drawn on). empty: an element without length, passed
 over. length: the road's declared length is over 0.1 m off that of its elements.
@@ -17,7 +17,7 @@ from resim.core.geometry import wrap_angle
 from resim.road.flaws.flaw import Flaw, Severity
 from resim.road.opendrive import Road, RoadNetwork
 
-JUMP, BROKEN = 0.01, 0.1
+JUMP, BROKEN = 0.01, 0.5
 KINK, SHARP = 0.01, 0.1
 LENGTH = 0.1
 JUST_BEFORE = 1e-9
