@@ -63,6 +63,9 @@ def test_a_sound_road_has_none(found):
     assert found(road("1", LINE, LANES, length=100)) == ()
 
 
+DOUBLE = '<paramPoly3 aU="0" bU="200" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/>'
+
+
 @pytest.mark.parametrize(
     ("plan", "severity", "code", "s", "value", "says"),
     [
@@ -73,6 +76,7 @@ def test_a_sound_road_has_none(found):
         (geometry(0, 0, 60) + geometry(50, 50, 50), "warning", "overlap", 50, 10, "s=50.000 m begins 10.000 m before"),
         (geometry(0, 0, 40) + geometry(50, 50, 50), "warning", "hole", 50, 10, "begins 10.000 m behind the end"),
         (geometry(0, 0, 0) + LINE, "note", "empty", 0, 0, "has no length and is passed over"),
+        (geometry(0, 0, 100, curve=DOUBLE), "warning", "stretched", 0, 100, "is 200.000 m long, its length"),
         (geometry(0, 0, 99), "warning", "length", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
     ],
 )  # fmt: skip

@@ -3,7 +3,8 @@
 gap: successive elements do not meet, by over 0.01 m (error over 0.5 m). kink: their headings differ by over
 0.01 rad (note; warning over 0.1 rad). overlap, hole: an element begins over 0.01 m before or behind the end of
 the one before (the later one holds; the earlier one is drawn on). empty: an element without length, passed
-over. length: the road's declared length is over 0.1 m off that of its elements.
+over. stretched: the curve of a paramPoly3 is over 1 % and 0.05 m longer or shorter than its length says,
+and s with it. length: the road's declared length is over 0.1 m off that of its elements.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from resim.core.geometry import wrap_angle
 from resim.road.flaws.flaw import Flaw, Severity
@@ -20,12 +22,15 @@ from resim.road.opendrive import Road, RoadNetwork
 JUMP, BROKEN = 0.01, 0.5
 KINK, SHARP = 0.01, 0.1
 LENGTH = 0.1
+STRETCHED, STRETCH = 0.05, 0.01
+POINTS = 129
 JUST_BEFORE = 1e-9
 
 
 def flaws(network: RoadNetwork) -> Iterator[Flaw]:
     """Give the flaws of all reference lines."""
     yield from _joints(network)
+    yield from _stretched(network)
     for road in network.roads.values():
         yield from _distances(road)
 
@@ -51,6 +56,23 @@ def _joints(network: RoadNetwork) -> Iterator[Flaw]:
             severity = "warning" if kink > SHARP else "note"
             yield Flaw(severity, "kink", road, None, None, after.s, kink, "rad",
                        f"{at} has a kink of {kink:.3f} rad")  # fmt: skip
+
+
+def _stretched(network: RoadNetwork) -> Iterator[Flaw]:
+    """Elements paramPoly3 whose curve, measured by chords, is not as long as they say."""
+    for road in network.roads.values():
+        for element in road.geometries:
+            if element.kind != "paramPoly3":  # a poly3 ends where its length says
+                continue
+            p = np.linspace(0.0, 1.0 if element.normalized else element.length, POINTS)
+            curve = float(np.hypot(np.diff(polyval(p, element.u)), np.diff(polyval(p, element.v))).sum())
+            off = abs(curve - element.length)
+            if off > max(STRETCHED, STRETCH * element.length):
+                text = (
+                    f"road {road.id}: the curve of the element at s={element.s:.3f} m is {curve:.3f} m long, its "
+                    f"length is given as {element.length:.3f} m"
+                )
+                yield Flaw("warning", "stretched", road.id, None, None, element.s, off, "m", text)
 
 
 def _distances(road: Road) -> Iterator[Flaw]:
