@@ -1,12 +1,20 @@
 from __future__ import annotations
 
+import copy
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
 
 from resim.core.errors import InputError
-from resim.road.opendrive import load
+from resim.road.flaws import flaws
+from resim.road.opendrive import RoadNetwork, load
+from resim.road.opendrive.reader import ModelReader
+from resim.road.opendrive.xml import parse_bytes
 from resim.road.path import lane_path
 
 LINE = '<geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry>'
@@ -56,6 +64,11 @@ def test_missing_file(tmp_path):
         (LINE.replace('length="100"', 'length="-1"'), "negative"),
         (LINE + LINE, "geometry at s=0.0 follows one at s=0.0"),
         ("", "planView has no geometry"),
+        (LINE.replace('x="0"', 'x="1e200"'), "road 7, geometry 0: x='1e200' of <geometry> is beyond 1e\\+12"),
+        (
+            LINE.replace('length="100"', 'length="1e9"'),
+            "road 7: its last element ends at s=1e\\+09 m, beyond 1000 km",
+        ),
     ],
 )
 def test_bad_geometry_is_named(one_road, geometry, says):
@@ -70,6 +83,7 @@ def test_bad_geometry_is_named(one_road, geometry, says):
         ('<laneSection s="0"><right><lane id="-2"/></right></laneSection>', "lane -1 is missing"),
         ('<laneSection s="0"><left><lane id="1"/><lane id="1"/></left></laneSection>', "stands twice"),
         ('<laneSection s="5"/><laneSection s="0"/>', "does not increase"),
+        ('<laneSection s="-5"/><laneSection s="0"/>', "starts at s=-5, before the road"),
         (
             '<laneSection s="0"/><laneSection s="7"/><laneSection s="7"/>',
             "road 7: two laneSections start at s=7",
@@ -279,6 +293,52 @@ def test_unknown_road_and_lane_are_named(proving_ground):
         proving_ground.to_xy("9", -1, 0.0, 0.0)
     with pytest.raises(InputError, match=r"road 1 has no lane -4 at s=100\.000 m. Its lanes there are -3"):
         proving_ground.to_xy("1", [-1, -4], [0.0, 100.0], 0.0)
+
+
+ODD = [
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-300",
+    "-1e9",
+    "abc",
+    "7",
+    "1e5",
+    "-0.5",
+    "true",
+    "99999999999999999999",
+]
+
+
+@settings(max_examples=250, deadline=None, derandomize=True)
+@given(st.data())
+def test_a_damaged_map_is_refused_in_words_or_read(data):
+    path = Path(__file__).parent / "maps" / "every_record.xodr"
+    root = etree.fromstring(path.read_bytes())
+    elements = list(root.iter())[1:]
+    element = elements[data.draw(st.integers(0, len(elements) - 1))]
+    change = data.draw(st.sampled_from(["drop", "twice", "lose", "odd", "odd", "odd"]))
+    if change == "drop":
+        element.getparent().remove(element)
+    elif change == "twice":
+        element.addnext(copy.deepcopy(element))
+    elif element.attrib:
+        name = data.draw(st.sampled_from(sorted(element.attrib)))
+        if change == "lose":
+            del element.attrib[name]
+        else:
+            element.set(name, data.draw(st.sampled_from(ODD)))
+    try:
+        reader = ModelReader(path, parse_bytes(etree.tostring(root), path))
+        net = RoadNetwork(path, reader.header(), None, reader.roads(), reader.junctions())
+    except InputError as error:
+        assert str(path) in str(error)
+        return
+    flaws(net)
+    assert len(net.to_road([0.0, 50.0, -100.0], [0.0, 1.0, 20.0])) == 3
 
 
 ALL = [

@@ -257,7 +257,8 @@ def _build_cells(lines: ReferenceLines, lanes: Lanes) -> Cells:
 
 def _stretches(lines: ReferenceLines, lanes: Lanes, row: int) -> Floats:
     """Where the cells of the row's section begin and end: at most 8 m and 0.05 rad each."""
-    road, start, end = int(lanes.road[row]), float(lanes.start[row]), float(lanes.end[row])
+    road = int(lanes.road[row])
+    start, end = np.minimum([lanes.start[row], lanes.end[row]], lines.length[road]).tolist()
     steps = lines.steps
     parts = lines.start[steps.first[road] : steps.last[road] + 1]
     borders = [start, *parts[(parts > start) & (parts < end)], *lanes.between(start, end, row), end]

@@ -24,6 +24,8 @@ class LaneReader(Reader):
         if not elements:
             raise self.error(where, "has no laneSection")
         starts = [self.number(e, "s", f"{where}, laneSection {i}") for i, e in enumerate(elements)]
+        if starts[0] < 0.0:
+            raise self.error(where, f"laneSection starts at s={starts[0]:g}, before the road")
         single = [element.get("singleSide") in ("true", "1") for element in elements]
         for i, (before, after) in enumerate(pairwise(starts)):
             if after < before:

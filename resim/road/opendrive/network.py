@@ -137,6 +137,7 @@ class RoadNetwork:
 
         z = elevation(s) + t sin(superelevation(s)), t from the reference line; with `lane` its height over
         the road as well, linear from its inner to its outer border. 0 where the file says nothing.
+        Shapes of the road's surface (shape, crossSectionSurface) are left out.
         """
         number, lanes, s_, shape = self._places(road, 0 if lane is None else lane, s, t)
         inside, t_ = self._clamped(number, s_), np.broadcast_to(np.asarray(t, float), shape).ravel()

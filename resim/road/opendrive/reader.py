@@ -24,6 +24,7 @@ from resim.road.opendrive.model import (
 from resim.road.opendrive.signs import read_signs
 
 SHORTEST = 1e-9
+LONGEST = 1e6
 CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
 
@@ -70,6 +71,8 @@ class ModelReader(LaneReader):
         where = f"road {road_id}"
         geometries, empty = self._geometries(element, where)
         length = geometries[-1].s + geometries[-1].length
+        if length > LONGEST:
+            raise self.error(where, f"its last element ends at s={length:g} m, beyond {LONGEST / 1e3:g} km")
         junction = element.get("junction", "-1")
         return Road(
             id=road_id, name=element.get("name", ""), length=length,

@@ -14,6 +14,7 @@ OPEN_IT = "Give an ASAM OpenDRIVE 1.4 to 1.8 file (.xodr)"
 MEND = "Correct the map in its editor, or export it again"
 CUT = "Cut out the part of the map that was driven, and give that"
 LARGEST = 100_000_000
+BIGGEST = 1e12
 
 
 def parse(path: Path) -> etree._Element:
@@ -65,7 +66,7 @@ class Reader:
         return value
 
     def number(self, element: etree._Element, name: str, where: str, default: float | None = None) -> float:
-        """Give the attribute as a finite number; raises InputError where it is none."""
+        """Give the attribute as a number; raises InputError where it is none, or beyond 1e12."""
         if default is not None and name not in element.attrib:
             return default
         text = self.text(element, name, where)
@@ -75,6 +76,8 @@ class Reader:
             value = math.nan
         if not math.isfinite(value):
             raise self.error(where, f"{name}={text!r} of <{element.tag}> is not a finite number")
+        if abs(value) > BIGGEST:
+            raise self.error(where, f"{name}={text!r} of <{element.tag}> is beyond {BIGGEST:g}")
         return value
 
     def integer(self, element: etree._Element, name: str, where: str) -> int:
