@@ -313,7 +313,7 @@ ODD = [
 ]
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=120, deadline=None, derandomize=True)
 @given(st.data())
 def test_a_damaged_map_is_refused_in_words_or_read(data):
     path = Path(__file__).parent / "maps" / "every_record.xodr"
@@ -331,11 +331,14 @@ def test_a_damaged_map_is_refused_in_words_or_read(data):
             del element.attrib[name]
         else:
             element.set(name, data.draw(st.sampled_from(ODD)))
+    told = None
     try:
         reader = ModelReader(path, parse_bytes(etree.tostring(root), path))
         net = RoadNetwork(path, reader.header(), None, reader.roads(), reader.junctions())
     except InputError as error:
-        assert str(path) in str(error)
+        told = str(error)
+    if told is not None:
+        assert str(path) in told
         return
     flaws(net)
     assert len(net.to_road([0.0, 50.0, -100.0], [0.0, 1.0, 20.0])) == 3
