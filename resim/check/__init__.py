@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 
 import pandas as pd
 
-from resim.check.agreement import clocks, pairs, reference_points, strangers
+from resim.check.agreement import clocks, misnamed, pairs, reference_points, strangers
 from resim.check.bodies import overlaps, sizes
 from resim.check.clock import in_order
 from resim.check.codes import CODES, Code, Found, worst_first
@@ -33,6 +34,8 @@ EXPLAINED = {
     "WRONG_WAY": ("HEADING_DISAGREES", *TORN),
     "OFF_MAP": TORN,
     "OVERLAP": ("OFF_MAP", *TORN),
+    "GAP": ("ID_REUSED",),
+    "MISSING_SAMPLES": ("ID_REUSED",),
 }
 """Findings that are symptoms where the same object, or its table, has one of these."""
 
@@ -56,7 +59,7 @@ def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
     out += more
     if sd is not None:
         sd, more = _motion(sd, network)
-        out += more + list(_both(gt, sd, [f.finding for f in out + more]))
+        out += more + list(_both(gt, sd, [f.finding for f in out + more], ego))
     return worst_first(_causes(out))
 
 
@@ -90,15 +93,21 @@ def _motion(table: Table, network: RoadNetwork | None) -> tuple[Table, list[Foun
     return table, out
 
 
-def _both(gt: Table, sd: Table, known: list[Finding]) -> Iterator[Found]:
+def _both(gt: Table, sd: Table, known: list[Finding], ego: str) -> Iterator[Found]:
     """What the two sources show beside each other, where neither is torn."""
-    torn = {(f.source, f.object) for f in known if f.code in (*TORN, "OFF_MAP", "WRONG_WAY")}
+    aside = {(f.source, f.object) for f in known if f.code in ("OFF_MAP", "WRONG_WAY")}
+    whole = {(k.source, n) for k in (gt, sd) for n, c in Counter(t.id for t in k.tracks).items() if c == 1}
     beside = [
-        p for p in pairs(gt, sd) if not torn & {("gt", p.gt.id), ("sd", p.sd.id), ("gt", ""), ("sd", "")}
+        p
+        for p in pairs(gt, sd)
+        if {("gt", p.gt.id), ("sd", p.sd.id)} <= whole
+        and not aside & {("gt", p.gt.id), ("sd", p.sd.id), ("gt", ""), ("sd", "")}
     ]
+    beside, mistaken = misnamed(gt, beside)
+    yield from mistaken
     found_clocks, explained = clocks(gt, sd, beside)
     yield from found_clocks
-    yield from reference_points(beside, explained)
+    yield from reference_points(beside, explained, ego)
     yield from strangers(sd, beside, explained, parts_of(known))
 
 
@@ -118,7 +127,7 @@ def _causes(everything: list[Found]) -> list[Found]:
     for one in everything:
         f = one.finding
         causes = EXPLAINED.get(f.code, ())
-        if any((c, f.source, f.object) in have or (c, f.source) in whole for c in causes):
+        if not one.own and any((c, f.source, f.object) in have or (c, f.source) in whole for c in causes):
             continue
         key = (f.code, f.source, f.object, f.start if f.code in ("GAP", *TORN) else 0.0)
         if key not in best or one.excess > best[key].excess:

@@ -15,11 +15,13 @@ from resim.core.geometry import Floats
 
 BIN = 0.5
 """Time [s] over which offsets are taken in the median: white noise goes, slow sensor errors stay."""
-SLOW_ERROR = 0.25
-"""Slowly varying position error of a sensor [m] (Wagner 2021, Section 5.2.1)."""
+SLOW_ERROR = 0.4
+"""Slowly varying position error of a sensor [m]: 0.25 in Wagner 2021, Section 5.2.1, more at Mcity."""
+LONG = 3.0
+"""Time [s] that an object is seen before its delay can be said to grow."""
 CONSTANT = 1.5
 """Constant position error of a sensor [m] that is usual."""
-DELAY, DRIFT = 1.0, 1.0
+DELAY, DRIFT = 2.0, 1.0
 """Delays and drifts over the recording [s] that are looked for, one standard deviation."""
 LATENCY = 0.05
 """Delay [s] from which on it is worth a note, where it is sure."""
@@ -35,8 +37,12 @@ POINT = 0.35
 """Distance [m] by which an offset misses the half length or width and still is it."""
 FIXED = 0.35
 """Spread [m] (scaled median deviation) of an offset that is a point of the vehicle."""
+SIDE = 0.6
+"""Offset [m] across the box from which on a corner is asked for: a car's half width less the noise."""
 CLEAR = 1.0
 """Offset [m] along the box from which on a reference point is asked for: Mcity's sensor is 1.1 m off at most."""
+MISTAKEN = 0.3
+"""Part of its distance from the object that it names at which an SD object lies on another."""
 APART = 10.0
 """Median distance [m] from the GT object that an SD object names, beyond which it is another."""
 
@@ -44,7 +50,7 @@ APART = 10.0
 @dataclass(frozen=True, eq=False)
 class Pair:
     """An SD object beside its GT at K common times: t (K,) s, offset (K,) m SD less GT, in GT's own frame (x ahead,
-    y left), v (K,) m/s; shift [s] of the SD stamps against the grid and ends of the others, NaN where none."""
+    y left), v (K,) m/s."""
 
     sd: Track
     gt: Track
@@ -56,53 +62,90 @@ class Pair:
 
 @dataclass(frozen=True)
 class Delay:
-    """Delay [s] of SD, its standard deviation, its growth over the recording [s] and that one's deviation."""
+    """Delay [s] of SD, its standard deviation, its growth over the recording [s] and that one's deviation;
+    left [m]: spread of the offsets that it does not explain."""
 
     delay: float
     spread: float
     drift: float
     drift_spread: float
+    left: float
 
 
 def pairs(gt: Table, sd: Table) -> list[Pair]:
     """Give every SD object that has GT at common times."""
     truth = {k.id: k for k in gt.tracks}
-    out = []
-    for track in sd.tracks:
-        own = truth.get(sd.gt_id.get(track.id, ""))
-        if own is None or len(own) < 2:
+    named = [(k, truth[name]) for k in sd.tracks if (name := sd.gt_id.get(k.id, "")) in truth]
+    return [pair for track, own in named if (pair := _beside(track, own)) is not None]
+
+
+def _beside(track: Track, own: Track, shift: float = 0.0) -> Pair | None:
+    """The SD track, its times shifted [s], beside its GT; None with fewer than three common times."""
+    t = track.t + shift
+    there = (t >= own.t[0]) & (t <= own.t[-1])
+    if len(own) < 2 or there.sum() < 3:
+        return None
+    t = t[there]
+    off = track.p[there] - np.interp(t, own.t, own.p)
+    off = off * np.exp(-1j * np.interp(t, own.t, own.heading))
+    return Pair(track, own, t, off.real, off.imag, np.interp(t, own.t, own.v))
+
+
+def misnamed(gt: Table, known: list[Pair]) -> tuple[list[Pair], list[Found]]:
+    """Give the pairs that are one object, and findings of SD objects that lie on another one than they name."""
+    right, out = [], []
+    for pair in known:
+        far = float(np.median(np.hypot(pair.along, pair.across)))
+        others = [p for k in gt.tracks if k.id != pair.gt.id and (p := _beside(pair.sd, k)) is not None]
+        nearest = min(others, key=lambda p: float(np.median(np.hypot(p.along, p.across))), default=None)
+        near = np.inf if nearest is None else float(np.median(np.hypot(nearest.along, nearest.across)))
+        if nearest is None or near > min(MISTAKEN * far, CONSTANT + CLEAR):
+            right.append(pair)
             continue
-        there = (track.t >= own.t[0]) & (track.t <= own.t[-1])
-        if there.sum() < 3:
-            continue
-        t = track.t[there]
-        heading = np.interp(t, own.t, own.heading)
-        off = (track.p[there] - np.interp(t, own.t, own.p)) * np.exp(-1j * heading)
-        out.append(Pair(track, own, t, off.real, off.imag, np.interp(t, own.t, own.v)))
-    return out
+        text = (
+            f"is named {pair.gt.id!r} of GT, {far:.1f} m away, and lies on {nearest.gt.id!r} ({near:.1f} m)"
+        )
+        span = (float(pair.t[0]), float(pair.t[-1]))
+        out.append(
+            found("SD_WITHOUT_GT", "sd", pair.sd.id, span, far, "m", text, limit=CONSTANT, severity="error")
+        )
+    return right, out
 
 
 def delay_of(pair: Pair) -> Delay | None:
-    """Fit offset = b - v (delay + drift (t - middle)) to the binned offsets, with usual sizes as prior.
+    """Fit offset = b - v (delay + drift (t - middle)) to the offsets, again and again with SD put earlier by it.
 
-    At constant speed a constant offset and a delay look the same: the spread says so. None where it rests.
+    Usual sizes are its prior. At constant speed a constant offset and a delay look the same: the spread says
+    so. None where it rests.
     """
     if float(np.median(np.abs(pair.v))) < DRIVES:
         return None
-    number = np.floor((pair.t - pair.t[0]) / BIN).astype(int)
-    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
-    bins = range(len(first))
-    e = np.array([np.median(pair.along[inverse == k]) for k in bins])
-    v = np.array([np.median(pair.v[inverse == k]) for k in bins])
-    t = np.array([np.mean(pair.t[inverse == k]) for k in bins])
-    lasts = max(float(pair.t[-1] - pair.t[0]), BIN)
-    u = (t - t.mean()) / lasts
-    design = np.stack([np.ones(len(e)), -v, -v * u], axis=1) / SLOW_ERROR
-    prior = np.diag(1.0 / np.array([CONSTANT, DELAY, DRIFT]) ** 2)
-    covariance = np.linalg.inv(design.T @ design + prior)
-    best = covariance @ design.T @ (e / SLOW_ERROR)
+    delay, fit = 0.0, np.zeros(3)
+    now = pair
+    for _ in range(4):  # one step of a tangent is off where speed changes within the delay
+        e, v, t = _binned(now)
+        u = (t - t.mean()) / max(float(now.t[-1] - now.t[0]), BIN)
+        design = np.stack([np.ones(len(e)), -v, -v * u], axis=1) / SLOW_ERROR
+        weight = np.array([CONSTANT, DELAY, DRIFT]) ** -2.0
+        covariance = np.linalg.inv(design.T @ design + np.diag(weight))
+        held = weight * np.array([0.0, delay, 0.0])  # the prior is of the whole delay
+        fit = covariance @ (design.T @ (e / SLOW_ERROR) - held)
+        delay += float(fit[1])
+        left = float(np.std(e - design @ fit * SLOW_ERROR))
+        if abs(fit[1]) < 0.01 or (later := _beside(pair.sd, pair.gt, -delay)) is None:
+            break
+        now = later
     spread = np.sqrt(np.diag(covariance))
-    return Delay(float(best[1]), float(spread[1]), float(best[2]), float(spread[2]))
+    return Delay(delay, float(spread[1]), float(fit[2]), float(spread[2]), left)
+
+
+def _binned(pair: Pair) -> tuple[Floats, Floats, Floats]:
+    """Offset ahead [m], speed and time of each bin, in the median."""
+    number = np.floor((pair.t - pair.t[0]) / BIN).astype(int)
+    edges = np.flatnonzero(np.diff(number)) + 1
+    parts = [np.split(values, edges) for values in (pair.along, pair.v, pair.t)]
+    e, v, t = (np.array([np.median(part) for part in values]) for values in parts)
+    return e, v, t
 
 
 def clocks(gt: Table, sd: Table, known: list[Pair]) -> tuple[list[Found], set[str]]:
@@ -111,22 +154,28 @@ def clocks(gt: Table, sd: Table, known: list[Pair]) -> tuple[list[Found], set[st
     if not fits:
         return [], set()
     by_id = {p.sd.id: p for p in known}
-    drifts = np.array([f.drift for f in fits.values()])
-    noise = np.array([f.drift_spread for f in fits.values()])
-    drift = float(np.average(drifts, weights=noise**-2.0))
-    agree = np.abs(drifts - drift) < np.maximum(0.4 * abs(drift), SURE * noise)
-    if abs(drift) > max(DRIFTED, SURE * float(noise.min())) and agree.all():
-        source = _whose_clock(gt, sd)
-        text = (
-            f"the delay of SD against GT grows by {drift:+.3f} s from {known[0].t[0]:.2f} to {known[0].t[-1]:.2f} s"
-            f"{'' if source == 'recording' else ', and the speeds say whose clock it is'}"
-        )
-        repair = None if source != "recording" else ""
-        span = (float(known[0].t[0]), float(known[0].t[-1]))
-        return [found("CLOCK_DRIFT", source, "", span, drift, "s", text, limit=DRIFTED, repair=repair)], set(
-            fits
-        )
+    long = [f for n, f in fits.items() if by_id[n].t[-1] - by_id[n].t[0] >= LONG]
+    if long:
+        drifts = np.array([f.drift for f in long])
+        noise = np.array([f.drift_spread for f in long])
+        drift = float(np.average(drifts, weights=noise**-2.0))
+        agree = np.abs(drifts - drift) < np.maximum(0.4 * abs(drift), SURE * noise)
+        if abs(drift) > max(DRIFTED, SURE * float(noise.min())) and agree.all():
+            longest = max(known, key=lambda p: p.t[-1] - p.t[0])
+            span = (float(longest.t[0]), float(longest.t[-1]))
+            source = _whose_clock(gt, sd, drift / (span[1] - span[0]))
+            if source != "recording" or (len(long) > 1 and abs(drift) > 2.0 * DRIFTED):
+                return [_drifting(source, span, drift)], set(fits)
     return _offsets(gt, sd, fits, by_id)
+
+
+def _drifting(source: Source, span: tuple[float, float], drift: float) -> Found:
+    text = f"the delay of SD against GT grows by {drift:+.3f} s from {span[0]:.2f} to {span[1]:.2f} s"
+    known = source != "recording"
+    return found(
+        "CLOCK_DRIFT", source, "", span, drift, "s", text + (f", and the speeds of {source} with it" if known else ""),
+        limit=DRIFTED, repair=None if known else "",
+    )  # fmt: skip
 
 
 def _offsets(
@@ -136,7 +185,7 @@ def _offsets(
     delays = np.array([f.delay for f in fits.values()])
     spreads = np.array([f.spread for f in fits.values()])
     common = float(np.average(delays, weights=spreads**-2.0))
-    allowed = np.maximum(0.1, 2.0 * spreads)
+    allowed = np.maximum(max(0.1, 0.2 * abs(common)), 2.0 * spreads)
     if len(fits) > 1 and (np.abs(delays - common) < allowed).all() and _sure(common, float(spreads.min())):
         return [_delayed("sd", "", sd.span, common, "all its objects")], set(fits)
     out, explained = [], set()
@@ -145,6 +194,8 @@ def _offsets(
         shifted = _stamped(gt, pair.gt, -fit.delay), _stamped(sd, pair.sd, fit.delay)
         if not any(shifted) and (_is_point(pair) or not _sure(fit.delay, fit.spread)):
             continue
+        if abs(fit.drift) > max(DRIFTED, 0.3 * abs(fit.delay)) or fit.left > CONSTANT:
+            continue  # they move apart: no clock does that
         if abs(fit.delay) < (LATENCY if fit.spread < 0.02 else 2.0 * LATENCY):
             continue
         explained.add(name)
@@ -156,7 +207,7 @@ def _offsets(
 
 
 def _sure(delay: float, spread: float) -> bool:
-    return abs(delay) > max(LATENCY, SURE * spread) or abs(delay) > USUAL
+    return abs(delay) > max(LATENCY, SURE * spread)
 
 
 def _delayed(source: Source, name: str, span: tuple[float, float], delay: float, who: str) -> Found:
@@ -185,39 +236,54 @@ def _stamped(table: Table, track: Track, delay: float) -> bool:
     )
 
 
-def _whose_clock(gt: Table, sd: Table) -> Source:
-    """The source whose speeds and positions disagree in one ratio; "recording" where both or none do."""
+def _whose_clock(gt: Table, sd: Table, rate: float) -> Source:
+    """The source whose speeds are off its positions by the rate of the drift; "recording" where none is."""
     off: dict[Source, float] = {}
-    for table in (gt, sd):
+    for table, expected in ((gt, -rate), (sd, rate)):
         ratios = []
         for track in table.tracks:
             m = motion(track, table.step)
             fast = np.abs(m.moved) > DRIVES
             if fast.sum() > 5:
                 ratios.append(float(np.median(np.abs(m.told[fast]) / np.abs(m.moved[fast]))))
-        off[table.source] = abs(float(np.median(ratios)) - 1.0) if ratios else 0.0
-    small, large = sorted(off, key=lambda s: off[s])
-    return large if off[large] > 3.0 * off[small] and off[large] > 0.005 else "recording"
+        off[table.source] = float(np.median(np.abs(np.array(ratios) - 1.0 - expected))) if ratios else np.inf
+    best = min(off, key=lambda s: off[s])
+    return best if off[best] < 0.4 * abs(rate) else "recording"
 
 
-def _is_point(pair: Pair) -> bool:
-    """Whether the offset is constant, and at a front, a rear or a corner of the box."""
+def _is_point(pair: Pair, peers: float = 0.0) -> bool:
+    """Whether the offset is constant, and at a front, a rear or a corner of the box.
+
+    peers: offset ahead [m] that other objects of the sensor have as well.
+    """
     along, across = float(np.median(pair.along)), float(np.median(pair.across))
-    length, width = pair.gt.length, pair.gt.width
     for values, middle in ((pair.along, along), (pair.across, across)):
         if 1.4826 * float(np.median(np.abs(values - middle))) > FIXED:
             return False
-    beside = min(abs(across), abs(abs(across) - 0.5 * width))
-    return (
-        max(0.5 * length - POINT, CLEAR) < abs(along) < 0.5 * length + CONSTANT + 2.0 * POINT
-        and beside < POINT
-    )
+    half, side = 0.5 * pair.gt.length, abs(abs(across) - 0.5 * pair.gt.width)
+    if abs(abs(along - peers) - half) < POINT and peers != 0.0 and min(abs(across), side) < POINT:
+        return True
+    if (
+        max(half - POINT, CLEAR) < abs(along) < half + CONSTANT + 2.0 * POINT
+        and min(abs(across), side) < POINT
+    ):
+        return True
+    at_side = side < POINT and abs(across) > SIDE
+    return at_side and abs(abs(along) - half) < CONSTANT + POINT
 
 
-def reference_points(known: list[Pair], explained: set[str]) -> Iterator[Found]:
+def _peers(pair: Pair, known: list[Pair], ego: str) -> float:
+    """Offset ahead [m] that other objects of the sensor share, 0 where that is not known."""
+    others = [float(np.median(p.along)) for p in known if p is not pair and p.gt.id != ego]
+    if len(others) < 2 or pair.gt.id == ego or np.ptp(others) > 2.0 * POINT:
+        return 0.0
+    return float(np.median(others))
+
+
+def reference_points(known: list[Pair], explained: set[str], ego: str) -> Iterator[Found]:
     """Give SD objects that lie by a constant offset of half a box off their GT; either may be the wrong one."""
     for pair in known:
-        if pair.sd.id in explained or not _is_point(pair):
+        if pair.sd.id in explained or not _is_point(pair, _peers(pair, known, ego)):
             continue
         along, across = float(np.median(pair.along)), float(np.median(pair.across))
         corner = abs(abs(across) - 0.5 * pair.gt.width) < abs(across)

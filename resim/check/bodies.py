@@ -69,22 +69,22 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
 def sizes(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
     """Give objects whose length, width or kind is not the same in all rows."""
     by_id = frame.groupby("id", sort=False)
-    spread = by_id[["length", "width"]].agg(np.ptp)
+    sides = by_id[["length", "width"]]
+    spread = sides.max() - sides.min()
     kinds = by_id["kind"].nunique()
     for name in spread.index[(spread.max(axis=1) > SIZE) | (kinds > 1)]:
         rows = frame[frame["id"] == name]
         other = (rows[["length", "width", "kind"]] != rows[["length", "width", "kind"]].iloc[0]).any(axis=1)
+        changes = {c: float(rows[c].max() - rows[c].min()) for c in ("length", "width")}
         parts = [
-            f"{c} from {rows[c].min():.2f} to {rows[c].max():.2f} m"
-            for c in spread
-            if spread.loc[name, c] > SIZE
+            f"{c} from {rows[c].min():.2f} to {rows[c].max():.2f} m" for c, by in changes.items() if by > SIZE
         ]
         if kinds[name] > 1:
             parts.append(f"kind among {', '.join(rows['kind'].unique())}")
-        share = float(max(spread.loc[name, c] / rows[c].median() for c in spread))
+        share = max(by / float(rows[c].median()) for c, by in changes.items())
         text = f"{'; '.join(parts)}, in {int(other.sum())} of {len(rows)} rows other than in its first"
         t = rows["t"][other]
         yield found(
-            "SIZE_CHANGES", source, str(name), (t.min(), t.max()), float(spread.loc[name].max()), "m", text,
+            "SIZE_CHANGES", source, str(name), (t.min(), t.max()), max(changes.values()), "m", text,
             limit=SIZE, severity="warning" if share > MUCH or kinds[name] > 1 else "note",
         )  # fmt: skip

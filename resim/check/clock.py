@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from resim.check.codes import Found, found
-from resim.check.tracks import runs
+from resim.check.tracks import Ints, runs
 from resim.core.finding import Source
 from resim.core.geometry import Bools, Floats
 
@@ -29,18 +29,15 @@ def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fo
     if steps is None:
         return frame, []
     usual = float(np.median(steps["dt"][steps["dt"] > 0.0])) if (steps["dt"] > 0.0).any() else np.nan
-    out, shifts = [], []
-    for at, amount, after in _jumps(steps, usual):
-        shifts.append((int(whole[at]), amount))
+    out = []
+    objects = frame["id"].to_numpy(str)
+    correction = np.zeros(len(frame))
+    for rows, amount, after in _jumps(steps, usual):
+        for row in whole[rows].tolist():  # each object from its own row on
+            correction[row:][objects[row:] == objects[row]] -= amount
         text = f"the clock jumps by {amount:+.3f} s at {after:.2f} s, the motion does not"
         out.append(found("CLOCK_JUMP", source, "", (after, after), amount, "s", text, limit=JUMP))
-    frame = frame.copy()
-    if shifts:
-        correction = np.zeros(len(frame))
-        place = np.arange(len(frame))
-        for at, amount in shifts:
-            correction[place >= at] -= amount
-        frame["t"] = np.round(frame["t"].to_numpy(float) + correction, 9)
+    frame = frame.assign(t=np.round(frame["t"].to_numpy(float) + correction, 9)) if out else frame
     out += _backwards(source, frame)
     return frame.sort_values("t", kind="stable"), out
 
@@ -67,24 +64,25 @@ def _steps(frame: pd.DataFrame) -> dict[str, Floats] | None:
     return {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)}
 
 
-def _jumps(steps: dict[str, Floats], usual: float) -> list[tuple[int, float, float]]:
-    """Row in the complete frame from which on times are off, by how much [s], and the stamp before."""
+def _jumps(steps: dict[str, Floats], usual: float) -> list[tuple[Ints, float, float]]:
+    """Per jump each object's row from which on times are off, by how much [s], and the stamp before."""
     out = []
-    scale = _scale(steps)
-    needs = steps["needs"] / scale[steps["object"].astype(int)]
-    off = steps["dt"] - needs
-    suspect = (np.abs(off) > JUMP) & ((steps["dt"] < 0.5 * usual) | (steps["dt"] > 1.5 * usual))
+    objects = steps["object"].astype(int)
+    needs = steps["needs"] / _scale(steps)[objects]
+    dt = steps["dt"]
+    off = dt - needs
+    suspect = (np.abs(off) > JUMP) & ((dt < 0.5 * usual) | (dt > 1.5 * usual))
     suspect &= np.abs(needs) < 3.0 * max(usual, JUMP)  # a hole in which the object drove on is no jump
     for stamp in np.unique(np.round(steps["t"][suspect], 6)):
         here = np.abs(steps["t"] - stamp) < 0.5 * usual
-        moving = here & np.isfinite(off)
-        first = moving & suspect
-        if not len(off[first]) or not suspect[moving].all():
+        first = here & suspect
+        if set(objects[here & np.isfinite(off)]) != set(objects[first]):
             continue
-        amount = float(np.median(steps["dt"][first])) - usual
-        if np.ptp(steps["dt"][here]) > max(SHARE * abs(amount), 1e-6):
+        amount = float(np.median(dt[first])) - usual
+        same = here & (np.abs(dt - usual - amount) <= max(SHARE * abs(amount), 1e-6))
+        if not same[first].all():
             continue
-        out.append((int(steps["row"][here].min()), amount, float(stamp)))
+        out.append((steps["row"][same].astype(int), amount, float(stamp)))
     return out
 
 

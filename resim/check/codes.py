@@ -119,10 +119,14 @@ CODES: Mapping[str, Code] = {
 
 @dataclass(frozen=True)
 class Found:
-    """A finding, and how many times its threshold it is (the order within a severity)."""
+    """A finding, how many times its threshold it is (the order within a severity), and whether it stands by itself.
+
+    own: it is no symptom, whatever else is found.
+    """
 
     finding: Finding
     excess: float
+    own: bool = False
 
 
 def found(
@@ -137,6 +141,7 @@ def found(
     limit: float,
     severity: Severity | None = None,
     repair: str | None = None,
+    own: bool = False,
 ) -> Found:
     """Give a finding with the terms of its code. span: start and end [s]; limit: what value had to exceed."""
     terms = CODES[code]
@@ -145,7 +150,7 @@ def found(
         end=float(span[1]), value=float(value), unit=unit, text=text, meaning=terms.meaning,
         repair=terms.repair if repair is None else repair,
     )  # fmt: skip
-    return Found(finding, abs(float(value)) / limit if limit > 0.0 else abs(float(value)))
+    return Found(finding, abs(float(value)) / limit, own)
 
 
 def worst_first(everything: Iterable[Found]) -> tuple[Finding, ...]:

@@ -14,7 +14,7 @@ from resim.core.geometry import Floats
 
 REACH = 0.5
 """Distance [m] by which a step may miss what speed or the steps around it say, besides noise."""
-NOISE = 8.0
+NOISE = 6.0
 """Times the usual miss of its own steps that a jump has to be."""
 STRONGEST = 10.0
 """Acceleration [m/s²] that a vehicle may have inside a hole."""
@@ -79,9 +79,9 @@ def _residuals(track: Track, step: float) -> tuple[Complex, Floats]:
     by_steps = way - dt * _around(way / dt)
     miss = np.where(np.abs(by_speed) < np.abs(by_steps), by_speed, by_steps)
     usual = 1.4826 * float(np.median(np.abs(miss)))
-    return miss, REACH + NOISE * usual + 0.5 * STRONGEST * np.maximum(dt - step, 0.0) ** 2 + 0.3 * np.abs(
-        velocity[1:]
-    ) * np.maximum(dt - 1.5 * step, 0.0)
+    # between known speeds at both ends, a hole hides at most a dt² / 4; hardly ever more than half of that
+    hidden = np.maximum(dt - step, 0.0)
+    return miss, REACH + NOISE * usual + 0.15 * STRONGEST * hidden**2 + 0.1 * np.abs(velocity[1:]) * hidden
 
 
 def _around(velocity: Complex) -> Complex:

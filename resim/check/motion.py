@@ -11,7 +11,7 @@ from resim.check.derived import WINDOW, Motion, motion
 from resim.check.tracks import PEDESTRIAN, Table, Track, longest_run, runs
 from resim.core.geometry import Floats, unwrap_angle, wrap_angle
 
-SPEED_RUN, SPEED_SHARE = 0.7, 0.05
+SPEED_RUN, SPEED_SHARE = 0.5, 0.02
 """Difference of speeds [m/s], and part of the speed, beyond which it must not stay for RUN."""
 SPEED_BIAS, BIAS_SHARE = 0.3, 0.03
 """Median difference [m/s], and part of the speed, that a whole track may have."""
@@ -25,7 +25,7 @@ FAST = 2.0
 """Speed [m/s] from which on there is a course."""
 DELAYS = 2.0
 """Longest delay [s] that is looked for."""
-EXPLAINS = 0.6
+EXPLAINS = 0.5
 """Part of the difference that may be left when a delay explains it."""
 STEADY = 0.2
 """Time [s] over which acceleration and yaw rate are taken: shorter peaks are noise and move nothing."""
@@ -34,6 +34,10 @@ STRONGEST_VEHICLE = 13.0
 """Acceleration [m/s²] that none reaches: the best tyres brake at 11, trucks at 8, men and bicycles at 6."""
 LATERAL = 14.0
 """Lateral acceleration [m/s²] that none reaches."""
+NOISE = 6.0
+"""Times the usual yaw rate of its own track by which one has to exceed the limit."""
+SHOWN = 0.15
+"""Part of the peak that the positions show, averaged over the window, when the vehicle really did it."""
 TURNING = 2.0
 """Yaw rate [rad/s] that no vehicle has at any speed at which it can turn."""
 
@@ -118,7 +122,7 @@ def _delay(t: Floats, told: Floats, moved: Floats) -> tuple[float, float]:
     best, left = 0.0, rms0
     for delay in np.arange(-DELAYS, DELAYS + 1e-9, max(step, 0.04)):
         both = (t + delay >= t[0]) & (t + delay <= t[-1])
-        if both.sum() < max(5, len(t) // 3):
+        if both.sum() < max(5, 0.6 * len(t)):
             continue
         off = np.interp(t[both] + delay, t, told) - moved[both]
         rms = float(np.sqrt(np.mean(off**2)))
@@ -137,33 +141,55 @@ def _explained(text: str, delay: float, left: float, unit: str) -> tuple[str, st
 def limits(table: Table) -> Iterator[Found]:
     """Give, per object, acceleration and yaw rate that none of its kind reaches."""
     for track in table.tracks:
-        hop = max(round(STEADY / table.step), 1)
-        if len(track) <= hop:
+        m = motion(track, table.step)
+        if len(m.t) < 3:
             continue
-        dt = track.t[hop:] - track.t[:-hop]
-        whole = dt < 1.5 * hop * table.step
-        t, dt = (0.5 * (track.t[hop:] + track.t[:-hop]))[whole], dt[whole]
-        a = ((track.v[hop:] - track.v[:-hop])[whole]) / dt
         most = STRONGEST.get(track.kind, STRONGEST_VEHICLE)
-        yield from _beyond(
-            table, track, "ACCELERATION", t, a, np.full(len(t), most), "m/s²", "accelerates by"
-        )
+        shown = np.gradient(np.abs(m.moved), m.t)
+        t, a, _ = _rates(track, track.v, STEADY, table.step)
+        yield from _beyond(table, track, "ACCELERATION", t, a, np.full(len(t), most), (m.t, shown), "m/s²")
         if track.kind == PEDESTRIAN:
             continue
-        rate = ((track.heading[hop:] - track.heading[:-hop])[whole]) / dt
-        v = np.maximum(np.abs(track.v[hop:]), np.abs(track.v[:-hop]))[whole]
-        may = np.minimum(TURNING, LATERAL / np.maximum(v, 0.1) + 0.15)
-        yield from _beyond(table, track, "YAW_RATE", t, rate, may, "rad/s", "turns at")
+        shown = np.gradient(np.unwrap(np.angle(m.moved)), m.t)
+        for over in (0.5 * STEADY, STEADY):
+            t, rate, v = _rates(track, track.heading, over, table.step)
+            noise = 1.4826 * NOISE * float(np.median(np.abs(rate - np.median(rate)))) if len(rate) else 0.0
+            may = np.minimum(TURNING, LATERAL / np.maximum(v, 0.1) + 0.15) + noise
+            yield from _beyond(table, track, "YAW_RATE", t, rate, may, (m.t, shown), "rad/s")
+
+
+def _rates(track: Track, values: Floats, over: float, step: float) -> tuple[Floats, Floats, Floats]:
+    """Times [s], rates of change of the values over so long [s], and the larger speed [m/s] at their ends."""
+    hop = min(max(round(over / step), 1), len(track) - 1)
+    dt = track.t[hop:] - track.t[:-hop]
+    whole = dt < 1.5 * hop * step
+    v = np.maximum(np.abs(track.v[hop:]), np.abs(track.v[:-hop]))
+    return (
+        (0.5 * (track.t[hop:] + track.t[:-hop]))[whole],
+        (values[hop:] - values[:-hop])[whole] / dt[whole],
+        v[whole],
+    )
 
 
 def _beyond(
-    table: Table, track: Track, code: str, t: Floats, value: Floats, most: Floats, unit: str, verb: str
+    table: Table,
+    track: Track,
+    code: str,
+    t: Floats,
+    value: Floats,
+    most: Floats,
+    shown: tuple[Floats, Floats],
+    unit: str,
 ) -> Iterator[Found]:
+    """The finding where the value exceeds the most; its own where the positions show a good part of it."""
     over = np.abs(value) > most
     if not over.any():
         return
     k = int(np.argmax(np.where(over, np.abs(value) / most, 0.0)))
     spans = runs(over)
+    verb = "accelerates by" if code == "ACCELERATION" else "turns at"
     text = f"{verb} {value[k]:+.3g} {unit} at {t[k]:.2f} s (none reaches {most[k]:.3g}), {len(spans)} time(s)"
+    near = np.abs(shown[0] - t[k]) < WINDOW
+    own = bool(near.any() and (shown[1][near] * np.sign(value[k])).max() > SHOWN * abs(value[k]))
     span = (t[spans[0][0]], t[spans[-1][1]])
-    yield found(code, table.source, track.id, span, value[k], unit, text, limit=float(most[k]))
+    yield found(code, table.source, track.id, span, value[k], unit, text, limit=float(most[k]), own=own)

@@ -21,7 +21,7 @@ PEDESTRIAN = "pedestrian"
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, unwrapped, v (K,)."""
+    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, v (K,)."""
 
     id: str
     kind: str
@@ -90,7 +90,7 @@ def _track(name: str, rows: pd.DataFrame) -> Track:
     t, x, y, heading, v = (rows[c].to_numpy(float) for c in ("t", "x", "y", "heading", "v"))
     return Track(
         id=name, kind=str(rows["kind"].iloc[0]), length=float(rows["length"].median()),
-        width=float(rows["width"].median()), t=t, p=x + 1j * y, heading=np.unwrap(heading), v=v,
+        width=float(rows["width"].median()), t=t, p=x + 1j * y, heading=heading, v=v,
     )  # fmt: skip
 
 

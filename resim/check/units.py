@@ -21,10 +21,12 @@ MOVING = 1.0
 """Speed of the positions [m/s] from which on their ratio to the speed says something."""
 DEGREES = 180.0 / np.pi
 FITS, MISFITS = 0.1, 0.3
-"""Heading in degrees: it fits the course [rad, root mean square] when converted, and by a third of that at most
+"""Heading in degrees: it fits the course [rad, median] when converted, and by a third of that at most
 of what it does as it stands."""
 TURNED = 0.01
 """Misfit of the heading [rad] from which on its unit is asked for: smaller does no harm."""
+LIVELY, OFTEN = 4.0, 0.8
+"""Times by which the heading's changes exceed the course's when it is in degrees, at this quantile."""
 BAD, GOOD = 0.3, 0.8
 """Share of places with the road's direction, as they stand and mirrored, that tell a mirrored map frame."""
 MIRROR_FAR = 2.0
@@ -65,7 +67,13 @@ def speed_units(table: Table) -> tuple[Table, list[Found]]:
 
 
 def heading_units(table: Table) -> tuple[Table, list[Found]]:
-    """Give objects whose heading fits their course in degrees, and the table in radians."""
+    """Give objects whose heading fits their course in degrees, and the table in radians, unwrapped."""
+    table, out = _radians(table)
+    return table.shaped(heading=lambda k: np.unwrap(k.heading)), out
+
+
+def _radians(table: Table) -> tuple[Table, list[Found]]:
+    """The same, as they come."""
     fits: dict[str, tuple[float, float]] = {}
     asked = 0
     for track in table.tracks:
@@ -73,7 +81,7 @@ def heading_units(table: Table) -> tuple[Table, list[Found]]:
             continue
         asked += 1
         as_is, converted = both
-        if as_is > TURNED and converted < min(FITS, MISFITS * as_is):
+        if as_is > TURNED and converted < min(FITS, MISFITS * as_is) and _lively(track, table.step):
             fits[track.id] = both
     if not fits:
         return table, []
@@ -85,15 +93,29 @@ def heading_units(table: Table) -> tuple[Table, list[Found]]:
         out.append(_over(table, name, "HEADING_UNIT", as_is, "rad", text, TURNED))
 
     def radians(track: Track) -> Floats:
-        if not whole and track.id not in fits:
-            return track.heading
-        return np.asarray(np.unwrap(_raw(track) / DEGREES))
+        return track.heading / DEGREES if whole or track.id in fits else track.heading
 
     return table.shaped(heading=radians), out
 
 
+def _lively(track: Track, step: float) -> bool:
+    """Whether the heading changes far more than the course: noise and turns are 57 times as large in degrees.
+
+    A heading that is only turned by an amount changes as the course does.
+    """
+    if np.abs(track.heading).max() > 2.1 * np.pi:
+        return True
+    far = max(round(0.4 / step), 1)
+    course = np.unwrap(np.angle(track.p[far:] - track.p[:-far]))
+    if len(course) <= far:
+        return False
+    changes = (np.abs(h[far:] - h[:-far]) for h in (track.heading, course))
+    of_heading, of_course = (float(np.quantile(c, OFTEN)) for c in changes)
+    return of_heading > LIVELY * of_course + TURNED
+
+
 def _misfits(track: Track, step: float) -> tuple[float, float] | None:
-    """How far [rad, rms] the heading is off the course, as radians and as degrees; None where it does not drive."""
+    """How far [rad, median] the heading is off the course, as radians and as degrees; None where it does not drive."""
     if track.kind == PEDESTRIAN or len(track) < 5:
         return None
     far = max(round(0.4 / step), 1)
@@ -104,15 +126,10 @@ def _misfits(track: Track, step: float) -> tuple[float, float] | None:
     if not drives.any():
         return None
     course = np.angle(way[drives])
-    raw = _raw(track)[far:-far][drives]
+    raw = track.heading[far:-far][drives]
     reverse = np.where(track.v[far:-far][drives] < 0.0, np.pi, 0.0)
-    off = [wrap_angle(h + reverse - course) for h in (raw, raw / DEGREES)]
-    return float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2)))
-
-
-def _raw(track: Track) -> Floats:
-    """The heading as it stood, jumps by 2 pi and all."""
-    return track.heading
+    off = [np.abs(wrap_angle(h + reverse - course)) for h in (raw, raw / DEGREES)]
+    return float(np.median(off[0])), float(np.median(off[1]))
 
 
 def _over(table: Table, name: str, code: str, value: float, unit: str, text: str, limit: float) -> Found:
