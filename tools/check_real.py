@@ -20,11 +20,10 @@ from validate_real import NGSIM, candidates
 
 from resim.check import examine
 from resim.core.errors import ResimError
-from resim.ingest import Tables, read_commonroad, read_highd, read_tables
+from resim.ingest import Alignment, Tables, read_commonroad, read_highd, read_tables
 from resim.road.opendrive import load
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
-HIGHD_EGO = "29"
 
 
 def recordings(data: Path) -> Iterator[Tables]:
@@ -37,18 +36,12 @@ def recordings(data: Path) -> Iterator[Tables]:
         yield Tables.of(read_commonroad(xml, map=road, ego=candidates(xml, 1)[0]))
     csv = data / "highd_format" / "us101_22" / "01_tracks.csv"
     road = data / "ngsim" / "USA_US101-22_1_T-1.xodr"
-    yield Tables.of(replace(read_highd(csv, map=road, ego=highd_ego(csv)), name="highd_us101_22"))
+    sample = read_highd(csv, map=road, ego="10", alignment=Alignment(-21.7293, 51.5141, -0.71823))
+    yield Tables.of(replace(sample, name="highd_us101_22"))
     mcity = data / "mcity"
     network = load(mcity / "mcity.xodr")
     for trial in TRIALS:
         yield Tables.of(import_trial(trial, mcity, network))
-
-
-def highd_ego(csv: Path) -> str:
-    """The first vehicle that is there longest."""
-    import pandas as pd
-
-    return str(pd.read_csv(csv)["id"].value_counts(sort=True).index[0])
 
 
 def main() -> None:

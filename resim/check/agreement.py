@@ -13,9 +13,9 @@ from resim.check.tracks import Table, Track
 from resim.core.finding import Severity, Source
 from resim.core.geometry import Floats
 
-BIN = 0.5
+BIN = 1.0
 """Time [s] over which offsets are taken in the median: white noise goes, slow sensor errors stay."""
-SLOW_ERROR = 0.4
+SLOW_ERROR = 0.5
 """Slowly varying position error of a sensor [m]: 0.25 in Wagner 2021, Section 5.2.1, more at Mcity."""
 LONG = 3.0
 """Time [s] that an object is seen before its delay can be said to grow."""

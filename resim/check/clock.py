@@ -14,6 +14,8 @@ JUMP = 0.06
 """Time [s] by which stamps and motion must differ in one step: 1.5 m at 25 m/s."""
 MOVING = 2.0
 """Speed [m/s] from which on the way tells the time; 0.1 m of noise are then 0.05 s."""
+SETTLED, KEPT = 0.6, 0.65
+"""Time [s] before and after a jump in which this part of it must stay: a tracker that stalled catches up."""
 SHARE = 0.3
 """Part of the jump by which the objects may differ in it."""
 
@@ -82,8 +84,19 @@ def _jumps(steps: dict[str, Floats], usual: float) -> list[tuple[Ints, float, fl
         same = here & (np.abs(dt - usual - amount) <= max(SHARE * abs(amount), 1e-6))
         if not same[first].all():
             continue
-        out.append((steps["row"][same].astype(int), amount, float(stamp)))
+        rows = steps["row"][same].astype(int)
+        if _stays(off, objects, np.flatnonzero(first), amount, round(SETTLED / usual)):
+            out.append((rows, amount, float(stamp)))
     return out
+
+
+def _stays(off: Floats, objects: Ints, first: Ints, amount: float, count: int) -> bool:
+    """Whether no object makes up for the jump in the steps around it: one that lagged catches up."""
+    left = []
+    for k in first.tolist():
+        own = off[max(k - count, 0) : k + count + 1][objects[max(k - count, 0) : k + count + 1] == objects[k]]
+        left.append(float(np.nansum(own)))
+    return abs(float(np.median(left))) > KEPT * abs(amount)
 
 
 def _scale(steps: dict[str, Floats]) -> Floats:

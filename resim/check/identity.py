@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.check.codes import Found, found
-from resim.check.tracks import Complex, Table, Track
-from resim.core.finding import Finding
+from resim.check.tracks import PEDESTRIAN, Complex, Table, Track
+from resim.core.finding import Finding, Severity
 from resim.core.geometry import Floats
 
 REACH = 0.5
@@ -18,6 +18,8 @@ NOISE = 6.0
 """Times the usual miss of its own steps that a jump has to be."""
 STRONGEST = 10.0
 """Acceleration [m/s²] that a vehicle may have inside a hole."""
+GRAVE = 2.0
+"""Jump [m] that spoils a result; a tracker's smaller corrections qualify it."""
 BRIEF = 3
 """Samples off the track that count as outliers; more are two jumps."""
 BACK = 0.35
@@ -27,7 +29,11 @@ ELSEWHERE = 10.0
 AFTER_GAP = 1.0
 """Time [s] after which a track that ends may go on under another id: the pipeline's own limit."""
 LIKE = 2.0
-"""Distance [m] of a new track from where the ended one would be, at the end of the gap, growing with it."""
+"""Distance [m] at which a track that changes ids goes on from where the other would be."""
+NEAR, FASTER = 1.5, 1.5
+"""Distance [m] and difference of velocity [m/s] of a new track from where the ended one leads, without a gap."""
+USUAL = (6.0, 2.0)
+"""Acceleration [m/s²] in such a gap, of vehicles and of pedestrians."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,8 @@ def _torn(table: Table, track: Track, jump: _Jump) -> Found:
     name = "ID_REUSED" if another else "POSITION_JUMP"
     how = "another object has the id" if another else "farther than it can"
     text = f"{far:.2f} m off its track from {before:.2f} to {after:.2f} s and for good: {how}"
-    return found(name, table.source, track.id, (before, after), far, "m", text, limit=REACH)
+    grave: Severity = "error" if far > GRAVE else "warning"
+    return found(name, table.source, track.id, (before, after), far, "m", text, limit=REACH, severity=grave)
 
 
 def broken(table: Table) -> list[Found]:
@@ -180,6 +187,7 @@ def broken(table: Table) -> list[Found]:
         if not near:
             continue
         far, other = min(near, key=lambda pair: pair[0])
+        del firsts[other.id]  # it goes on from one track only
         gap = float(other.t[0] - last.t[-1])
         text = f"ends at {last.t[-1]:.2f} s; {other.id!r} begins {gap:.2f} s later {far:.2f} m from where it would be"
         out.append(
@@ -206,8 +214,10 @@ def _continues(ended: Track, begun: Track, step: float) -> float | None:
     far = abs(begun.p[0] - ended.p[-1] - gap * velocity)
     start = begun.velocity()[:5]
     change = abs(np.median(start.real) + 1j * np.median(start.imag) - velocity)
-    grows = gap * (0.1 * abs(velocity) + 0.5 * STRONGEST * gap)
-    if far > LIKE + grows or change > 2.0 + 0.1 * abs(velocity) + STRONGEST * gap:
+    hard = USUAL[ended.kind == PEDESTRIAN]
+    if far > NEAR + gap * (0.1 * abs(velocity) + 0.5 * hard * gap):
+        return None
+    if change > FASTER + 0.1 * abs(velocity) + hard * gap:
         return None
     sizes = abs(ended.length - begun.length) / max(ended.length, begun.length)
     return float(far) if sizes < 0.3 else None

@@ -22,6 +22,8 @@ ANOTHER = 1.0
 """Gap [s] after which the pipeline takes the object for another one."""
 OFTEN = 0.05
 """Share of an object's samples that may miss before its track is qualified by it."""
+WALKING = 1.0
+"""Speed [m/s] from which on an object surely moves; what stands has noisy speeds."""
 FROZEN_WAY = 0.1
 """Way [m] that the speed claims while the position stays the same to the last digit: data rounded to
 centimetres repeat a position by chance only below."""
@@ -102,7 +104,7 @@ def repeated(table: Table) -> tuple[Table, list[Found]]:
     out, tracks = [], []
     for track in table.tracks:
         way = 0.5 * np.abs(track.v[1:] + track.v[:-1]) * np.diff(track.t)
-        same = np.diff(track.p) == 0.0
+        same = (np.diff(track.p) == 0.0) & (way > WALKING * np.diff(track.t))
         frozen = [(a, b) for a, b in runs(same) if way[a : b + 1].sum() > FROZEN_WAY]
         keep = np.ones(len(track), dtype=bool)
         for a, b in frozen:

@@ -25,8 +25,9 @@ FITS, MISFITS = 0.1, 0.3
 of what it does as it stands."""
 TURNED = 0.01
 """Misfit of the heading [rad] from which on its unit is asked for: smaller does no harm."""
-LIVELY, OFTEN = 4.0, 0.8
-"""Times by which the heading's changes exceed the course's when it is in degrees, at this quantile."""
+LIVELY, OFTEN, STILL = 4.0, (0.5, 0.8), 0.004
+"""Times by which the heading's changes over 0.4 s exceed the course's when it is in degrees, at one of these
+quantiles; changes [rad] that are noise of a heading in radians."""
 BAD, GOOD = 0.3, 0.8
 """Share of places with the road's direction, as they stand and mirrored, that tell a mirrored map frame."""
 MIRROR_FAR = 2.0
@@ -105,13 +106,12 @@ def _lively(track: Track, step: float) -> bool:
     """
     if np.abs(track.heading).max() > 2.1 * np.pi:
         return True
-    far = max(round(0.4 / step), 1)
-    course = np.unwrap(np.angle(track.p[far:] - track.p[:-far]))
-    if len(course) <= far:
+    lag, base = max(round(0.4 / step), 1), max(round(1.6 / step), 1)
+    course = np.unwrap(np.angle(track.p[base:] - track.p[:-base]))
+    if len(course) <= lag:
         return False
-    changes = (np.abs(h[far:] - h[:-far]) for h in (track.heading, course))
-    of_heading, of_course = (float(np.quantile(c, OFTEN)) for c in changes)
-    return of_heading > LIVELY * of_course + TURNED
+    of_heading, of_course = (np.quantile(np.abs(h[lag:] - h[:-lag]), OFTEN) for h in (track.heading, course))
+    return bool((of_heading > LIVELY * of_course + STILL).any())
 
 
 def _misfits(track: Track, step: float) -> tuple[float, float] | None:
