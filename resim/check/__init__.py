@@ -127,7 +127,9 @@ def _causes(everything: list[Found]) -> list[Found]:
     for one in everything:
         f = one.finding
         causes = EXPLAINED.get(f.code, ())
-        if not one.own and any((c, f.source, f.object) in have or (c, f.source) in whole for c in causes):
+        if not one.own and any(
+            (c, f.source, f.object) in have or {(c, f.source), (c, "recording")} & whole for c in causes
+        ):
             continue
         key = (f.code, f.source, f.object, f.start if f.code in ("GAP", *TORN) else 0.0)
         if key not in best or one.excess > best[key].excess:

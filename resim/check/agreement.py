@@ -246,7 +246,7 @@ def _whose_clock(gt: Table, sd: Table, rate: float) -> Source:
             fast = np.abs(m.moved) > DRIVES
             if fast.sum() > 5:
                 ratios.append(float(np.median(np.abs(m.told[fast]) / np.abs(m.moved[fast]))))
-        off[table.source] = float(np.median(np.abs(np.array(ratios) - 1.0 - expected))) if ratios else np.inf
+        off[table.source] = float(np.min(np.abs(np.array(ratios) - 1.0 - expected))) if ratios else np.inf
     best = min(off, key=lambda s: off[s])
     return best if off[best] < 0.4 * abs(rate) else "recording"
 

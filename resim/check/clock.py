@@ -9,13 +9,14 @@ from resim.check.codes import Found, found
 from resim.check.tracks import Ints, runs
 from resim.core.finding import Source
 from resim.core.geometry import Bools, Floats
+from resim.core.tracks import Strings
 
 JUMP = 0.06
 """Time [s] by which stamps and motion must differ in one step: 1.5 m at 25 m/s."""
 MOVING = 2.0
 """Speed [m/s] from which on the way tells the time; 0.1 m of noise are then 0.05 s."""
-SETTLED, KEPT = 0.6, 0.65
-"""Time [s] before and after a jump in which this part of it must stay: a tracker that stalled catches up."""
+SETTLED, KEPT = 15, 0.65
+"""Samples before and after a jump in which this part of it must stay: a sensor that stalled catches up."""
 SHARE = 0.3
 """Part of the jump by which the objects may differ in it."""
 
@@ -33,15 +34,28 @@ def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fo
     usual = float(np.median(steps["dt"][steps["dt"] > 0.0])) if (steps["dt"] > 0.0).any() else np.nan
     out = []
     objects = frame["id"].to_numpy(str)
+    stamps = frame["t"].to_numpy(float)
     correction = np.zeros(len(frame))
     for rows, amount, after in _jumps(steps, usual):
-        for row in whole[rows].tolist():  # each object from its own row on
-            correction[row:][objects[row:] == objects[row]] -= amount
+        correction -= amount * _after(
+            whole[rows], objects, stamps > after + 0.5 * usual if amount > 0.0 else None
+        )
         text = f"the clock jumps by {amount:+.3f} s at {after:.2f} s, the motion does not"
         out.append(found("CLOCK_JUMP", source, "", (after, after), amount, "s", text, limit=JUMP))
     frame = frame.assign(t=np.round(frame["t"].to_numpy(float) + correction, 9)) if out else frame
     out += _backwards(source, frame)
     return frame.sort_values("t", kind="stable"), out
+
+
+def _after(rows: Ints, objects: Strings, later: Bools | None) -> Bools:
+    """Which rows a jump shifts: those later, and where it goes back, each object's from its own row on."""
+    if later is not None:
+        return later
+    out = np.zeros(len(objects), dtype=bool)
+    for row in rows.tolist():
+        out[row:] |= objects[row:] == objects[row]
+    out[rows.max() :] |= ~np.isin(objects[rows.max() :], objects[rows])  # who comes after it
+    return out
 
 
 def _steps(frame: pd.DataFrame) -> dict[str, Floats] | None:
@@ -82,10 +96,10 @@ def _jumps(steps: dict[str, Floats], usual: float) -> list[tuple[Ints, float, fl
             continue
         amount = float(np.median(dt[first])) - usual
         same = here & (np.abs(dt - usual - amount) <= max(SHARE * abs(amount), 1e-6))
-        if not same[first].all():
+        if (not same[here].all() and amount > 0.0) or not same[first].all():
             continue
         rows = steps["row"][same].astype(int)
-        if _stays(off, objects, np.flatnonzero(first), amount, round(SETTLED / usual)):
+        if _stays(off, objects, np.flatnonzero(first), amount, SETTLED):
             out.append((rows, amount, float(stamp)))
     return out
 

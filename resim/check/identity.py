@@ -12,10 +12,12 @@ from resim.check.tracks import PEDESTRIAN, Complex, Table, Track
 from resim.core.finding import Finding, Severity
 from resim.core.geometry import Floats
 
-REACH = 0.5
+REACH = 0.6
 """Distance [m] by which a step may miss what speed or the steps around it say, besides noise."""
 NOISE = 6.0
 """Times the usual miss of its own steps that a jump has to be."""
+RAYLEIGH = 1.18
+"""Median of the length of a vector whose two components have the standard deviation 1."""
 STRONGEST = 10.0
 """Acceleration [m/s²] that a vehicle may have inside a hole."""
 GRAVE = 2.0
@@ -84,7 +86,7 @@ def _residuals(track: Track, step: float) -> tuple[Complex, Floats]:
     by_speed = way - 0.5 * dt * (velocity[1:] + velocity[:-1])
     by_steps = way - dt * _around(way / dt)
     miss = np.where(np.abs(by_speed) < np.abs(by_steps), by_speed, by_steps)
-    usual = 1.4826 * float(np.median(np.abs(miss)))
+    usual = float(np.median(np.abs(miss))) / RAYLEIGH
     # between known speeds at both ends, a hole hides at most a dt² / 4; hardly ever more than half of that
     hidden = np.maximum(dt - step, 0.0)
     return miss, REACH + NOISE * usual + 0.15 * STRONGEST * hidden**2 + 0.1 * np.abs(velocity[1:]) * hidden

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from resim.check.codes import Found, found
 from resim.check.derived import WINDOW, Motion, motion
-from resim.check.tracks import PEDESTRIAN, Table, Track, longest_run, runs
-from resim.core.geometry import Floats, unwrap_angle, wrap_angle
+from resim.check.tracks import PEDESTRIAN, Complex, Table, Track, runs
+from resim.core.geometry import Bools, Floats, unwrap_angle, wrap_angle
 
-SPEED_RUN, SPEED_SHARE = 0.5, 0.02
+SPEED_RUN, SPEED_SHARE = 0.5, 0.01
 """Difference of speeds [m/s], and part of the speed, beyond which it must not stay for RUN."""
 SPEED_BIAS, BIAS_SHARE = 0.3, 0.03
 """Median difference [m/s], and part of the speed, that a whole track may have."""
@@ -36,8 +36,8 @@ LATERAL = 14.0
 """Lateral acceleration [m/s²] that none reaches."""
 NOISE = 6.0
 """Times the usual yaw rate of its own track by which one has to exceed the limit."""
-SHOWN = 0.15
-"""Part of the peak that the positions show, averaged over the window, when the vehicle really did it."""
+SHOWN = 0.5
+"""Part of the change that the positions show over a window when the object really did it."""
 TURNING = 2.0
 """Yaw rate [rad/s] that no vehicle has at any speed at which it can turn."""
 
@@ -53,9 +53,9 @@ def speed(table: Table) -> Iterator[Found]:
             off = np.interp(m.t, track.t, np.abs(track.v)) - np.abs(m.moved)
         size = np.abs(m.moved)
         bad = np.abs(off) > SPEED_RUN + SPEED_SHARE * size
-        span = longest_run(bad, m.t)
+        span = _worst_run(bad, m.t, off, RUN - 0.5 * table.step)
         bias = float(np.median(off))
-        lasting = span is not None and span[1] - span[0] >= RUN - 0.5 * table.step
+        lasting = span is not None
         biased = (
             abs(bias) > SPEED_BIAS + BIAS_SHARE * float(np.median(size)) and len(m.t) * table.step > WINDOW
         )
@@ -85,9 +85,9 @@ def heading(table: Table) -> Iterator[Found]:
             continue
         t, off = m.t[fast], np.angle(m.told[fast] * np.conj(m.moved[fast]))
         loose = _looseness(track, m)[fast]
-        span = longest_run(np.abs(off) > HEADING_RUN + loose, t)
+        span = _worst_run(np.abs(off) > HEADING_RUN + loose, t, off, RUN - 0.5 * table.step)
         bias = float(np.median(off))
-        lasting = span is not None and span[1] - span[0] >= RUN - 0.5 * table.step
+        lasting = span is not None
         biased = abs(bias) > HEADING_BIAS + float(np.median(loose)) and len(t) * table.step > WINDOW
         if not lasting and not biased:
             continue
@@ -105,6 +105,15 @@ def heading(table: Table) -> Iterator[Found]:
         yield found(
             "HEADING_DISAGREES", table.source, track.id, span, value, "rad", text, limit=limit, repair=repair
         )
+
+
+def _worst_run(mask: Bools, t: Floats, off: Floats, lasts: float) -> tuple[float, float] | None:
+    """Start and end [s] of the run, of those that last, in which it is farthest off; None where none lasts."""
+    every = [(a, b) for a, b in runs(mask) if t[b] - t[a] >= lasts]
+    if not every:
+        return None
+    a, b = max(every, key=lambda run: float(np.abs(off[run[0] : run[1] + 1]).max()))
+    return float(t[a]), float(t[b])
 
 
 def _looseness(track: Track, m: Motion) -> Floats:
@@ -145,17 +154,22 @@ def limits(table: Table) -> Iterator[Found]:
         if len(m.t) < 3:
             continue
         most = STRONGEST.get(track.kind, STRONGEST_VEHICLE)
-        shown = np.gradient(np.abs(m.moved), m.t)
         t, a, _ = _rates(track, track.v, STEADY, table.step)
-        yield from _beyond(table, track, "ACCELERATION", t, a, np.full(len(t), most), (m.t, shown), "m/s²")
+        yield from _beyond(
+            table, track, "ACCELERATION", t, a, np.full(len(t), most), _shown(m, np.abs), "m/s²"
+        )
         if track.kind == PEDESTRIAN:
             continue
-        shown = np.gradient(np.unwrap(np.angle(m.moved)), m.t)
         for over in (0.5 * STEADY, STEADY):
             t, rate, v = _rates(track, track.heading, over, table.step)
             noise = 1.4826 * NOISE * float(np.median(np.abs(rate - np.median(rate)))) if len(rate) else 0.0
             may = np.minimum(TURNING, LATERAL / np.maximum(v, 0.1) + 0.15) + noise
-            yield from _beyond(table, track, "YAW_RATE", t, rate, may, (m.t, shown), "rad/s")
+            yield from _beyond(table, track, "YAW_RATE", t, rate, may, _shown(m, _course), "rad/s")
+
+
+def _shown(m: Motion, part: Callable[[Complex], Floats]) -> tuple[Floats, Floats, Floats]:
+    """Times, and speed or course by the positions and as told."""
+    return m.t, part(m.moved), part(m.told)
 
 
 def _rates(track: Track, values: Floats, over: float, step: float) -> tuple[Floats, Floats, Floats]:
@@ -178,7 +192,7 @@ def _beyond(
     t: Floats,
     value: Floats,
     most: Floats,
-    shown: tuple[Floats, Floats],
+    shown: tuple[Floats, Floats, Floats],
     unit: str,
 ) -> Iterator[Found]:
     """The finding where the value exceeds the most; its own where the positions show a good part of it."""
@@ -189,7 +203,13 @@ def _beyond(
     spans = runs(over)
     verb = "accelerates by" if code == "ACCELERATION" else "turns at"
     text = f"{verb} {value[k]:+.3g} {unit} at {t[k]:.2f} s (none reaches {most[k]:.3g}), {len(spans)} time(s)"
-    near = np.abs(shown[0] - t[k]) < WINDOW
-    own = bool(near.any() and (shown[1][near] * np.sign(value[k])).max() > SHOWN * abs(value[k]))
+    moved, told = (
+        np.diff(np.interp([t[k] - 0.6 * WINDOW, t[k] + 0.6 * WINDOW], shown[0], c))[0] for c in shown[1:]
+    )
+    own = bool(told * value[k] > 0.0 and moved / told > SHOWN)
     span = (t[spans[0][0]], t[spans[-1][1]])
     yield found(code, table.source, track.id, span, value[k], unit, text, limit=float(most[k]), own=own)
+
+
+def _course(velocity: Complex) -> Floats:
+    return np.asarray(np.unwrap(np.angle(velocity)))
