@@ -17,6 +17,8 @@ MOVING = 2.0
 """Speed [m/s] from which on the way tells the time; 0.1 m of noise are then 0.05 s."""
 SETTLED, KEPT = 15, 0.65
 """Samples before and after a jump in which this part of it must stay: a sensor that stalled catches up."""
+JITTER = 0.8
+"""Part of the usual step by which stamps may jitter."""
 SHARE = 0.3
 """Part of the jump by which the objects may differ in it."""
 
@@ -95,6 +97,8 @@ def _jumps(steps: dict[str, Floats], usual: float) -> list[tuple[Ints, float, fl
         if set(objects[here & np.isfinite(off)]) != set(objects[first]):
             continue
         amount = float(np.median(dt[first])) - usual
+        if abs(amount) < max(JUMP, JITTER * usual):
+            continue
         same = here & (np.abs(dt - usual - amount) <= max(SHARE * abs(amount), 1e-6))
         if (not same[here].all() and amount > 0.0) or not same[first].all():
             continue
@@ -110,7 +114,7 @@ def _stays(off: Floats, objects: Ints, first: Ints, amount: float, count: int) -
     for k in first.tolist():
         own = off[max(k - count, 0) : k + count + 1][objects[max(k - count, 0) : k + count + 1] == objects[k]]
         left.append(float(np.nansum(own)))
-    return abs(float(np.median(left))) > KEPT * abs(amount)
+    return KEPT < float(np.median(left)) / amount < 1.0 / KEPT
 
 
 def _scale(steps: dict[str, Floats]) -> Floats:
@@ -121,7 +125,7 @@ def _scale(steps: dict[str, Floats]) -> Floats:
         own = (objects == n) & (steps["dt"] > 0.0) & np.isfinite(steps["needs"])
         if own.any():
             ratio = float(np.median(steps["needs"][own] / steps["dt"][own]))
-            out[n] = ratio if ratio > 0.0 else 1.0
+            out[n] = ratio if ratio > 0.0 else np.nan  # it moves against its heading: it tells nothing
     return out
 
 
