@@ -39,7 +39,13 @@ canvas.addEventListener("pointermove", event => {
 for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, event => {
   pointers.delete(event.pointerId);
   canvas.classList.remove("moving");
-  if (name === "pointerup" && pressed) { keep(false); keep(Boolean(inspect(...pressed))); }
+  if (name === "pointerup" && pressed) {
+    keep(false);
+    const found = inspect(...pressed);
+    view.chosen = found && found.outer ? { lanes: [found] } : null;
+    keep(Boolean(found));
+    redraw();
+  }
   pressed = null;
 });
 

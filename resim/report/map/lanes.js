@@ -144,9 +144,16 @@ function drawMarks(bounds) {
   }
 }
 
-function drawReference(bounds) {
-  const roads = ROADS.filter(road => meets(road.box, bounds));
-  strokeLines(roads.map(road => road.line), view.mode === "types" ? REFERENCE : "rgba(29,39,51,.6)", 1.1);
+function drawReference(bounds) { // dotted, so that a road mark below is seen
+  const roads = ROADS.filter(road => meets(road.box, bounds)), period = 5 / view.scale;
+  pen.beginPath();
+  for (const { line } of roads)
+    for (const [from, to] of seen(line, 20)) tracePart(line, Math.floor(from / period) * period, to);
+  pen.strokeStyle = view.mode === "types" ? REFERENCE : "rgba(29,39,51,.75)";
+  pen.lineWidth = view.scale > 6 ? 1.8 : 1.4;
+  pen.setLineDash([2, 3]);
+  pen.stroke();
+  pen.setLineDash([]);
   pen.fillStyle = view.mode === "types" ? REFERENCE : "rgba(29,39,51,.7)";
   for (const road of view.scale > 2.5 ? roads : []) { // a dot where s is 0
     pen.beginPath();
