@@ -36,7 +36,7 @@ def data(html: str) -> dict[str, Any]:
 
 
 def line(steps: list[int], origin: list[float]) -> Floats:
-    return np.cumsum(np.array(steps).reshape(-1, 2), axis=0) / 100.0 + np.array(origin)
+    return np.asarray(np.cumsum(np.array(steps).reshape(-1, 2), axis=0) / 100.0 + np.array(origin))
 
 
 def rows(html: str) -> list[list[str]]:
