@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.metadata
 import json
 import os
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import duckdb
 import pandas as pd
 
+import resim
 from resim.core.errors import InputError
-from resim.pipeline import Resimulation, map_name
+from resim.pipeline import MapCheck, Resimulation, map_name
 from resim.scenario.jscen import write_jscen
 
-MARK = "run.json"
-"""The file that tells a results folder from others."""
+
+@dataclass(frozen=True)
+class Results:
+    """A kind of results folder: the file that tells it from others, and the names of all that resim writes there."""
+
+    mark: str
+    names: re.Pattern[str]
 
 
-def check_output(folder: Path) -> None:
+RUN = Results(
+    "run.json",
+    re.compile(r"(run|report)\.json|report\.html|tracks\.parquet|r?(GT|SD)\.jscen\.json|[\w.-]+\.xodr"),
+)
+CONVERSION = Results("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
+
+
+def check_output(folder: Path, kind: Results = RUN) -> None:
     """Refuse, before any work is done, a folder that must not be replaced."""
     remedy = "Name another with --out."
     try:
@@ -34,15 +49,13 @@ def check_output(folder: Path) -> None:
         held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     except OSError as e:
         raise InputError(folder, f"cannot be used: {e.strerror}", remedy) from e
-    if held and not _is_result(folder / MARK):
-        raise InputError(folder, f"exists and is not a results folder (it has no {MARK} of resim's)", remedy)
-    if strange := [name for name in held if not _WRITTEN.fullmatch(name)]:
+    if held and not _is_result(folder / kind.mark):
+        problem = f"exists and is not a results folder (it has no {kind.mark} of resim's)"
+        raise InputError(folder, problem, remedy)
+    if strange := [name for name in held if not kind.names.fullmatch(name)]:
         raise InputError(
             folder, f"holds {strange[0]}, which is no result of resim's and would be lost", remedy
         )
-
-
-_WRITTEN = re.compile(r"(run|report)\.json|report\.html|tracks\.parquet|r?(GT|SD)\.jscen\.json|[\w.-]+\.xodr")
 
 
 def _is_result(mark: Path) -> bool:
@@ -53,9 +66,9 @@ def _is_result(mark: Path) -> bool:
 
 
 @contextlib.contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
+def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
     """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
-    check_output(folder)
+    check_output(folder, kind)
     folder = folder.absolute()
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
@@ -77,6 +90,23 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         raise InputError(folder, f"cannot be written: {e}", "Name another with --out.") from e
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a file beside to write; it takes the place of `path` if all went well, else it is gone."""
+    path = path.absolute()
+    if path.is_dir():
+        raise InputError(path, "is a folder, expected a file to write", "Name a file with --out.")
+    beside = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield beside
+        beside.replace(path)
+    except OSError as e:
+        raise InputError(path, f"cannot be written: {e}", "Name another with --out.") from e
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def write_json(data: Any, path: Path) -> None:
@@ -101,4 +131,14 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
         write_jscen(scenario, folder / f"{name}.jscen.json")
     write_parquet(result.tracks_frame(), folder / "tracks.parquet")
     write_json(result.report(), folder / "report.json")
-    write_json(result.provenance(), folder / MARK)
+    write_json(result.provenance(), folder / RUN.mark)
+
+
+def write_conversion(found: MapCheck, folder: Path) -> None:
+    """Write the SUMO net of a map and conversion.json: what is wrong in the map, and every lane's error."""
+    name = map_name(found.network.path).removesuffix(".xodr")
+    shutil.copyfile(found.net.path, folder / f"{name}.net.xml")
+    versions = {p: importlib.metadata.version(p) for p in ("eclipse-sumo", "shapely", "numpy")}
+    write_json(
+        {"versions": {"resim": resim.__version__, **versions}, **found.report()}, folder / CONVERSION.mark
+    )

@@ -27,8 +27,6 @@ MAP = """<OpenDRIVE><header revMajor="1" revMinor="6"/>{extra}<road id="7" lengt
 <lanes><laneSection s="0"><center><lane id="0" type="none"/></center><right>
 <lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right></laneSection></lanes>
 </road></OpenDRIVE>"""
-DIRECT = """<junction id="5" name="" type="direct"><connection id="0" incomingRoad="7" linkedRoad="7"
-contactPoint="start"><laneLink from="-1" to="-1"/></connection></junction>"""
 GT = "t,id,x,y,heading,v,length,width,kind\n" + "".join(
     f"{t / 10},{name},{x + 2.0 * t},-1.75,0.0,20.0,4.7,1.9,car\n"
     for t in range(20)
@@ -201,27 +199,27 @@ def test_a_recording_that_is_not_there_is_refused(call: Call, tmp_path: Path) ->
     assert names(tmp_path) == []
 
 
-def test_a_map_that_netconvert_refuses_is_refused(
+def test_a_map_whose_links_lead_nowhere_is_refused_unless_accepted(
     call: Call, recording: Callable[..., Path], tmp_path: Path
 ) -> None:
-    link = '<link><successor elementType="junction" elementId="5"/></link>'
-    folder = recording(road=MAP.format(extra=DIRECT, link=link))
+    link = '<link><successor elementType="road" elementId="99" contactPoint="start"/></link>'
+    folder = recording(road=MAP.format(extra="", link=link))
+    order = ("run", folder, "--build", PILOT, "--out", tmp_path / "out")
     refused(
-        call("run", folder, "--build", PILOT, "--out", tmp_path / "out"),
-        "road.xodr",
-        "netconvert refuses this map",
+        call(*order), "road.xodr", "MISSING_ROAD", "road 7: its successor is road 99", "--accept MISSING_ROAD"
     )
     assert names(tmp_path) == ["drive"]
+    code, out, error = call(*order, "--accept", "MISSING_ROAD")
+    assert code == 0, error
+    assert "note: road.xodr: MISSING_ROAD" in out
 
 
-def test_a_real_map_that_netconvert_refuses_is_refused(
-    call: Call, recording: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_a_real_map_in_pieces_is_refused(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
     road = DATA / "xodr" / "edge_cases" / "od_newmarket.xodr"
     if not road.is_file():
         pytest.skip("the shared data are not on this machine")
     answer = call("run", recording(road=road), "--build", PILOT, "--out", tmp_path / "out")
-    refused(answer, "road.xodr", "netconvert refuses this map")
+    refused(answer, "road.xodr", "LINE_GAP: road 29", "jumps by 64.428 m")
     assert names(tmp_path) == ["drive"]
 
 

@@ -15,7 +15,7 @@ from resim.ingest import Recording
 from resim.pipeline import Options, resimulate
 from resim.scenario.jscen import read_jscen
 from resim.sim.adfunction import Build
-from resim.store import MARK, check_output, whole_folder, write_json, write_parquet, write_resimulation
+from resim.store import RUN, check_output, whole_folder, write_json, write_parquet, write_resimulation
 
 
 def names(folder: Path) -> list[str]:
@@ -31,7 +31,7 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
 
 
 def mark(folder: Path, text: str) -> None:
-    (folder / MARK).write_text(json.dumps({"versions": {"resim": text}}))
+    (folder / RUN.mark).write_text(json.dumps({"versions": {"resim": text}}))
 
 
 def fail(out: Path, error: type[BaseException]) -> None:
@@ -53,7 +53,7 @@ def test_a_failure_leaves_nothing_behind_and_the_old_results_as_they_were(
     with pytest.raises(error):
         fail(out, error)
     assert names(tmp_path) == ["out"]
-    assert "old" in (out / MARK).read_text()
+    assert "old" in (out / RUN.mark).read_text()
 
 
 def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
         with whole_folder(out) as folder:
             mark(folder, str(k))
             (folder / f"map{k}.xodr").touch()
-    assert names(out) == ["map1.xodr", MARK]
+    assert names(out) == ["map1.xodr", RUN.mark]
     assert names(tmp_path) == ["out"]
 
 
@@ -98,7 +98,7 @@ def test_files_of_others_in_a_results_folder_are_not_lost(tmp_path: Path) -> Non
         check_output(out)
     foreign = tmp_path / "foreign"
     foreign.mkdir()
-    (foreign / MARK).write_text('{"my": "run"}')
+    (foreign / RUN.mark).write_text('{"my": "run"}')
     with pytest.raises(InputError, match="is not a results folder"):
         check_output(foreign)
     with pytest.raises(InputError, match="File name too long"):

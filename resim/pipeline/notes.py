@@ -9,17 +9,18 @@ import numpy as np
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
+from resim.pipeline.maps import MapCheck
 from resim.pipeline.result import Basis, Branch, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
-from resim.road.sumo import SumoNet
+from resim.road.sumo import LaneError
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
 
 GAP = 1.0
 """Time [s] for which a trace is bridged where nothing was seen; an object seen again later is another one."""
 
-MOST_LANES = 5
+MOST_LINES = 3
 
 OFF_ROAD = 0.1
 """Share of the EGO's samples on no driving lane from which on the map is worth a look."""
@@ -31,17 +32,16 @@ HEADING = 0.2
 def notes(
     recording: Recording,
     build: Build,
-    net: SumoNet,
-    network: RoadNetwork,
+    checked: MapCheck,
     measured: Mapping[Basis, Tracks],
     described: Mapping[Basis, Scenario],
     branches: Mapping[Basis, Branch],
     errors: Mapping[str, Errors],
 ) -> Iterator[str]:
     """Give one line for each thing that qualifies the results."""
-    yield from _inexact(recording.map.name, net, network, measured)
+    yield from _map(checked, measured)
     yield from _who_drove(recording, build)
-    yield from _plausible(recording, network, measured["GT"], errors)
+    yield from _plausible(recording, checked.network, measured["GT"], errors)
     for basis, scenario in described.items():
         yield from _described(basis, measured[basis], scenario)
     for basis, branch in branches.items():
@@ -53,27 +53,34 @@ def notes(
         yield from _sensed(recording, measured, errors)
 
 
-def _inexact(
-    name: str, net: SumoNet, network: RoadNetwork, measured: Mapping[Basis, Tracks]
-) -> Iterator[str]:
-    """The lanes that somebody drove on and that the SUMO net has not, or not exactly."""
-    bad = {lane.key: lane for lane in net.conversion.bad}
+def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
+    """What is wrong with the lanes that somebody drove on, in the map and in its SUMO net."""
+    network, name = checked.network, checked.network.path.name
+    yield from (f"{name}: {flaw.code}: {flaw.text}" for flaw in checked.flaws if flaw.severity == "error")
     touched: set[LaneKey] = set()
-    for tracks in measured.values() if bad else ():
+    for tracks in measured.values():
         found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
         places = set(
             zip(found.road.tolist(), found.lane.tolist(), np.round(found.s, 1).tolist(), strict=True)
         )
         touched |= {LaneKey(r, network.roads[r].section_index(s), lane) for r, lane, s in places if s == s}
-    hit = [lane for key, lane in bad.items() if key in touched]
-    for lane in hit[:MOST_LANES]:
-        what = (
-            "is not in the SUMO net" if lane.worst is None else f"is {lane.worst:.3f} m off in the SUMO net"
-        )
-        why = f" ({lane.remark})" if lane.remark else f" at s = {lane.s:g} m"
-        yield f"{name}: {lane.key}, which traces touch, {what}{why}"
-    if len(hit) > MOST_LANES:
-        yield f"{name}: {len(hit) - MOST_LANES} more such lanes"
+    roads = {key.road for key in touched}
+    doubts = [f"{f.code}: {f.text}" for f in checked.flaws if f.severity == "warning" and f.road in roads]
+    yield from _some(name, doubts)
+    bad = [lane for lane in checked.net.conversion.bad if lane.key in touched]
+    yield from _some(name, [_inexact(lane) for lane in bad])
+
+
+def _inexact(lane: LaneError) -> str:
+    what = "is not in the SUMO net" if lane.worst is None else f"is {lane.worst:.3f} m off in the SUMO net"
+    return f"{lane.key}, which traces touch, {what} ({lane.remark or f'at s = {lane.s:g} m'})"
+
+
+def _some(name: str, lines: list[str]) -> Iterator[str]:
+    """The first lines, and how many more there are."""
+    yield from (f"{name}: {line}" for line in lines[:MOST_LINES])
+    if len(lines) > MOST_LINES:
+        yield f"{name}: and {len(lines) - MOST_LINES} more on roads that were driven"
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +17,11 @@ from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
+from resim.pipeline.maps import check_map, refuse_flaws
 from resim.pipeline.notes import GAP, notes
 from resim.pipeline.result import Basis, Branch, Options, Resimulation
-from resim.road.opendrive import RoadNetwork, load
-from resim.road.sumo import SumoNet, sumo_net
+from resim.road.opendrive import RoadNetwork
+from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build
 from resim.sim.dynamics import VehicleModel
@@ -53,13 +54,18 @@ def resimulate(
     options: Options = Options(),
     *,
     model: VehicleModel | None = None,
+    accept: Collection[str] = (),
     progress: Progress = lambda stage: None,
 ) -> Resimulation:
-    """Re-simulate a recording with a build, on each basis that the recording has, and compare every step."""
+    """Re-simulate a recording with a build, on each basis that the recording has, and compare every step.
+
+    accept: codes of errors in the map in spite of which to go on; InputError for any other.
+    """
     clock = _Clock(progress)
     with clock.stage("map"):
-        network = load(recording.map)
-        net = sumo_net(network)
+        checked = check_map(recording.map)
+        network, net = checked.network, checked.net
+        refuse_flaws(network, checked.flaws, accept)
     whole = _measured(recording)
     measured = {basis: tracks.split(GAP, keep=recording.ego) for basis, tracks in whole.items()}
     described: dict[Basis, Scenario] = {}
@@ -92,7 +98,7 @@ def resimulate(
         described=described,
         branches=branches,
         errors=errors,
-        warnings=tuple(notes(recording, build, net, network, measured, described, branches, errors)),
+        warnings=tuple(notes(recording, build, checked, measured, described, branches, errors)),
         times=clock.times,
         hashes={
             "build": build.hash,

@@ -63,15 +63,23 @@ def ways(graph: Graph, start: LaneKey, inside: Collection[str]) -> Iterator[tupl
         stack += [(*way, after) for after in reversed(graph[way[-1]]) if after not in way]
 
 
-def inner_roads(network: RoadNetwork, graph: Graph) -> frozenset[str]:
-    """Give the roads of junctions on which one can drive from a road outside to another.
+def passed_lanes(network: RoadNetwork, graph: Graph) -> frozenset[LaneKey]:
+    """Give the lanes inside of junctions over which one can drive from a road outside to another."""
+    inside = {road.id for road in network.roads.values() if road.junction is not None}
+    starts = [key for key in graph if key.road not in inside]
+    return frozenset(
+        key for start in starts for way in ways(graph, start, inside) for key in way if key.road in inside
+    )
+
+
+def inner_roads(network: RoadNetwork, passed: Collection[LaneKey]) -> frozenset[str]:
+    """Give the roads of junctions on which one can drive from a road outside to another (`passed_lanes`).
 
     A junction's road whose driving lanes all lead nowhere, or come from nowhere, is not among them.
     """
     inside = {road.id for road in network.roads.values() if road.junction is not None}
-    starts = [key for key in graph if key.road not in inside]
-    passed = {key.road for start in starts for way in ways(graph, start, inside) for key in way}
-    return frozenset(name for name in inside if name in passed or not _drivable(network.roads[name]))
+    through = {key.road for key in passed}
+    return frozenset(name for name in inside if name in through or not _drivable(network.roads[name]))
 
 
 def _drivable(road: Road) -> bool:

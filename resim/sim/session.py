@@ -32,7 +32,7 @@ Placed: TypeAlias = tuple[str, float, float, float, float]
 _TYPE = "guided"
 _MATCH = 5.0  # m; moveToXY scans every lane within this distance
 _TYPES = f"""<additional>
-    <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="10000" speedFactor="10" speedDev="0" sigma="0"/>
+    <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="10000" speedFactor="10000" speedDev="0" sigma="0"/>
 </additional>
 """
 

@@ -69,15 +69,15 @@ DOUBLE = '<paramPoly3 aU="0" bU="200" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/
 @pytest.mark.parametrize(
     ("plan", "severity", "code", "s", "value", "says"),
     [
-        (geometry(0, 0, 50) + geometry(50, 50.45, 50), "warning", "gap", 50, 0.45, "jumps by 0.450 m"),
-        (geometry(0, 0, 50) + geometry(50, 50, 50, y=2), "error", "gap", 50, 2.0, "jumps by 2.000 m"),
-        (geometry(0, 0, 50) + geometry(50, 50, 50, heading=0.05), "note", "kink", 50, 0.05, "kink of 0.050 rad"),
-        (geometry(0, 0, 50) + geometry(50, 50, 50, heading=6.0), "warning", "kink", 50, 0.2832, "kink"),
-        (geometry(0, 0, 60) + geometry(50, 50, 50), "warning", "overlap", 50, 10, "s=50.000 m begins 10.000 m before"),
-        (geometry(0, 0, 40) + geometry(50, 50, 50), "warning", "hole", 50, 10, "begins 10.000 m behind the end"),
-        (geometry(0, 0, 0) + LINE, "note", "empty", 0, 0, "has no length and is passed over"),
-        (geometry(0, 0, 100, curve=DOUBLE), "warning", "stretched", 0, 100, "is 200.000 m long, its length"),
-        (geometry(0, 0, 99), "warning", "length", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
+        (geometry(0, 0, 50) + geometry(50, 50.45, 50), "warning", "LINE_GAP", 50, 0.45, "jumps by 0.450 m"),
+        (geometry(0, 0, 50) + geometry(50, 50, 50, y=2), "error", "LINE_GAP", 50, 2.0, "jumps by 2.000 m"),
+        (geometry(0, 0, 50) + geometry(50, 50, 50, heading=0.05), "note", "KINK", 50, 0.05, "kink of 0.050 rad"),
+        (geometry(0, 0, 50) + geometry(50, 50, 50, heading=6.0), "warning", "KINK", 50, 0.2832, "kink"),
+        (geometry(0, 0, 60) + geometry(50, 50, 50), "warning", "ELEMENT_OVERLAP", 50, 10, "begins 10.000 m before"),
+        (geometry(0, 0, 40) + geometry(50, 50, 50), "warning", "ELEMENT_HOLE", 50, 10, "begins 10.000 m behind"),
+        (geometry(0, 0, 0) + LINE, "note", "EMPTY_ELEMENT", 0, 0, "has no length and is passed over"),
+        (geometry(0, 0, 100, curve=DOUBLE), "warning", "STRETCHED", 0, 100, "is 200.000 m long, its length"),
+        (geometry(0, 0, 99), "warning", "ROAD_LENGTH", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
     ],
 )  # fmt: skip
 def test_reference_lines(found, plan, severity, code, s, value, says):
@@ -102,13 +102,13 @@ def cubic(a, b=0.0, c=0.0, tag="width"):
 @pytest.mark.parametrize(
     ("inside", "kind", "severity", "code", "s", "value"),
     [
-        (cubic(0.75, -0.04, 0.0004), "driving", "error", "negative-width", 50, -0.25),
-        (cubic(0.75, -0.04, 0.0004), "shoulder", "warning", "negative-width", 50, -0.25),
-        (cubic(3.0, -0.0302), "driving", "warning", "negative-width", 100, -0.02),
-        (cubic(2.0, tag="border"), "driving", "error", "negative-width", 0, -2.0),
-        (cubic(3.0, 0.2), "driving", "warning", "wide", 100, 23.0),
-        ("", "driving", "error", "no-width", 0, math.nan),
-        ("", "border", "note", "no-width", 0, math.nan),
+        (cubic(0.75, -0.04, 0.0004), "driving", "error", "NEGATIVE_WIDTH", 50, -0.25),
+        (cubic(0.75, -0.04, 0.0004), "shoulder", "warning", "NEGATIVE_WIDTH", 50, -0.25),
+        (cubic(3.0, -0.0302), "driving", "warning", "NEGATIVE_WIDTH", 100, -0.02),
+        (cubic(2.0, tag="border"), "driving", "error", "NEGATIVE_WIDTH", 0, -2.0),
+        (cubic(3.0, 0.2), "driving", "warning", "WIDE_LANE", 100, 23.0),
+        ("", "driving", "error", "NO_WIDTH", 0, math.nan),
+        ("", "border", "note", "NO_WIDTH", 0, math.nan),
     ],
 )
 def test_lanes(found, inside, kind, severity, code, s, value):
@@ -122,24 +122,24 @@ def test_lanes(found, inside, kind, severity, code, s, value):
 
 def test_a_section_behind_the_end_of_its_road(found):
     (flaw,) = found(road("1", LINE, LANES + section(lane(-1), 120)))
-    assert (flaw.severity, flaw.code, flaw.section, flaw.value) == ("warning", "section-beyond-end", 1, 20.0)
+    assert (flaw.severity, flaw.code, flaw.section, flaw.value) == ("warning", "SECTION_BEYOND_END", 1, 20.0)
 
 
 def test_no_lane_to_drive_on(found):
-    assert told(found(road("1", LINE, section(lane(-1, kind="sidewalk"))))) == [("error", "no-driving-lane")]
+    assert told(found(road("1", LINE, section(lane(-1, kind="sidewalk"))))) == [("error", "NO_DRIVING_LANE")]
 
 
 def test_a_sign_that_shows_no_speed(found):
     sign = '<signal id="9" s="20" orientation="+" country="DE" type="274" value="13.9" unit="km/h"/>'
     (flaw,) = found(road("1", LINE, LANES, extra=f"<signals>{sign}</signals>"))
-    assert (flaw.severity, flaw.code, flaw.s) == ("warning", "speed-sign", 20.0)
+    assert (flaw.severity, flaw.code, flaw.s) == ("warning", "SPEED_SIGN", 20.0)
     assert "sign 9 at s=20.000 m (country=DE, type=274, value=13.9, unit=km/h)" in flaw.text
 
 
 def test_flaws_can_be_written_as_json(found):
     (flaw,) = found(road("1", LINE, section(lane(-1, kind="sidewalk"))))
     assert json.loads(json.dumps(flaw.to_json(), allow_nan=False)) == {
-        "severity": "error", "code": "no-driving-lane", "road": None, "section": None, "lane": None, "s": None,
+        "severity": "error", "code": "NO_DRIVING_LANE", "road": None, "section": None, "lane": None, "s": None,
         "value": None, "unit": "", "text": "the map has no lane that vehicles drive on",
     }  # fmt: skip
 
@@ -147,7 +147,7 @@ def test_flaws_can_be_written_as_json(found):
 def test_links_to_what_is_not_there(found):
     links = link("predecessor", "77") + link("successor", "5", kind="junction")
     assert [(f.code, f.s) for f in found(road("1", LINE, LANES, links=links))] == [
-        ("missing-junction", 100.0), ("missing-road", 0.0)]  # fmt: skip
+        ("MISSING_JUNCTION", 100.0), ("MISSING_ROAD", 0.0)]  # fmt: skip
 
 
 def pair(gap=0.0, y=0.0, *, back=True, to=-1, width=WIDTH, contact="start"):
@@ -161,28 +161,28 @@ def pair(gap=0.0, y=0.0, *, back=True, to=-1, width=WIDTH, contact="start"):
 
 def test_roads_that_follow_each_other(found):
     assert found(*pair()) == ()
-    assert told(found(*pair(back=False))) == [("warning", "one-sided")]
+    assert told(found(*pair(back=False))) == [("warning", "ONE_SIDED")]
     assert told(found(*pair(gap=0.5))) == [
-        ("warning", "lane-gap"),
-        ("note", "road-gap"),
-        ("note", "road-gap"),
+        ("warning", "LANE_GAP"),
+        ("note", "ROAD_GAP"),
+        ("note", "ROAD_GAP"),
     ]
     (worst, *_) = found(*pair(y=-3.0))
     assert (worst.severity, worst.code, worst.lane, worst.value) == (
-        "error",
-        "lane-gap",
+        "warning",
+        "LANE_GAP",
         -1,
         pytest.approx(3.0),
     )
     assert "lane -1: its end is 3.000 m from lane -1 of road 2, section 0" in worst.text
     (flaw,) = found(*pair(to=-4))
-    assert (flaw.code, flaw.severity, flaw.s) == ("missing-lane", "error", 100.0)
+    assert (flaw.code, flaw.severity, flaw.s) == ("MISSING_LANE", "error", 100.0)
     assert "its successor is lane -4, which road 2 has not in its section 0" in flaw.text
 
 
 def test_the_contact_point_says_which_end(found):
-    assert "one-sided" in {f.code for f in found(*pair(contact="end"))}
-    assert any(f.code == "lane-gap" and f.value > 49.0 for f in found(*pair(contact="end")))
+    assert "ONE_SIDED" in {f.code for f in found(*pair(contact="end"))}
+    assert any(f.code == "LANE_GAP" and f.value > 49.0 for f in found(*pair(contact="end")))
 
 
 def test_lanes_of_no_width_need_not_meet(found):
@@ -191,9 +191,9 @@ def test_lanes_of_no_width_need_not_meet(found):
 
 def test_sections_of_a_road(found):
     one = section(lane(-1, links=[("successor", -2)]))
-    assert told(found(road("1", LINE, one + section(lane(-1) + lane(-2), 50)))) == [("error", "lane-gap")]
+    assert told(found(road("1", LINE, one + section(lane(-1) + lane(-2), 50)))) == [("warning", "LANE_GAP")]
     (flaw,) = found(road("1", LINE, one + section(lane(-1), 50)))
-    assert (flaw.code, flaw.section, flaw.s) == ("missing-lane", 0, 50.0)
+    assert (flaw.code, flaw.section, flaw.s) == ("MISSING_LANE", 0, 50.0)
 
 
 def junction(*lane_links, incoming="1", connecting="3", kind="default"):
@@ -215,13 +215,13 @@ def crossing(*lane_links, y=0.0, **connection):
 
 def test_junctions(found):
     assert found(*crossing((-1, -1))) == ()
-    assert told(found(*crossing((-1, -1), connecting="9"))) == [("warning", "missing-road")]
+    assert told(found(*crossing((-1, -1), connecting="9"))) == [("error", "MISSING_ROAD")]
     (first, second) = found(*crossing((-3, -2)))
     assert {first.text, second.text} == {
         "junction 5, connection 0: road 1 has no lane -3 there",
         "junction 5, connection 0: road 3 has no lane -2 there",
     }
-    assert told(found(*crossing((-1, -1), y=0.4))) == [("warning", "lane-gap")]
+    assert told(found(*crossing((-1, -1), y=0.4))) == [("warning", "LANE_GAP")]
 
 
 def test_a_direct_junction_links_roads_without_one_between(found):
@@ -262,4 +262,4 @@ def test_what_is_known_of_real_maps(shared_map):
     texts = [flaw.text for flaw in flaws(shared_map("xodr/edge_cases/od_newmarket.xodr"))]
     assert "road 112: its successor is junction 675, which is not in the map" in texts
     (jump, *_) = flaws(shared_map("xodr/edge_cases/sumo_imprecise_geometry.xodr"))
-    assert (jump.code, round(jump.value, 3)) == ("gap", 3.714)
+    assert (jump.code, round(jump.value, 3)) == ("LINE_GAP", 3.714)

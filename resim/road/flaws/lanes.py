@@ -1,8 +1,8 @@
 """Flaws of lane sections, lanes and signs.
 
-no-driving-lane: the map has no lane that vehicles drive on. section-beyond-end: a section begins at or behind
-the end of its road. no-width: a lane has neither width nor border (note unless vehicles drive on it).
-negative-width: below -1 mm (error on a driven lane below -0.1 m). wide: over 20 m. speed-sign: a speed-limit
+NO_DRIVING_LANE: the map has no lane that vehicles drive on. SECTION_BEYOND_END: a section begins at or behind
+the end of its road. NO_WIDTH: a lane has neither width nor border (note unless vehicles drive on it).
+NEGATIVE_WIDTH: below -1 mm (error on a driven lane below -0.1 m). WIDE_LANE: over 20 m. SPEED_SIGN: a speed-limit
 sign says no speed that a sign can show, and is passed over.
 """
 
@@ -28,7 +28,7 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
     lanes = (lane for road in roads for section in road.sections for lane in section.lanes.values())
     if not any(lane.drivable and lane.id for lane in lanes):
         text = "the map has no lane that vehicles drive on"
-        yield Flaw("error", "no-driving-lane", None, None, None, None, math.nan, "", text)
+        yield Flaw("error", "NO_DRIVING_LANE", None, None, None, None, math.nan, "", text)
     for road in roads:
         yield from _signs(road)
         for index, section in enumerate(road.sections):
@@ -37,7 +37,7 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
                     f"road {road.id}: its lane section {index} begins at s={section.start:.3f} m, the road "
                     f"ends at {road.length:.3f} m"
                 )
-                yield Flaw("warning", "section-beyond-end", road.id, index, None, section.start,
+                yield Flaw("warning", "SECTION_BEYOND_END", road.id, index, None, section.start,
                            section.start - road.length, "m", text)  # fmt: skip
             elif section.end > section.start:
                 for lane in section.lanes.values():
@@ -52,7 +52,7 @@ def _signs(road: Road) -> Iterator[Flaw]:
                 f"road {road.id}: the speed-limit sign {sign.id} at s={sign.s:.3f} m ({sign.text}) shows no "
                 "speed a sign can show, and is passed over"
             )
-            yield Flaw("warning", "speed-sign", road.id, None, None, sign.s, math.nan, "", text)
+            yield Flaw("warning", "SPEED_SIGN", road.id, None, None, sign.s, math.nan, "", text)
 
 
 def _widths(network: RoadNetwork, road: Road, index: int, section: LaneSection, lane: Lane) -> Iterator[Flaw]:
@@ -60,7 +60,7 @@ def _widths(network: RoadNetwork, road: Road, index: int, section: LaneSection, 
     severity: Severity
     if not lane.widths and not lane.borders:
         severity = "error" if lane.drivable else "note"
-        yield Flaw(severity, "no-width", road.id, index, lane.id, section.start, math.nan, "",
+        yield Flaw(severity, "NO_WIDTH", road.id, index, lane.id, section.start, math.nan, "",
                    f"{where} has neither width nor border")  # fmt: skip
         return
     s = _turning_points(section, lane, min(section.end, road.length))
@@ -68,10 +68,10 @@ def _widths(network: RoadNetwork, road: Road, index: int, section: LaneSection, 
     low, high = int(np.argmin(width)), int(np.argmax(width))
     if width[low] < NEGATIVE:
         severity = "error" if lane.drivable and width[low] < FOLDED else "warning"
-        yield Flaw(severity, "negative-width", road.id, index, lane.id, float(s[low]), float(width[low]), "m",
+        yield Flaw(severity, "NEGATIVE_WIDTH", road.id, index, lane.id, float(s[low]), float(width[low]), "m",
                    f"{where} is {width[low]:.3f} m wide at s={s[low]:.3f} m")  # fmt: skip
     if width[high] > WIDE:
-        yield Flaw("warning", "wide", road.id, index, lane.id, float(s[high]), float(width[high]), "m",
+        yield Flaw("warning", "WIDE_LANE", road.id, index, lane.id, float(s[high]), float(width[high]), "m",
                    f"{where} is {width[high]:.1f} m wide at s={s[high]:.3f} m")  # fmt: skip
 
 

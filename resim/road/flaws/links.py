@@ -1,11 +1,10 @@
 """Flaws of links.
 
-missing-road, missing-junction: a road's link, or a connection, names one that is not there, as in a map that
-was cut out of a larger one. missing-lane: a link names a lane that its road does not have there (error on
-driven lanes). one-sided: a road goes on into another, which does not
-link back. road-gap: the reference lines of linked roads end over 0.1 m apart (note: their lanes may meet all
-the same). lane-gap: the centres of linked lanes end over 0.1 m apart, measured where both are wider than 0.1 m
-(error on driven lanes over 1 m).
+MISSING_ROAD, MISSING_JUNCTION: a road's link, or a connection, names one that is not there, as in a map that
+was cut out of a larger one. MISSING_LANE: a link names a lane that its road does not have there (error on
+driven lanes). ONE_SIDED: a road goes on into another, which does not
+link back. ROAD_GAP: the reference lines of linked roads end over 0.1 m apart (note: their lanes may meet all
+the same). LANE_GAP: the centres of linked lanes end over 0.1 m apart, measured where both are wider than 0.1 m.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 from resim.road.flaws.flaw import Flaw
 from resim.road.opendrive import Connection, Lane, Link, Road, RoadNetwork
 
-APART, TORN = 0.1, 1.0
+APART = 0.1
 NARROW = 0.1
 JUST_INSIDE = 1e-9
 
@@ -55,8 +54,8 @@ def _road_link(network: RoadNetwork, road: Road, at_end: bool, link: Link) -> It
     side, s = ("successor", road.length) if at_end else ("predecessor", 0.0)
     text = f"road {road.id}: its {side} is {link.kind} {link.id}"
     if link.id not in (network.roads if link.kind == "road" else network.junctions):
-        code = f"missing-{link.kind}"
-        yield Flaw("warning", code, road.id, None, None, s, math.nan, "", f"{text}, which is not in the map")
+        code = f"MISSING_{link.kind.upper()}"
+        yield Flaw("error", code, road.id, None, None, s, math.nan, "", f"{text}, which is not in the map")
         return
     if link.kind == "junction" or link.s is not None:
         return
@@ -69,13 +68,13 @@ def _road_link(network: RoadNetwork, road: Road, at_end: bool, link: Link) -> It
     end = "end" if there else "start"
     if not linked:
         says = "which has no link there" if back is None else f"which goes on to {back.kind} {back.id} there"
-        yield Flaw("warning", "one-sided", road.id, None, None, s, math.nan, "",
+        yield Flaw("warning", "ONE_SIDED", road.id, None, None, s, math.nan, "",
                    f"{text} at its {end}, {says}")  # fmt: skip
     if road.junction is None and other.junction is None:
         x, y, _ = network.reference_line([road.id, other.id], [s, other.length if there else 0.0])
         apart = float(np.hypot(x[1] - x[0], y[1] - y[0]))
         if apart > APART:
-            yield Flaw("note", "road-gap", road.id, None, None, s, apart, "m",
+            yield Flaw("note", "ROAD_GAP", road.id, None, None, s, apart, "m",
                        f"{text}, whose {end} is {apart:.3f} m away")  # fmt: skip
 
 
@@ -114,7 +113,7 @@ def _missing_lane(road: Road, index: int, at_end: bool, lane: Lane, target: End,
         f"road {road.id}, lane section {index}, lane {lane.id}: its {'successor' if at_end else 'predecessor'} "
         f"is lane {named}, which road {target.road} has not in its section {target.section}"
     )
-    return Flaw("error" if lane.drivable else "warning", "missing-lane", road.id, index, lane.id,
+    return Flaw("error" if lane.drivable else "warning", "MISSING_LANE", road.id, index, lane.id,
                 min(section.end, road.length) if at_end else section.start, math.nan, "", text)  # fmt: skip
 
 
@@ -138,7 +137,7 @@ def _connection(
 ) -> Iterator[Flaw]:
     absent = [name for name in (connection.incoming, connection.connecting) if name not in network.roads]
     for name in dict.fromkeys(absent):
-        yield Flaw("warning", "missing-road", None, None, None, None, math.nan, "",
+        yield Flaw("error", "MISSING_ROAD", None, None, None, None, math.nan, "",
                    f"{where}: road {name} is not in the map")  # fmt: skip
     if absent:
         return
@@ -152,7 +151,7 @@ def _connection(
         for lane, road, there in ((start, incoming, bool(leaves)),
                                   (to, connecting, to in connecting.sections[enters.section].lanes)):  # fmt: skip
             if not there:
-                yield Flaw("error", "missing-lane", road.id, None, lane, None, math.nan, "",
+                yield Flaw("error", "MISSING_LANE", road.id, None, lane, None, math.nan, "",
                            f"{where}: road {road.id} has no lane {lane} there")  # fmt: skip
         if len(sides) == 1 and leaves and to in connecting.sections[enters.section].lanes:
             joints.append((leaves[0], start, enters, to))
@@ -173,12 +172,11 @@ def _lane_gaps(network: RoadNetwork, joints: list[Joint]) -> Iterator[Flaw]:
     apart = np.where(narrow, 0.0, np.hypot(x2 - x, y2 - y))
     for i in np.flatnonzero(apart > APART).tolist():
         (end, lane, other, into), gap = once[i], float(apart[i])
-        driven = network.roads[end.road].sections[end.section].lanes[lane].drivable
         text = (
             f"road {end.road}, lane section {end.section}, lane {lane}: its {'end' if end.at_end else 'start'} is "
             f"{gap:.3f} m from lane {into} of road {other.road}, section {other.section}, which it is linked to"
         )
-        yield Flaw("error" if driven and gap > TORN else "warning", "lane-gap", end.road, end.section, lane,
+        yield Flaw("warning", "LANE_GAP", end.road, end.section, lane,
                    round(_s(network, end), 6), gap, "m", text)  # fmt: skip
 
 

@@ -1,10 +1,10 @@
 """Flaws of reference lines.
 
-gap: successive elements do not meet, by over 0.01 m (error over 0.5 m). kink: their headings differ by over
-0.01 rad (note; warning over 0.1 rad). overlap, hole: an element begins over 0.01 m before or behind the end of
-the one before (the later one holds; the earlier one is drawn on). empty: an element without length, passed
-over. stretched: the curve of a paramPoly3 is over 1 % and 0.05 m longer or shorter than its length says,
-and s with it. length: the road's declared length is over 0.1 m off that of its elements.
+LINE_GAP: successive elements do not meet, by over 0.01 m (error over 0.5 m). KINK: their headings differ by over
+0.01 rad (note; warning over 0.1 rad). ELEMENT_OVERLAP, ELEMENT_HOLE: an element begins over 0.01 m before or
+behind the end of the one before (the later one holds; the earlier one is drawn on). EMPTY_ELEMENT: an element
+without length, passed over. STRETCHED: the curve of a paramPoly3 is over 1 % and 0.05 m longer or shorter than
+its length says, and s with it. ROAD_LENGTH: the road's declared length is over 0.1 m off that of its elements.
 """
 
 from __future__ import annotations
@@ -51,10 +51,12 @@ def _joints(network: RoadNetwork) -> Iterator[Flaw]:
         at = f"road {road}: at s={after.s:.3f} m the reference line"
         if gap > JUMP:
             severity = "error" if gap > BROKEN else "warning"
-            yield Flaw(severity, "gap", road, None, None, after.s, gap, "m", f"{at} jumps by {gap:.3f} m")
+            yield Flaw(
+                severity, "LINE_GAP", road, None, None, after.s, gap, "m", f"{at} jumps by {gap:.3f} m"
+            )
         if kink > KINK:
             severity = "warning" if kink > SHARP else "note"
-            yield Flaw(severity, "kink", road, None, None, after.s, kink, "rad",
+            yield Flaw(severity, "KINK", road, None, None, after.s, kink, "rad",
                        f"{at} has a kink of {kink:.3f} rad")  # fmt: skip
 
 
@@ -72,7 +74,7 @@ def _stretched(network: RoadNetwork) -> Iterator[Flaw]:
                     f"road {road.id}: the curve of the element at s={element.s:.3f} m is {curve:.3f} m long, its "
                     f"length is given as {element.length:.3f} m"
                 )
-                yield Flaw("warning", "stretched", road.id, None, None, element.s, off, "m", text)
+                yield Flaw("warning", "STRETCHED", road.id, None, None, element.s, off, "m", text)
 
 
 def _distances(road: Road) -> Iterator[Flaw]:
@@ -80,7 +82,7 @@ def _distances(road: Road) -> Iterator[Flaw]:
     for before, after in pairwise(road.geometries):
         early = before.s + before.length - after.s
         if abs(early) > JUMP:
-            code, what = ("overlap", "before") if early > 0.0 else ("hole", "behind")
+            code, what = ("ELEMENT_OVERLAP", "before") if early > 0.0 else ("ELEMENT_HOLE", "behind")
             text = (
                 f"road {road.id}: the element at s={after.s:.3f} m begins {abs(early):.3f} m {what} the end "
                 f"of the one at s={before.s:.3f} m"
@@ -88,11 +90,11 @@ def _distances(road: Road) -> Iterator[Flaw]:
             yield Flaw("warning", code, road.id, None, None, after.s, abs(early), "m", text)
     for s in road.empty:
         text = f"road {road.id}: the element at s={s:.3f} m has no length and is passed over"
-        yield Flaw("note", "empty", road.id, None, None, s, 0.0, "m", text)
+        yield Flaw("note", "EMPTY_ELEMENT", road.id, None, None, s, 0.0, "m", text)
     off = abs(road.declared_length - road.length)
     if off > LENGTH:
         text = (
             f"road {road.id}: its length is declared as {road.declared_length:.3f} m, its elements end at "
             f"{road.length:.3f} m, which is taken"
         )
-        yield Flaw("warning", "length", road.id, None, None, road.length, off, "m", text)
+        yield Flaw("warning", "ROAD_LENGTH", road.id, None, None, road.length, off, "m", text)

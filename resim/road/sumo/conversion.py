@@ -141,14 +141,11 @@ def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversi
     found: dict[LaneKey, list[_Found]] = defaultdict(list)
     for each in _compared(network, _shapes(net), _uses(made, via)):
         found[each.stretch.key].append(each)
-    hidden = {key for way in made.twice for key in way}
     keys = [
         LaneKey(road.id, k, lane) for road in network.roads.values()
         for k, section in enumerate(road.sections) for lane in section.lanes if lane != 0
     ]  # fmt: skip
-    lanes = [
-        _error(network, key, found[key]) if found[key] else _missing(network, key, hidden) for key in keys
-    ]
+    lanes = [_error(network, key, found[key]) if found[key] else _missing(network, key) for key in keys]
     lanes.sort(key=lambda lane: -(lane.worst if lane.worst is not None else np.inf))
     jumps = [
         Jump(c.origin, c.target, round(c.jump, 6), *(round(float(v), 3) for v in c.line[0]))
@@ -210,16 +207,14 @@ def _error(network: RoadNetwork, key: LaneKey, found: list[_Found]) -> LaneError
     )  # fmt: skip
 
 
-def _missing(network: RoadNetwork, key: LaneKey, hidden: set[LaneKey]) -> LaneError:
+def _missing(network: RoadNetwork, key: LaneKey) -> LaneError:
     road = network.roads[key.road]
     section = road.sections[key.section]
     s, end = min(section.start, road.length), min(section.end, road.length)
-    if end - s <= SHORTEST:
-        why = "the lane section has no length"
-    elif key in hidden:
-        why = "another way through the junction links the same lanes"
-    else:
-        why = "no linked way between roads passes this junction lane"
+    empty = end - s <= SHORTEST
+    why = (
+        "the lane section has no length" if empty else "another way through the junction links the same lanes"
+    )
     x, y = network.to_xy(key.road, key.lane, s, 0.0)
     return LaneError(
         *key, section.lanes[key.lane].type, road.junction, (), round(max(end - s, 0.0), 3), None, None, EXACT,

@@ -45,19 +45,25 @@ class Pieces:
     of_lane: Mapping[LaneKey, tuple[Piece, ...]]
 
 
-def cut(network: RoadNetwork, inside: Collection[str]) -> Pieces:
-    """Give the pieces of all roads but those `inside` of junctions, which become junction-internal lanes."""
-    roads = [road for road in network.roads.values() if road.id not in inside]
-    parts = {road.id: list(_parts(road)) for road in roads}
-    nodes = _Nodes(network, {name: len(own) for name, own in parts.items()})
-    for name, own in parts.items():
-        if len(own) == 1 and nodes.name(name, 0) == nodes.name(name, 1):
-            section, start, end = own[0]
+def cut(network: RoadNetwork, inside: Collection[str], passed: Collection[LaneKey]) -> Pieces:
+    """Give the pieces of all lanes but those `passed` inside of junctions, which become junction-internal lanes.
+
+    inside: the roads of `passed`; their other lanes become edges by themselves, linked to nothing.
+    """
+    parts = {road.id: list(_parts(road)) for road in network.roads.values()}
+    count = {name: len(own) for name, own in parts.items() if name not in inside}
+    nodes = _Nodes(network, count)
+    for name in count:
+        if len(parts[name]) == 1 and nodes.name(name, 0) == nodes.name(name, 1):
+            section, start, end = parts[name][0]
             middle = 0.5 * (start + end)
             parts[name] = [(section, start, middle), (section, middle, end)]  # SUMO has no edge in a loop
-    nodes = _Nodes(network, {name: len(own) for name, own in parts.items()})
+    nodes = _Nodes(network, {name: len(parts[name]) for name in count})
     names = _safe_names(network.roads)
-    pieces = [piece for road in roads for piece in _pieces(road, names[road.id], parts[road.id], nodes)]
+    pieces = [
+        piece for road in network.roads.values()
+        for piece in _pieces(road, names[road.id], parts[road.id], nodes, passed)
+    ]  # fmt: skip
     of_lane: dict[LaneKey, list[Piece]] = defaultdict(list)
     for piece in pieces:
         for lane in piece.lanes:
@@ -76,9 +82,12 @@ def _parts(road: Road) -> Iterator[tuple[int, float, float]]:
             yield from ((k, low, high) for low, high in pairwise([*cuts, end]))
 
 
-def _pieces(road: Road, name: str, parts: list[tuple[int, float, float]], nodes: _Nodes) -> Iterator[Piece]:
+def _pieces(
+    road: Road, name: str, parts: list[tuple[int, float, float]], nodes: _Nodes, passed: Collection[LaneKey]
+) -> Iterator[Piece]:
     for i, (section, start, end) in enumerate(parts):
-        lanes = [lane for lane in road.sections[section].lanes if lane != 0]
+        own_lanes = (lane for lane in road.sections[section].lanes if lane != 0)
+        lanes = [lane for lane in own_lanes if LaneKey(road.id, section, lane) not in passed]
         ends = nodes.name(road.id, i), nodes.name(road.id, i + 1)
         for forward in (True, False):
             own = sorted((lane for lane in lanes if road.along(lane) == forward), reverse=not forward)

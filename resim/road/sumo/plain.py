@@ -18,7 +18,7 @@ import numpy as np
 from lxml import etree
 
 from resim.core.geometry import Floats
-from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, ways
+from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, passed_lanes, ways
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo.pieces import Piece, Pieces, cut
 from resim.road.sumo.shapes import Stretch, polylines, sample
@@ -65,19 +65,19 @@ class Connection:
 
 @dataclass(frozen=True, eq=False)
 class Plain:
-    """All that goes into the net. twice: ways over junction lanes that another way between the same lanes hides."""
+    """All that goes into the net."""
 
     pieces: Pieces
     lanes: dict[str, LaneLine]
     connections: tuple[Connection, ...]
-    twice: tuple[tuple[LaneKey, ...], ...]
 
 
 def plain(network: RoadNetwork) -> Plain:
     """Give the lanes of all edges and the connections between them."""
     graph = lane_graph(network)
-    inside = inner_roads(network, graph)
-    pieces = cut(network, inside)
+    passed = passed_lanes(network, graph)
+    inside = inner_roads(network, passed)
+    pieces = cut(network, inside, passed)
     places = [(piece, index, lane) for piece in pieces.all for index, lane in enumerate(piece.lanes)]
     stretches = [Stretch(p.road, p.section, lane, p.start, p.end, p.forward) for p, _, lane in places]
     samples = sample(network, stretches) if stretches else None
@@ -88,27 +88,24 @@ def plain(network: RoadNetwork) -> Plain:
         for (piece, index, _), stretch, line, width in zip(places, stretches, lines, widths, strict=True):
             name = f"{piece.id}_{index}"
             lanes[name] = LaneLine(name, stretch, line, max(float(width), NARROWEST))
-    connections, twice = _connections(network, graph, inside, pieces, lanes)
-    return Plain(pieces, lanes, connections, twice)
+    found = _connected(graph, inside, pieces)
+    return Plain(pieces, lanes, tuple(_with_lines(network, lanes, found)))
 
 
-def _connections(
-    network: RoadNetwork, graph: Graph, inside: Collection[str], pieces: Pieces, lanes: dict[str, LaneLine]
-) -> tuple[tuple[Connection, ...], tuple[tuple[LaneKey, ...], ...]]:
-    found: dict[tuple[str, str], tuple[LaneKey, ...]] = {}
-    twice = []
+Ends = tuple[str, str]
+
+
+def _connected(graph: Graph, inside: Collection[str], pieces: Pieces) -> dict[Ends, tuple[LaneKey, ...]]:
+    """The junction lanes between each linked pair of SUMO lanes; of several ways the first that the file names."""
+    found: dict[Ends, tuple[LaneKey, ...]] = {}
     for key, own in pieces.of_lane.items():
         for before, after in pairwise(own):
             found[_lane(before, key.lane), _lane(after, key.lane)] = ()
-        for way in ways(graph, key, inside):
-            if way[-1] not in pieces.of_lane:
-                continue
-            ends = _lane(own[-1], key.lane), _lane(pieces.of_lane[way[-1]][0], way[-1].lane)
-            if ends in found:
-                twice.append(way[:-1])
-            else:
-                found[ends] = way[:-1]
-    return tuple(_with_lines(network, lanes, found)), tuple(twice)
+        for way in ways(graph, key, inside) if key.road not in inside else ():
+            if way[-1] in pieces.of_lane:
+                ends = _lane(own[-1], key.lane), _lane(pieces.of_lane[way[-1]][0], way[-1].lane)
+                found.setdefault(ends, way[:-1])
+    return found
 
 
 def _lane(piece: Piece, lane: int) -> str:
@@ -116,7 +113,7 @@ def _lane(piece: Piece, lane: int) -> str:
 
 
 def _with_lines(
-    network: RoadNetwork, lanes: dict[str, LaneLine], found: dict[tuple[str, str], tuple[LaneKey, ...]]
+    network: RoadNetwork, lanes: dict[str, LaneLine], found: dict[Ends, tuple[LaneKey, ...]]
 ) -> Iterator[Connection]:
     """Connections with the centre lines of the junction lanes they pass."""
     inner = {key: _whole(network, key) for way in found.values() for key in way}

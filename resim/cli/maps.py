@@ -1,0 +1,128 @@
+"""`resim map`: is a map sound, how exact is its SUMO net, and what does it look like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from resim.cli.app import Accept, BadVerdictError, app
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from resim.pipeline import MapCheck
+    from resim.road.flaws import Flaw
+    from resim.road.sumo import Conversion
+
+maps = typer.Typer(help="Check, convert and plot OpenDRIVE maps.", no_args_is_help=True)
+app.add_typer(maps, name="map")
+
+MOST = 20
+"""Lines of one kind that are printed; conversion.json has them all."""
+
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="OpenDRIVE 1.4 to 1.8 file (.xodr).")]
+
+
+@maps.command("check")
+def check(path: MapFile) -> None:
+    """Look a map over, convert it, and say where it is wrong or its SUMO net not exact."""
+    from resim.pipeline import check_map
+
+    found = check_map(path)
+    _print_map(found)
+    _print_flaws(found.flaws)
+    _print_conversion(found.net.conversion)
+    if problems := found.problems:
+        raise BadVerdictError(f"{path}: {'; '.join(problems)}")
+
+
+@maps.command("convert")
+def convert(
+    path: MapFile,
+    out: Annotated[Path, typer.Option(help="Folder for the net; an earlier one there is replaced.")],
+    accept: Accept = None,
+) -> None:
+    """Write the SUMO net of a map, and how exact each of its lanes is, as numbers and as a picture."""
+    from resim.pipeline import check_map, refuse_flaws
+    from resim.report import write_map_page
+    from resim.store import CONVERSION, check_output, whole_folder, write_conversion
+
+    check_output(out, CONVERSION)
+    found = check_map(path)
+    refuse_flaws(found.network, found.flaws, accept or [])
+    with whole_folder(out, CONVERSION) as folder:
+        write_conversion(found, folder)
+        write_map_page(found.network, folder / "map.html", conversion=found.net.conversion)
+    _print_map(found)
+    _print_flaws(found.flaws)
+    _print_conversion(found.net.conversion)
+    typer.echo(f"net, numbers and picture: {out}")
+
+
+@maps.command("plot")
+def plot(
+    path: MapFile,
+    out: Annotated[
+        Path | None, typer.Option(help="HTML file to write; NAME.html here, if not given.")
+    ] = None,
+) -> None:
+    """Draw a map: lanes with types and ids, junctions, and the errors of its SUMO net as colour."""
+    from resim.core.errors import ConversionError
+    from resim.report import write_map_page
+    from resim.road.opendrive import load
+    from resim.road.sumo import sumo_net
+    from resim.store import whole_file
+
+    network = load(path)
+    try:
+        conversion = sumo_net(network).conversion
+    except ConversionError as error:
+        typer.echo(f"note: drawn without the errors of its net: {error}", err=True)
+        conversion = None
+    target = out or Path(f"{path.stem}.html")
+    with whole_file(target) as beside:
+        write_map_page(network, beside, conversion=conversion)
+    typer.echo(str(target))
+
+
+def _print_map(found: MapCheck) -> None:
+    network = found.network
+    kilometres = sum(road.length for road in network.roads.values()) / 1000.0
+    major, minor = network.header.revision
+    typer.echo(
+        f"{network.path.name}: OpenDRIVE {major}.{minor}, {len(network.roads)} roads ({kilometres:.2f} km), "
+        f"{len(found.net.conversion.lanes)} lanes, {len(network.junctions)} junctions"
+    )
+
+
+def _print_flaws(flaws: Sequence[Flaw]) -> None:
+    for flaw in flaws[:MOST]:
+        typer.echo(f"{flaw.severity:7}  {flaw.code}  {flaw.text}")
+    if len(flaws) > MOST:
+        typer.echo(f"... and {len(flaws) - MOST} more")
+    if not flaws:
+        typer.echo("no flaw found in the map")
+
+
+def _print_conversion(conversion: Conversion) -> None:
+    there = [lane for lane in conversion.lanes if lane.worst is not None]
+    typer.echo(
+        f"SUMO net: {len(there)} of {len(conversion.lanes)} lanes, {conversion.connections} connections; "
+        f"centre lines within {1000.0 * conversion.worst:.1f} mm, {1000.0 * conversion.mean:.2f} mm in the mean"
+    )
+    for lane in conversion.bad[:MOST]:
+        what = "not in the net" if lane.worst is None else f"{1000.0 * lane.worst:.1f} mm off"
+        why = f": {lane.remark}" if lane.remark else ""
+        typer.echo(
+            f"  {lane.key} ({lane.type}) at s = {lane.s:g} m (x {lane.x:g}, y {lane.y:g}): {what}{why}"
+        )
+    if len(conversion.bad) > MOST:
+        typer.echo(f"  ... and {len(conversion.bad) - MOST} more")
+    if conversion.jumps:
+        worst = conversion.jumps[0]
+        typer.echo(
+            f"{len(conversion.jumps)} connection(s) bridge a gap between linked lanes, the widest {worst.gap:.2f} m "
+            f"at x {worst.x:g}, y {worst.y:g}"
+        )

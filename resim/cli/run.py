@@ -1,0 +1,146 @@
+"""`resim run`: one recording, one build."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from resim.cli.app import Accept, BadVerdictError, app
+from resim.core.errors import ResimError
+
+if TYPE_CHECKING:
+    from resim.ingest import Recording
+    from resim.pipeline import Options, Resimulation
+    from resim.sim.adfunction import Build
+    from resim.sim.dynamics import VehicleModel
+
+
+class BasisChoice(StrEnum):
+    """Which measurement the scenarios are made of."""
+
+    gt = "gt"
+    sd = "sd"
+    both = "both"
+
+
+class VehicleChoice(StrEnum):
+    """Which vehicle model moves the EGO."""
+
+    kinematic = "kinematic"
+    single_track = "single-track"
+
+
+@app.command()
+def run(
+    recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
+    build: Annotated[Path, typer.Option(help="Build file (TOML) of the AD function.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results; an earlier result there is replaced.")],
+    basis: Annotated[
+        BasisChoice, typer.Option(help="Re-simulate ground truth, sensor data, or both.")
+    ] = BasisChoice.both,
+    vehicle: Annotated[
+        VehicleChoice, typer.Option(help="Vehicle model of the EGO.")
+    ] = VehicleChoice.kinematic,
+    step: Annotated[float, typer.Option(min=0.001, help="Simulation step [s], whole milliseconds.")] = 0.04,
+    relaxation: Annotated[
+        float, typer.Option(min=0.0, help="Lead-in before the scenario's start [s].")
+    ] = 3.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of every random draw.")] = 0,
+    stop_at_collision: Annotated[
+        bool, typer.Option(help="Whether a collision of the EGO ends the run.")
+    ] = True,
+    accept: Accept = None,
+    gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
+) -> None:
+    """Re-simulate a recording with a build, and report the errors of every step."""
+    from resim.ingest import read_recording
+    from resim.pipeline import Basis, Options
+    from resim.report import write_report
+    from resim.sim.adfunction import load_build
+    from resim.sim.dynamics import Kinematic, SingleTrack
+    from resim.store import check_output, whole_folder, write_resimulation
+
+    check_output(out)
+    measured, pinned = read_recording(recording), load_build(build)
+    if basis is BasisChoice.sd and measured.sd is None:
+        raise ResimError(
+            f"{recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
+        )
+    bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
+    options = Options(
+        bases=bases[basis.value],
+        step=step,
+        relaxation=relaxation,
+        seed=seed,
+        stop_at_collision=stop_at_collision,
+        gui=gui,
+    )
+    model = SingleTrack() if vehicle is VehicleChoice.single_track else Kinematic()
+    result = _with_progress(measured, pinned, options, model, accept or [])
+    with whole_folder(out) as folder:
+        write_resimulation(result, folder)
+        write_report(result, folder / "report.html")
+    _print_table(result)
+    typer.echo(f"\nreport: {out / 'report.html'}")
+    if result.failure:
+        raise BadVerdictError(result.failure)
+
+
+def _with_progress(
+    recording: Recording, build: Build, options: Options, model: VehicleModel, accept: list[str]
+) -> Resimulation:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from resim.pipeline import STAGES, resimulate
+
+    bases = [b for b in options.bases if b == "GT" or recording.sd is not None]
+    stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s == "fit GT" or s[-2:] in bases]
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        console=console, transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("start", total=len(stages))
+
+        def tell(stage: str) -> None:
+            bar.update(task, description=stage, completed=stages.index(stage))
+
+        return resimulate(recording, build, options, model=model, accept=accept, progress=tell)
+
+
+def _print_table(result: Resimulation) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    report = result.report()
+    table = Table(title=f"{result.recording.name}: {result.build.label}, mean ± standard deviation")
+    table.add_column("step")
+    for who in ("EGO", "TO"):
+        for quantity, unit in (("d", "m"), ("Δv", "m/s"), ("Δheading", "rad")):
+            table.add_column(f"{who} {quantity} \\[{unit}]", justify="right")
+    for name, errors in report["errors"].items():
+        cells = [errors[who][q] for who in ("ego", "to") for q in ("d", "v", "heading")]
+        if any(cell is not None for cell in cells):
+            table.add_row(name, *(_mean_and_std(c) for c in cells))
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    console.print(table)
+    for base in ("GT", "rGT", "rSD"):
+        if (did := report["decision"][base]) is not None:
+            at = report["reaction"][base]
+            when = "no braking" if at is None else f"first braking at {at:.2f} s"
+            end = report["end"].get(base, "")
+            console.print(
+                f"{base:>4}: {', '.join(did) or 'no decision'}; {when}{f'; ended by {end}' if end else ''}"
+            )
+    for warning in report["warnings"]:
+        console.print(f"note: {warning}", highlight=False)
+
+
+def _mean_and_std(cell: dict[str, float] | None) -> str:
+    return "–" if cell is None else f"{round(cell['mean'], 3) + 0.0:.3f} ± {cell['std']:.3f}"
