@@ -64,10 +64,10 @@ def _steps(frame: pd.DataFrame) -> dict[str, Floats] | None:
     """Every step of every object in the order of the file: dt, the time that the motion needs, the row after."""
     if len(frame) < 2:
         return None
-    rows = {name: np.flatnonzero(frame["id"].to_numpy(str) == name) for name in frame["id"].unique()}
+    groups = frame.groupby("id", sort=False).indices  # rows of each, in the order of the file
     columns = [frame[c].to_numpy(float) for c in ("t", "x", "y", "heading", "v")]
     parts = []
-    for number, own in enumerate(rows.values()):
+    for number, own in enumerate(groups.values()):
         t, x, y, heading, v = (c[own] for c in columns)
         if len(t) < 2:
             continue

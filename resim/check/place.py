@@ -12,7 +12,7 @@ from resim.check.tracks import PEDESTRIAN, Table, Track, longest_run
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.opendrive import RoadNetwork
 
-EVERY = 0.2
+EVERY = 0.5
 """Time [s] between the places that are looked up."""
 BESIDE = 2.0
 """Distance [m] of a centre from the nearest driving lane from which on it is off the map: the run of an EGO ends

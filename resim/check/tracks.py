@@ -17,6 +17,8 @@ Complex = NDArray[np.complex128]
 Ints = NDArray[np.intp]
 
 PEDESTRIAN = "pedestrian"
+LONE = 1.0
+"""Time step [s] of a table in which no object has two samples: there is nothing that it could decide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ def table_of(
     whole = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
     tracks = [_track(str(name), rows) for name, rows in whole.groupby("id", sort=False)]
     steps = np.concatenate([np.zeros(0), *(np.diff(k.t) for k in tracks)])
-    return Table(source, float(np.median(steps)) if len(steps) else np.nan, tuple(tracks), gt_id)
+    return Table(source, float(np.median(steps)) if len(steps) else LONE, tuple(tracks), gt_id)
 
 
 def _track(name: str, rows: pd.DataFrame) -> Track:

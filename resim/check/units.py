@@ -30,6 +30,8 @@ LIVELY, OFTEN, STILL = 4.0, (0.5, 0.8), 0.004
 quantiles; changes [rad] that are noise of a heading in radians."""
 BAD, GOOD = 0.3, 0.8
 """Share of places with the road's direction, as they stand and mirrored, that tell a mirrored map frame."""
+ENOUGH = 1000
+"""Places that tell a mirrored frame."""
 MIRROR_FAR = 2.0
 """Distance of SD and GT [m] from which on a mirror image is looked for."""
 
@@ -183,11 +185,9 @@ def _turned(table: Table) -> Table:
     """The table with y turned; headings too where they fit then."""
 
     def heading(track: Track) -> Floats:
-        velocity = np.diff(np.conj(track.p))
-        fits = [
-            np.abs(np.angle(velocity * np.exp(-1j * h[:-1]))).mean() for h in (track.heading, -track.heading)
-        ]
-        return track.heading if len(velocity) and fits[0] < fits[1] else -track.heading
+        way = np.diff(np.conj(track.p))
+        off = [np.abs(np.angle(way * np.exp(-1j * h[:-1]))).sum() for h in (track.heading, -track.heading)]
+        return track.heading if off[0] < off[1] else -track.heading
 
     return table.shaped(heading=heading, p=lambda k: np.conj(k.p))
 
@@ -202,6 +202,8 @@ def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:
     if not some or network is None:
         return None
     p, heading = np.concatenate([k.p for k in some]), np.concatenate([k.heading for k in some])
+    few = slice(None, None, max(len(p) // ENOUGH, 1))
+    p, heading = p[few], heading[few]
 
     def share(p: np.ndarray, heading: Floats) -> float:
         at = network.to_road(p.real, p.imag, heading=heading)

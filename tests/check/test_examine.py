@@ -1,0 +1,245 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resim.check import CODES, examine
+from resim.core.finding import SEVERITIES, Finding
+from resim.ingest import Tables
+
+Read = Callable[[str], Tables]
+Look = Callable[[Tables], tuple[Finding, ...]]
+
+TRUE = {
+    # the sensor derives speed over 1.6 s, so it is 0.8 s late where the object brakes
+    "cut_in_brake": {("SPEED_DISAGREES", "sd", "1")},
+    "rear_end": set(),
+    "overtake": set(),
+}
+
+
+@pytest.mark.parametrize("name", TRUE)
+def test_nothing_false_is_found_in_what_ships(tables: Read, look: Look, name: str) -> None:
+    assert {(f.code, f.source, f.object) for f in look(tables(name))} == TRUE[name]
+
+
+def test_a_late_speed_is_told_with_its_delay(tables: Read, look: Look) -> None:
+    (late,) = look(tables("cut_in_brake"))
+    assert "0.80 s late would explain it" in late.text
+    assert (late.severity, late.unit) == ("note", "m/s")
+    assert 3.5 < late.start < late.end < 9.3
+
+
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def own(frame: pd.DataFrame, name: str = "1") -> pd.Series:
+    return frame["id"] == name
+
+
+def late(frame: pd.DataFrame, t: float = 5.0) -> pd.Series:
+    return frame["t"] > t
+
+
+def put(frame: pd.DataFrame, rows: pd.Series, column: str, value: object) -> pd.DataFrame:
+    out = frame.copy()
+    out.loc[rows, column] = value
+    return out
+
+
+def add(frame: pd.DataFrame, rows: pd.Series, column: str, value: object) -> pd.DataFrame:
+    return put(frame, rows, column, frame.loc[rows, column] + value)
+
+
+def hold(frame: pd.DataFrame) -> pd.DataFrame:
+    rows = own(frame) & (frame["t"] > 4.0) & (frame["t"] < 4.5)
+    first = frame[rows].iloc[0]
+    return put(put(frame, rows, "x", first["x"]), rows, "y", first["y"])
+
+
+def backwards(frame: pd.DataFrame) -> pd.DataFrame:
+    order = np.arange(len(frame))
+    order[[40, 140]] = order[[140, 40]]
+    return frame.iloc[order]
+
+
+def exchanged(frame: pd.DataFrame) -> pd.DataFrame:
+    swap = {"1": "2", "2": "1"}
+    return frame.assign(
+        id=[swap.get(i, i) if t > 5.0 else i for i, t in zip(frame["id"], frame["t"], strict=True)]
+    )
+
+
+def reused(frame: pd.DataFrame) -> pd.DataFrame:
+    frame = frame[~(own(frame) & (frame["t"] > 5.0) & (frame["t"] < 6.0))]
+    return add(frame, own(frame) & late(frame), "x", 60.0)
+
+
+def driven(frame: pd.DataFrame, *, a: float = 0.0, turned: float = 0.0) -> pd.DataFrame:
+    """Object 1 at another speed and heading from 5 s on, reached within 0.2 s, its positions with it."""
+    rows = own(frame)
+    part = frame[rows]
+    ramp = np.clip((part["t"].to_numpy() - 5.0) / 0.2, 0.0, 1.0)
+    v, h = part["v"].to_numpy() + 0.2 * a * ramp, part["heading"].to_numpy() + turned * ramp
+    more = 0.04 * np.cumsum(
+        v * np.exp(1j * h) - part["v"].to_numpy() * np.exp(1j * part["heading"].to_numpy())
+    )
+    for column, value in (("v", v), ("heading", h)):
+        frame = put(frame, rows, column, value)
+    return add(add(frame, rows, "x", more.real), rows, "y", more.imag)
+
+
+def doubled(frame: pd.DataFrame) -> pd.DataFrame:
+    ghost = add(frame[own(frame, "3")], own(frame, "3")[own(frame, "3")], "x", 1.0)
+    return pd.concat([frame, ghost.assign(id="9")]).sort_values("t", kind="stable")
+
+
+def cornered(frame: pd.DataFrame) -> pd.DataFrame:
+    along = 0.5 * frame["length"] * np.cos(frame["heading"])
+    return frame.assign(x=frame["x"] + along, y=frame["y"] + 0.5 * frame["length"] * np.sin(frame["heading"]))
+
+
+def returned(frame: pd.DataFrame) -> pd.DataFrame:
+    rows = own(frame, "3")
+    return put(put(frame, rows, "x", frame.loc[rows, "x"].to_numpy()[::-1]), rows, "heading", np.pi)
+
+
+def degrees(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.assign(heading=np.degrees(frame["heading"]))
+
+
+# code, source, object, change; planted in `overtake`
+PLANTS: tuple[tuple[str, str, str, Change], ...] = (
+    ("MISSING_VALUES", "gt", "1", lambda f: put(f, own(f) & (f["t"] == 3.0), "x", np.nan)),
+    ("MISSING_SAMPLES", "sd", "1", lambda f: f[~(own(f) & f["t"].between(3.0, 3.1))]),
+    ("GAP", "gt", "2", lambda f: f[~(own(f, "2") & f["t"].between(3.0, 4.0))]),
+    ("GAP", "sd", "", lambda f: f[~f["t"].between(3.0, 4.0)]),
+    ("DUPLICATE_SAMPLES", "gt", "1", lambda f: pd.concat([f, f[own(f) & (f["t"] == 3.0)]])),
+    ("REPEATED_SAMPLES", "gt", "1", hold),
+    ("TIME_BACKWARDS", "sd", "ego", backwards),
+    ("CLOCK_JUMP", "gt", "", lambda f: add(f, late(f), "t", 0.3)),
+    ("CLOCK_JUMP", "sd", "", lambda f: add(f, late(f), "t", -0.3)),
+    ("CLOCK_DRIFT", "sd", "", lambda f: f.assign(t=1.05 * f["t"])),
+    ("CLOCK_OFFSET", "sd", "", lambda f: f.assign(t=f["t"] + 0.6)),
+    ("CLOCK_OFFSET", "gt", "1", lambda f: add(f, own(f), "t", 0.6).sort_values("t", kind="stable")),
+    ("ID_REUSED", "gt", "1", reused),
+    ("ID_SWITCH", "gt", "1", exchanged),
+    ("TRACK_BROKEN", "gt", "1", lambda f: put(f, own(f) & late(f), "id", "9")),
+    ("POSITION_JUMP", "gt", "1", lambda f: add(f, own(f) & late(f), "x", 5.0)),
+    ("OUTLIER", "sd", "1", lambda f: add(f, own(f) & (f["t"] == 3.0), "y", 4.0)),
+    ("SPEED_DISAGREES", "gt", "1", lambda f: put(f, own(f), "v", 0.8 * f["v"])),
+    ("HEADING_DISAGREES", "gt", "1", lambda f: add(f, own(f), "heading", 0.2)),
+    ("ACCELERATION", "gt", "1", lambda f: driven(f, a=-25.0)),
+    ("YAW_RATE", "gt", "1", lambda f: driven(f, turned=0.3)),
+    ("OVERLAP", "gt", "3", doubled),
+    ("SIZE_CHANGES", "gt", "1", lambda f: put(f, own(f) & late(f), "length", 6.0)),
+    ("OFF_MAP", "gt", "3", lambda f: add(f, own(f, "3"), "y", -40.0)),
+    ("WRONG_WAY", "gt", "3", returned),
+    ("REFERENCE_POINT", "recording", "ego", cornered),
+    ("SPEED_UNIT", "gt", "", lambda f: f.assign(v=3.6 * f["v"])),
+    ("SPEED_UNIT", "sd", "2", lambda f: put(f, own(f, "2"), "v", 2.237 * f["v"])),
+    ("HEADING_UNIT", "gt", "", degrees),
+    ("MIRRORED_Y", "gt", "", lambda f: f.assign(y=-f["y"], heading=-f["heading"])),
+    ("SD_WITHOUT_GT", "sd", "2", lambda f: put(f, own(f, "2"), "gt_id", "")),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("code", "source", "name", "change"), PLANTS, ids=[f"{p[0]}-{p[1]}-{p[2]}" for p in PLANTS]
+)
+def test_a_planted_fault_is_found_where_it_is(
+    tables: Read, look: Look, code: str, source: str, name: str, change: Change
+) -> None:
+    before = tables("overtake")
+    table = "sd" if source == "sd" else "gt"
+    frame = change(getattr(before, table)).reset_index(drop=True)
+    findings = look(replace(before, **{table: frame}))
+    hit = [f for f in findings if (f.code, f.source, f.object) == (code, source, name)]
+    assert hit, [(f.code, f.source, f.object, f.text) for f in findings]
+    assert hit[0].meaning == CODES[code].meaning
+    assert hit[0].unit or code.endswith("UNIT")
+
+
+def test_every_code_has_a_plant() -> None:
+    assert {p[0] for p in PLANTS} == set(CODES)
+
+
+CAUSES = {
+    "speeds in km/h are not accelerations": ("gt", lambda f: f.assign(v=3.6 * f["v"]), {"SPEED_UNIT"}),
+    "a clock jump is no speed fault": ("gt", lambda f: add(f, late(f), "t", 0.3), {"CLOCK_JUMP"}),
+    "a mirrored frame is no wrong way": ("gt", lambda f: f.assign(y=-f["y"]), {"MIRRORED_Y"}),
+    "a reused id is no gap": ("gt", reused, {"ID_REUSED"}),
+    "degrees are no yaw rate": ("gt", degrees, {"HEADING_UNIT"}),
+    "a held position is no jump": ("gt", hold, {"REPEATED_SAMPLES"}),
+    "a late clock is no reference point": ("sd", lambda f: f.assign(t=f["t"] + 0.6), {"CLOCK_OFFSET"}),
+}
+
+
+@pytest.mark.parametrize("case", CAUSES)
+def test_the_cause_is_told_and_not_its_symptoms(tables: Read, look: Look, case: str) -> None:
+    table, change, codes = CAUSES[case]
+    before = tables("overtake")
+    found = look(replace(before, **{table: change(getattr(before, table)).reset_index(drop=True)}))
+    assert {f.code for f in found} == codes
+
+
+def test_a_delay_that_sensors_have_is_a_note(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    assert before.sd is not None
+    (late_sd,) = look(replace(before, sd=before.sd.assign(t=before.sd["t"] + 0.24)))
+    assert (late_sd.code, late_sd.severity, late_sd.source) == ("CLOCK_OFFSET", "note", "sd")
+    assert late_sd.value == pytest.approx(0.24, abs=0.06)
+
+
+def test_worst_comes_first_and_the_same_comes_again(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    frame = add(before.gt, own(before.gt) & late(before.gt), "x", 30.0)
+    frame = frame[~(own(frame, "2") & frame["t"].between(3.0, 3.1))]
+    faulty = replace(before, gt=add(frame, own(frame, "3") & (frame["t"] == 7.0), "y", 3.0))
+    findings = look(faulty)
+    assert [f.code for f in findings] == ["POSITION_JUMP", "OUTLIER", "MISSING_SAMPLES"]
+    ranks = [SEVERITIES.index(f.severity) for f in findings]
+    assert ranks == sorted(ranks)
+    assert look(faulty) == findings
+
+
+def test_reversing_and_standing_are_no_faults(tables: Read) -> None:
+    t = np.arange(0.0, 10.0, 0.1)
+    v = np.where(t < 4.0, 0.0, -1.5)
+    rest = pd.DataFrame({"t": t, "id": "ego", "x": 10.0 + np.cumsum(v) * 0.1, "y": 0.0, "heading": 0.3, "v": v,
+                         "length": 4.7, "width": 1.9, "kind": "car"})  # fmt: skip
+    rest["x"], rest["y"] = 10.0 + np.cumsum(v) * 0.1 * np.cos(0.3), np.cumsum(v) * 0.1 * np.sin(0.3)
+    assert examine(replace(tables("overtake"), gt=rest, sd=None), None) == ()
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.data())
+def test_no_table_that_can_be_read_makes_it_fail(tables: Read, look: Look, data: st.DataObject) -> None:
+    before = tables("rear_end")
+    rng = np.random.default_rng(data.draw(st.integers(0, 10**6)))
+    frames = {}
+    for name in ("gt", "sd"):
+        frame = getattr(before, name)
+        frame = frame.sample(
+            n=data.draw(st.integers(1, 60)), replace=True, random_state=int(rng.integers(10**6))
+        )
+        frame = frame.copy()
+        for column in ("x", "y", "heading", "v", "t"):
+            kind = data.draw(st.sampled_from(["as is", "noise", "one", "huge", "nan"]))
+            if kind == "noise":
+                frame[column] += rng.normal(0.0, 10.0, len(frame))
+            elif kind == "one":
+                frame[column] = 0.0
+            elif kind == "huge":
+                frame[column] *= 1e6
+            elif kind == "nan" and column != "t":
+                frame[column] = np.where(rng.random(len(frame)) < 0.5, np.nan, frame[column])
+        frames[name] = frame.reset_index(drop=True)
+    findings = look(replace(before, **frames))
+    assert all(f.code in CODES and "\n" not in f.text for f in findings)
