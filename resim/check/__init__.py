@@ -7,13 +7,15 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from resim.check.agreement import clocks, misnamed, pairs, reference_points, strangers
+from resim.check.beside import misnamed, pairs, strangers
 from resim.check.bodies import overlaps, sizes
 from resim.check.clock import in_order
 from resim.check.codes import CODES, Code, Found, worst_first
+from resim.check.delay import clocks
 from resim.check.identity import broken, jumps, parts_of
 from resim.check.motion import heading, limits, speed
 from resim.check.place import places
+from resim.check.reference import reference_points
 from resim.check.samples import duplicates, holes, missing_values, repeated
 from resim.check.tracks import Table, table_of
 from resim.check.units import heading_units, mirrored, speed_units
@@ -59,7 +61,7 @@ def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
     out += more
     if sd is not None:
         sd, more = _motion(sd, network)
-        out += more + list(_both(gt, sd, [f.finding for f in out + more], ego))
+        out += more + list(_both(gt, sd, out + more, ego))
     return worst_first(_causes(out))
 
 
@@ -93,9 +95,10 @@ def _motion(table: Table, network: RoadNetwork | None) -> tuple[Table, list[Foun
     return table, out
 
 
-def _both(gt: Table, sd: Table, known: list[Finding], ego: str) -> Iterator[Found]:
+def _both(gt: Table, sd: Table, known: list[Found], ego: str) -> Iterator[Found]:
     """What the two sources show beside each other, where neither is torn."""
-    aside = {(f.source, f.object) for f in known if f.code in ("OFF_MAP", "WRONG_WAY")}
+    named = [f.finding for f in known]
+    aside = {(f.source, f.object) for f in named if f.code in ("OFF_MAP", "WRONG_WAY")}
     whole = {(k.source, n) for k in (gt, sd) for n, c in Counter(t.id for t in k.tracks).items() if c == 1}
     beside = [
         p

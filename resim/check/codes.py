@@ -121,12 +121,13 @@ CODES: Mapping[str, Code] = {
 class Found:
     """A finding, how many times its threshold it is (the order within a severity), and whether it stands by itself.
 
-    own: it is no symptom, whatever else is found.
+    own: it is no symptom, whatever else is found. other: a second object concerned, "" for none.
     """
 
     finding: Finding
     excess: float
     own: bool = False
+    other: str = ""
 
 
 def found(
@@ -142,6 +143,7 @@ def found(
     severity: Severity | None = None,
     repair: str | None = None,
     own: bool = False,
+    other: str = "",
 ) -> Found:
     """Give a finding with the terms of its code. span: start and end [s]; limit: what value had to exceed."""
     terms = CODES[code]
@@ -150,7 +152,7 @@ def found(
         end=float(span[1]), value=float(value), unit=unit, text=text, meaning=terms.meaning,
         repair=terms.repair if repair is None else repair,
     )  # fmt: skip
-    return Found(finding, abs(float(value)) / limit, own)
+    return Found(finding, abs(float(value)) / limit, own, other)
 
 
 def worst_first(everything: Iterable[Found]) -> tuple[Finding, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from resim.check.codes import Found, found
 from resim.check.tracks import PEDESTRIAN, Complex, Table, Track
-from resim.core.finding import Finding, Severity
+from resim.core.finding import Severity
 from resim.core.geometry import Floats
 
 REACH = 0.6
@@ -192,18 +192,11 @@ def broken(table: Table) -> list[Found]:
         del firsts[other.id]  # it goes on from one track only
         gap = float(other.t[0] - last.t[-1])
         text = f"ends at {last.t[-1]:.2f} s; {other.id!r} begins {gap:.2f} s later {far:.2f} m from where it would be"
-        out.append(
-            found(
-                "TRACK_BROKEN",
-                table.source,
-                name,
-                (last.t[-1], other.t[0]),
-                max(gap, 0.0),
-                "s",
-                text,
-                limit=AFTER_GAP,
-            )
-        )
+        one = found(
+            "TRACK_BROKEN", table.source, name, (last.t[-1], other.t[0]), max(gap, 0.0), "s", text,
+            limit=AFTER_GAP, other=other.id,
+        )  # fmt: skip
+        out.append(one)
     return out
 
 
@@ -225,6 +218,6 @@ def _continues(ended: Track, begun: Track, step: float) -> float | None:
     return float(far) if sizes < 0.3 else None
 
 
-def parts_of(known: list[Finding]) -> set[str]:
+def parts_of(known: list[Found]) -> set[str]:
     """Give the SD ids under which broken tracks go on."""
-    return {f.text.split("'")[1] for f in known if f.code == "TRACK_BROKEN" and f.source == "sd"}
+    return {f.other for f in known if f.finding.code == "TRACK_BROKEN" and f.finding.source == "sd"}
