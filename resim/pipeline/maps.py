@@ -47,10 +47,13 @@ class MapCheck:
         }
 
 
-def check_map(path: Path) -> MapCheck:
-    """Read, examine and convert a map. Raises InputError or ConversionError where it cannot be used at all."""
+def check_map(path: Path, *, cache: Path | None = None) -> MapCheck:
+    """Read, examine and convert a map. cache: of nets, see `sumo_net`.
+
+    Raises InputError or ConversionError where it cannot be used at all.
+    """
     network = load(path)
-    return MapCheck(network, flaws(network), sumo_net(network))
+    return MapCheck(network, flaws(network), sumo_net(network, cache=cache))
 
 
 def refuse_flaws(network: RoadNetwork, found: Sequence[Flaw], accept: Collection[str]) -> None:
