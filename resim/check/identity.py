@@ -116,13 +116,13 @@ def _without_outliers(table: Table, track: Track) -> tuple[Track, list[Found]]:
                 off.append((k + 1, end, float(abs(miss[k]))))
                 used = end
                 break
-    for k in (0, len(miss) - 1):  # a first or last sample off the track cannot come back
-        if len(miss) > 6 and k in big and not any(a <= k + (k > 0) <= b for a, b, _ in off):
-            off.append(
-                (0, 0, float(abs(miss[0])))
-                if k == 0
-                else (len(track) - 1, len(track) - 1, float(abs(miss[k])))
-            )
+    if len(miss) > 6:  # a first or last sample off the track cannot come back
+        for k, sample in ((0, 0), (len(miss) - 1, len(track) - 1)):
+            beside = (
+                track.t[k + 1] - track.t[k] < 1.5 * table.step
+            )  # over a hole it may be the rest that moved
+            if k in big and beside and not any(a <= sample <= b for a, b, _ in off):
+                off.append((sample, sample, float(abs(miss[k]))))
     if not off:
         return track, []
     drop = np.zeros(len(track), dtype=bool)
