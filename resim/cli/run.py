@@ -57,15 +57,15 @@ def run(
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
     """Re-simulate a recording with a build, and report the errors of every step."""
-    from resim.ingest import read_recording
-    from resim.pipeline import Basis, Options
+    from resim.pipeline import Basis, Options, examined
     from resim.report import write_report
     from resim.sim.adfunction import load_build
     from resim.sim.dynamics import Kinematic, SingleTrack
     from resim.store import check_output, whole_folder, write_resimulation
 
     check_output(out)
-    measured, pinned = read_recording(recording), load_build(build)
+    pinned = load_build(build)
+    measured = examined(recording, accept=accept or [])
     if basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
             f"{recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"

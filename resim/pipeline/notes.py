@@ -10,6 +10,7 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import MapCheck
+from resim.pipeline.recordings import finding_line
 from resim.pipeline.result import Basis, Branch, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
@@ -39,6 +40,8 @@ def notes(
     errors: Mapping[str, Errors],
 ) -> Iterator[str]:
     """Give one line for each thing that qualifies the results."""
+    yield from (finding_line(f) for f in recording.findings if f.severity != "note")
+    yield from _repaired(recording)
     yield from _map(checked, measured)
     yield from _who_drove(recording, build)
     yield from _plausible(recording, checked.network, measured["GT"], errors)
@@ -51,6 +54,12 @@ def notes(
             yield f"r{basis}: AD function failed: {branch.run.failure}"
     if "SD" in measured:
         yield from _sensed(recording, measured, errors)
+
+
+def _repaired(recording: Recording) -> Iterator[str]:
+    for source, counts in recording.repaired.items():
+        what = ", ".join(f"{code} {count}" for code, count in counts.items())
+        yield f"{source}: {sum(counts.values())} samples were repaired before ({what})"
 
 
 def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:

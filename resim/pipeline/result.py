@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import math
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ import pandas as pd
 import resim
 from resim import fidelity
 from resim.core.errors import ResimError
+from resim.core.finding import Finding
 from resim.core.geometry import wrap_angle
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
@@ -144,6 +146,8 @@ class Resimulation:
             "end": {name: run.end for name, run in runs.items()},
             "failure": {name: run.failure or None for name, run in runs.items()},
             "warnings": list(self.warnings),
+            "findings": [finding_json(f) for f in self.recording.findings],
+            "repaired": self.recording.repaired,
         }
 
     def provenance(self) -> dict[str, Any]:
@@ -176,6 +180,12 @@ def drove(recording: Recording, build: Build) -> bool | None:
     if not recording.build:
         return None
     return recording.build == build.label and recording.build_hash in (None, build.hash)
+
+
+def finding_json(finding: Finding) -> dict[str, Any]:
+    """Give a finding's fields by name; a number that is NaN is None."""
+    fields = asdict(finding).items()
+    return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in fields}
 
 
 def _minus(later: float | None, earlier: float | None) -> float | None:

@@ -51,6 +51,7 @@ def page(look: View) -> str:
         _section("errors", "Errors of every step", _errors(look)),
         _section("reaction", "Reaction time", _reaction(look)),
         _section("perceived", "What the AD function perceived", _perceived(look)),
+        _section("recording", "Findings in the recording", tables.findings(look)),
         _section("provenance", "Provenance", tables.provenance(look)),
     ]
     css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")

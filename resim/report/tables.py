@@ -200,6 +200,30 @@ def _perceived_rows(view: View, run: str, branch: Branch) -> Iterable[list[str]]
         yield [run, view.label(name), f"{at[0][0].t:.2f} s", f"{at[-1][0].t:.2f} s", str(len(at)), *cells]
 
 
+def findings(view: View) -> str:
+    """Give what the examination of the recording found, worst first, and what was repaired before."""
+    rows = [
+        [
+            f'<span class="{f.severity}">{f.severity}</span>', escape(f.code), escape(f"{f.source} {f.object}"),
+            span_words(f.start, f.end), escape(f.text), escape(f.meaning),
+        ]
+        for f in view.result.recording.findings
+    ]  # fmt: skip
+    head = ["", "code", "where", "when", "what", "what it means"]
+    parts = [table(head, rows, "findings") if rows else "<p>Nothing was found.</p>"]
+    for source, counts in view.result.recording.repaired.items():
+        what = ", ".join(f"{escape(code)} {count}" for code, count in counts.items())
+        parts.append(f"<p>{sum(counts.values())} samples of {source} were repaired before: {what}.</p>")
+    return "".join(parts)
+
+
+def span_words(start: float, end: float) -> str:
+    """Give a span of time in words; a dash where it has none."""
+    if start != start:
+        return NONE
+    return f"{start:.2f} s" if start == end else f"{start:.2f} to {end:.2f} s"
+
+
 def provenance(view: View) -> str:
     """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
     facts = {key: value for key, value in view.result.provenance().items() if key != "times"}

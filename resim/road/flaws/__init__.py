@@ -6,7 +6,32 @@ from resim.road.flaws import lanes, links, planview
 from resim.road.flaws.flaw import SEVERITIES, Flaw, Severity
 from resim.road.opendrive import RoadNetwork
 
-__all__ = ["SEVERITIES", "Flaw", "Severity", "flaws"]
+MAP_CODES = frozenset(
+    {
+        "ELEMENT_HOLE",
+        "ELEMENT_OVERLAP",
+        "EMPTY_ELEMENT",
+        "KINK",
+        "LANE_GAP",
+        "LINE_GAP",
+        "MISSING_JUNCTION",
+        "MISSING_LANE",
+        "MISSING_ROAD",
+        "NEGATIVE_WIDTH",
+        "NO_DRIVING_LANE",
+        "NO_WIDTH",
+        "ONE_SIDED",
+        "ROAD_GAP",
+        "ROAD_LENGTH",
+        "SECTION_BEYOND_END",
+        "SPEED_SIGN",
+        "STRETCHED",
+        "WIDE_LANE",
+    }
+)
+"""Every code that a flaw can have."""
+
+__all__ = ["MAP_CODES", "SEVERITIES", "Flaw", "Severity", "flaws"]
 
 
 def flaws(network: RoadNetwork) -> tuple[Flaw, ...]:
