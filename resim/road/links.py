@@ -104,9 +104,9 @@ def _within(road: Road) -> Iterator[tuple[LaneKey, LaneKey]]:
         ]
         links += [(lane.predecessor, lane.id) for lane in after.lanes.values()]
         for one, other in dict.fromkeys(links):
-            if one and other and road.along(one) == road.along(other):
+            if one and other and road.along(one, k) == road.along(other, k + 1):
                 pair = LaneKey(road.id, k, one), LaneKey(road.id, k + 1, other)
-                yield pair if road.along(one) else pair[::-1]
+                yield pair if road.along(one, k) else pair[::-1]
 
 
 def _between(network: RoadNetwork, end: _End, link: Link | None) -> Iterator[tuple[LaneKey, LaneKey]]:
@@ -153,8 +153,8 @@ def _joined(
     """The pair of lanes that meet where two roads' ends do, if traffic can go from one to the other."""
     if lane == 0 or target == 0:
         return
-    leaves = road.along(lane) == (end.at == "end")
-    enters = other.along(target) == (into.at == "start")
+    leaves = road.along(lane, _last(road, end)) == (end.at == "end")
+    enters = other.along(target, _last(other, into)) == (into.at == "start")
     if leaves != enters:
         return
     pair = LaneKey(road.id, _last(road, end), lane), LaneKey(other.id, _last(other, into), target)

@@ -139,7 +139,9 @@ def test_a_file_too_large_is_refused_before_it_is_read(tmp_path):
     path = tmp_path / "city.xodr"
     with path.open("wb") as file:
         file.truncate(123_000_000)
-    with pytest.raises(InputError, match=r"city\.xodr: has 123 MB; maps of up to 100 MB .* Cut out the part"):
+    with pytest.raises(
+        InputError, match=r"city\.xodr: has 123 MB; files of up to 100 MB .* Cut out the part"
+    ):
         load(path)
 
 

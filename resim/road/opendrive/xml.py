@@ -8,6 +8,7 @@ from pathlib import Path
 from lxml import etree
 
 from resim.core.errors import InputError
+from resim.core.files import read_file
 from resim.core.xml import safe_root
 
 OPEN_IT = "Give an ASAM OpenDRIVE 1.4 to 1.8 file (.xodr)"
@@ -23,15 +24,7 @@ def parse(path: Path) -> etree._Element:
     No entity is resolved and nothing is fetched. Raises InputError where the file is missing, empty, larger
     than 100 MB, not XML, has a DOCTYPE, or another root.
     """
-    try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise InputError(
-                path, f"has {size / 1e6:.0f} MB; maps of up to {LARGEST / 1e6:.0f} MB are read", CUT
-            )
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "Check the path of the map") from None
+    text = read_file(path, "Check the path of the map", largest=LARGEST, too_large=CUT)
     return parse_bytes(text, path)
 
 

@@ -90,7 +90,9 @@ def _pieces(
         lanes = [lane for lane in own_lanes if LaneKey(road.id, section, lane) not in passed]
         ends = nodes.name(road.id, i), nodes.name(road.id, i + 1)
         for forward in (True, False):
-            own = sorted((lane for lane in lanes if road.along(lane) == forward), reverse=not forward)
+            own = sorted(
+                (lane for lane in lanes if road.along(lane, section) == forward), reverse=not forward
+            )
             if own:
                 origin, target = ends if forward else ends[::-1]
                 sign = "" if forward else "-"
@@ -122,7 +124,7 @@ class _Nodes:
         """Give the id of the node at a border of the road's parts."""
         top = self._top(_Border(road, number))
         if top.number < 0:
-            return f"junction.{self._junctions[top.id]}"
+            return f"{self._junctions[top.id]}.junction"
         return f"{self._roads[top.id]}.at{top.number}"
 
     def _link(

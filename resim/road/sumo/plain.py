@@ -136,7 +136,7 @@ def _whole(network: RoadNetwork, key: LaneKey) -> Stretch | None:
     end = min(section.end, road.length)
     if end - section.start < 1e-6:
         return None
-    return Stretch(*key, section.start, end, road.along(key.lane))
+    return Stretch(*key, section.start, end, road.along(key.lane, key.section))
 
 
 def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
