@@ -1,4 +1,6 @@
-"""Times positions to lanes and back, and projections on a path: python tools/bench/road.py [map.xodr ...].
+"""Times positions to lanes and back, projections on a path, and conversion: python tools/bench/road.py [map.xodr ...].
+
+conversion_ratio: our net, measured lane by lane, against netconvert's own import of the map, which is not.
 
 Prints a table, and as the last line a JSON object with its figures.
 """
@@ -7,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +18,8 @@ import numpy as np
 
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.path import lane_path
+from resim.road.sumo import sumo_net
+from resim.road.sumo.netconvert import run_netconvert
 
 HERE = Path(__file__).resolve().parents[2]
 MAPS = [HERE / "networks" / "proving_ground.xodr", HERE.parent / "shared/data/xodr/carla/Town04.xodr"]
@@ -71,9 +76,28 @@ def measure(path: Path) -> dict[str, float]:
     }
 
 
+def conversion(path: Path) -> dict[str, float]:
+    """Time the conversion, the cache, and netconvert's own import, once each."""
+    net = load(path)
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        converted = sumo_net(net, cache=Path(folder))
+        middle = time.perf_counter()
+        sumo_net(net, cache=Path(folder))
+        again = time.perf_counter()
+        run_netconvert(path, ["--opendrive-files", str(path)], Path(folder) / "own.net.xml", time_limit=120.0)
+        end = time.perf_counter()
+        return {
+            "convert_s": middle - begin,
+            "convert_again_ms": 1e3 * (again - middle),
+            "conversion_ratio": (middle - begin) / (end - again),
+            "worst_lane_mm": 1e3 * converted.conversion.worst,
+        }
+
+
 def main(arguments: list[str]) -> int:
     maps = [Path(a) for a in arguments] or [path for path in MAPS if path.is_file()]
-    figures = {path.stem: measure(path) for path in maps}
+    figures = {path.stem: measure(path) | conversion(path) for path in maps}
     width = max(len(name) for name in figures)
     for name, row in figures.items():
         for key, value in row.items():
