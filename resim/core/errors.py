@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+MOST_CHARACTERS = 1500
+
 
 class ResimError(Exception):
-    """Anything that stops a job for a reason the user can read. Commands end with exit code 2."""
+    """Anything that stops a job for a reason the user can read. Commands end with exit code 2.
+
+    The text is one line: what would break it or steer a terminal is escaped, a very long one loses its middle.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(_one_line(text))
 
 
 class InputError(ResimError):
@@ -28,3 +36,10 @@ class ConversionError(ResimError):
 
 class FunctionError(ResimError):
     """The AD function under test raised, answered nonsense or overran its time limit: the run has failed."""
+
+
+def _one_line(text: str) -> str:
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    half = MOST_CHARACTERS // 2
+    return text if len(text) <= MOST_CHARACTERS else f"{text[:half]} ... {text[-half:]}"

@@ -24,7 +24,7 @@ def safe_root(text: bytes, path: Path, *, remedy: str) -> etree._Element:
     try:
         root = etree.fromstring(text, parser)
     except etree.XMLSyntaxError as error:
-        raise InputError(path, f"is not well-formed XML ({error.msg})", remedy) from None
+        raise InputError(path, f"is not well-formed XML ({' '.join(error.msg.split())})", remedy) from None
     if root.getroottree().docinfo.internalDTD is not None:  # in an encoding that hid it from the search
         raise declares
     return root

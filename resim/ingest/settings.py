@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from datetime import date, datetime, time
 from pathlib import Path
@@ -14,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import ErrorDetails
 
 from resim.core.errors import InputError
+from resim.core.files import parse_toml, read_file
 
 SETTINGS = "recording.toml"
 
@@ -56,14 +56,10 @@ class Settings(_Part):
 
 def read_settings(path: Path) -> Settings:
     """Give the settings in the file; raises InputError that names every wrong field."""
+    raw = read_file(path, f"A recording is a folder with {SETTINGS}, gt.csv and a map.")
+    data = parse_toml(raw, path, 'TOML puts text in quotes: name = "drive 1".')
     try:
-        with path.open("rb") as file:
-            return Settings.model_validate(tomllib.load(file), by_name=False)
-    except OSError as e:
-        remedy = f"A recording is a folder with {SETTINGS}, gt.csv and a map."
-        raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise InputError(path, f"is not TOML ({e})", 'TOML puts text in quotes: name = "drive 1".') from e
+        return Settings.model_validate(data, by_name=False)
     except ValidationError as e:
         problems = "; ".join(map(_problem, e.errors()))
         raise InputError(path, problems, "Correct these fields.") from e

@@ -18,6 +18,9 @@ GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
 TEXT = ("id", "kind", GT_ID, REPAIRED)
 VALUES = ("x", "y", "heading", "v")
 """Columns in which a sample may be missing a value; `resim.check` reports it, a recording refuses it."""
+BIGGEST = 1e12
+"""Largest number [of any unit] in a table: squares and cubes of larger ones are none any more."""
+
 _CSV_ERRORS = (
     pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError, OSError
 )  # fmt: skip
@@ -71,8 +74,8 @@ def read_table(
 ) -> pd.DataFrame:
     """Give the wanted columns of a CSV or Parquet file, indexed by the row's number in the file.
 
-    Columns in `text` are strings, "" where empty; all others are floats, finite where the column is required,
-    finite or NaN where it is optional or one of `missing`. Raises InputError for an unreadable or empty file,
+    Columns in `text` are strings, "" where empty; all others are floats up to BIGGEST, finite where the column is
+    required, finite or NaN where it is optional or one of `missing`. Raises InputError for an unreadable or empty file,
     missing columns, values that are no numbers.
     """
     numbers = [c for c in (*required, *optional) if c not in text]
@@ -144,12 +147,18 @@ def _read_parquet(path: Path) -> pd.DataFrame:
 
 def _numbers(path: Path, frame: pd.DataFrame, column: str, *, required: bool) -> pd.Series:
     """The column as floats; exact, as Python reads them."""
-    expected = "a finite number" if required else "a finite number or nothing"
+    expected = f"a finite number up to {BIGGEST:g}" + ("" if required else " or nothing")
     values = frame[column]
     if pd.api.types.is_bool_dtype(values) or not pd.api.types.is_numeric_dtype(values):
         _refuse(path, frame, ~values.map(_is_number), column, expected)
     numbers = values.astype(float)
-    _refuse(path, frame, ~np.isfinite(numbers) if required else np.isinf(numbers), column, expected)
+    _refuse(
+        path,
+        frame,
+        ~(np.abs(numbers) <= BIGGEST) if required else np.abs(numbers) > BIGGEST,
+        column,
+        expected,
+    )
     return numbers
 
 

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from scipy.interpolate import PPoly
 
 from resim.core.errors import InputError
+from resim.core.files import read_file
 from resim.core.tracks import KINDS
 from resim.scenario.scenario import SIZES, RoadPosition, Scenario, ScenarioObject
 
@@ -30,10 +32,15 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
+_Number = Annotated[float, Field(ge=-1e12, le=1e12)]
+_Time = Annotated[float, Field(ge=-1e10, le=1e10)]
+_LONGEST = 86_400.0  # s; a trace is integrated in steps of 0.02 s
+
+
 class _Segment(_Part):
-    startTime: float
-    endTime: float
-    polynomParameter: list[float] = Field(min_length=4, max_length=4)
+    startTime: _Time
+    endTime: _Time
+    polynomParameter: list[_Number] = Field(min_length=4, max_length=4)
 
     @model_validator(mode="after")
     def _forwards(self) -> _Segment:
@@ -44,12 +51,12 @@ class _Segment(_Part):
 
 class _ReferenceObject(_Part):
     odrRoad: int | str
-    odrLane: int
+    odrLane: int = Field(ge=-1_000_000, le=1_000_000)
 
 
 class _StartPosition(_Part):
-    tOffset: float
-    sOffset: float
+    tOffset: _Number
+    sOffset: _Number
     referenceObj: _ReferenceObject
 
 
@@ -74,14 +81,17 @@ class _Maneuver(_Part):
             v, h = (getattr(s[end], f"{name}Time") for s in (self.velocity, self.heading))
             if abs(v - h) > _CONTINUOUS:
                 raise ValueError(f"velocity and heading must {name} together: {v:g} s and {h:g} s")
+        span = self.velocity[-1].endTime - self.velocity[0].startTime
+        if span > _LONGEST:
+            raise ValueError(f"the trace lasts {span:g} s, expected at most {_LONGEST:g} s")
         return self
 
 
 class _Model(_Part):
     color: str = "#000000"
     type: str = "Unknown"
-    length: float | None = Field(default=None, gt=0)
-    width: float | None = Field(default=None, gt=0)
+    length: float | None = Field(default=None, gt=0, le=1e12)
+    width: float | None = Field(default=None, gt=0, le=1e12)
 
     @field_validator("type")
     @classmethod
@@ -121,7 +131,7 @@ class _ObjectPool(_Part):
     @model_validator(mode="after")
     def _distinct(self) -> _ObjectPool:
         ids = [str(self.ego.objectId), *(str(vehicle.objectId) for vehicle in self.vehicles)]
-        if twice := sorted({i for i in ids if ids.count(i) > 1}):
+        if twice := sorted(i for i, count in Counter(ids).items() if count > 1):
             raise ValueError(f"objectId {', '.join(twice)} stands more than once")
         return self
 
@@ -138,7 +148,7 @@ class JscenFile(_Part):
     description: str = ""
     environment: dict[str, str] = Field(default_factory=dict)
     objectPool: _ObjectPool
-    duration: float = Field(gt=0)
+    duration: float = Field(gt=0, le=_LONGEST)
     fileVersion: _Version
 
     @field_validator("map")
@@ -160,9 +170,7 @@ def schema() -> dict[str, Any]:
 def read_jscen(path: Path) -> Scenario:
     """Read a JSCEN file of version 0.9 or 0.10; every fault in it is named in one InputError."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as e:
-        raise InputError(path, f"cannot be read: {e.strerror}") from e
+        text = read_file(path, "Check the path of the scenario").decode("utf-8")
     except UnicodeDecodeError as e:
         raise InputError(path, f"is not UTF-8 text (byte {e.start})") from e
     try:

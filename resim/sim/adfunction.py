@@ -8,7 +8,6 @@ import importlib
 import importlib.util
 import inspect
 import sys
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +17,12 @@ from typing import Any, Protocol
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.errors import InputError
+from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, from_frame
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
+
+PARTS = 'A build has name, version, factory = "module:name", [parameters].'
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,18 +164,12 @@ def load_build(path: Path) -> Build:
     `factory` is "module:name"; a module file beside the build file goes before an installed module.
     Raises InputError for a file, field, module or name that is not there.
     """
+    raw = read_file(path, PARTS)
     try:
-        raw = path.read_bytes()
-        file = _BuildFile.model_validate(tomllib.loads(raw.decode("utf-8")))
-    except OSError as e:
-        raise InputError(path, f"cannot be read: {e.strerror}") from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise InputError(path, f"is not TOML: {e}") from e
+        file = _BuildFile.model_validate(parse_toml(raw, path, PARTS))
     except ValidationError as e:
         faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors())
-        raise InputError(
-            path, faults, 'A build has name, version, factory = "module:name", [parameters].'
-        ) from e
+        raise InputError(path, faults, PARTS) from e
     module_name, name = file.factory.split(":")
     module = _import(path, module_name)
     factory = getattr(module, name, None)

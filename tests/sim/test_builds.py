@@ -63,7 +63,7 @@ def test_parameters_that_the_factory_does_not_take_are_refused(write_build: Writ
         (OWN, {"top": "cycle_time = 0"}, "cycle_time: Input should be greater than 0"),
         (OWN, {"top": "time_limit = inf"}, "time_limit: Input should be a finite number"),
         (OWN, {"top": "cycle = 1"}, "cycle: Extra inputs are not permitted"),
-        (OWN, {"top": "cycle_time = [1"}, "is not TOML: "),
+        (OWN, {"top": "cycle_time = [1"}, "is not TOML"),
         (OWN, {"module": "own.py", "name": "a:b"}, "factory: String should match pattern"),
     ],
     ids=lambda v: str(v)[:40] if isinstance(v, str) else "",
@@ -83,9 +83,9 @@ def test_what_is_no_build_is_refused(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"factory|is not TOML"):
         load_build(path)
-    with pytest.raises(InputError, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="cannot be read \\(No such file"):
         load_build(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+    with pytest.raises(InputError, match="cannot be read \\(Is a directory"):
         load_build(tmp_path)
 
 
