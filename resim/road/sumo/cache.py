@@ -86,32 +86,35 @@ def _convert(network: RoadNetwork, target: Path, time_limit: float) -> None:
                          'of type "driving".')  # fmt: skip
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        beside = Path(tempfile.mkdtemp(prefix="converting-", dir=target.parent))
+        with tempfile.TemporaryDirectory(prefix="converting-", dir=target.parent) as beside:
+            result = _written(network, Path(beside), time_limit)
+            _put(result, target)
     except OSError as error:
         problem = f"the cache cannot be written ({error.strerror})"
         raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a folder that can") from None
-    try:
-        work, result = beside / "work", beside / "result"
-        work.mkdir()
-        result.mkdir()
-        made = plain(network)
-        if not made.lanes:
-            raise ConversionError(f"{network.path}: all roads are inside of junctions, none leads to them")
-        arguments = write(network, made, work)
-        run_netconvert(network.path, arguments, work / NET, time_limit=time_limit)
-        net, via = patch(work / NET, made)
-        report = measure(network, net, made, via)
-        (result / NET).write_bytes(net)
-        (result / REPORT).write_text(json.dumps(report.to_json(), indent=1) + "\n", encoding="utf-8")
-        _put(result, target)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
+    """Write the net and its report into a folder of their own; give that."""
+    work, result = folder / "work", folder / "result"
+    work.mkdir()
+    result.mkdir()
+    made = plain(network)
+    if not made.lanes:
+        raise ConversionError(f"{network.path}: all roads are inside of junctions, none leads to them")
+    run_netconvert(network.path, write(network, made, work), work / NET, time_limit=time_limit)
+    net, via = patch(work / NET, made)
+    report = measure(network, net, made, via)
+    (result / NET).write_bytes(net)
+    (result / REPORT).write_text(json.dumps(report.to_json(), indent=1) + "\n", encoding="utf-8")
+    return result
 
 
 def _put(result: Path, target: Path) -> None:
-    """Move the folder into place; another process may have been first."""
+    """Move the folder into place; another process may have been first, or left a part of one behind."""
     try:
         result.rename(target)
     except OSError:
-        if not (target / NET).is_file():
-            raise
+        if not ((target / NET).is_file() and (target / REPORT).is_file()):
+            shutil.rmtree(target)
+            result.rename(target)
