@@ -29,10 +29,18 @@ def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fo
     A jump is one that all objects share, and after which the motion in the order of the file goes on; else
     the rows stand in the wrong order.
     """
+    correction, out = jump_corrections(source, frame)
+    frame = frame.assign(t=np.round(frame["t"].to_numpy(float) + correction, 9)) if out else frame
+    out += _backwards(source, frame)
+    return frame.sort_values("t", kind="stable"), out
+
+
+def jump_corrections(source: Source, frame: pd.DataFrame) -> tuple[Floats, list[Found]]:
+    """Give what each row's time has to be moved by (K,) [s] for the clock's jumps, and the findings of them."""
     whole = np.flatnonzero(np.isfinite(frame[["x", "y", "heading", "v"]].to_numpy(float)).all(axis=1))
     steps = _steps(frame.iloc[whole])
     if steps is None:
-        return frame, []
+        return np.zeros(len(frame)), []
     usual = float(np.median(steps["dt"][steps["dt"] > 0.0])) if (steps["dt"] > 0.0).any() else np.nan
     out = []
     objects = frame["id"].to_numpy(str)
@@ -43,10 +51,20 @@ def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fo
             whole[rows], objects, stamps > after + 0.5 * usual if amount > 0.0 else None
         )
         text = f"the clock jumps by {amount:+.3f} s at {after:.2f} s, the motion does not"
-        out.append(found("CLOCK_JUMP", source, "", (after, after), amount, "s", text, limit=JUMP))
-    frame = frame.assign(t=np.round(frame["t"].to_numpy(float) + correction, 9)) if out else frame
-    out += _backwards(source, frame)
-    return frame.sort_values("t", kind="stable"), out
+        out.append(
+            found(
+                "CLOCK_JUMP",
+                source,
+                "",
+                (after, after),
+                amount,
+                "s",
+                text,
+                limit=JUMP,
+                details={"shift": -amount},
+            )
+        )
+    return correction, out
 
 
 def _after(rows: Ints, objects: Strings, later: Bools | None) -> Bools:

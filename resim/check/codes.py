@@ -21,7 +21,7 @@ CODES: Mapping[str, Code] = {
     "MISSING_VALUES": Code(
         "warning",
         "rows without a position, heading or speed cannot be used",
-        "leave these rows out; the track is interpolated there like a gap",
+        "interpolate the values like a gap, marked; rows in longer gaps are left out",
     ),
     "MISSING_SAMPLES": Code(
         "note", "the track is interpolated over the hole", "fill the hole along the track, marked"
@@ -29,7 +29,7 @@ CODES: Mapping[str, Code] = {
     "GAP": Code(
         "warning",
         "no error is computed inside the gap; after more than 1 s the object counts as another one",
-        "bridge gaps up to 1 s along the track, marked",
+        "bridge it along the track where it is no longer than --max-gap (1 s), marked",
     ),
     "DUPLICATE_SAMPLES": Code(
         "warning", "one time and object stand more than once", "keep the first of the rows"
@@ -55,7 +55,7 @@ CODES: Mapping[str, Code] = {
     "CLOCK_OFFSET": Code(
         "error",
         "speed times delay enters every position error, and reaction times are off by the delay",
-        "shift the times by the delay found",
+        "shift the times by the delay found; a latency that the sensor has goes with it",
     ),
     "ID_REUSED": Code(
         "error",
@@ -87,10 +87,14 @@ CODES: Mapping[str, Code] = {
         "take the heading from the positions, marked",
     ),
     "ACCELERATION": Code(
-        "warning", "no vehicle of its kind can do it: the speed fit follows noise, peaks are not to be trusted"
+        "warning",
+        "no vehicle of its kind can do it: the speed fit follows noise, peaks are not to be trusted",
+        "drop single spikes of the speed and interpolate, marked",
     ),
     "YAW_RATE": Code(
-        "warning", "no vehicle of its kind can turn so: the heading fit follows noise"
+        "warning",
+        "no vehicle of its kind can turn so: the heading fit follows noise",
+        "drop single spikes of the heading and interpolate, marked",
     ),
     "OVERLAP": Code(
         "warning", "two boxes are in each other for longer than a collision lasts: sizes, positions or a double"
@@ -105,7 +109,6 @@ CODES: Mapping[str, Code] = {
     "REFERENCE_POINT": Code(
         "error",
         "positions name another point than the box centre: distances are off by as much",
-        "move the positions by the offset, along each heading",
     ),
     "SPEED_UNIT": Code("error", "every result that uses speed is wrong", "convert the speeds to m/s"),
     "HEADING_UNIT": Code("error", "every result that uses heading is wrong", "convert the headings to radians"),
@@ -144,13 +147,14 @@ def found(
     repair: str | None = None,
     own: bool = False,
     other: str = "",
+    details: Mapping[str, float | str] | None = None,
 ) -> Found:
     """Give a finding with the terms of its code. span: start and end [s]; limit: what value had to exceed."""
     terms = CODES[code]
     finding = Finding(
         code=code, severity=severity or terms.severity, source=source, object=object, start=float(span[0]),
         end=float(span[1]), value=float(value), unit=unit, text=text, meaning=terms.meaning,
-        repair=terms.repair if repair is None else repair,
+        repair=terms.repair if repair is None else repair, details=details or {},
     )  # fmt: skip
     return Found(finding, abs(float(value)) / limit, own, other)
 

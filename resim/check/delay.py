@@ -110,7 +110,7 @@ def _drifting(source: Source, span: tuple[float, float], drift: float) -> Found:
     known = source != "recording"
     return found(
         "CLOCK_DRIFT", source, "", span, drift, "s", text + (f", and the speeds of {source} with it" if known else ""),
-        limit=DRIFTED, repair=None if known else "",
+        limit=DRIFTED, repair=None if known else "", details={"rate": drift / (span[1] - span[0])},
     )  # fmt: skip
 
 
@@ -168,7 +168,10 @@ def _delayed(source: Source, name: str, span: tuple[float, float], delay: float,
     text = f"{who} comes {abs(delay):.2f} s too {when} against the other source"
     usual = abs(delay) <= USUAL
     severity: Severity = "error" if not usual else "note" if delay > 0.0 and source == "sd" else "warning"
-    return found("CLOCK_OFFSET", source, name, span, delay, "s", text, limit=LATENCY, severity=severity)
+    return found(
+        "CLOCK_OFFSET", source, name, span, delay, "s", text, limit=LATENCY, severity=severity,
+        repair="" if severity == "note" else None, details={"shift": -delay},
+    )  # fmt: skip
 
 
 def _stamped(table: Table, track: Track, delay: float) -> bool:

@@ -151,7 +151,10 @@ def _switched(table: Table, tracks: list[Track], first: _Jump, second: _Jump) ->
     a, b = tracks[first.track], tracks[second.track]
     at = float(a.t[first.k + 1])
     text = f"changes ids with {b.id!r} at {at:.2f} s: each goes on {abs(first.miss):.1f} m away, where the other was"
-    return found("ID_SWITCH", table.source, a.id, (at, a.t[-1]), abs(first.miss), "m", text, limit=REACH)
+    return found(
+        "ID_SWITCH", table.source, a.id, (at, a.t[-1]), abs(first.miss), "m", text, limit=REACH,
+        details={"other": b.id},
+    )  # fmt: skip
 
 
 def _torn(table: Table, track: Track, jump: _Jump) -> Found:
@@ -194,7 +197,7 @@ def broken(table: Table) -> list[Found]:
         text = f"ends at {last.t[-1]:.2f} s; {other.id!r} begins {gap:.2f} s later {far:.2f} m from where it would be"
         one = found(
             "TRACK_BROKEN", table.source, name, (last.t[-1], other.t[0]), max(gap, 0.0), "s", text,
-            limit=AFTER_GAP, other=other.id,
+            limit=AFTER_GAP, other=other.id, details={"other": other.id},
         )  # fmt: skip
         out.append(one)
     return out

@@ -38,6 +38,8 @@ NOISE = 6.0
 """Times the usual yaw rate of its own track by which one has to exceed the limit."""
 SHOWN = 0.5
 """Part of the change that the positions show over a window when the object really did it."""
+REVERSES = 8.0
+"""Speed [m/s] from which on nobody drives backwards, and a heading against the course is turned."""
 TURNING = 2.0
 """Yaw rate [rad/s] that no vehicle has at any speed at which it can turn."""
 
@@ -101,6 +103,8 @@ def heading(table: Table) -> Iterator[Found]:
         text, repair = _explained(text, delay, left, "rad")
         if np.abs(wrap_angle(bias - np.pi)) < 0.3:
             text += "; it drives backwards with a speed above 0, or its heading is turned"
+        if abs(wrap_angle(value - np.pi)) < 0.3 and float(np.median(np.abs(m.moved[fast]))) < REVERSES:
+            repair = ""
         limit = HEADING_RUN if lasting else HEADING_BIAS
         yield found(
             "HEADING_DISAGREES", table.source, track.id, span, value, "rad", text, limit=limit, repair=repair
@@ -208,7 +212,10 @@ def _beyond(
     )
     own = bool(told * value[k] > 0.0 and moved / told > SHOWN)
     span = (t[spans[0][0]], t[spans[-1][1]])
-    yield found(code, table.source, track.id, span, value[k], unit, text, limit=float(most[k]), own=own)
+    repair = "" if own else None  # the positions show it: it is no spike
+    yield found(
+        code, table.source, track.id, span, value[k], unit, text, limit=float(most[k]), own=own, repair=repair
+    )
 
 
 def _course(velocity: Complex) -> Floats:

@@ -37,6 +37,7 @@ def reference_points(known: list[Pair], explained: set[str], ego: str) -> Iterat
         yield found(
             "REFERENCE_POINT", "recording", pair.sd.id, (float(pair.t[0]), float(pair.t[-1])),
             abs(complex(along, across)), "m", text, limit=0.5 * pair.gt.length,
+            details={"along": along, "across": across},
         )  # fmt: skip
 
 

@@ -103,9 +103,8 @@ def repeated(table: Table) -> tuple[Table, list[Found]]:
     """Give positions that stand still to the last digit while the speed says otherwise; and the table without."""
     out, tracks = [], []
     for track in table.tracks:
-        way = 0.5 * np.abs(track.v[1:] + track.v[:-1]) * np.diff(track.t)
-        same = (np.diff(track.p) == 0.0) & (way > WALKING * np.diff(track.t))
-        frozen = [(a, b) for a, b in runs(same) if way[a : b + 1].sum() > FROZEN_WAY]
+        way = _way(track)
+        frozen = frozen_runs(track)
         keep = np.ones(len(track), dtype=bool)
         for a, b in frozen:
             keep[a + 1 : b + 2] = False
@@ -113,6 +112,18 @@ def repeated(table: Table) -> tuple[Table, list[Found]]:
         if frozen:
             out.append(_frozen(table, track, frozen, way))
     return table.replaced(tracks), out
+
+
+def frozen_runs(track: Track) -> list[tuple[int, int]]:
+    """Give first and last step of each run in which the position stands still and the speed says otherwise."""
+    way = _way(track)
+    same = (np.diff(track.p) == 0.0) & (way > WALKING * np.diff(track.t))
+    return [(a, b) for a, b in runs(same) if way[a : b + 1].sum() > FROZEN_WAY]
+
+
+def _way(track: Track) -> Floats:
+    """Way [m] of each step by its speeds."""
+    return np.asarray(0.5 * np.abs(track.v[1:] + track.v[:-1]) * np.diff(track.t))
 
 
 def _frozen(table: Table, track: Track, frozen: list[tuple[int, int]], way: Floats) -> Found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +62,8 @@ def speed_units(table: Table) -> tuple[Table, list[Found]]:
         unit = units[name] if name else next(iter(units.values()))
         who = f"all {moving} moving objects: their speeds are" if whole else "its speeds are"
         text = f"{who} {SPEED_UNITS[unit]:.2f} times those of the positions: {unit}"
-        out.append(_over(table, name, "SPEED_UNIT", SPEED_UNITS[unit], "", text, 1.0))
+        factor = SPEED_UNITS[unit]
+        out.append(_over(table, name, "SPEED_UNIT", factor, "", text, 1.0, {"factor": factor}))
     if whole:  # those at rest are in the same unit
         unit = next(iter(units.values()))
         return table.shaped(v=lambda k: k.v / SPEED_UNITS[unit]), out
@@ -93,7 +94,7 @@ def _radians(table: Table) -> tuple[Table, list[Found]]:
     for name in [""] if whole else fits:
         as_is, converted = fits[name] if name else max(fits.values())
         text = f"headings are {as_is:.3g} rad off the course as radians and {converted:.3g} rad as degrees"
-        out.append(_over(table, name, "HEADING_UNIT", as_is, "rad", text, TURNED))
+        out.append(_over(table, name, "HEADING_UNIT", as_is, "rad", text, TURNED, {"factor": DEGREES}))
 
     def radians(track: Track) -> Floats:
         return track.heading / DEGREES if whole or track.id in fits else track.heading
@@ -134,10 +135,22 @@ def _misfits(track: Track, step: float) -> tuple[float, float] | None:
     return float(np.median(off[0])), float(np.median(off[1]))
 
 
-def _over(table: Table, name: str, code: str, value: float, unit: str, text: str, limit: float) -> Found:
+def _over(
+    table: Table,
+    name: str,
+    code: str,
+    value: float,
+    unit: str,
+    text: str,
+    limit: float,
+    details: Mapping[str, float] | None = None,
+    repair: str | None = None,
+) -> Found:
     own = [k for k in table.tracks if k.id == name]
     span = (own[0].t[0], own[-1].t[-1]) if own else table.span
-    return found(code, table.source, name, span, value, unit, text, limit=limit)
+    return found(
+        code, table.source, name, span, value, unit, text, limit=limit, details=details, repair=repair
+    )
 
 
 @dataclass(frozen=True)
@@ -176,20 +189,26 @@ def mirrored(
             "with y turned" if look and look.is_one else "it fits the other source when turned"
         )  # fmt: skip
         height = float(np.median(np.concatenate([np.abs(k.p.imag) for k in table.tracks])))
-        out.append(_over(table, "", "MIRRORED_Y", height, "m", text, 1.0))
+        sure = look is not None and look.turned > look.as_is  # else it may be the other source's y
+        out.append(_over(table, "", "MIRRORED_Y", height, "m", text, 1.0, repair=None if sure else ""))
         tables.append(_turned(table))
     return tables[0], tables[1], out  # type: ignore[return-value]
 
 
 def _turned(table: Table) -> Table:
     """The table with y turned; headings too where they fit then."""
+    return table.shaped(
+        heading=lambda k: -k.heading if heading_turns(k) else k.heading, p=lambda k: np.conj(k.p)
+    )
 
-    def heading(track: Track) -> Floats:
-        way = np.diff(np.conj(track.p))
-        off = [np.abs(np.angle(way * np.exp(-1j * h[:-1]))).sum() for h in (track.heading, -track.heading)]
-        return track.heading if off[0] < off[1] else -track.heading
 
-    return table.shaped(heading=heading, p=lambda k: np.conj(k.p))
+def heading_turns(track: Track) -> bool:
+    """Say whether the heading fits the track better with its sign turned, once y is turned."""
+    way = np.diff(np.conj(track.p))
+    as_is, turned = (
+        np.abs(np.angle(way * np.exp(-1j * h[:-1]))).sum() for h in (track.heading, -track.heading)
+    )
+    return bool(as_is >= turned)
 
 
 def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 Severity = Literal["error", "warning", "note"]
@@ -19,7 +20,8 @@ class Finding:
     code: its kind (`resim.check.CODES`). source: the table it is in, "recording" where it lies between the two.
     object: its id there, "" where the whole table is concerned. start, end [s]: when, NaN where that has no
     meaning. value: how large, in `unit`. text: what was found, in one line with numbers. meaning: what it does
-    to the result. repair: what a repair would do, "" where none is safe.
+    to the result. repair: what a repair would do, "" where none is safe. details: the numbers and ids that this
+    repair needs, by name (`resim.repair`): SI units.
     """
 
     code: str
@@ -33,3 +35,4 @@ class Finding:
     text: str
     meaning: str
     repair: str
+    details: Mapping[str, float | str] = field(default_factory=dict, hash=False)

@@ -184,8 +184,15 @@ def drove(recording: Recording, build: Build) -> bool | None:
 
 def finding_json(finding: Finding) -> dict[str, Any]:
     """Give a finding's fields by name; a number that is NaN is None."""
-    fields = asdict(finding).items()
-    return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in fields}
+    return _without_nan(asdict(finding))
+
+
+def _without_nan(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: _without_nan(value) if isinstance(value, Mapping)
+        else None if isinstance(value, float) and math.isnan(value) else value
+        for name, value in fields.items()
+    }  # fmt: skip
 
 
 def _minus(later: float | None, earlier: float | None) -> float | None:
