@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -50,26 +50,46 @@ def lane_graph(network: RoadNetwork) -> dict[LaneKey, tuple[LaneKey, ...]]:
 
 
 def ways(graph: Graph, start: LaneKey, inside: Collection[str]) -> Iterator[tuple[LaneKey, ...]]:
-    """Give every way on from a lane through roads `inside` (a junction's) up to the first lane outside.
+    """Give the way on from a lane through roads `inside` (a junction's) to every lane outside that it leads to.
 
-    Each way holds the lanes passed inside, then the one outside.
+    Each way holds the lanes passed inside, then the one outside. Of several to one lane it is the first that the
+    file names: there may be exponentially many.
     """
-    stack: list[tuple[LaneKey, ...]] = [(after,) for after in reversed(graph[start])]
+    before: dict[LaneKey, LaneKey] = {}
+    stack = [(after, start) for after in reversed(graph[start])]
     while stack:
-        way = stack.pop()
-        if way[-1].road not in inside:
-            yield way
+        key, origin = stack.pop()
+        if key in before:
             continue
-        stack += [(*way, after) for after in reversed(graph[way[-1]]) if after not in way]
+        before[key] = origin
+        if key.road in inside:
+            stack += [(after, key) for after in reversed(graph[key])]
+            continue
+        way = [key]
+        while (origin := before[way[-1]]) != start:
+            way.append(origin)
+        yield tuple(reversed(way))
 
 
 def passed_lanes(network: RoadNetwork, graph: Graph) -> frozenset[LaneKey]:
     """Give the lanes inside of junctions over which one can drive from a road outside to another."""
     inside = {road.id for road in network.roads.values() if road.junction is not None}
-    starts = [key for key in graph if key.road not in inside]
-    return frozenset(
-        key for start in starts for way in ways(graph, start, inside) for key in way if key.road in inside
-    )
+    back: dict[LaneKey, list[LaneKey]] = {key: [] for key in graph}
+    for key, after in graph.items():
+        for other in after:
+            back[other].append(key)
+    return _inside_from(graph, inside) & _inside_from(back, inside)
+
+
+def _inside_from(graph: Mapping[LaneKey, Sequence[LaneKey]], inside: Collection[str]) -> frozenset[LaneKey]:
+    """The lanes of the roads inside that the graph leads to from lanes outside."""
+    found: set[LaneKey] = set()
+    todo = [key for key in graph if key.road not in inside]
+    while todo:
+        new = {after for after in graph[todo.pop()] if after.road in inside} - found
+        found |= new
+        todo += new
+    return frozenset(found)
 
 
 def inner_roads(network: RoadNetwork, passed: Collection[LaneKey]) -> frozenset[str]:
