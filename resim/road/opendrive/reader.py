@@ -10,6 +10,7 @@ from typing import cast
 
 from lxml.etree import _Element
 
+from resim.core.errors import InputError
 from resim.road.opendrive.lanereader import Coefficients, LaneReader
 from resim.road.opendrive.model import (
     Connection,
@@ -22,9 +23,18 @@ from resim.road.opendrive.model import (
     Side,
 )  # fmt: skip
 from resim.road.opendrive.signs import read_signs
+from resim.road.opendrive.xml import CUT
 
 SHORTEST = 1e-9
 LONGEST = 1e6
+"""Largest s [m] of a road."""
+
+MOST_LANES = 4e6
+"""Largest length [m] of all lanes together: what gigabytes of memory and SUMO's minutes are enough for."""
+
+MOST_TURN = 1e3
+"""Largest turn [rad] within one spiral; it is calculated in parts of 1 rad."""
+
 CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
 
@@ -63,6 +73,13 @@ class ModelReader(LaneReader):
             roads[road.id] = road
         if not roads:
             raise self.error("OpenDRIVE", "the map has no road")
+        total = sum(
+            len(section.lanes) * max(min(section.end, road.length) - section.start, 0.0)
+            for road in roads.values() for section in road.sections
+        )  # fmt: skip
+        if total > MOST_LANES:
+            text = f"has {total / 1e3:.0f} km of lanes; maps of up to {MOST_LANES / 1e3:.0f} km are read"
+            raise InputError(self.path, text, CUT)
         return roads
 
     def road(self, element: _Element) -> Road:
@@ -135,6 +152,9 @@ class ModelReader(LaneReader):
             start = end = self.number(curve, "curvature", where)
         elif kind == "spiral":
             start, end = (self.number(curve, n, where) for n in ("curvStart", "curvEnd"))
+            turn = max(abs(start), abs(end)) * length
+            if turn > MOST_TURN:
+                raise self.error(where, f"its <spiral> turns by up to {turn:g} rad, beyond {MOST_TURN:g} rad")
         elif kind == "poly3":
             v = self.coefficients(curve, "", where)
         elif kind == "paramPoly3":

@@ -14,7 +14,6 @@ from resim.road.opendrive.model import Geometry, Road
 
 Ints = NDArray[np.intp]
 ARC, SPIRAL, POLYNOMIAL = 0, 1, 2
-MOST_PARTS = 100_000
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def _split(geometry: Geometry) -> list[Geometry]:
     if _kind(geometry) != SPIRAL:
         return [geometry]
     turn = max(abs(geometry.curvature_start), abs(geometry.curvature_end)) * geometry.length
-    count = int(min(max(np.ceil(turn), 1.0), MOST_PARTS))
+    count = max(int(np.ceil(turn)), 1)
     step = geometry.length / count
     rate = (geometry.curvature_end - geometry.curvature_start) / geometry.length
     parts = []
