@@ -1,11 +1,14 @@
 """Plant faults of random kind, place and size in the shipped recordings, and count how many a check finds.
 
-    python tools/plant_faults.py [N] [--seed S] [--misses] [--only KIND]
+    python tools/plant_faults.py [N] [--seed S] [--misses] [--only KIND] [--fix]
 
 A plant counts as found when a finding of the kind's code names the source and object that were hit and does
 not stand for the untouched recording. Where GT and SD only disagree with each other (reference point), either
 may be named. Sizes go, logarithmically where they span more than a factor of five, from the smallest that
 matters for a result; each kind says which. A plant that would not reach it is drawn again.
+
+With --fix each plant is repaired as well: of those whose finding has a repair, the share in which it is gone
+afterwards, and how far the repaired rows are then off the untouched recording.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from repaired_plants import HEAD, Remains
 
 from resim.check import examine
 from resim.core.finding import Finding
@@ -496,13 +500,19 @@ KINDS: dict[str, Callable[[Bed], Plant]] = {
 
 def is_found(plant: Plant, findings: tuple[Finding, ...], known: tuple[Finding, ...]) -> bool:
     """Whether a finding tells the plant that the untouched recording did not have (or not so)."""
+    return bool(telling(plant, findings, known))
+
+
+def telling(plant: Plant, findings: tuple[Finding, ...], known: tuple[Finding, ...]) -> list[Finding]:
+    """The findings that tell the plant."""
     before = {(f.code, f.source, f.object): f.value for f in known}
+    out = []
     for f in findings:
         if f.code in plant.codes and (f.source, f.object) in plant.named:
             old = before.get((f.code, f.source, f.object))
             if old is None or abs(f.value - old) > 0.2 * abs(old):
-                return True
-    return False
+                out.append(f)
+    return out
 
 
 def main() -> None:
@@ -514,6 +524,7 @@ def main() -> None:
     parser.add_argument(
         "--misses", action="store_true", help="print what was not found, and what was instead"
     )
+    parser.add_argument("--fix", action="store_true", help="repair each plant as well")
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
     recordings = [read_tables(folder) for folder in sorted(SCENARIOS.glob("*/"))]
@@ -522,6 +533,7 @@ def main() -> None:
     kinds = [arguments.only] if arguments.only else list(KINDS)
     rows: dict[str, list[bool]] = defaultdict(list)
     beside: dict[str, list[int]] = defaultdict(list)
+    remains: dict[str, Remains] = defaultdict(Remains)
     crashes, misses, took = 0, [], 0.0
     for n in range(arguments.count):
         kind = kinds[n % len(kinds)]
@@ -544,6 +556,13 @@ def main() -> None:
             continue
         took += time.perf_counter() - begin
         rows[kind].append(is_found(plant, findings, known[which]))
+        if arguments.fix and rows[kind][-1]:
+            hit = telling(plant, findings, known[which])
+            gone = remains[kind].gone
+            result = remains[kind].add(plant.tables, recordings[which], networks[which], hit)
+            if remains[kind].gone == gone and any(f.repair for f in hit):
+                told = "; ".join(f"{f.code} {f.source} {f.object}: {f.text}" for f in result.left)
+                misses.append(f"LEFT {kind}: {plant.what}: {told}")
         base = {(f.code, f.source, f.object) for f in known[which]}
         new = [f for f in findings if (f.code, f.source, f.object) not in base]
         beside[kind].append(sum(f.code not in plant.codes for f in new))
@@ -563,6 +582,10 @@ def main() -> None:
     more = np.mean([k for v in beside.values() for k in v])
     print(f"| **all** | {arguments.count} | {got} | {100.0 * got / arguments.count:.1f} % | {more:.2f} |")
     print(f"\n{crashes} crashes; {1e3 * took / arguments.count:.0f} ms an examination; seed {arguments.seed}")
+    if arguments.fix:
+        print(f"\n| kind | {HEAD} |\n|" + "---|" * (HEAD.count("|") + 2))
+        for kind in kinds:
+            print(f"| {kind} | {remains[kind].row(kind)} |")
     if arguments.misses:
         print("\n".join(misses))
 

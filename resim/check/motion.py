@@ -74,7 +74,7 @@ def speed(table: Table) -> Iterator[Found]:
         limit = SPEED_RUN if lasting else SPEED_BIAS
         yield found(
             "SPEED_DISAGREES", table.source, track.id, span, value, "m/s", text, limit=limit,
-            severity="note" if delay > 0.0 and left < SPEED_RUN else None, repair=repair,
+            severity="note" if table.source == "sd" and delay > 0.0 and left < SPEED_RUN else None, repair=repair,
         )  # fmt: skip
 
 

@@ -1,8 +1,9 @@
-"""`resim check`: is a recording one that traffic can have produced."""
+"""`resim check`: is a recording one that traffic can have produced; and a repaired copy of it."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,34 +15,100 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from resim.core.finding import Finding
+    from resim.repair import Done, Repaired
+
+MOST_LINES = 5
+"""Findings of one code and source that are printed; the rest is counted."""
 
 
 @app.command("check")
 def check(
     recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
+    fix: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT", help="Write a repaired copy there, a new folder, and judge that."),
+    ] = None,
+    max_gap: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Longest gap that is filled [s]; 1, if not given."),
+    ] = None,
+    outliers: Annotated[
+        str | None,
+        typer.Option(metavar="FILTER", help="What tells outliers: robust (if not given) or moving-average."),
+    ] = None,
 ) -> None:
-    """Examine a recording: what is wrong with it, what that means for results, and what can be repaired."""
+    """Examine a recording: what is wrong with it, what that means for results, and what can be repaired.
+
+    Ends with 1 where errors are found; with --fix, where errors are left. The recording itself is never touched.
+    """
     from resim.check import examine
+    from resim.core.errors import InputError
     from resim.ingest import read_tables
+    from resim.pipeline import repair_recording
     from resim.road.opendrive import load
 
-    tables = read_tables(recording)
-    findings = examine(tables, load(tables.map))
-    _print(findings)
+    for name, value in (("--max-gap", max_gap), ("--outliers", outliers)):
+        if fix is None and value is not None:
+            raise InputError(name, "says how to repair, and nothing is to be repaired", "Give --fix OUT too.")
+    if fix is None:
+        tables = read_tables(recording)
+        findings = examine(tables, load(tables.map))
+        _print(findings)
+    else:
+        found, repaired = repair_recording(
+            recording, fix, max_gap=1.0 if max_gap is None else max_gap, outliers=outliers or "robust"
+        )
+        _print(found)
+        _print_repaired(repaired)
+        typer.echo(f"{fix}: written")
+        findings = repaired.left
     errors = sum(f.severity == "error" for f in findings)
     if errors:
-        raise BadVerdictError(f"{recording}: {errors} error(s)")
+        where = recording if fix is None else fix
+        raise BadVerdictError(f"{where}: {errors} error(s)" + ("" if fix is None else " left"))
 
 
 def _print(findings: Sequence[Finding]) -> None:
-    for finding in findings:
-        who = f"{finding.source} {finding.object}".rstrip()
-        typer.echo(f"{finding.severity:7}  {finding.code}  {who}{_when(finding)}: {finding.text}")
-        typer.echo(
-            f"         {finding.meaning}" + (f"; --fix would {finding.repair}" if finding.repair else "")
-        )
+    """The findings, worst first, of one kind together where the first of it stands."""
+    count = Counter(_kind(f) for f in findings)
+    for kind in dict.fromkeys(map(_kind, findings)):
+        some = [f for f in findings if _kind(f) == kind]
+        for finding in some[:MOST_LINES]:
+            _print_one(finding)
+        if count[kind] > MOST_LINES:
+            severity, code, source = kind
+            typer.echo(
+                f"{severity:7}  {code}  {source}: ... and {count[kind] - MOST_LINES} more of this code"
+            )
     if not findings:
         typer.echo("nothing found")
+
+
+def _kind(finding: Finding) -> tuple[str, str, str]:
+    return finding.severity, finding.code, finding.source
+
+
+def _print_one(finding: Finding) -> None:
+    who = f"{finding.source} {finding.object}".rstrip()
+    typer.echo(f"{finding.severity:7}  {finding.code}  {who}{_when(finding)}: {finding.text}")
+    typer.echo(f"         {finding.meaning}" + (f"; --fix would {finding.repair}" if finding.repair else ""))
+
+
+def _print_repaired(repaired: Repaired) -> None:
+    typer.echo("")
+    for done in repaired.done:
+        typer.echo(f"repaired {done.code}  {done.source}: {_amount(done)}")
+    if not repaired.done:
+        typer.echo("repaired nothing")
+    typer.echo("\nleft:")
+    _print(repaired.left)
+
+
+def _amount(done: Done) -> str:
+    whole = "" in done.objects
+    who = "the whole table" if whole else f"{len(done.objects)} object(s)"
+    counts = {"changed": done.count.changed, "added": done.count.added, "left out": done.count.removed}
+    return f"{who}, samples: {', '.join(f'{n} {what}' for what, n in counts.items() if n)}"
 
 
 def _when(finding: Finding) -> str:

@@ -1,7 +1,7 @@
 """Recordings: the recording folder and one reader per foreign format."""
 
 from resim.ingest.commonroad import read_commonroad
-from resim.ingest.folder import read_recording, read_tables, write_recording
+from resim.ingest.folder import read_recording, read_tables, write_recording, write_tables
 from resim.ingest.highd import Alignment, read_highd
 from resim.ingest.recording import Recording
 from resim.ingest.source import Tables, recording_of
@@ -16,4 +16,5 @@ __all__ = [
     "read_tables",
     "recording_of",
     "write_recording",
+    "write_tables",
 ]

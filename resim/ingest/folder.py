@@ -11,8 +11,8 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.ingest.recording import Recording, existing_map
-from resim.ingest.settings import SETTINGS, read_settings, settings_text
-from resim.ingest.source import Tables, recording_of, track_tables
+from resim.ingest.settings import SETTINGS, Settings, read_settings, settings_text
+from resim.ingest.source import Tables, recording_of
 from resim.ingest.tables import GT_ID, read_table, read_track_table, row_problem
 
 PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
@@ -51,7 +51,12 @@ def read_recording(folder: Path) -> Recording:
 
 
 def write_recording(recording: Recording, folder: Path, *, map_reference: str | None = None) -> None:
-    """Write the recording as a new folder, all or nothing; the same recording gives the same bytes.
+    """Write the recording as a new folder (see `write_tables`)."""
+    write_tables(Tables.of(recording), folder, map_reference=map_reference)
+
+
+def write_tables(tables: Tables, folder: Path, *, map_reference: str | None = None) -> None:
+    """Write the tables as a new recording folder, all or nothing; the same tables give the same bytes.
 
     The map is copied into it; with map_reference, a path relative to the folder, the folder refers to that
     file instead. Raises InputError where the folder exists and is not empty, or there is no such map.
@@ -59,25 +64,27 @@ def write_recording(recording: Recording, folder: Path, *, map_reference: str | 
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(folder, "exists already", "Remove it or name another folder.")
-    road = recording.map if map_reference is None else Path(os.path.normpath(folder / map_reference))
+    road = tables.map if map_reference is None else Path(os.path.normpath(folder / map_reference))
     existing_map(folder, road)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        _write(recording, folder, map_reference)
+        _write(tables, folder, map_reference)
     except OSError as e:
         raise InputError(folder, f"cannot be written ({e.strerror})", "Name a folder you may write.") from e
 
 
-def _write(recording: Recording, folder: Path, map_reference: str | None) -> None:
+def _write(tables: Tables, folder: Path, map_reference: str | None) -> None:
     """Write a folder beside, then put it in place."""
     beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         if map_reference is None:
-            shutil.copyfile(recording.map, beside / recording.map.name)
-        text = _settings(recording, map_reference or recording.map.name)
+            shutil.copyfile(tables.map, beside / tables.map.name)
+        text = _settings(tables.settings, map_reference or tables.map.name)
         (beside / SETTINGS).write_text(text, encoding="utf-8", newline="\n")
-        for name, table in _tables(recording).items():
-            table.to_csv(beside / f"{name}.csv", index=False, lineterminator="\n", encoding="utf-8")
+        plan = None if tables.plan is None else tables.plan[list(PLAN_COLUMNS)]
+        for name, table in (("gt", tables.gt), ("sd", tables.sd), ("plan", plan)):
+            if table is not None:
+                table.to_csv(beside / f"{name}.csv", index=False, lineterminator="\n", encoding="utf-8")
         beside.chmod(0o755)
         beside.replace(folder)
     finally:
@@ -123,18 +130,12 @@ def _read_plan(path: Path) -> pd.DataFrame:
     return read_table(path, required=PLAN_COLUMNS).reset_index(drop=True)
 
 
-def _settings(recording: Recording, road: str) -> str:
+def _settings(settings: Settings, road: str) -> str:
     """The recording.toml, its fields in the order of the model."""
     fields = {
-        "name": recording.name, "map": road, "ego": recording.ego,
-        "build": recording.build, "build_hash": recording.build_hash,
-        "gt_rate": recording.gt_rate, "sd_rate": recording.sd_rate,
+        "name": settings.name, "map": road, "ego": settings.ego,
+        "build": settings.build, "build_hash": settings.build_hash,
+        "gt_rate": settings.gt_rate, "sd_rate": settings.sd_rate,
     }  # fmt: skip
-    return settings_text(fields, {"environment": recording.environment, "provenance": recording.provenance})
-
-
-def _tables(recording: Recording) -> dict[str, pd.DataFrame]:
-    tables = track_tables(recording)
-    if recording.plan is not None:
-        tables["plan"] = recording.plan[list(PLAN_COLUMNS)]
-    return tables
+    environment = settings.environment.model_dump(by_alias=True, exclude_none=True)
+    return settings_text(fields, {"environment": environment, "provenance": settings.provenance})

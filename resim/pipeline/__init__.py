@@ -1,7 +1,7 @@
 """One recording, one build: describe, re-simulate, describe again, compare; and a map, looked over and converted."""
 
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
-from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings
+from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
 from resim.pipeline.result import Basis, Branch, Options, Resimulation, perceived_frame
 from resim.pipeline.run import STAGES, file_hash, map_name, resimulate
 
@@ -21,5 +21,6 @@ __all__ = [
     "perceived_frame",
     "refuse_findings",
     "refuse_flaws",
+    "repair_recording",
     "resimulate",
 ]

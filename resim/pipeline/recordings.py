@@ -9,7 +9,9 @@ from pathlib import Path
 from resim.check import CODES, examine
 from resim.core.errors import InputError
 from resim.core.finding import Finding
-from resim.ingest import Recording, read_tables, recording_of
+from resim.ingest import Recording, Tables, read_tables, recording_of, write_tables
+from resim.ingest.tables import REPAIRED
+from resim.repair import FILTERS, Done, Repaired, repair
 from resim.road.flaws import MAP_CODES
 from resim.road.opendrive import load
 
@@ -24,6 +26,44 @@ def examined(folder: Path, *, accept: Collection[str] = ()) -> Recording:
     findings = examine(tables, load(tables.map))
     refuse_findings(folder, findings, accept)
     return replace(recording_of(tables, lenient=True), findings=findings)
+
+
+def repair_recording(
+    folder: Path, out: Path, *, max_gap: float = 1.0, outliers: str = "robust"
+) -> tuple[tuple[Finding, ...], Repaired]:
+    """Write a repaired copy of a recording folder as a new one, and give what was found, and what was done.
+
+    max_gap [s] and outliers as in `repair`. The copy's provenance says in `repaired` from what and how it was
+    made. Raises InputError for settings that are none, and for a folder that exists or lies in the recording.
+    """
+    chosen = next((name for name in FILTERS if name == outliers), None)
+    if chosen is None:
+        raise InputError("--outliers", f"{outliers!r} is no filter", f"Filters: {', '.join(FILTERS)}.")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(out, "exists already", "Remove it or name another folder.")
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise InputError(out, f"lies in {folder}, which stays as it is", "Name a folder elsewhere.")
+    tables = read_tables(folder)
+    network = load(tables.map)
+    found = examine(tables, network)
+    repaired = repair(tables, network, max_gap=max_gap, outliers=chosen)
+    how = f"from {folder.resolve().name}, --max-gap {max_gap:g} --outliers {outliers}: {_told(repaired.done)}"
+    write_tables(_noted(repaired.tables, how), out)
+    return found, repaired
+
+
+def _noted(tables: Tables, how: str) -> Tables:
+    """The tables with the repair in their provenance, after those before."""
+    before = tables.settings.provenance
+    note = "; then ".join(part for part in (before.get(REPAIRED, ""), how) if part)
+    return replace(
+        tables, settings=tables.settings.model_copy(update={"provenance": {**before, REPAIRED: note}})
+    )
+
+
+def _told(done: tuple[Done, ...]) -> str:
+    parts = [f"{d.source} {d.code} {d.count.samples} samples" for d in done]
+    return ", ".join(parts) or "nothing to repair"
 
 
 def refuse_findings(folder: Path, findings: tuple[Finding, ...], accept: Collection[str]) -> None:

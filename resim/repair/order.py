@@ -1,0 +1,50 @@
+"""Repairs of rows: their order, doubles, and sizes that change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from resim.core.finding import Finding
+from resim.ingest import Tables
+from resim.repair.frames import changed, frame_of, marked, rows_of, with_frame
+from resim.repair.settings import How
+
+
+def time_backwards(tables: Tables, finding: Finding, how: How) -> Tables:
+    """Give the object's rows, or everyone's, in order of time, in the places of the file that they have."""
+    frame = frame_of(tables, finding.source)
+    place = np.arange(len(frame))
+    names = [finding.object] if finding.object else list(dict.fromkeys(frame["id"]))
+    t = frame["t"].to_numpy(float)
+    for name in names:
+        own = np.flatnonzero(rows_of(frame, name))
+        place[own] = own[np.argsort(t[own], kind="stable")]
+    frame = frame.iloc[place]
+    if not finding.object:  # the file was in order of time before it was in none
+        frame = frame.sort_values("t", kind="stable")
+    return with_frame(tables, finding.source, frame)
+
+
+def duplicate_samples(tables: Tables, finding: Finding, how: How) -> Tables:
+    """Give the first of the object's rows at each time; it is marked."""
+    frame = frame_of(tables, finding.source)
+    own = rows_of(frame, finding.object)
+    twice = own & frame.duplicated(["t", "id"], keep=False).to_numpy()
+    again = own & frame.duplicated(["t", "id"]).to_numpy()
+    return with_frame(tables, finding.source, marked(frame, twice, finding.code)[~again])
+
+
+def size_changes(tables: Tables, finding: Finding, how: How) -> Tables:
+    """Give all rows of the object its median length and width and its most frequent kind."""
+    frame = frame_of(tables, finding.source)
+    own = rows_of(frame, finding.object)
+    values = {c: np.where(own, _middle(frame.loc[own, c]), frame[c]) for c in ("length", "width")}
+    kind = frame.loc[own, "kind"].value_counts(sort=True).index[0]
+    values["kind"] = np.where(own, kind, frame["kind"])
+    return with_frame(tables, finding.source, changed(frame, own, finding.code, **values))
+
+
+def _middle(values: pd.Series) -> float:
+    """The median that is one of the values: half a row more of one size makes no third one."""
+    return float(np.quantile(values.to_numpy(float), 0.5, method="lower"))
