@@ -20,6 +20,9 @@ PEDESTRIAN = "pedestrian"
 LONE = 1.0
 """Time step [s] of a table in which no object has two samples: there is nothing that it could decide."""
 
+FINEST = 1e-4
+"""Least time step [s] by which windows are laid: samples closer to each other are no measurement."""
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -85,7 +88,7 @@ def table_of(
     whole = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
     tracks = [_track(str(name), rows) for name, rows in whole.groupby("id", sort=False)]
     steps = np.concatenate([np.zeros(0), *(np.diff(k.t) for k in tracks)])
-    return Table(source, float(np.median(steps)) if len(steps) else LONE, tuple(tracks), gt_id)
+    return Table(source, max(float(np.median(steps)), FINEST) if len(steps) else LONE, tuple(tracks), gt_id)
 
 
 def _track(name: str, rows: pd.DataFrame) -> Track:

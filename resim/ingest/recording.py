@@ -16,6 +16,9 @@ from resim.core.geometry import Floats
 from resim.core.tracks import Strings, Tracks
 from resim.ingest.identity import name_by_ground_truth
 
+FINEST = 1e-4
+"""Least time [s] between samples."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -81,7 +84,11 @@ def sample_rate(source: Path, tracks: Tracks) -> float:
     steps = np.concatenate([np.diff(tracks.t[known]) for known in tracks.valid])
     if not len(steps):
         raise InputError(source, "no object has two samples", "A recording needs motion: give every sample.")
-    return round(1.0 / float(np.median(steps)), 6)
+    step = float(np.median(steps))
+    if step < FINEST:
+        problem = f"samples are {step:g} s apart, expected {FINEST:g} s or more"
+        raise InputError(source, problem, "Give t in seconds.")
+    return round(1.0 / step, 6)
 
 
 def existing_map(source: Path, road: Path) -> Path:

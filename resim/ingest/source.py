@@ -16,6 +16,12 @@ from resim.ingest.recording import Recording, sample_rate
 from resim.ingest.settings import Environment, Settings
 from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED, VALUES, check_complete, check_times
 
+LONGEST = 14_400.0
+"""Largest time [s] from a table's first sample to its last."""
+
+MOST_PLACES = 20_000_000
+"""Most objects times times of a table: tracks have a place for each pair."""
+
 
 @dataclass(frozen=True, eq=False)
 class Tables:
@@ -111,6 +117,7 @@ def _by_first_time(tracks: Tracks) -> Tracks:
 
 def _sound(frame: pd.DataFrame, path: Path, *, lenient: bool) -> pd.DataFrame:
     """The rows of a recording; refused, or with lenient=True left out, where they are none."""
+    _check_extent(path, frame)
     if not lenient:
         check_complete(path, frame)
         check_times(path, frame)
@@ -118,6 +125,20 @@ def _sound(frame: pd.DataFrame, path: Path, *, lenient: bool) -> pd.DataFrame:
     complete = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
     ordered: pd.DataFrame = complete.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
     return ordered
+
+
+def _check_extent(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse what would take more memory, or time to fit, than there is. Raises InputError."""
+    first, last = float(frame["t"].min()), float(frame["t"].max())
+    if last - first > LONGEST:
+        text = f"lasts {last - first:g} s, from t {first:g} to {last:g}; up to {LONGEST:g} s are read"
+        raise InputError(path, text, "Give t in seconds, and cut the recording to the drive.")
+    objects, times = frame["id"].nunique(), frame["t"].nunique()
+    if objects * times > MOST_PLACES:
+        text = (
+            f"{objects} objects at {times} different times: too many, up to {MOST_PLACES:.0e} pairs are read"
+        )
+        raise InputError(path, text, "Cut the recording to the drive, and give all objects the same times.")
 
 
 def _identity(sd: Tracks, frame: pd.DataFrame, gt: Tracks) -> Strings:

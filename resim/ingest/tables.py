@@ -21,6 +21,9 @@ VALUES = ("x", "y", "heading", "v")
 BIGGEST = 1e12
 """Largest number [of any unit] in a table: squares and cubes of larger ones are none any more."""
 
+MOST_TURNED = 1e4
+"""Largest heading [rad], for those that count turns; also what SUMO brings into one turn without a hang."""
+
 _CSV_ERRORS = (
     pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning, UnicodeDecodeError, OSError
 )  # fmt: skip
@@ -59,6 +62,8 @@ def check_complete(path: Path, frame: pd.DataFrame) -> None:
 def _check_terms(path: Path, frame: pd.DataFrame) -> None:
     for column in ("length", "width"):
         _refuse(path, frame, frame[column] <= 0.0, column, "a size above 0 m")
+    turned = frame["heading"].abs() > MOST_TURNED
+    _refuse(path, frame, turned, "heading", f"radians up to {MOST_TURNED:g}")
     _refuse(path, frame, ~frame["kind"].isin(KINDS), "kind", f"one of {', '.join(KINDS)}")
     if EXISTENCE in frame:
         _refuse(path, frame, (frame[EXISTENCE] < 0.0) | (frame[EXISTENCE] > 1.0), EXISTENCE, "0 to 1")

@@ -27,6 +27,12 @@ from resim.sim.adfunction import Build
 from resim.sim.dynamics import VehicleModel
 from resim.sim.loop import simulate
 
+FAR = 10_000.0
+"""Distance [m] of an EGO from the roads beyond which there is nothing to simulate."""
+
+LONGEST = 600.0
+"""Largest time [s] of one run: memory and time of a fit grow with its square and more."""
+
 Progress = Callable[[str], None]
 
 STAGES = ("map", "fit GT", "fit SD", "run GT", "fit rGT", "run SD", "fit rSD", "errors")
@@ -67,7 +73,9 @@ def resimulate(
         network, net = checked.network, checked.net
         refuse_flaws(network, checked.flaws, accept)
     whole = _measured(recording)
-    measured = {basis: tracks.split(GAP, keep=recording.ego) for basis, tracks in whole.items()}
+    for tracks in whole.values():
+        _refuse_far(recording, tracks, network)
+    measured = {basis: _split(recording, tracks) for basis, tracks in whole.items()}
     described: dict[Basis, Scenario] = {}
     for basis in measured:
         if basis == "GT" or basis in options.bases:
@@ -124,12 +132,37 @@ def _measured(recording: Recording) -> dict[Basis, Tracks]:
     return {"GT": gt, "SD": sd}
 
 
+def _refuse_far(recording: Recording, tracks: Tracks, network: RoadNetwork) -> None:
+    """Raise ResimError for an EGO beyond everything that the map can say."""
+    row = tracks.index(recording.ego)
+    at = network.to_road(tracks.x[row], tracks.y[row])
+    length = np.array([network.roads[str(road)].length for road in at.road])
+    off = np.nan_to_num(np.hypot(at.t, at.s - np.clip(at.s, 0.0, length)))
+    if off.max() > FAR:
+        raise ResimError(
+            f"{recording.folder or recording.name}: EGO {recording.ego!r} is {off.max() / 1e3:.0f} km from the roads "
+            f"of {recording.map} at t = {tracks.t[off.argmax()]:g} s. Give positions in the map's frame."
+        )
+
+
+def _split(recording: Recording, tracks: Tracks) -> Tracks:
+    try:
+        return tracks.split(GAP, keep=recording.ego)
+    except ResimError as e:
+        raise ResimError(f"{recording.folder or recording.name}: {e}") from e
+
+
 def _ego_window(tracks: Tracks, ego: str, where: str) -> Tracks:
     own = tracks.valid[tracks.index(ego)]
     if own.sum() < 2:
         raise ResimError(f"{where}: EGO {ego!r} has {int(own.sum())} sample(s), expected two or more")
-    first, last = tracks.t[own][[0, -1]]
-    return tracks.window(float(first), float(last))
+    first, last = tracks.t[own][[0, -1]].tolist()
+    if last - first > LONGEST:
+        raise ResimError(
+            f"{where}: EGO {ego!r} is there for {last - first:g} s, from {first:g} to {last:g} s; up to {LONGEST:g} s "
+            "are re-simulated in one run. Cut the recording to the scenario."
+        )
+    return tracks.window(first, last)
 
 
 def _describe(tracks: Tracks, recording: Recording, network: RoadNetwork, what: str) -> Scenario:

@@ -33,13 +33,12 @@ class _Part(BaseModel):
 
 
 _Number = Annotated[float, Field(ge=-1e12, le=1e12)]
-_Time = Annotated[float, Field(ge=-1e10, le=1e10)]
 _LONGEST = 86_400.0  # s; a trace is integrated in steps of 0.02 s
 
 
 class _Segment(_Part):
-    startTime: _Time
-    endTime: _Time
+    startTime: _Number
+    endTime: _Number
     polynomParameter: list[_Number] = Field(min_length=4, max_length=4)
 
     @model_validator(mode="after")

@@ -121,7 +121,7 @@ class Session:
             speed(name, v)
         half, v = 0.5 * self._length[EGO], abs(ego.v)
         x, y = ego.x + half * math.cos(ego.heading), ego.y + half * math.sin(ego.heading)
-        move(EGO, "", -1, x, y, 90.0 - math.degrees(ego.heading), 2, _MATCH)
+        move(EGO, "", -1, x, y, math.remainder(90.0 - math.degrees(ego.heading), 360.0), 2, _MATCH)
         speed(EGO, v)
         self._sumo.simulationStep()
         read = [*place(EGO), turn(EGO), v if pace(EGO) == v else self._insist(EGO, v)]

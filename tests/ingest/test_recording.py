@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from resim.core.tracks import KINDS, Tracks
 from resim.ingest import Recording, read_recording, write_recording
 
-numbers = st.floats(-1e12, 1e12)
+numbers, headings = st.floats(-1e12, 1e12), st.floats(-1e4, 1e4)
 sizes = st.floats(min_value=1e-3, max_value=1e3)
 names = st.text(st.characters(codec="utf-8", categories=["L", "N", "P", "S", "Zs"]), min_size=1, max_size=8)
 times = st.lists(
-    st.floats(-1e6, 1e6).map(lambda t: round(t, 3) + 0.0), min_size=2, max_size=6, unique=True
+    st.floats(-7e3, 7e3).map(lambda t: round(t, 3) + 0.0), min_size=2, max_size=6, unique=True
 ).map(sorted)
 
 
@@ -35,13 +35,13 @@ def tracks(draw: st.DrawFn, first: str | None = None) -> Tracks:
     valid[0] = True
     valid[:, draw(st.integers(0, len(t) - 1))] = True
 
-    def values() -> np.ndarray:
-        flat = draw(st.lists(numbers, min_size=shape[0] * shape[1], max_size=shape[0] * shape[1]))
+    def values(of: st.SearchStrategy[float] = numbers) -> np.ndarray:
+        flat = draw(st.lists(of, min_size=shape[0] * shape[1], max_size=shape[0] * shape[1]))
         return np.where(valid, np.array(flat).reshape(shape), np.nan)
 
     per_object = st.lists(sizes, min_size=len(ids), max_size=len(ids))
     return Tracks(
-        t=t, ids=np.array(ids), valid=valid, x=values(), y=values(), heading=values(), v=values(),
+        t=t, ids=np.array(ids), valid=valid, x=values(), y=values(), heading=values(headings), v=values(),
         kind=np.array(draw(st.lists(st.sampled_from(KINDS), min_size=len(ids), max_size=len(ids)))),
         length=np.array(draw(per_object)), width=np.array(draw(per_object)),
         a=draw(st.none() | st.just(values())),
