@@ -127,7 +127,7 @@ def _breaks(road: Road, section: LaneSection) -> Floats:
     for lane in section.lanes.values():
         at |= {section.start + c.s for c in (lane.widths or lane.borders)}
         at |= {section.start + s for s, _ in lane.speeds}
-    inside = sorted(s for s in at if section.start <= s < max(section.end, section.start + 1e-9))
+    inside = sorted(s for s in at if s == section.start or section.start < s < section.end)
     close = {after for before, after in pairwise(inside) if after - before < 1e-9}
     return np.array([s for s in inside if s not in close])
 
