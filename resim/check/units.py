@@ -197,18 +197,18 @@ def mirrored(
 
 def _turned(table: Table) -> Table:
     """The table with y turned; headings too where they fit then."""
-    return table.shaped(
-        heading=lambda k: -k.heading if heading_turns(k) else k.heading, p=lambda k: np.conj(k.p)
-    )
+    sign = -1.0 if headings_turn(table) else 1.0
+    return table.shaped(heading=lambda k: sign * k.heading, p=lambda k: np.conj(k.p))
 
 
-def heading_turns(track: Track) -> bool:
-    """Say whether the heading fits the track better with its sign turned, once y is turned."""
-    way = np.diff(np.conj(track.p))
-    as_is, turned = (
-        np.abs(np.angle(way * np.exp(-1j * h[:-1]))).sum() for h in (track.heading, -track.heading)
-    )
-    return bool(as_is >= turned)
+def headings_turn(table: Table) -> bool:
+    """Say whether the headings fit the tracks better with their signs turned, once y is turned."""
+    as_is = turned = 0.0
+    for track in table.tracks:
+        way = np.diff(np.conj(track.p))
+        as_is += float(np.abs(np.angle(way * np.exp(-1j * track.heading[:-1]))).sum())
+        turned += float(np.abs(np.angle(way * np.exp(1j * track.heading[:-1]))).sum())
+    return as_is >= turned
 
 
 def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:

@@ -31,16 +31,15 @@ def moving_average_outliers(values: Values, window: int, threshold: float) -> Bo
 def robust_outliers(values: Values, window: int, n_sigma: float = 3.0, *, least: float = 0.0) -> Bools:
     """Say which values (K,) are far from the median around them: |x_k - m_k| > max(n_sigma s_k, least).
 
-    m_k is the median of the `window` values around k, s_k = 1.4826 median |x_j - m_k| their scaled median
-    absolute deviation; least: in the unit of the values, for data that repeat. Complex values (x + iy) have
-    their median by part. Hampel, "The influence curve and its role in robust estimation", J. Am. Stat.
-    Assoc. 69 (1974): up to half of a window may be wrong.
+    m_k is the median of the `window` values x_j around k, s_k = 1.4826 median |x_j - m_j| their scaled median
+    absolute deviation, each from its own median, so that a ramp spreads nothing; least: in the unit of the
+    values, for data that repeat. Complex values (x + iy) have their median by part. After Hampel, "The influence
+    curve and its role in robust estimation", J. Am. Stat. Assoc. 69 (1974): up to half of a window may be wrong.
     """
-    around, inside = _windows(values, window)
-    middle = _median(around, inside)
-    apart = np.where(inside, np.abs(around - middle[:, None]), np.nan)
-    spread = SIGMA * np.nanmedian(apart, axis=1)
-    return np.asarray(np.abs(values - middle) > np.maximum(n_sigma * spread, least))
+    middle = _median(*_windows(values, window))
+    apart = np.abs(values - middle)
+    spread = SIGMA * _median(*_windows(apart, window))
+    return np.asarray(apart > np.maximum(n_sigma * spread, least))
 
 
 def _windows(values: Values, window: int) -> tuple[Values, Bools]:

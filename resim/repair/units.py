@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from resim.check.tracks import table_of
-from resim.check.units import heading_turns
+from resim.check.units import headings_turn
 from resim.core.finding import Finding
 from resim.ingest import Tables
 from resim.repair.frames import changed, complete, frame_of, rows_of, with_frame
@@ -32,11 +32,10 @@ def _scaled(tables: Tables, finding: Finding, column: str) -> Tables:
 
 
 def mirrored_y(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give the source with y turned; the headings, and yaw rates, of the objects whose track then fits them."""
+    """Give the source with y turned; and headings and yaw rates, where the tracks then fit them."""
     frame = frame_of(tables, finding.source)
     whole = table_of(finding.source, frame[complete(frame)], {})
-    turned = [k.id for k in whole.tracks if len(k) > 1 and heading_turns(k)]
-    sign = np.where(frame["id"].isin(turned), -1.0, 1.0)
+    sign = -1.0 if headings_turn(whole) else 1.0
     values = {"y": -frame["y"].to_numpy(float)}
     values |= {c: sign * frame[c].to_numpy(float) for c in ("heading", "yaw_rate") if c in frame}
     every = np.ones(len(frame), dtype=bool)
