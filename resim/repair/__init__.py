@@ -181,10 +181,9 @@ def _given(tables: Tables, state: Tables) -> Tables:
 
 
 def _typed(frame: pd.DataFrame, before: pd.DataFrame) -> pd.DataFrame:
-    """The table with the types that its columns had."""
-    return frame.astype(
-        {c: before[c].dtype for c in frame if c in before and frame[c].dtype != before[c].dtype}
-    )
+    """The table with the types that its columns of text had; numbers may have become fractions."""
+    text = [c for c in before if c in frame and not pd.api.types.is_numeric_dtype(before[c])]
+    return frame.astype({c: before[c].dtype for c in text})
 
 
 def _summed(done: list[tuple[Finding, Count]]) -> tuple[Done, ...]:
