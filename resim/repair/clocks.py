@@ -49,47 +49,45 @@ def clock_drift(tables: Tables, finding: Finding, how: How) -> Tables:
     """Give the source's times at the rate of the other source's: t' = t0 + (t - t0) / (1 + rate).
 
     t0 is the start where the clocks agree there as well as sensors do, else when they do agree, within the
-    recording. The rate is fitted again until nothing is left of it.
+    recording. The rate is fitted again until nothing is left of it, the delay after that.
     """
-    out, known = tables, float(finding.details["rate"])
     sign = 1.0 if finding.source == "sd" else -1.0
-    for _ in range(ROUNDS):
-        t = frame_of(out, finding.source)["t"].to_numpy(float)
-        rate, delay, middle = known, np.nan, np.nan
-        if (fit := _common(out)) is not None:
-            rate, delay, middle = fit
-        if abs(rate) * float(np.ptp(t)) < LEFT or abs(rate) > 0.5:
+    stamps = frame_of(tables, finding.source)["t"].to_numpy(float)
+    every = np.ones(len(stamps), dtype=bool)
+    first, last = float(stamps.min()), float(stamps.max())
+    middle, scale, delay = 0.5 * (first + last), 1.0, 0.0
+    for n in range(ROUNDS):
+        moved = middle + (stamps - middle) / scale
+        fit = _common(_moved(tables, finding, every, moved))
+        rate, delay = fit if fit is not None else (0.0 if n else float(finding.details["rate"]), delay)
+        if abs(rate) * (last - first) < LEFT or abs(rate) > 0.5:
             break
-        t0 = _agree(rate, delay, middle, float(t.min()), float(t.max()))
-        out = _moved(out, finding, np.ones(len(t), dtype=bool), t0 + (t - t0) / (1.0 + sign * rate))
-        known = 0.0
-    return out
+        scale *= 1.0 + sign * rate
+    t0 = _agree(sign * (scale - 1.0), delay, middle, first, last)
+    return _moved(tables, finding, every, t0 + (stamps - t0) / scale)
 
 
 def _agree(rate: float, delay: float, middle: float, first: float, last: float) -> float:
-    """The time [s] at which the clocks agreed."""
-    at_start = delay + rate * (first - middle)
-    if not abs(at_start) > SET_AT_START:
+    """The time [s] at which the clocks agreed, where their delay was that at the middle."""
+    if abs(delay + rate * (first - middle)) < SET_AT_START or rate == 0.0:
         return first
     return float(np.clip(middle - delay / rate, first, last))
 
 
-def _common(tables: Tables) -> tuple[float, float, float] | None:
-    """Rate of SD's delay [s/s], and the delay [s] at a time [s], of all objects that tell; None where none does."""
-    rates, delays, times, noise = [], [], [], []
+def _common(tables: Tables) -> tuple[float, float] | None:
+    """Rate of SD's delay [s/s] and the delay [s], of all objects that tell; None where none does."""
+    rates, delays, noise = [], [], []
     for pair in pairs(table(tables, "gt"), table(tables, "sd")):
         lasts = float(pair.t[-1] - pair.t[0])
         fit = delay_of(pair) if lasts >= LONG else None
         if fit is not None:
             rates.append(fit.drift / lasts)
             delays.append(fit.delay)
-            times.append(float(pair.t.mean()))
             noise.append(fit.drift_spread / lasts)
     if not rates:
         return None
     weights = np.asarray(noise) ** -2.0
-    rate, delay, middle = (float(np.average(v, weights=weights)) for v in (rates, delays, times))
-    return rate, delay, middle
+    return float(np.average(rates, weights=weights)), float(np.average(delays, weights=weights))
 
 
 def _onto_grid(own: Floats, shift: float, others: Floats) -> float:
