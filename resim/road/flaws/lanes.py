@@ -16,6 +16,7 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.road.flaws.flaw import Flaw, Severity
 from resim.road.opendrive import Lane, LaneSection, Road, RoadNetwork
+from resim.road.opendrive.model import Cubic
 
 NEGATIVE, FOLDED = -1e-3, -0.1
 WIDE = 20.0
@@ -82,9 +83,17 @@ def _turning_points(section: LaneSection, lane: Lane, end: float) -> Floats:
     at = [section.start]
     ends = [record.s for record in lane.widths[1:]] + [end - section.start]
     for record, until in zip(lane.widths, ends, strict=True):
-        roots = np.roots([3.0 * record.d, 2.0 * record.c, record.b])
-        real = roots[np.isreal(roots)].real
-        inside = [0.0, *real[(real > 0.0) & (real < until - record.s)], until - record.s - 1e-9]
+        inside = [0.0, *(ds for ds in _turns(record) if 0.0 < ds < until - record.s), until - record.s - 1e-9]
         at += [section.start + record.s + ds for ds in inside]
     s = np.array(at)
     return s[(s >= section.start) & (s < end)]
+
+
+def _turns(record: Cubic) -> list[float]:
+    """Every ds at which b + 2 c ds + 3 d ds² is zero; without the cancellation and overflow of the usual formula."""
+    square, half, rest = 3.0 * record.d, record.c, record.b
+    under = half * half - square * rest
+    if under < 0.0:
+        return []
+    q = -(half + math.copysign(math.sqrt(under), half))
+    return [top / below for top, below in ((q, square), (rest, q)) if below]

@@ -102,8 +102,8 @@ def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
     made = plain(network)
     if not made.lanes:
         raise ConversionError(
-                f"{network.path}: no lane has a length, but inside of junctions to which none leads. Correct the map"
-            )
+            f"{network.path}: no lane has a length, but inside of junctions to which none leads. Correct the map"
+        )
     run_netconvert(network.path, write(network, made, work), work / NET, time_limit=time_limit)
     net, via = patch(work / NET, made)
     report = measure(network, net, made, via)
