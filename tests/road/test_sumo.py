@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import stat
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -119,6 +121,31 @@ def test_many_at_once_agree(proving_ground, tmp_path):
     assert len({net.path for net in found}) == 1
     assert len(found) == 4
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_two_processes_at_once_give_the_same_bytes_and_leave_nothing_else(proving_ground, tmp_path):
+    program = (
+        "import sys; from pathlib import Path; from resim.road.opendrive import load; "
+        "from resim.road.sumo import sumo_net; network = load(sys.argv[1]); print('ready', flush=True); "
+        "sys.stdin.readline(); print(sumo_net(network, cache=Path(sys.argv[2])).path, flush=True)"
+    )
+    command = [sys.executable, "-c", program, str(proving_ground.path), str(tmp_path / "nets")]
+    both = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]  # fmt: skip
+    assert [process.stdout.readline() for process in both] == ["ready\n"] * 2
+    for process in both:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    told = [process.communicate() for process in both]
+    assert [process.returncode for process in both] == [0, 0], told
+    assert told[0] == told[1]
+    (net,) = (tmp_path / "nets").iterdir()
+    alone = sumo_net(proving_ground, cache=tmp_path / "alone").path.parent
+    assert {p.name: p.read_bytes() for p in net.iterdir()} == {
+        p.name: p.read_bytes() for p in alone.iterdir()
+    }
 
 
 @pytest.mark.parametrize(
