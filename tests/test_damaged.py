@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pytest
 from damaged import DIGITS, DRIVE, GROUND, JSCEN, ROOT, convert, is_clear, places, written
 
@@ -126,6 +127,22 @@ def test_numbers_of_another_unit_or_size_are_refused(tmp_path: Path, rows: Rows,
     with pytest.raises(InputError, match=says) as caught:
         read_recording(written(tmp_path, rows))
     assert "gt.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["INTERVAL", "DATE", "DOUBLE", "BLOB", "VARCHAR[]", "BOOLEAN"])
+def test_parquet_columns_of_any_type_are_read_as_text_or_refused(tmp_path: Path, kind: str) -> None:
+    folder = written(tmp_path, DRIVE)
+    source, target = folder / "gt.csv", folder / "gt.parquet"
+    columns = f"* REPLACE (TRY_CAST(id AS {kind}) AS id)"
+    with duckdb.connect() as db:
+        db.execute(f"CREATE TABLE track AS SELECT * FROM read_csv('{source}')")
+        db.execute(f"COPY (SELECT {columns} FROM track) TO '{target}' (FORMAT parquet)")
+    source.unlink()
+    with pytest.raises(
+        InputError, match=r"gt\.parquet: row 1 .*id is '', expected a name|ego 'a' is no object"
+    ) as caught:
+        read_recording(folder)
+    assert is_clear(caught.value, target)
 
 
 @pytest.mark.parametrize("column", [0, 2, 4, 5])

@@ -96,7 +96,7 @@ def read_table(
     frame = frame[[*required, *(c for c in optional if c in frame.columns)]].copy()
     for column in frame.columns:
         if column in text:
-            frame[column] = frame[column].fillna("").astype(str)
+            frame[column] = frame[column].astype(str).mask(frame[column].isna(), "")
             if column in required:
                 _refuse(path, frame, frame[column] == "", column, "a name")
         else:
