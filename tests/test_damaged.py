@@ -240,6 +240,27 @@ def test_what_is_no_file_or_no_text_is_refused_at_once(tmp_path: Path, name: str
     assert time.monotonic() - begin < 5.0
 
 
+@pytest.mark.parametrize(
+    ("factory", "says"),
+    [
+        ("builtins:print", None),
+        ("_socket:gethostname", None),
+        ("json.decoder:JSONDecoder", "has no reset"),
+        ("_json:encode", "has no encode"),
+    ],
+)
+def test_a_factory_in_a_built_in_or_compiled_module_is_no_crash(
+    tmp_path: Path, factory: str, says: str | None
+) -> None:
+    path = tmp_path / "build.toml"
+    path.write_text(f'name = "x"\nversion = "1"\nfactory = "{factory}"\n')
+    if says is None:
+        assert len(load_build(path).hash) == 64
+    else:
+        with pytest.raises(InputError, match=says):
+            load_build(path)
+
+
 def test_what_the_text_of_an_error_quotes_is_harmless() -> None:
     text = str(InputError("a\nb.xodr", f"x='\x1b[2J\u202e{DIGITS}' is no number", "Write one."))
     assert text.isprintable()

@@ -10,6 +10,7 @@ import pandas as pd
 from lxml import etree
 
 from resim.core.errors import InputError
+from resim.core.files import read_file
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.core.xml import safe_root
@@ -55,11 +56,7 @@ def read_commonroad(
 
 def _parse(path: Path) -> etree._Element:
     """The root of a CommonRoad file."""
-    try:
-        text = path.read_bytes()
-    except OSError as e:
-        raise InputError(path, f"cannot be read ({e.strerror})", "Check the path.") from e
-    root = safe_root(text, path, remedy=_EXPORT)
+    root = safe_root(read_file(path, "Check the path"), path, remedy=_EXPORT)
     if root.tag != "commonRoad":
         raise InputError(path, f"the root element is <{root.tag}>, expected <commonRoad>")
     if (version := root.get("commonRoadVersion")) not in VERSIONS:

@@ -188,6 +188,8 @@ def load_build(path: Path) -> Build:
         inspect.signature(factory).bind(**file.parameters)
     except TypeError as e:
         raise InputError(path, f"[parameters] do not fit {name}: {e}") from e
+    except ValueError:  # compiled code may not say its parameters; a run will find out
+        pass
     return Build(
         name=file.name,
         version=file.version,
@@ -202,22 +204,25 @@ def load_build(path: Path) -> Build:
 
 def _sources(module: ModuleType) -> bytes:
     """The module's source, and those of the modules it imports from its own folder, and they from it."""
-    folder = Path(module.__file__ or "").parent
+    folder = Path(_file(module)).parent
     known: dict[str, bytes] = {}
     todo = [module]
     while todo:
         one = todo.pop()
-        if one.__name__ in known or not one.__file__:
+        if one.__name__ in known or not _file(one):
             continue
-        known[one.__name__] = source = Path(one.__file__).read_bytes()
-        nodes = list(ast.walk(ast.parse(source)))
+        known[one.__name__] = source = Path(_file(one)).read_bytes()
+        nodes = list(ast.walk(ast.parse(source))) if _file(one).endswith(".py") else []
         names = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
         names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         imported = [sys.modules[name] for name in sorted(names) if name in sys.modules]
-        todo += [
-            m for m in imported if getattr(m, "__file__", None) and Path(str(m.__file__)).parent == folder
-        ]
+        todo += [m for m in imported if _file(m) and Path(_file(m)).parent == folder]
     return b"\0".join(sorted(known.values()))
+
+
+def _file(module: ModuleType) -> str:
+    """The module's file, source or compiled; "" for one that is built in."""
+    return str(getattr(module, "__file__", None) or "")
 
 
 def _import(path: Path, module_name: str) -> ModuleType:
