@@ -249,3 +249,14 @@ def test_a_map_without_a_driving_lane_is_refused(written, tmp_path):
     with pytest.raises(InputError, match=r"map\.xodr: has no driving lane \(its lanes are: sidewalk\)"):
         sumo_net(net, cache=tmp_path)
     assert list(tmp_path.iterdir()) == [tmp_path / "map.xodr"]
+
+
+@pytest.mark.parametrize("at", [50.0, 60.0])
+def test_a_lane_section_at_the_end_of_its_road_or_beyond_cuts_no_link(written, tmp_path, at):
+    on = section((-1, lane(-1, after=-1))) + section((-1, lane(-1, before=-1, after=-1)), s=at)
+    net = written(
+        road("a", 0, 0, 0, 50, on, after="road:b:start"),
+        road("b", 50, 0, 0, 1e-7, simple(-1, before=-1, after=-1), before="road:a:end", after="road:c:start"),
+        road("c", 50, 0, 0, 50, simple(-1, before=-1), before="road:b:end"),
+    )
+    assert connected(sumo_net(net, cache=tmp_path)) == {(("a", -1), ("c", -1))}

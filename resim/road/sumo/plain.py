@@ -97,6 +97,7 @@ Ends = tuple[str, str]
 
 def _connected(graph: Graph, inside: Collection[str], pieces: Pieces) -> dict[Ends, tuple[LaneKey, ...]]:
     """The junction lanes between each linked pair of SUMO lanes; of several ways the first that the file names."""
+    graph = _bridged(graph, {key for key in graph if key not in pieces.of_lane and key.road not in inside})
     found: dict[Ends, tuple[LaneKey, ...]] = {}
     for key, own in pieces.of_lane.items():
         for before, after in pairwise(own):
@@ -106,6 +107,24 @@ def _connected(graph: Graph, inside: Collection[str], pieces: Pieces) -> dict[En
                 ends = _lane(own[-1], key.lane), _lane(pieces.of_lane[way[-1]][0], way[-1].lane)
                 found.setdefault(ends, way[:-1])
     return found
+
+
+def _bridged(graph: Graph, empty: Collection[LaneKey]) -> Graph:
+    """The graph with the ways through lanes without length, which are no edges, as links from end to end."""
+    out = dict(graph)
+    for key, after in graph.items() if empty else ():
+        found: dict[LaneKey, None] = {}
+        seen: set[LaneKey] = set()
+        todo = list(reversed(after))
+        while todo:
+            one = todo.pop()
+            if one not in empty:
+                found[one] = None
+            elif one not in seen:
+                seen.add(one)
+                todo += reversed(graph[one])
+        out[key] = tuple(found)
+    return out
 
 
 def _lane(piece: Piece, lane: int) -> str:
