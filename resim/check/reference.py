@@ -28,11 +28,13 @@ def reference_points(known: list[Pair], explained: set[str], ego: str) -> Iterat
             continue
         along, across = float(np.median(pair.along)), float(np.median(pair.across))
         corner = abs(abs(across) - 0.5 * pair.gt.width) < abs(across)
+        ends = ("front", "rear") if along > 0.0 else ("rear", "front")
+        what, late = "corner" if corner else "bumper", -along / max(float(np.median(pair.v)), 0.1)
         text = (
-            f"SD is {along:+.2f} m ahead and {across:+.2f} m left of GT throughout, half the box is "
-            f"{0.5 * pair.gt.length:.2f} x {0.5 * pair.gt.width:.2f} m: one of the two names its "
-            f"{'front' if along > 0.0 else 'rear'} {'corner' if corner else 'bumper'}, or SD is "
-            f"{-along / max(float(np.median(pair.v)), 0.1):.2f} s late"
+            f"SD is {abs(along):.2f} m {'ahead' if along > 0.0 else 'behind'} and {abs(across):.2f} m "
+            f"{'left' if across > 0.0 else 'right'} of GT throughout, half the box is "
+            f"{0.5 * pair.gt.length:.2f} x {0.5 * pair.gt.width:.2f} m: SD names its {ends[0]} {what}, or GT "
+            f"its {ends[1]} {what}, or SD is {abs(late):.2f} s {'late' if late > 0.0 else 'early'}"
         )
         yield found(
             "REFERENCE_POINT", "recording", pair.sd.id, (float(pair.t[0]), float(pair.t[-1])),

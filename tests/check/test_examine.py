@@ -166,6 +166,24 @@ def test_a_planted_fault_is_found_where_it_is(
     assert hit[0].unit or code.endswith("UNIT")
 
 
+@pytest.mark.parametrize(("sign", "own", "other"), [(1.0, "front", "rear"), (-1.0, "rear", "front")])
+def test_a_reference_point_may_be_that_of_either_table(
+    tables: Read, look: Look, sign: float, own: str, other: str
+) -> None:
+    def moved(frame: pd.DataFrame, by: float) -> pd.DataFrame:
+        half = 0.5 * by * frame["length"]
+        return frame.assign(
+            x=frame["x"] + half * np.cos(frame["heading"]), y=frame["y"] + half * np.sin(frame["heading"])
+        )
+
+    before = tables("overtake")
+    for changed in (replace(before, sd=moved(before.sd, sign)), replace(before, gt=moved(before.gt, -sign))):
+        (hit, *_) = [f for f in look(changed) if f.code == "REFERENCE_POINT"]
+        assert f"SD names its {own} bumper, or GT its {other} bumper" in hit.text
+        assert ("ahead" if sign > 0.0 else "behind") in hit.text
+        assert hit.text.endswith("early" if sign > 0.0 else "late")
+
+
 def test_every_code_has_a_plant() -> None:
     assert {p[0] for p in PLANTS} == set(CODES)
 
