@@ -9,7 +9,6 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from resim import __version__
 from resim.fidelity import BRAKING
 from resim.pipeline import Resimulation
 from resim.report import tables
@@ -194,5 +193,5 @@ def _reaction(look: View) -> str:
 def _perceived(look: View) -> str:
     return (
         "<p>Objects shown to the function from t = 0 on, and how far they were off the simulated truth."
-        f"</p>{tables.perceived(look)}<p class='note'>resim {__version__}</p>"
+        f"</p>{tables.perceived(look)}"
     )

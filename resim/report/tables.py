@@ -232,7 +232,7 @@ def provenance(view: View) -> str:
         [f"recording: {escape(key)}", escape(str(value))]
         for key, value in sorted(view.result.recording.provenance.items())
     ]
-    return table(["", ""], rows, "facts")
+    return table(["what", "value"], rows, "provenance")
 
 
 def _flat(facts: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:

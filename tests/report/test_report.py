@@ -73,6 +73,14 @@ def test_one_file_that_loads_nothing(cut_in_html: str) -> None:
     assert len(cut_in_html) < 8e6
 
 
+def test_the_provenance_is_a_table_with_a_head_like_the_others(cut_in_html: str) -> None:
+    assert (
+        '<table class="provenance"><thead><tr><th scope="col">what</th><th scope="col">value</th>'
+        in cut_in_html
+    )
+    assert cut_in_html.count('class="facts"') == 1
+
+
 def test_same_result_same_bytes(cut_in: Resimulation, cut_in_html: str, tmp_path: Path) -> None:
     assert html(cut_in, tmp_path) == cut_in_html
 
