@@ -93,11 +93,17 @@ def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Give a file beside to write; it takes the place of `path` if all went well, else it is gone."""
+def whole_file(path: Path, kinds: tuple[str, ...] = (".html", ".htm")) -> Iterator[Path]:
+    """Give a file beside to write; it takes the place of `path` if all went well, else it is gone.
+
+    kinds: suffixes of the files that may be replaced. Raises InputError for a folder and for any other file.
+    """
     path = path.absolute()
     if path.is_dir():
         raise InputError(path, "is a folder, expected a file to write", "Name a file with --out.")
+    if path.exists() and path.suffix.lower() not in kinds:
+        problem = f"exists and is no {' or '.join(kinds)} file: it would be lost"
+        raise InputError(path, problem, "Name another with --out.")
     beside = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -352,3 +352,35 @@ def test_an_import_of_highd_is_put_on_its_map(call: Call, tmp_path: Path) -> Non
         tmp_path / "run",
     )
     assert (code, "no driving lane" in out) == (0, False)
+
+
+def test_a_picture_of_a_map_takes_the_place_of_no_other_file(call: Call, tmp_path: Path) -> None:
+    road = tmp_path / "road.xodr"
+    road.write_text(MAP.format(extra="", link=""))
+    code, _, told = call("map", "plot", road, "--out", road)
+    assert (code, told) == (
+        2, f"resim: {road}: exists and is no .html or .htm file: it would be lost. Name another with --out.\n"
+    )  # fmt: skip
+    assert road.read_text() == MAP.format(extra="", link="")
+    for _ in range(2):
+        assert call("map", "plot", road, "--out", tmp_path / "road.html")[0] == 0
+    assert names(tmp_path) == ["road.html", "road.xodr"]
+
+
+def test_a_map_without_driving_lanes_is_drawn_all_the_same(call: Call, tmp_path: Path) -> None:
+    road = tmp_path / "road.xodr"
+    road.write_text(MAP.format(extra="", link="").replace("driving", "sidewalk"))
+    code, _, told = call("map", "plot", road, "--out", tmp_path / "road.html")
+    assert code == 0
+    assert "drawn without the errors of its net" in told
+    assert "has no driving lane" in told
+    assert "sidewalk" in (tmp_path / "road.html").read_text()
+
+
+def test_a_code_that_no_finding_has_is_refused_for_a_map_too(call: Call, tmp_path: Path) -> None:
+    road = tmp_path / "road.xodr"
+    road.write_text(MAP.format(extra="", link=""))
+    code, _, told = call("map", "convert", road, "--out", tmp_path / "out", "--accept", "LANEGAP")
+    assert code == 2
+    assert told.startswith("resim: --accept: no finding has the code 'LANEGAP'. Codes: ")
+    assert names(tmp_path) == ["road.xodr"]

@@ -45,10 +45,11 @@ def convert(
     accept: Accept = None,
 ) -> None:
     """Write the SUMO net of a map, and how exact each of its lanes is, as numbers and as a picture."""
-    from resim.pipeline import check_map, refuse_flaws
+    from resim.pipeline import check_codes, check_map, refuse_flaws
     from resim.report import write_map_page
     from resim.store import CONVERSION, check_output, whole_folder, write_conversion
 
+    check_codes(accept or [])
     check_output(out, CONVERSION)
     found = check_map(path)
     refuse_flaws(found.network, found.flaws, accept or [])
@@ -69,7 +70,7 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a map: lanes with types and ids, junctions, and the errors of its SUMO net as colour."""
-    from resim.core.errors import ConversionError
+    from resim.core.errors import ConversionError, InputError
     from resim.report import write_map_page
     from resim.road.opendrive import load
     from resim.road.sumo import sumo_net
@@ -78,7 +79,7 @@ def plot(
     network = load(path)
     try:
         conversion = sumo_net(network).conversion
-    except ConversionError as error:
+    except (ConversionError, InputError) as error:
         typer.echo(f"note: drawn without the errors of its net: {error}", err=True)
         conversion = None
     target = out or Path(f"{path.stem}.html")
