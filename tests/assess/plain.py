@@ -1,0 +1,119 @@
+"""The published algorithm as it stands, in plain Python loops: Algorithms 4.1 and 4.2, Eq. 4.5 to 4.10.
+
+What its last fitting step means is taken as meant (the last evasion that helps, see 4.1.2.2), not as printed.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from scipy.integrate import odeint
+
+
+def ctra(x, y, heading, v, a, rate, times):
+    """Poses at the times by scipy's odeint, as published (4.1.1.3)."""
+
+    def slope(state, _):
+        return state[3] * math.cos(state[2]), state[3] * math.sin(state[2]), rate, a
+
+    return [tuple(row) for row in odeint(slope, (x, y, heading, v), times, rtol=1e-12, atol=1e-12)]
+
+
+def corners(pose, size):
+    x, y, heading = pose[:3]
+    c, s = math.cos(heading), math.sin(heading)
+    for i, j in itertools.product((0.5, -0.5), repeat=2):
+        yield x + c * i * size[0] - s * j * size[1], y + s * i * size[0] + c * j * size[1]
+
+
+def inside(point, pose, size):
+    dx, dy = point[0] - pose[0], point[1] - pose[1]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return abs(c * dx + s * dy) <= 0.5 * size[0] and abs(c * dy - s * dx) <= 0.5 * size[1]
+
+
+def intersect(one, other, size_one, size_other):
+    apart = math.hypot(one[0] - other[0], one[1] - other[1])
+    if apart > 0.5 * math.hypot(*size_one) + 0.5 * math.hypot(*size_other):
+        return False
+    return any(inside(p, one, size_one) for p in corners(other, size_other)) or any(
+        inside(p, other, size_other) for p in corners(one, size_one)
+    )
+
+
+def along(plan, start, a, h):
+    """The plan's way from grid time `start` on, at constant acceleration a instead of its own speed."""
+    way = [0.0]
+    for before, after in itertools.pairwise(plan):
+        way.append(way[-1] + math.hypot(after[0] - before[0], after[1] - before[1]))
+    v, out = plan[start][3], []
+    for j in range(start, len(plan)):
+        t = (j - start) * h
+        at = way[start] + (-0.5 * v * v / a if a < 0.0 and v + a * t < 0.0 else v * t + 0.5 * a * t * t)
+        i = start
+        while i < len(plan) - 2 and way[i + 1] < at:
+            i += 1
+        i = min(i, len(plan) - 2)
+        step = way[i + 1] - way[i]
+        f = (at - way[i]) / step if step > 1e-9 else 0.0
+        if f > 1.0:
+            x, y, heading = plan[-1][:3]
+            out.append(
+                (x + (at - way[-1]) * math.cos(heading), y + (at - way[-1]) * math.sin(heading), heading)
+            )
+        else:
+            out.append(tuple(plan[i][k] + f * (plan[i + 1][k] - plan[i][k]) for k in range(3)))
+    return out
+
+
+def evasions(plan, start, h, lateral=7.0, braking=8.5, forward=3.0, curvature=0.2):
+    x, y, heading, v = plan[start]
+    rate = min(lateral / v, curvature * v) if v > 1e-6 else 0.0
+    times = [k * h for k in range(len(plan) - start)]
+    for sign in (1.0, -1.0):
+        if len(times) > 1:
+            yield ctra(x, y, heading, v, 0.0, sign * rate, times)
+        else:
+            yield [(x, y, heading)]
+    yield along(plan, start, -braking, h)
+    yield along(plan, start, forward, h)
+
+
+def weight(ttr, no_return=0.5, most=3.5, slope=2.0):
+    tail = math.exp(-slope * (most - no_return))
+    return min(1.0, max(0.0, (math.exp(-slope * (ttr - no_return)) - tail) / (1.0 - tail)))
+
+
+def risk(plan, ego_size, objects, inputs, sample, h):
+    """r_to, r_ind, r_dep, collision probabilities of one scene; objects: (state, size) pairs."""
+    p = np.exp(-4.5 * (np.asarray(sample) ** 2).sum(axis=1))
+    p /= p.sum()
+    times = [k * h for k in range(len(plan))]
+    r_to, hits, every = [], [], []
+    for (state, size), (mu_a, sd_a, mu_w, sd_w) in zip(objects, inputs, strict=True):
+        g = []
+        for u, w in sample:
+            path = ctra(*state[:4], mu_a + 3.0 * sd_a * u, mu_w + 3.0 * sd_w * w, times)
+            contact = next((j for j in range(len(plan)) if intersect(plan[j], path[j], ego_size, size)), None)
+            if contact is None:
+                g.append(None)
+                continue
+            found = -1.0
+            for j in range(contact + 1):
+                for way in evasions(plan, j, h):
+                    if not any(intersect(e, path[j + n], ego_size, size) for n, e in enumerate(way)):
+                        found = j * h
+                        break
+            g.append(1.0 if found < 0.0 else weight(found))
+        values = [x or 0.0 for x in g]
+        r_to.append(float(np.dot(p, values)))
+        hits.append(float(sum(q for q, x in zip(p, g, strict=True) if x is not None)))
+        every.append(values)
+    r_ind = 1.0 - math.prod(1.0 - r for r in r_to)
+    r_dep = sum(
+        math.prod(p[i] for i in each) * max(every[k][i] for k, i in enumerate(each))
+        for each in itertools.product(range(len(p)), repeat=len(every))
+    ) if len(p) ** len(every) <= 20_000 else None  # fmt: skip
+    return r_to, r_ind, r_dep, hits
