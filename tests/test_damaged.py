@@ -133,14 +133,12 @@ def test_numbers_of_another_unit_or_size_are_refused(tmp_path: Path, rows: Rows,
 def test_parquet_columns_of_any_type_are_read_as_text_or_refused(tmp_path: Path, kind: str) -> None:
     folder = written(tmp_path, DRIVE)
     source, target = folder / "gt.csv", folder / "gt.parquet"
-    columns = f"* REPLACE (TRY_CAST(id AS {kind}) AS id)"
+    columns = f"* REPLACE (IF(t < 0.5, TRY_CAST('1' AS {kind}), NULL) AS id)"
     with duckdb.connect() as db:
         db.execute(f"CREATE TABLE track AS SELECT * FROM read_csv('{source}')")
         db.execute(f"COPY (SELECT {columns} FROM track) TO '{target}' (FORMAT parquet)")
     source.unlink()
-    with pytest.raises(
-        InputError, match=r"gt\.parquet: row 1 .*id is '', expected a name|ego 'a' is no object"
-    ) as caught:
+    with pytest.raises(InputError, match=r"gt\.parquet: row [16] .*id is '', expected a name") as caught:
         read_recording(folder)
     assert is_clear(caught.value, target)
 

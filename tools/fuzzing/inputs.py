@@ -113,23 +113,15 @@ def _drives() -> tuple[dict[str, bytes], ...]:
             .replace(b"../../networks/proving_ground.xodr", b"road.xodr")
         )
         tables = {table: (folder / f"{table}.csv").read_text().splitlines() for table in ("gt", "sd")}
-        first = float(tables["gt"][1].partition(",")[0])
-        for start in (first, first + 5.0):
-            cut = {
-                f"{table}.csv": "\n".join(
-                    [
-                        lines[0],
-                        *(
-                            row
-                            for row in lines[1:]
-                            if start <= float(row.partition(",")[0]) <= start + WINDOW
-                        ),
-                    ]
-                ).encode()
-                for table, lines in tables.items()
-            }
+        for start in (0.0, 0.5 * WINDOW):
+            cut = {f"{table}.csv": _window(lines, start).encode() for table, lines in tables.items()}
             cuts.append({"recording.toml": settings, "road.xodr": GROUND.read_bytes(), **cut})
     return tuple(cuts)
+
+
+def _window(lines: list[str], start: float) -> str:
+    inside = [row for row in lines[1:] if start <= float(row.partition(",")[0]) <= start + WINDOW]
+    return "\n".join([lines[0], *inside])
 
 
 def _recording(rng: Random, folder: Path) -> Path:
