@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 
+import pytest
 from conftest import ROOT
 
-from resim.pipeline import examined, resimulate
+from resim.check.codes import found
+from resim.core.errors import InputError
+from resim.pipeline import examined, refuse_findings, resimulate
 from resim.sim.adfunction import load_build
 
 LANE = (
@@ -62,3 +66,17 @@ def test_a_run_over_a_lane_that_the_net_has_not_says_so(tmp_path):
     )
     assert json.dumps(result.report()["warnings"]).count("SUMO net") == 1
     assert result.branches["GT"].run.control_error < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("code", "remedy"),
+    [
+        ("SPEED_UNIT", "repair it with --fix, or go on with --accept SPEED_UNIT"),
+        ("REFERENCE_POINT", "correct it, or go on with --accept REFERENCE_POINT"),
+    ],
+)
+def test_a_refusal_offers_only_a_repair_that_there_is(tmp_path, code, remedy):
+    fault = found(code, "gt", "a", (math.nan, math.nan), 2.0, "", "is wrong", limit=1.0).finding
+    with pytest.raises(InputError, match=f"gt a: {code}: is wrong. See `resim check`; {remedy}"):
+        refuse_findings(tmp_path, (fault,), [])
+    refuse_findings(tmp_path, (fault,), [code])

@@ -72,7 +72,8 @@ def refuse_findings(folder: Path, findings: tuple[Finding, ...], accept: Collect
     if errors:
         more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
         codes = " ".join(f"--accept {code}" for code in dict.fromkeys(f.code for f in errors))
-        remedy = f"See `resim check`; repair it with --fix, or go on with {codes}"
+        how = "repair it with --fix" if any(f.repair for f in errors) else "correct it"
+        remedy = f"See `resim check`; {how}, or go on with {codes}"
         raise InputError(folder, f"{finding_line(errors[0])}{more}", remedy)
 
 
