@@ -130,8 +130,8 @@ def _within(road: Road) -> Iterator[tuple[LaneKey, LaneKey]]:
 
 
 def _between(network: RoadNetwork, end: _End, link: Link | None) -> Iterator[tuple[LaneKey, LaneKey]]:
-    """Lane links over a link from road to road."""
-    if link is None or link.kind != "road" or link.id not in network.roads:
+    """Lane links over a link from road to road, end to end: one into the middle of a road joins no lanes."""
+    if link is None or link.kind != "road" or link.s is not None or link.id not in network.roads:
         return
     road, other = network.roads[end.road], network.roads[link.id]
     contact = link.contact or ("start" if end.at == "end" else "end")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from resim.road.flaws import flaws
 from resim.road.links import LaneKey, inner_roads, lane_graph, passed_lanes, ways
 from resim.road.opendrive import load
 from resim.road.sumo import sumo_net
@@ -260,3 +261,14 @@ def test_a_lane_section_at_the_end_of_its_road_or_beyond_cuts_no_link(written, t
         road("c", 50, 0, 0, 50, simple(-1, before=-1), before="road:b:end"),
     )
     assert connected(sumo_net(net, cache=tmp_path)) == {(("a", -1), ("c", -1))}
+
+
+def test_a_link_into_the_middle_of_a_road_joins_no_ends_and_is_told_of(written, tmp_path):
+    aside = road("b", 20, 0, -0.5, 30, simple(-1, before=-1), before="road:a")
+    aside = aside.replace('elementId="a"', 'elementId="a" elementS="20" elementDir="+"')
+    net = written(road("a", 0, 0, 0, 50, simple(-1)), aside)
+    assert lane_graph(net) == {LaneKey("a", 0, -1): (), LaneKey("b", 0, -1): ()}
+    assert connected(sumo_net(net, cache=tmp_path)) == set()
+    (flaw,) = flaws(net)
+    assert (flaw.severity, flaw.code, flaw.road, flaw.s) == ("warning", "LINK_INSIDE", "b", 0.0)
+    assert "road b: its predecessor is road a at s=20.000 m, inside of it" in flaw.text

@@ -14,6 +14,7 @@ MAP_CODES = frozenset(
         "KINK",
         "LANE_GAP",
         "LINE_GAP",
+        "LINK_INSIDE",
         "MISSING_JUNCTION",
         "MISSING_LANE",
         "MISSING_ROAD",

@@ -2,7 +2,8 @@
 
 MISSING_ROAD, MISSING_JUNCTION: a road's link, or a connection, names one that is not there, as in a map that
 was cut out of a larger one. MISSING_LANE: a link names a lane that its road does not have there (error on
-driven lanes). ONE_SIDED: a road goes on into another, which does not
+driven lanes). LINK_INSIDE: a road's link is to a place inside of another road, as at virtual junctions: it is
+not followed, and the SUMO net has no connection there. ONE_SIDED: a road goes on into another, which does not
 link back. ROAD_GAP: the reference lines of linked roads end over 0.1 m apart (note: their lanes may meet all
 the same). LANE_GAP: the centres of linked lanes end over 0.1 m apart, measured where both are wider than 0.1 m.
 """
@@ -57,6 +58,9 @@ def _road_link(network: RoadNetwork, road: Road, at_end: bool, link: Link) -> It
         code = f"MISSING_{link.kind.upper()}"
         yield Flaw("error", code, road.id, None, None, s, math.nan, "", f"{text}, which is not in the map")
         return
+    if link.s is not None:
+        yield Flaw("warning", "LINK_INSIDE", road.id, None, None, s, math.nan, "",
+                   f"{text} at s={link.s:.3f} m, inside of it: no way leads over this link")  # fmt: skip
     if link.kind == "junction" or link.s is not None:
         return
     other, there = network.roads[link.id], _contact(link, at_end)

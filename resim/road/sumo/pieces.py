@@ -130,7 +130,7 @@ class _Nodes:
     def _link(
         self, network: RoadNetwork, count: Mapping[str, int], border: _Border, link: Link | None
     ) -> None:
-        if link is None:
+        if link is None or link.s is not None:
             return
         if link.kind == "junction" and link.id in network.junctions:
             self._join(border, _Border(link.id, -1))
@@ -162,7 +162,7 @@ def _meeting(network: RoadNetwork, junction: Junction, count: Mapping[str, int])
     for road in network.roads.values():
         if road.junction == junction.id:
             for ahead, link in ((False, road.predecessor), (True, road.successor)):
-                if link is not None and link.kind == "road" and link.id in count:
+                if link is not None and link.kind == "road" and link.s is None and link.id in count:
                     yield _end(link, count, ahead=ahead)
     for connection in junction.connections:
         if connection.connecting in count and network.roads[connection.connecting].junction is None:
