@@ -43,7 +43,8 @@ def check_output(folder: Path, kind: Results = RUN) -> None:
     try:
         if folder.is_file():
             raise InputError(folder, "is a file, expected a folder for the results", remedy)
-        above = next(parent for parent in folder.absolute().parents if parent.exists())
+        whole = folder.absolute()
+        above = next((parent for parent in whole.parents if parent.exists()), whole)
         if not above.is_dir() or not os.access(above, os.W_OK):
             raise InputError(folder, f"cannot be made: {above} is no folder that you may write", remedy)
         held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []

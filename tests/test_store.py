@@ -171,3 +171,8 @@ def test_results_are_written_with_everything_that_went_in_and_came_out(
     text = json.dumps(run)
     for wanted in (build("highway_pilot").hash, "libsumo", "numpy", "gt.csv", "sd.csv", '"seed": 3'):
         assert wanted in text
+
+
+def test_the_root_is_no_folder_for_results() -> None:
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(Path("/"))
