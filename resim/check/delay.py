@@ -140,7 +140,7 @@ def _offsets(
     common = float(np.average(delays, weights=spreads**-2.0))
     allowed = np.maximum(max(0.1, 0.2 * abs(common)), 2.0 * spreads)
     if len(fits) > 1 and (np.abs(delays - common) < allowed).all() and _sure(common, float(spreads.min())):
-        return [_delayed("sd", "", sd.span, common, "all its objects")], set(fits)
+        return [_delayed("sd", "", sd.span, common, "every object of it")], set(fits)
     out, explained = [], set()
     for name, fit in fits.items():
         pair = by_id[name]
