@@ -50,9 +50,13 @@ def road(name: str = "7", *, length: float = 100.0, lanes: int = 1, s: float = 0
             road(line=LINE.replace("<line/>", '<spiral curvStart="0" curvEnd="1e3"/>')),
             "<spiral> turns by up to 100000 rad, beyond 1000 rad",
         ),
+        (
+            road(line=LINE.replace("<line/>", '<arc curvature="-1e6"/>')),
+            "<arc> turns by up to 1e.08 rad, beyond 1000 rad",
+        ),
         (road(s=1e12), "no lane has a length"),
     ],
-    ids=["digits", "long", "spiral", "far-section"],
+    ids=["digits", "long", "spiral", "arc", "far-section"],
 )
 def test_what_is_beyond_all_roads_is_refused(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "map.xodr"

@@ -84,7 +84,7 @@ def maps(draw: st.DrawFn) -> str:
 QUICK = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 
 
-@settings(QUICK, max_examples=40)
+@settings(QUICK, max_examples=25)
 @given(maps())
 def test_random_maps_give_a_net_or_a_clear_error(text: str) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -33,7 +33,7 @@ MOST_LANES = 4e6
 """Largest length [m] of all lanes together: what gigabytes of memory and SUMO's minutes are enough for."""
 
 MOST_TURN = 1e3
-"""Largest turn [rad] within one spiral; it is calculated in parts of 1 rad."""
+"""Largest turn [rad] within one arc or spiral: every circle is looked through for each position on it."""
 
 CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
@@ -152,13 +152,13 @@ class ModelReader(LaneReader):
             start = end = self.number(curve, "curvature", where)
         elif kind == "spiral":
             start, end = (self.number(curve, n, where) for n in ("curvStart", "curvEnd"))
-            turn = max(abs(start), abs(end)) * length
-            if turn > MOST_TURN:
-                raise self.error(where, f"its <spiral> turns by up to {turn:g} rad, beyond {MOST_TURN:g} rad")
         elif kind == "poly3":
             v = self.coefficients(curve, "", where)
         elif kind == "paramPoly3":
             u, v = self.coefficients(curve, "U", where), self.coefficients(curve, "V", where)
+        turn = max(abs(start), abs(end)) * length
+        if turn > MOST_TURN:
+            raise self.error(where, f"its <{kind}> turns by up to {turn:g} rad, beyond {MOST_TURN:g} rad")
         normalized = kind == "paramPoly3" and curve.get("pRange", "normalized") != "arcLength"
         return Geometry(kind, s, x, y, heading, length, start, end, u, v, normalized)
 
