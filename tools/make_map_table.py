@@ -91,7 +91,8 @@ def remarks(found: MapCheck) -> str:
     errors = [flaw for flaw in found.flaws if flaw.severity == "error"]
     if errors:
         more = f" and {len(errors) - 1} more errors" if len(errors) > 1 else ""
-        out.append(f"refused without `--accept`: {errors[0].code}, {errors[0].text}{more}")
+        codes = ", ".join(dict.fromkeys(flaw.code for flaw in errors))
+        out.append(f"refused without `--accept` of {codes}: {errors[0].text}{more}")
     for severity in ("warning", "note"):
         codes = [flaw.code for flaw in found.flaws if flaw.severity == severity]
         out += [f"{codes.count(code)} {code}" for code in dict.fromkeys(codes)]

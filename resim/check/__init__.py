@@ -57,10 +57,10 @@ def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
         out += more
     gt, sd, more = mirrored(gt, sd, network)
     out += more
-    gt, more = _motion(gt, network)
+    gt, more = _motion(gt, network, ego)
     out += more
     if sd is not None:
-        sd, more = _motion(sd, network)
+        sd, more = _motion(sd, network, ego)
         out += more + list(_both(gt, sd, out + more, ego))
     return worst_first(_causes(out))
 
@@ -81,7 +81,7 @@ def _source(
     return table, out
 
 
-def _motion(table: Table, network: RoadNetwork | None) -> tuple[Table, list[Found]]:
+def _motion(table: Table, network: RoadNetwork | None, ego: str) -> tuple[Table, list[Found]]:
     """What the motion of one source shows, and its table, cut where tracks are torn."""
     if not table.tracks:
         return table, []
@@ -91,7 +91,7 @@ def _motion(table: Table, network: RoadNetwork | None) -> tuple[Table, list[Foun
     for look in (speed, heading, limits, overlaps):
         out += look(table)
     if network is not None:
-        out += places(table, network)
+        out += places(table, network, ego)
     return table, out
 
 

@@ -72,7 +72,9 @@ def speed(table: Table) -> Iterator[Found]:
         delay, left = _delay(m.t, np.abs(m.told), np.abs(m.moved))
         text, repair = _explained(text, delay, left, "m/s")
         limit = SPEED_RUN if lasting else SPEED_BIAS
-        late = table.source == "sd" and delay > 0.0 and left < SPEED_RUN  # so is the sensor: there is no fault
+        late = (
+            table.source == "sd" and delay > 0.0 and left < SPEED_RUN
+        )  # so is the sensor: there is no fault
         yield found(
             "SPEED_DISAGREES", table.source, track.id, span, value, "m/s", text, limit=limit,
             severity="note" if late else None, repair="" if late else repair,

@@ -9,6 +9,7 @@ import numpy as np
 
 from resim.check.codes import Found, found
 from resim.check.tracks import PEDESTRIAN, Table, Track, longest_run
+from resim.core.finding import Severity
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.opendrive import RoadNetwork
 
@@ -23,6 +24,8 @@ DRIVES = 2.0
 """Speed [m/s] of what has to be on a lane; parked vehicles stand beside."""
 AGAINST = 2.4
 """Angle [rad] to the lane's direction from which on it drives against it; less is turning and parking."""
+THROUGHOUT = 0.9
+"""Share of its time off the map that leaves an EGO without a road."""
 MOST = 0.5
 """Share of the vehicles that makes it the table's finding."""
 WALKERS = (PEDESTRIAN, "bicycle", "unknown")
@@ -30,8 +33,11 @@ WALKERS = (PEDESTRIAN, "bicycle", "unknown")
 _Hit: TypeAlias = tuple[Track, tuple[float, float], float]
 
 
-def places(table: Table, network: RoadNetwork) -> Iterator[Found]:
-    """Give vehicles that drive on no lane, or against theirs; where most do, the table."""
+def places(table: Table, network: RoadNetwork, ego: str) -> Iterator[Found]:
+    """Give vehicles that drive on no lane, or against theirs; where most do, the table.
+
+    An EGO that is off the map nearly all the time is an error: it cannot be re-simulated there.
+    """
     off: list[_Hit] = []
     against: list[_Hit] = []
     drivers: set[str] = set()
@@ -46,7 +52,7 @@ def places(table: Table, network: RoadNetwork) -> Iterator[Found]:
             off.append((whole, span, float(beyond[drives].max())))
         if (span := _lasting(drives & (turned > AGAINST) & (beyond <= 0.0), track.t)) is not None:
             against.append((whole, span, span[1] - span[0]))
-    yield from _told(table, "OFF_MAP", "m", off, len(drivers), _off_text, BESIDE)
+    yield from _told(table, "OFF_MAP", "m", off, len(drivers), _off_text, BESIDE, ego=ego)
     yield from _told(table, "WRONG_WAY", "s", against, len(drivers), _against_text, LONG)
 
 
@@ -66,11 +72,11 @@ def _lasting(mask: Bools, t: Floats) -> tuple[float, float] | None:
 
 
 def _off_text(value: float, span: tuple[float, float]) -> str:
-    return f"drives up to {value:.1f} m beside the nearest driving lane from {span[0]:.2f} to {span[1]:.2f} s"
+    return f"drives up to {value:.1f} m beside the nearest driving lane, for {span[1] - span[0]:.2f} s"
 
 
 def _against_text(value: float, span: tuple[float, float]) -> str:
-    return f"drives against its lane from {span[0]:.2f} to {span[1]:.2f} s"
+    return f"drives against its lane for {span[1] - span[0]:.2f} s"
 
 
 def _told(
@@ -81,6 +87,8 @@ def _told(
     drivers: int,
     say: Callable[[float, tuple[float, float]], str],
     limit: float,
+    *,
+    ego: str = "",
 ) -> Iterator[Found]:
     """One finding per object, or one of the table where most are concerned."""
     names = list(dict.fromkeys(track.id for track, _, _ in hits))
@@ -90,4 +98,7 @@ def _told(
         yield found(code, table.source, "", table.span, worst[2], unit, text, limit=limit, severity="error")
         return
     for track, span, value in hits:
-        yield found(code, table.source, track.id, span, value, unit, say(value, span), limit=limit)
+        whole = track.id == ego and span[1] - span[0] > THROUGHOUT * (track.t[-1] - track.t[0])
+        text = say(value, span) + ("; the wrong map?" if whole else "")
+        severity: Severity | None = "error" if whole else None
+        yield found(code, table.source, track.id, span, value, unit, text, limit=limit, severity=severity)

@@ -50,8 +50,8 @@ def check(
     for name, value in (("--max-gap", max_gap), ("--outliers", outliers)):
         if fix is None and value is not None:
             raise InputError(name, "says how to repair, and nothing is to be repaired", "Give --fix OUT too.")
+    tables = read_tables(recording)
     if fix is None:
-        tables = read_tables(recording)
         findings = examine(tables, load(tables.map))
         _print(findings)
     else:
@@ -62,10 +62,23 @@ def check(
         _print_repaired(repaired)
         typer.echo(f"{fix}: written")
         findings = repaired.left
-    errors = sum(f.severity == "error" for f in findings)
+    errors = sum(f.severity == "error" for f in findings) + _print_map(tables.map)
     if errors:
         where = recording if fix is None else fix
         raise BadVerdictError(f"{where}: {errors} error(s)" + ("" if fix is None else " left"))
+
+
+def _print_map(path: Path) -> int:
+    """Tell the errors of the recording's map, which stop a run as well; give how many there are."""
+    from resim.road.flaws import flaws
+    from resim.road.opendrive import load
+
+    errors = [f for f in flaws(load(path)) if f.severity == "error"]
+    for flaw in errors[:MOST_LINES]:
+        typer.echo(f"error    {flaw.code}  map {path.name}: {flaw.text}")
+    if len(errors) > MOST_LINES:
+        typer.echo(f"... and {len(errors) - MOST_LINES} more errors in the map: see `resim map check`")
+    return len(errors)
 
 
 def _print(findings: Sequence[Finding]) -> None:

@@ -55,7 +55,7 @@ def convert(
     refuse_flaws(found.network, found.flaws, accept or [])
     with whole_folder(out, CONVERSION) as folder:
         write_conversion(found, folder)
-        write_map_page(found.network, folder / "map.html", conversion=found.net.conversion)
+        write_map_page(found.network, folder / "map.html", conversion=found.net.conversion, flaws=found.flaws)
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
@@ -72,6 +72,7 @@ def plot(
     """Draw a map: lanes with types and ids, junctions, and the errors of its SUMO net as colour."""
     from resim.core.errors import ConversionError, InputError
     from resim.report import write_map_page
+    from resim.road.flaws import flaws
     from resim.road.opendrive import load
     from resim.road.sumo import sumo_net
     from resim.store import whole_file
@@ -84,7 +85,7 @@ def plot(
         conversion = None
     target = out or Path(f"{path.stem}.html")
     with whole_file(target) as beside:
-        write_map_page(network, beside, conversion=conversion)
+        write_map_page(network, beside, conversion=conversion, flaws=flaws(network))
     typer.echo(str(target))
 
 

@@ -22,7 +22,7 @@ def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large
         if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
             raise InputError(path, "cannot be read (it is a device or pipe, no file)", remedy)
         if found.st_size > largest:
-            sizes = f"has {found.st_size / 1e6:.0f} MB; files of up to {largest / 1e6:.0f} MB are read"
+            sizes = f"has {found.st_size / 1e6:.1f} MB; files of up to {largest / 1e6:.0f} MB are read"
             raise InputError(path, sizes, too_large or remedy)
         return path.read_bytes()
     except OSError as e:

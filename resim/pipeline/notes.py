@@ -40,7 +40,7 @@ def notes(
     errors: Mapping[str, Errors],
 ) -> Iterator[str]:
     """Give one line for each thing that qualifies the results."""
-    yield from (finding_line(f) for f in recording.findings if f.severity != "note")
+    yield from _by_code([(f.code, finding_line(f)) for f in recording.findings if f.severity != "note"])
     yield from _repaired(recording)
     yield from _map(checked, measured)
     yield from _who_drove(recording, build)
@@ -65,7 +65,8 @@ def _repaired(recording: Recording) -> Iterator[str]:
 def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
     """What is wrong with the lanes that somebody drove on, in the map and in its SUMO net."""
     network, name = checked.network, checked.network.path.name
-    yield from (f"{name}: {flaw.code}: {flaw.text}" for flaw in checked.flaws if flaw.severity == "error")
+    told = [(f.code, f"{name}: {f.code}: {f.text}") for f in checked.flaws if f.severity == "error"]
+    yield from _by_code(told)
     touched: set[LaneKey] = set()
     for tracks in measured.values():
         found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
@@ -74,10 +75,10 @@ def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
         )
         touched |= {LaneKey(r, network.roads[r].section_index(s), lane) for r, lane, s in places if s == s}
     roads = {key.road for key in touched}
-    doubts = [f"{f.code}: {f.text}" for f in checked.flaws if f.severity == "warning" and f.road in roads]
-    yield from _some(name, doubts)
+    doubts = [f for f in checked.flaws if f.severity == "warning" and f.road in roads]
+    yield from _by_code([(f.code, f"{name}: {f.code}: {f.text}") for f in doubts])
     bad = [lane for lane in checked.net.conversion.bad if lane.key in touched]
-    yield from _some(name, [_inexact(lane) for lane in bad])
+    yield from _by_code([("such lanes", f"{name}: {_inexact(lane)}") for lane in bad])
 
 
 def _inexact(lane: LaneError) -> str:
@@ -85,11 +86,13 @@ def _inexact(lane: LaneError) -> str:
     return f"{lane.key}, which traces touch, {what} ({lane.remark or f'at s = {lane.s:g} m'})"
 
 
-def _some(name: str, lines: list[str]) -> Iterator[str]:
-    """The first lines, and how many more there are."""
-    yield from (f"{name}: {line}" for line in lines[:MOST_LINES])
-    if len(lines) > MOST_LINES:
-        yield f"{name}: and {len(lines) - MOST_LINES} more on roads that were driven"
+def _by_code(lines: list[tuple[str, str]]) -> Iterator[str]:
+    """The first lines of each code, and how many more there are of it."""
+    for code in dict.fromkeys(code for code, _ in lines):
+        own = [line for name, line in lines if name == code]
+        yield from own[:MOST_LINES]
+        if len(own) > MOST_LINES:
+            yield f"... and {len(own) - MOST_LINES} more {code}"
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -78,9 +79,10 @@ def refuse_findings(folder: Path, findings: tuple[Finding, ...], accept: Collect
 
 
 def finding_line(finding: Finding) -> str:
-    """Give a finding as `gt 3: CODE: what was found`."""
+    """Give a finding as `gt 3 at 2.40 s: CODE: what was found`."""
     where = f"{finding.source} {finding.object}".rstrip()
-    return f"{where}: {finding.code}: {finding.text}"
+    when = "" if math.isnan(finding.start) else f" at {finding.start:.2f} s"
+    return f"{where}{when}: {finding.code}: {finding.text}"
 
 
 def check_codes(accept: Collection[str]) -> None:

@@ -150,8 +150,16 @@ def _through(
         return
     into = _End(other.id, connection.contact)
     for at in _meeting(road, junction, other, into):
-        for lane, target in connection.lane_links:
-            yield from _joined(road, _End(road.id, at), lane, other, into, target)
+        end = _End(road.id, at)
+        for lane, target in connection.lane_links or _alike(road, end, other, into):
+            yield from _joined(road, end, lane, other, into, target)
+
+
+def _alike(road: Road, end: _End, other: Road, into: _End) -> list[tuple[int, int]]:
+    """What a connection without lane links means: lanes of the same id, mirrored where equal ends meet."""
+    sign = -1 if end.at == into.at else 1
+    there = other.sections[_last(other, into)].lanes
+    return [(lane, sign * lane) for lane in road.sections[_last(road, end)].lanes if sign * lane in there]
 
 
 def _meeting(road: Road, junction: str, other: Road, into: _End) -> list[str]:

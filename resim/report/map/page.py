@@ -2,41 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 
 from resim.report.map.colors import FIRST, MISSING, MISSING_OTHER, TICKS, gradient, share, type_color
 from resim.report.map.data import Picture, to_script
-from resim.report.map.tables import errors_section
+from resim.report.map.tables import errors_section, flaws_section
 from resim.report.plots import number
+from resim.road.flaws import Flaw
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo import EXACT, VARIED, Conversion
 
 SCRIPTS = ("data.js", "view.js", "lanes.js", "labels.js", "frame.js", "inspect.js", "input.js")
 
 
-def write_map_page(network: RoadNetwork, path: Path, *, conversion: Conversion | None = None) -> None:
-    """Write the page of a map, one HTML file; with a conversion, the errors of its SUMO net as well.
+def write_map_page(
+    network: RoadNetwork,
+    path: Path,
+    *,
+    conversion: Conversion | None = None,
+    flaws: Sequence[Flaw] | None = None,
+) -> None:
+    """Write the page of a map, one HTML file; with a conversion or flaws, the errors of its net and its own.
 
-    The same map and conversion give the same bytes.
+    The same map, conversion and flaws give the same bytes.
     """
-    path.write_text(page(Picture(network, conversion)), encoding="utf-8", newline="\n")
+    path.write_text(page(Picture(network, conversion), flaws), encoding="utf-8", newline="\n")
 
 
-def page(picture: Picture) -> str:
+def page(picture: Picture, flaws: Sequence[Flaw] | None = None) -> str:
     """Give the page's HTML."""
     css = _text("resim.report", "page.css") + _text("resim.report.map", "map.css")
     script = "\n".join(_text("resim.report.map", name) for name in SCRIPTS)
+    sections = _section("errors", "How exact the SUMO net is", errors_section(picture.conversion))
+    if flaws is not None:
+        sections += _section("flaws", "Flaws of the map", flaws_section(flaws))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(picture.network.path.name)}</title>\n<style>{css}</style></head>\n"
         f'<body><main class="map">\n{_header(picture)}\n{_controls(picture)}\n{_legend(picture)}\n{STAGE}\n'
-        f'<section id="errors"><h2>How exact the SUMO net is</h2>\n{errors_section(picture.conversion)}</section>\n'
-        f'</main>\n<script type="application/json" id="map-data">{to_script(picture)}</script>\n'
+        f'{sections}</main>\n<script type="application/json" id="map-data">{to_script(picture)}</script>\n'
         f'<script>"use strict";\n{script}</script></body></html>\n'
     )
+
+
+def _section(name: str, title: str, body: str) -> str:
+    return f'<section id="{name}"><h2>{title}</h2>\n{body}</section>\n'
 
 
 STAGE = (

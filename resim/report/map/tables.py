@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from resim.report.plots import number
+from resim.road.flaws import SEVERITIES, Flaw
 from resim.road.opendrive import VEHICLE_LANES
 from resim.road.sumo import Conversion, Jump, LaneError
 
@@ -16,6 +17,20 @@ LANE_HEAD = (
     "road", "section", "lane", "type", "junction", "worst", "mean", "limit", "s [m]", "x [m]", "y [m]", "remark",
 )  # fmt: skip
 GAP_HEAD = ("gap", "from SUMO lane", "to SUMO lane", "x [m]", "y [m]")
+
+
+def flaws_section(flaws: Sequence[Flaw]) -> str:
+    """Give what is wrong in the map itself, worst first."""
+    if not flaws:
+        return "<p>No flaw was found.</p>"
+    rows = [
+        f"<tr><td>{flaw.severity}</td><td>{flaw.code}</td><td>{escape(flaw.text)}</td></tr>" for flaw in flaws[:MOST]
+    ]  # fmt: skip
+    counts = ", ".join(
+        f"{number} {severity}{'s' if number > 1 else ''}"
+        for severity in SEVERITIES if (number := sum(flaw.severity == severity for flaw in flaws))
+    )  # fmt: skip
+    return f'<p class="line">{counts}.</p>' + _table(("", "code", "what"), rows, len(flaws))
 
 
 def errors_section(conversion: Conversion | None) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,11 +22,12 @@ from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
 from resim.road.sumo.patch import patch
 from resim.road.sumo.plain import plain, write
 
-VERSION = 4
+VERSION = 5
 """Counts up when the same map gives another net."""
 
 TIME_LIMIT = 120.0
 NET, REPORT = "net.xml", "conversion.json"
+BESIDE, ABANDONED = "converting-", 86400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +57,8 @@ def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: flo
     """Give the SUMO net of an OpenDRIVE map, from the cache where it was converted before.
 
     cache: its directory, default resim/nets in XDG_CACHE_HOME or ~/.cache. time_limit: s for netconvert.
-    Processes may convert the same map at once. Raises ConversionError where the map has no driving lane or
-    netconvert is missing, refuses it, crashes or takes too long; nothing half-written stays behind.
+    Processes may convert the same map at once. Raises InputError where the map has no driving lane or the cache
+    cannot be written, ConversionError where netconvert is missing, refuses the map, crashes or takes too long.
     """
     key = _hash(network.path.read_bytes())
     folder = (cache or default_cache()) / key
@@ -86,12 +89,21 @@ def _convert(network: RoadNetwork, target: Path, time_limit: float) -> None:
                          'of type "driving".')  # fmt: skip
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix="converting-", dir=target.parent) as beside:
+        _sweep(target.parent)
+        with tempfile.TemporaryDirectory(prefix=BESIDE, dir=target.parent) as beside:
             result = _written(network, Path(beside), time_limit)
             _put(result, target)
     except OSError as error:
         problem = f"the cache cannot be written ({error.strerror})"
-        raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a folder that can") from None
+        raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a folder that can be.") from None
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what conversions that were killed left behind, once no running one can be so old."""
+    for left in folder.glob(f"{BESIDE}*"):
+        with contextlib.suppress(OSError):  # another process may sweep as well
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:

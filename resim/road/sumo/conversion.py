@@ -137,13 +137,14 @@ class _Found(NamedTuple):
 
 
 def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversion:
-    """Compare the net, as written, with the map."""
+    """Compare the net, as written, with the map; lane sections without length are left out."""
     found: dict[LaneKey, list[_Found]] = defaultdict(list)
     for each in _compared(network, _shapes(net), _uses(made, via)):
         found[each.stretch.key].append(each)
     keys = [
         LaneKey(road.id, k, lane) for road in network.roads.values()
-        for k, section in enumerate(road.sections) for lane in section.lanes if lane != 0
+        for k, section in enumerate(road.sections) for lane in section.lanes
+        if lane != 0 and min(section.end, road.length) - section.start > SHORTEST
     ]  # fmt: skip
     lanes = [_error(network, key, found[key]) if found[key] else _missing(network, key) for key in keys]
     lanes.sort(key=lambda lane: -(lane.worst if lane.worst is not None else np.inf))
@@ -210,15 +211,12 @@ def _error(network: RoadNetwork, key: LaneKey, found: list[_Found]) -> LaneError
 def _missing(network: RoadNetwork, key: LaneKey) -> LaneError:
     road = network.roads[key.road]
     section = road.sections[key.section]
-    s, end = min(section.start, road.length), min(section.end, road.length)
-    empty = end - s <= SHORTEST
-    why = (
-        "the lane section has no length" if empty else "another way through the junction links the same lanes"
-    )
+    s, length = section.start, min(section.end, road.length) - section.start
     x, y = network.to_xy(key.road, key.lane, s, 0.0)
     return LaneError(
-        *key, section.lanes[key.lane].type, road.junction, (), round(max(end - s, 0.0), 3), None, None, EXACT,
-        round(s, 3), round(float(x), 3), round(float(y), 3), why,
+        *key, section.lanes[key.lane].type, road.junction, (), round(length, 3), None, None, EXACT,
+        round(s, 3), round(float(x), 3), round(float(y), 3),
+        "another way through the junction links the same lanes",
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from resim.core.geometry import Floats
 from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, passed_lanes, ways
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo.pieces import Piece, Pieces, cut
-from resim.road.sumo.shapes import Stretch, polylines, sample
+from resim.road.sumo.shapes import Stretch, mean_widths, polylines, sample
 
 ALLOWED = {
     "sidewalk": "pedestrian",
@@ -84,7 +84,7 @@ def plain(network: RoadNetwork) -> Plain:
     lanes = {}
     if samples is not None:
         lines = polylines(samples)
-        widths = np.add.reduceat(samples.width, samples.first[:-1]) / np.diff(samples.first)
+        widths = mean_widths(samples)
         for (piece, index, _), stretch, line, width in zip(places, stretches, lines, widths, strict=True):
             name = f"{piece.id}_{index}"
             lanes[name] = LaneLine(name, stretch, line, max(float(width), NARROWEST))
@@ -139,13 +139,15 @@ def _with_lines(
     known = [stretch for stretch in inner.values() if stretch is not None]
     samples = sample(network, known) if known else None
     lines = dict(zip(known, polylines(samples), strict=True)) if samples is not None else {}
+    widths = dict(zip(known, mean_widths(samples).tolist(), strict=True)) if samples is not None else {}
     for (origin, target), way in found.items():
         stretches = tuple(stretch for key in way if (stretch := inner[key]) is not None)
         own = [lines[stretch] for stretch in stretches]
         before, after = lanes[origin].line[-1:], lanes[target].line[:1]
         gaps = [np.hypot(*(b[0] - a[-1])) for a, b in pairwise([before, *own, after])]
         line = np.concatenate(own) if own else np.concatenate([before, after])
-        yield Connection(origin, target, way, stretches, line, lanes[origin].width, float(max(gaps)))
+        width = np.mean([widths[stretch] for stretch in stretches]) if own else lanes[origin].width
+        yield Connection(origin, target, way, stretches, line, max(float(width), NARROWEST), float(max(gaps)))
 
 
 def _whole(network: RoadNetwork, key: LaneKey) -> Stretch | None:

@@ -101,6 +101,11 @@ def polylines(samples: Samples) -> list[Floats]:
     return np.split(xy, np.searchsorted(of, np.arange(1, len(lines))))
 
 
+def mean_widths(samples: Samples) -> Floats:
+    """Give the mean width (N,) [m] of each stretch."""
+    return np.asarray(np.add.reduceat(samples.width, samples.first[:-1]) / np.diff(samples.first))
+
+
 def length(line: Floats) -> float:
     """Give the length [m] of a polyline (K, 2)."""
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
