@@ -1,0 +1,95 @@
+"""Rules between vehicles: half the speedometer, its time to restore, overtaking on the right."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from resim.assess.criticality import motion
+from resim.assess.criticality.contact import first_contact
+from resim.assess.criticality.measure import Measure, State, States, stated
+from resim.assess.criticality.pairs import Pair, Pairs
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats, to_frame, wrap_angle
+
+RANGE = 150.0  # m; how far ahead is looked for somebody
+SAME_WAY = 0.25 * np.pi  # rad; who heads less than this off the EGO's path drives the same way
+FAST = 160.0 / 3.6  # m/s
+KMH = 3.6
+
+
+def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> Measure:
+    """Give the gap (S, K) [m] along the EGO's path to the object's box as it is now; the d of TTC and THW.
+
+    Measured by driving the EGO's box along the path of its plan, then straight on, until it touches. NO_CONFLICT where
+    it touches nothing within `reach` [m], or who is there does not drive the same way; 0 where the boxes touch.
+    """
+    return pairs.measured("gap", "m", "low", partial(_gap, reach), columns=4)
+
+
+def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
+    n = max(2, int(np.ceil(reach / 2.0)))
+    s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(p.plan), n + 1))
+    ego = motion.along(p.plan, s, np.ones_like(s))  # 1 m/s: metres are seconds
+    there = p.state.copy()
+    there[:, 3] = 0.0
+    gap = first_contact(ego, motion.straight(there, s), np.full(len(s), reach / n), p.ego_size, p.size)
+    at = motion.along(p.plan, np.where(np.isfinite(gap), gap, 0.0)[:, None], np.ones((len(s), 1)))[:, 0, 2]
+    return stated(gap, conflict=np.isfinite(gap) & (np.abs(wrap_angle(p.state[:, 2] - at)) < SAME_WAY))
+
+
+def half_speedometer(pairs: Pairs, *, urban: bool = False) -> Measure:
+    """Give how many metres (S, K) the gap is above the least distance; negative is too near.
+
+    Least distance v / 2 in metres with v in km/h, in urban areas v / 3.6, the way of one second (Kaefer, Eq. 4.1).
+    States as in `gap_ahead`: NO_CONFLICT where nobody is ahead.
+    """
+    gap = gap_ahead(pairs)
+    v = np.maximum(pairs.plan[:, 0, 3], 0.0)
+    spare = gap.value - (v if urban else 0.5 * KMH * v)[:, None]
+    return Measure("half speedometer", "m", spare, gap.state, "low")
+
+
+def tailgating(t: Floats, v: Floats, spare: Measure) -> Measure:
+    """Give for how long (S, K) [s] the gap has been too short beyond the time to restore it; negative within it.
+
+    t: (S,) s, times of successive scenes; v: (S,) m/s of the EGO; spare: (S, K), of `half_speedometer`. Somebody who
+    was not ahead in the scene before and comes in nearer than allowed leaves the EGO 3 s, above 160 km/h 1 s, to
+    restore the gap; else there is none (Kaefer, 4.5.6.4). Counted from the first scene of the violation.
+    NO_CONFLICT where the gap is kept or nobody ahead. Raises ResimError for times that do not increase.
+    """
+    if len(t) > 1 and not np.all(np.diff(t) > 0.0):
+        raise ResimError("tailgating: expected times that increase from scene to scene")
+    near = (spare.state == State.VALUE) & (np.nan_to_num(spare.value) < 0.0)
+    value = np.full(spare.value.shape, np.nan)
+    since, grace = np.zeros(near.shape[1]), np.zeros(near.shape[1])
+    for i in range(len(t)):
+        begins = near[i] & ~near[i - 1] if i else near[i]
+        came = spare.state[i - 1] == State.NO_CONFLICT if i else np.zeros_like(begins)
+        since[begins] = t[i]
+        grace[begins] = np.where(came[begins], 1.0 if v[i] > FAST else 3.0, 0.0)
+        value[i, near[i]] = (t[i] - since - grace)[near[i]]
+    state = np.where(near, State.VALUE, np.where(spare.state == State.VALUE, State.NO_CONFLICT, spare.state))
+    return Measure("tailgating", "s", value, state.astype(np.uint8), "high")
+
+
+def overtaking_right(pairs: Pairs, *, beside: float = 5.5) -> Measure:
+    """Give by how much (S, K) [m/s] the EGO is faster than an object that it passes on the right.
+
+    The object's box is beside the EGO's (they overlap along the EGO's axis), to its left by up to `beside` [m] between
+    centres, and drives the same way. Negative: it is the one who passes, on the left. NO_CONFLICT elsewhere. German
+    road traffic act, section 5 (1); what it allows (queues, built-up areas) is not known here.
+    """
+    return pairs.measured("overtaking on the right", "m/s", "high", partial(_right, beside), columns=4)
+
+
+def _right(beside: float, p: Pair) -> tuple[Floats, States]:
+    ego, other = p.plan[:, 0], p.state
+    along, left = to_frame(other[:, 0], other[:, 1], ego[:, 0], ego[:, 1], ego[:, 2])
+    turn = wrap_angle(other[:, 2] - ego[:, 2])
+    c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    length = 0.5 * (p.ego_size[:, 0] + c * p.size[:, 0] + s * p.size[:, 1])
+    width = 0.5 * (p.ego_size[:, 1] + s * p.size[:, 0] + c * p.size[:, 1])
+    there = (np.abs(along) <= length) & (left > width) & (left <= beside) & (np.abs(turn) < SAME_WAY)
+    return stated(ego[:, 3] - np.cos(turn) * other[:, 3], conflict=there)

@@ -1,0 +1,70 @@
+"""What a measure gives: numbers where there are numbers, and the reason where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Bools, Floats
+
+States = NDArray[np.uint8]
+
+
+class State(IntEnum):
+    """Why there is a number or none.
+
+    NO_CONFLICT: looked for, and what the measure counts does not happen within the horizon. NOT_DEFINED: the
+    measure has no meaning here (THW at standstill, a limit where there is none). NOT_COMPUTED: input is missing.
+    """
+
+    VALUE = 0
+    NO_CONFLICT = 1
+    NOT_DEFINED = 2
+    NOT_COMPUTED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    """One measure of many scenes or samples.
+
+    value: any shape, in `unit`, NaN wherever `state` (same shape) is not VALUE. bad: which end is the worse one.
+    """
+
+    name: str
+    unit: str
+    value: Floats
+    state: States
+    bad: Literal["low", "high"]
+
+    def __post_init__(self) -> None:
+        if self.value.shape != self.state.shape:
+            raise ResimError(
+                f"{self.name}: state has shape {self.state.shape}, expected {self.value.shape}, as value"
+            )
+        if not np.array_equal(np.isnan(self.value), self.state != State.VALUE):
+            raise ResimError(f"{self.name}: expected NaN where there is no value, and nowhere else")
+
+    def worst(self) -> tuple[float, tuple[int, ...]] | None:
+        """Give the worst value and its index (the first of equal ones); None where there is no value at all."""
+        if not (self.state == State.VALUE).any():
+            return None
+        flat = np.nanargmin(self.value) if self.bad == "low" else np.nanargmax(self.value)
+        index = tuple(int(i) for i in np.unravel_index(int(flat), self.value.shape))
+        return float(self.value[index]), index
+
+    def count(self, state: State) -> int:
+        """Give how many entries are in this state."""
+        return int((self.state == state).sum())
+
+
+def stated(value: Floats, *, conflict: Bools, defined: Bools | None = None) -> tuple[Floats, States]:
+    """Give value and state: NOT_DEFINED where not `defined`, else NO_CONFLICT where no `conflict`; all one shape."""
+    state = np.where(conflict, State.VALUE, State.NO_CONFLICT).astype(np.uint8)
+    if defined is not None:
+        state[~defined] = State.NOT_DEFINED
+    return np.where(state == State.VALUE, value, np.nan), state

@@ -1,0 +1,107 @@
+"""Motions of P boxes at N times each, as arrays (P, N, 4): x, y [m], heading [rad], v [m/s] along the heading."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from resim.core.geometry import Floats, wrap_angle
+
+SMALL = 0.05  # rad; below it the series of `_integrals` is exact to 1e-12
+
+
+def _integrals(turn: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """I0 = ∫ e^(i w s) ds and I1 = ∫ s e^(i w s) ds over 0..t, complex, with turn = w t."""
+    i0 = t * np.exp(0.5j * turn) * np.sinc(turn / (2.0 * np.pi))
+    u = 1j * turn
+    series = t * t * (1 / 2 + u * (1 / 3 + u * (1 / 8 + u * (1 / 30 + u * (1 / 144 + u / 840)))))
+    large = np.abs(turn) > SMALL
+    safe = np.where(large, u, 1.0)
+    return i0, np.where(large, t * (t * np.exp(u) - i0) / safe, series)
+
+
+def ctra(state: Floats, t: Floats) -> Floats:
+    """Give the motion (P, N, 4) of constant turn rate and acceleration (Wagner 2021, Eq. 4.1), in closed form.
+
+    state: (P, 6) x, y, heading, v, a [m/s²], yaw rate [rad/s]; t: (P, N) s. Who brakes to standstill stays there.
+    """
+    x, y, heading, v, a, rate = (state[:, i, None] for i in range(6))
+    braking = (v * a < 0.0) | ((v == 0.0) & (a <= 0.0))
+    stop = np.where(braking, np.abs(v) / np.maximum(np.abs(a), 1e-12), np.inf)
+    t = np.minimum(t, stop)
+    i0, i1 = _integrals(rate * t, t)
+    way = np.exp(1j * heading) * (v * i0 + a * i1)
+    return np.stack([x + way.real, y + way.imag, heading + rate * t, v + a * t], axis=-1)
+
+
+def straight(state: Floats, t: Floats) -> Floats:
+    """Give the motion (P, N, 4) at constant velocity; state (P, >= 4) x, y, heading, v; t (P, N) s."""
+    x, y, heading, v = (state[:, i, None] + 0.0 * t for i in range(4))
+    return np.stack([x + v * t * np.cos(heading), y + v * t * np.sin(heading), heading, v], axis=-1)
+
+
+def _hermite(f: Floats, p0: Floats, m0: Floats, p1: Floats, m1: Floats) -> Floats:
+    f2, f3 = f * f, f * f * f
+    return np.asarray(
+        (2 * f3 - 3 * f2 + 1) * p0 + (f3 - 2 * f2 + f) * m0 + (3 * f2 - 2 * f3) * p1 + (f3 - f2) * m1
+    )
+
+
+def _placed(a: Floats, b: Floats, f: Floats, ma: Floats, mb: Floats, beyond: Floats, v: Floats) -> Floats:
+    """Poses at share f between a and b (P, N, 4) with tangents ma, mb [m]; straight on `beyond` [m] after b."""
+    out = np.empty_like(a)
+    for i, (turn_a, turn_b) in enumerate(
+        [(np.cos(a[..., 2]), np.cos(b[..., 2])), (np.sin(a[..., 2]), np.sin(b[..., 2]))]
+    ):
+        out[..., i] = _hermite(f, a[..., i], ma * turn_a, b[..., i], mb * turn_b) + beyond * turn_b
+    out[..., 2] = a[..., 2] + f * wrap_angle(b[..., 2] - a[..., 2])
+    out[..., 3] = v
+    return out
+
+
+def sample(path: Floats, step: float, t: Floats) -> Floats:
+    """Give a sampled path (P, M + 1, 4) at times t (P, N) s, by cubic Hermite; after its end straight on."""
+    last = path.shape[1] - 1
+    j = np.clip((t / step).astype(int), 0, last - 1)
+    a, b = (np.take_along_axis(path, (j + k)[..., None], axis=1) for k in (0, 1))
+    f = np.clip(t / step - j, 0.0, 1.0)
+    beyond = np.maximum(t - last * step, 0.0) * b[..., 3]
+    v = a[..., 3] + f * (b[..., 3] - a[..., 3])
+    return _placed(a, b, f, a[..., 3] * step, b[..., 3] * step, beyond, v)
+
+
+def way(path: Floats) -> Floats:
+    """Give the metres (P, M + 1) driven along a sampled path until each of its points, by chords."""
+    chord = np.hypot(np.diff(path[..., 0]), np.diff(path[..., 1]))
+    return np.concatenate([np.zeros((len(path), 1)), np.cumsum(chord, axis=1)], axis=1)
+
+
+def way_at(path: Floats, step: float, t: Floats) -> Floats:
+    """Give the metres (P, N) driven along a sampled path until times t (P, N) within it."""
+    s, pace = way(path), np.abs(path[..., 3]) * step
+    j = np.clip((t / step).astype(int), 0, path.shape[1] - 2)
+    s0, s1, m0, m1 = (np.take_along_axis(of, j + k, axis=1) for of in (s, pace) for k in (0, 1))
+    return _hermite(np.clip(t / step - j, 0.0, 1.0), s0, m0, s1, m1)
+
+
+def along(path: Floats, s: Floats, v: Floats) -> Floats:
+    """Give poses (P, N, 4) at s (P, N) metres along a sampled path, with pace v (P, N) m/s; then straight on."""
+    stations = way(path)
+    rows, last = np.arange(len(path))[:, None], path.shape[1] - 1
+    apart = max(float(stations.max(initial=0.0)), float(s.max(initial=0.0))) + 1.0
+    at = np.searchsorted((stations + rows * apart).ravel(), (s + rows * apart).ravel(), side="right")
+    j = np.clip(at.reshape(s.shape) - rows * (last + 1) - 1, 0, last - 1)
+    a, b = (np.take_along_axis(path, (j + k)[..., None], axis=1) for k in (0, 1))
+    s0, s1 = (np.take_along_axis(stations, j + k, axis=1) for k in (0, 1))
+    ds = s1 - s0
+    f = np.clip((s - s0) / np.where(ds > 1e-9, ds, 1.0), 0.0, 1.0)
+    chord = (b[..., 0] - a[..., 0]) * np.cos(a[..., 2]) + (b[..., 1] - a[..., 1]) * np.sin(a[..., 2])
+    ahead = np.where(chord < 0.0, -1.0, 1.0)  # a plan may reverse
+    beyond = ahead * np.maximum(s - stations[:, -1:], 0.0)
+    return _placed(a, b, f, ahead * ds, ahead * ds, beyond, ahead * v)
+
+
+def paced(v: Floats, a: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """Give way [m] and pace [m/s] (P, N) after t (P, N) s from pace v >= 0 with acceleration a (P, 1); stops at 0."""
+    stop = np.where(a < 0.0, v / np.maximum(-a, 1e-12), np.inf)
+    t = np.minimum(t, stop)
+    return v * t + 0.5 * a * t * t, np.maximum(v + a * t, 0.0)

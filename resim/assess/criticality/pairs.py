@@ -1,0 +1,155 @@
+"""Scenes of the EGO and traffic objects, as criticality measures take them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from resim.assess.criticality import motion
+from resim.assess.criticality.contact import Rows
+from resim.assess.criticality.measure import Measure, State, States
+from resim.assess.risk import Scenes
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats
+
+CHUNK = 2048  # pairs looked at together: bounds memory
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How hard the EGO evades (Wagner 2021, Table 4.1, as the risk metric): m/s², curvature 1/m."""
+
+    lateral: float = 7.0
+    braking: float = 8.5
+    forward: float = 3.0
+    curvature: float = 0.2
+
+
+PUBLISHED = Limits()
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """P pairs of the EGO and one object, all complete; fields as in `Pairs`, rows (P, ...)."""
+
+    plan: Floats
+    ego_size: Floats
+    state: Floats
+    size: Floats
+    path: Floats | None
+    step: float
+    horizon: float
+
+    @cached_property
+    def steps(self) -> int:
+        """How many steps the horizon is cut into."""
+        return max(1, round(self.horizon / self.step))
+
+    @property
+    def h(self) -> Floats:
+        """The step (P,) [s] that divides the horizon evenly."""
+        return np.full(len(self.plan), self.horizon / self.steps)
+
+    @property
+    def t(self) -> Floats:
+        """Times (P, N + 1) [s] over the horizon."""
+        return np.arange(self.steps + 1) * self.h[:, None]
+
+    def rows(self, rows: Rows) -> Pair:
+        """Give these pairs."""
+        path = None if self.path is None else self.path[rows]
+        return replace(
+            self, plan=self.plan[rows], ego_size=self.ego_size[rows], state=self.state[rows],
+            size=self.size[rows], path=path,
+        )  # fmt: skip
+
+    def planned(self, t: Floats) -> Floats:
+        """Give the EGO's plan (P, N, 4) at t (P, N)."""
+        return motion.sample(self.plan, self.step, t)
+
+    def steady(self, t: Floats) -> Floats:
+        """Give the EGO (P, N, 4) along the path of its plan, at its present speed."""
+        pace = np.abs(self.plan[:, 0, 3, None]) + 0.0 * t
+        return motion.along(self.plan, pace * t, pace)
+
+    def expected(self, t: Floats) -> Floats:
+        """Give the objects (P, N, 4): their driven path if it is known, else acceleration and yaw rate kept."""
+        if self.path is None:
+            return motion.ctra(self.state, t)
+        return motion.sample(self.path, self.step, t)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """S scenes of the EGO and up to K objects; shapes as in `resim.assess.risk.Scenes`.
+
+    plan: (S, M + 1, 4) the EGO's x, y [m], heading [rad], v [m/s] at 0, step, ... s. ego_size: (S, 2) length,
+    width [m]. state: (S, K, 6) x, y, heading, v, a [m/s²], yaw rate [rad/s]; size: (S, K, 2), 0 or NaN where there
+    is no such object. path: (S, K, M + 1, 4) driven paths of the objects in place of predicted ones, if known.
+    horizon: s, how far measures look; by default the plan's. Beyond its end a plan or path goes straight on.
+    Raises ResimError for arrays that do not fit.
+    """
+
+    plan: Floats
+    ego_size: Floats
+    state: Floats
+    size: Floats
+    step: float
+    horizon: float | None = None
+    path: Floats | None = None
+
+    def __post_init__(self) -> None:
+        s, k = self.state.shape[:2]
+        expected = {
+            "ego_size": (s, 2),
+            "state": (s, k, 6),
+            "size": (s, k, 2),
+            "plan": (s, self.plan.shape[1], 4),
+        }
+        if self.path is not None:
+            expected["path"] = (s, k, self.plan.shape[1], 4)
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise ResimError(f"pairs: {name} has shape {getattr(self, name).shape}, expected {shape}")
+        if self.plan.shape[1] < 2 or not self.step > 0.0 or not self.span > 0.0:
+            raise ResimError("pairs: expected two or more plan points, and step and horizon above 0 s")
+
+    @classmethod
+    def of(cls, scenes: Scenes, step: float, horizon: float | None = None) -> Pairs:
+        """Give the pairs of risk scenes whose plan has this step [s]."""
+        return cls(scenes.plan, scenes.ego_size, scenes.state, scenes.size, step, horizon)
+
+    @property
+    def span(self) -> float:
+        """The horizon [s]."""
+        return (self.plan.shape[1] - 1) * self.step if self.horizon is None else self.horizon
+
+    def measured(
+        self, name: str, unit: str, bad: Literal["low", "high"], of: Callable[[Pair], tuple[Floats, States]],
+        *, columns: int = 6,
+    ) -> Measure:  # fmt: skip
+        """Give a measure (S, K) of all complete pairs; NOT_COMPUTED where NaN or a size of 0 stands in the input.
+
+        columns: how many of the object's state are needed; the rest may be NaN.
+        """
+        shape = self.state.shape[:2]
+        value, state = np.full(shape, np.nan), np.full(shape, State.NOT_COMPUTED, dtype=np.uint8)
+        ego = np.isfinite(self.plan).all(axis=(1, 2))
+        ego &= (np.isfinite(self.ego_size) & (self.ego_size > 0)).all(axis=1)
+        known = np.isfinite(self.state[..., :columns]).all(axis=2)
+        known &= (np.isfinite(self.size) & (self.size > 0)).all(axis=2)
+        if self.path is not None:
+            known &= np.isfinite(self.path).all(axis=(2, 3))
+        s, k = np.nonzero(np.logical_and(ego[:, None], known))
+        for begin in range(0, len(s), CHUNK):
+            i, j = s[begin : begin + CHUNK], k[begin : begin + CHUNK]
+            path = None if self.path is None else self.path[i, j]
+            state_ij, size = self.state[i, j], self.size[i, j]
+            value[i, j], state[i, j] = of(
+                Pair(self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span)
+            )
+        return Measure(name, unit, value, state, bad)

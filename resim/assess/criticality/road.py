@@ -1,0 +1,68 @@
+"""Rules of the road: speed over the limit, leaving the lane, leaving the road."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from resim.assess.criticality.contact import Rows
+from resim.assess.criticality.measure import Measure, State
+from resim.core.geometry import Bools, Floats, box_corners
+from resim.core.tracks import Tracks
+from resim.road.opendrive import RoadNetwork
+
+
+def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
+    """Give v - limit (N, T) [m/s]; negative is below the limit.
+
+    The limit is that of the lane the box's centre is in (`RoadNetwork.speed_limit`). NOT_DEFINED where there is no
+    limit or the centre is on no lane; NOT_COMPUTED where there is no sample.
+    """
+    where, valid = np.nonzero(tracks.valid), tracks.valid
+    place = network.to_road(tracks.x[where], tracks.y[where], heading=tracks.heading[where])
+    limit = np.where(place.on_road, network.speed_limit(place.road, place.lane, place.s), np.nan)
+    return _told("speed over limit", "m/s", tracks.v[where] - limit, valid)
+
+
+def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
+    """Give how far (N, T) [m] the box reaches over the border of its lane; negative is room left.
+
+    |t| + ½ (length |sin| + width |cos|) - ½ lane width, for the lane the centre is in, taken as straight over the
+    length of the box, angles against the lane's direction. NOT_DEFINED where the centre is on no lane or the size is
+    unknown; NOT_COMPUTED where there is no sample.
+    """
+    where = np.nonzero(tracks.valid)
+    heading = tracks.heading[where]
+    place = network.to_road(tracks.x[where], tracks.y[where], heading=heading)
+    turn = heading - network.lane_heading(place.road, place.lane, place.s)
+    length, width = _sizes(tracks, where[0])
+    half = 0.5 * (length * np.abs(np.sin(turn)) + width * np.abs(np.cos(turn)))
+    over = np.abs(place.t) + half - 0.5 * network.lane_width(place.road, place.lane, place.s)
+    return _told("lane overhang", "m", np.where(place.on_road, over, np.nan), tracks.valid)
+
+
+def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
+    """Give how many (N, T) of the box's four corners are on no lane that vehicles drive on.
+
+    NOT_DEFINED where the size is unknown; NOT_COMPUTED where there is no sample.
+    """
+    where = np.nonzero(tracks.valid)
+    length, width = _sizes(tracks, where[0])
+    corners = box_corners(tracks.x[where], tracks.y[where], tracks.heading[where], length, width)
+    place = network.to_road(corners[..., 0], corners[..., 1])
+    off = (~place.on_road).reshape(-1, 4).sum(axis=1).astype(float)
+    return _told(
+        "corners off the road", "1", np.where(np.isfinite(length + width), off, np.nan), tracks.valid
+    )
+
+
+def _sizes(tracks: Tracks, row: Rows) -> tuple[Floats, Floats]:
+    length, width = (np.where(size > 0.0, size, np.nan)[row] for size in (tracks.length, tracks.width))
+    return length, width
+
+
+def _told(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
+    """A measure (N, T) of the values (samples,) of all valid samples."""
+    every = np.full(valid.shape, np.nan)
+    every[valid] = value
+    state = np.where(np.isfinite(every), State.VALUE, State.NOT_DEFINED)
+    return Measure(name, unit, every, np.where(valid, state, State.NOT_COMPUTED).astype(np.uint8), "high")
