@@ -14,7 +14,7 @@ from resim.assess.criticality.contact import Rows
 from resim.assess.criticality.measure import Measure, State, States
 from resim.assess.risk import Scenes
 from resim.core.errors import ResimError
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
 
 CHUNK = 2048  # pairs looked at together: bounds memory
 
@@ -128,6 +128,20 @@ class Pairs:
         """The horizon [s]."""
         return (self.plan.shape[1] - 1) * self.step if self.horizon is None else self.horizon
 
+    def complete(self, columns: int = 6) -> Bools:
+        """Say (S, K) which pairs have all input: no NaN in the first columns of the state, no size of 0."""
+        ego = [
+            np.isfinite(self.plan).all(axis=(1, 2)),
+            (np.isfinite(self.ego_size) & (self.ego_size > 0)).all(axis=1),
+        ]
+        objects = [
+            np.isfinite(self.state[..., :columns]).all(axis=2),
+            (np.isfinite(self.size) & (self.size > 0)).all(axis=2),
+        ]
+        if self.path is not None:
+            objects.append(np.isfinite(self.path).all(axis=(2, 3)))
+        return np.logical_and(np.all(ego, axis=0)[:, None], np.all(objects, axis=0))
+
     def measured(
         self, name: str, unit: str, bad: Literal["low", "high"], of: Callable[[Pair], tuple[Floats, States]],
         *, columns: int = 6,
@@ -138,13 +152,7 @@ class Pairs:
         """
         shape = self.state.shape[:2]
         value, state = np.full(shape, np.nan), np.full(shape, State.NOT_COMPUTED, dtype=np.uint8)
-        ego = np.isfinite(self.plan).all(axis=(1, 2))
-        ego &= (np.isfinite(self.ego_size) & (self.ego_size > 0)).all(axis=1)
-        known = np.isfinite(self.state[..., :columns]).all(axis=2)
-        known &= (np.isfinite(self.size) & (self.size > 0)).all(axis=2)
-        if self.path is not None:
-            known &= np.isfinite(self.path).all(axis=(2, 3))
-        s, k = np.nonzero(np.logical_and(ego[:, None], known))
+        s, k = np.nonzero(self.complete(columns))
         for begin in range(0, len(s), CHUNK):
             i, j = s[begin : begin + CHUNK], k[begin : begin + CHUNK]
             path = None if self.path is None else self.path[i, j]

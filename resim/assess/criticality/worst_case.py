@@ -1,6 +1,6 @@
-"""The worst that physics allows: WTTC.
+"""The worst case: WTTC over all that physics allows, WTTR over what traffic does.
 
-Both boxes may do anything a vehicle can do: the centre accelerates by at most a in any direction (Kamm's circle), the
+WTTC. Both boxes may do anything a vehicle can do: the centre accelerates by at most a in any direction (Kamm's circle), the
 box turns at a rate of at most min(a / v, curvature v), in either sense.
 
 - After t the centre lies within ½ a t² of where constant velocity takes it: exactly the reachable disc.
@@ -19,14 +19,16 @@ from functools import partial
 
 import numpy as np
 
-from resim.assess.criticality.measure import Measure, States, stated
+from resim.assess.criticality.measure import Measure, State, States, stated
 from resim.assess.criticality.pairs import Pair, Pairs
+from resim.assess.risk import Parameters, Scenes, accident_risk
 from resim.core.geometry import Floats
 
 FRICTION, GRAVITY = 0.9, 9.81
 DIRECTIONS = 64
 NEAR = 1e-4  # m
 ROUNDS = 500
+PARAMETERS = Parameters()
 
 
 def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0.2) -> Measure:
@@ -40,6 +42,20 @@ def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0
     return pairs.measured("WTTC", "s", "low", partial(_wttc, most, curvature), columns=4)
 
 
+def wttr(scenes: Scenes, parameters: Parameters = PARAMETERS) -> Measure:
+    """Give the worst time to react (S, K) [s]: the least TTR over the samples of the accident risk's prediction.
+
+    Wagner 2021, 4.2.1: the worst of what traffic naturally does (Eq. 4.2, 3 sigma), not of all that is drivable, of
+    which next to nothing within 70 m could be evaded for 4 s. Rounded down to the step of the prediction. 0 where it
+    is too late; NO_CONFLICT where no sample touches; NOT_COMPUTED where NaN or a size of 0 stands in the input.
+    """
+    pairs = Pairs.of(scenes, parameters.step)
+    known = pairs.complete() & np.isfinite(scenes.inputs).all(axis=2)
+    value = accident_risk(scenes, parameters).ttr
+    state = np.where(known, np.where(np.isfinite(value), State.VALUE, State.NO_CONFLICT), State.NOT_COMPUTED)
+    return Measure("WTTR", "s", np.where(state == State.VALUE, value, np.nan), state.astype(np.uint8), "low")
+
+
 def turned(v: Floats, t: Floats, most: float, curvature: float) -> Floats:
     """Give phi [rad], the most a heading can have turned after t [s] from pace v >= 0 [m/s]; arrays of one shape.
 
@@ -47,7 +63,7 @@ def turned(v: Floats, t: Floats, most: float, curvature: float) -> Floats:
     """
     top, best = np.sqrt(most * curvature), np.sqrt(most / curvature)
     until = np.minimum(t, np.abs(v - best) / most)
-    fast = -np.log1p(-most * until / np.maximum(v, best))
+    fast = -np.log1p(-np.where(v > best, most * until, 0.0) / np.maximum(v, best))
     slow = curvature * (v * until + 0.5 * most * until**2)
     return np.asarray(np.where(v > best, fast, slow) + top * (t - until))
 
