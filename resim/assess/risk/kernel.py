@@ -460,3 +460,19 @@ def _out_of_reach(plan, x, y, cos, sin, v, mu_a, sd_a, mu_w, sd_w, h, swept, rea
         if dx * dx + dy * dy < far * far:
             return False
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def ctra_plans(state, h, steps):
+    """Plans (S, steps + 1, 4) x, y, heading, v of states (S, 6) whose acceleration and yaw rate are kept."""
+    scenes = state.shape[0]
+    out = np.empty((scenes, steps + 1, 4))
+    path = np.empty((steps + 1, 6))
+    for n in range(scenes):
+        x, y, heading, v, a, rate = state[n]
+        _ctra(x, y, math.cos(heading), math.sin(heading), v, a, rate, h, True, path)
+        for j in range(steps + 1):
+            out[n, j, 0], out[n, j, 1] = path[j, 0], path[j, 1]
+            out[n, j, 2] = math.atan2(path[j, 3], path[j, 2])
+            out[n, j, 3] = path[j, 4] * path[j, 2] + path[j, 5] * path[j, 3]
+    return out

@@ -46,6 +46,9 @@ class Parameters:
             raise ResimError(f"slope {self.slope:g}: expected 0 or more (Eq. 4.6)")
 
 
+DEFAULTS = Parameters()
+
+
 @dataclass(frozen=True, eq=False)
 class Scenes:
     """S scenes of the EGO and up to K traffic objects.
@@ -89,7 +92,7 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
     return sample, weight / weight.sum()
 
 
-def accident_risk(scenes: Scenes, parameters: Parameters = Parameters()) -> Risk:
+def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
     """Give the accident risk of scenes."""
     from resim.assess.risk.kernel import (
         kernel,

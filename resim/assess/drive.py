@@ -1,0 +1,132 @@
+"""A drive as scenes: who is where at each time, and what the EGO is about to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from resim.assess.risk import DEFAULTS, PUBLISHED, Parameters, Risk, Scenes, Surfaces, accident_risk
+from resim.core.errors import ResimError
+from resim.core.geometry import Bools, Floats, unwrap_angle
+from resim.core.tracks import Tracks
+
+Path = Literal["plan", "state", "driven"]
+"""Where the EGO's path comes from: its recorded plan, its state kept (CTRA), or where it drove later."""
+
+Plans = Sequence[tuple[float, Floats]]
+"""When each plan was made [s], and the plan (K, 4): time from then on [s], x, y [m], v [m/s]."""
+
+FRESH = 0.5
+"""Age [s] up to which a plan is the plan of a scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; scenes; present: (S, K).
+
+    path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the object's state lies in the range
+    that the prediction was fitted to.
+    """
+
+    t: Floats
+    ids: tuple[str, ...]
+    scenes: Scenes
+    present: Bools
+    path: tuple[Path, ...]
+    covered: Bools
+
+    def risk(self, parameters: Parameters = DEFAULTS) -> Risk:
+        """Give the accident risk of every scene (S) and object (K)."""
+        return accident_risk(self.scenes, parameters)
+
+
+def drive(
+    tracks: Tracks,
+    *,
+    ego: str,
+    plans: Plans = (),
+    path: Path | None = None,
+    parameters: Parameters = DEFAULTS,
+    surfaces: Surfaces = PUBLISHED,
+) -> Drive:
+    """Make the scenes of tracks with acceleration and yaw rate, at all their times at which the EGO is there.
+
+    The EGO's path is its plan where one was made within 0.5 s before the scene, else what follows of its state
+    (constant turn rate and acceleration); path="driven" takes where it went, path="state" never a plan. Raises
+    ResimError where the EGO is missing or tracks have no accelerations.
+    """
+    if tracks.a is None or tracks.yaw_rate is None:
+        raise ResimError(
+            "assess: the tracks have no acceleration and yaw rate; take those of a fitted scenario"
+        )
+    row = tracks.index(ego)
+    there = np.flatnonzero(tracks.valid[row])
+    if not len(there):
+        raise ResimError(f"assess: EGO {ego!r} has no sample")
+    states = _states(tracks)[:, there]
+    others = [n for n in range(len(tracks)) if n != row]
+    state = np.moveaxis(states[others], 0, 1)
+    present: Bools = np.asarray(np.isfinite(state).all(axis=2))
+    sizes = np.stack([tracks.length, tracks.width], axis=1)
+    size = np.where(present[..., None], sizes[others][None], 0.0)
+    state = np.where(present[..., None], state, 0.0)
+    t = tracks.t[there]
+    poses, chosen = _paths(t, states[row], plans, path, parameters)
+    inputs = surfaces.inputs(state[..., 3], state[..., 4], state[..., 5])
+    scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs)
+    covered = surfaces.covers(state[..., 3], state[..., 4], state[..., 5]) & present
+    return Drive(t, tuple(tracks.ids[others].tolist()), scenes, present, chosen, covered)
+
+
+def _states(tracks: Tracks) -> Floats:
+    """States (N, T, 6): x, y, heading, v, a, yaw rate."""
+    columns = (tracks.x, tracks.y, tracks.heading, tracks.v, tracks.a, tracks.yaw_rate)
+    return np.stack([np.asarray(column) for column in columns], axis=2)
+
+
+def _paths(
+    t: Floats, ego: Floats, plans: Plans, path: Path | None, parameters: Parameters
+) -> tuple[Floats, tuple[Path, ...]]:
+    """The EGO's path (S, M + 1, 4) in each scene, and where it comes from."""
+    from resim.assess.risk.kernel import ctra_plans
+
+    steps = round(parameters.horizon / parameters.step)
+    out = np.asarray(ctra_plans(np.ascontiguousarray(ego), parameters.step, steps))
+    chosen: list[Path] = ["state"] * len(t)
+    ahead = np.asarray(np.arange(steps + 1) * parameters.step, dtype=np.float64)
+    if path == "driven":
+        for n, start in enumerate(t):
+            out[n] = _sampled(t, ego[:, :4], start + ahead)
+            chosen[n] = "driven"
+    elif path in (None, "plan"):
+        for n, start in enumerate(t):
+            made = max(
+                (k for k, (when, _) in enumerate(plans) if start - FRESH <= when <= start + 1e-9),
+                default=None,
+            )
+            if made is not None:
+                out[n] = _planned(plans[made], start, ahead)
+                chosen[n] = "plan"
+    return out, tuple(chosen)
+
+
+def _planned(plan: tuple[float, Floats], start: float, ahead: Floats) -> Floats:
+    """A plan's way from `start` on; its heading is that of the way."""
+    when, points = plan
+    heading = np.unwrap(np.arctan2(np.gradient(points[:, 2]), np.gradient(points[:, 1])))
+    rows = np.column_stack([points[:, 1], points[:, 2], heading, points[:, 3]])
+    return _sampled(when + points[:, 0], rows, start + ahead)
+
+
+def _sampled(t: Floats, rows: Floats, at: Floats) -> Floats:
+    """Poses (K, 4) x, y, heading, v at times, linear between rows; after the last straight on at its speed."""
+    heading = unwrap_angle(rows[:, 2])
+    out = np.column_stack([np.interp(at, t, rows[:, 0]), np.interp(at, t, rows[:, 1]), np.interp(at, t, heading),
+                           np.interp(at, t, rows[:, 3])])  # fmt: skip
+    beyond = np.maximum(at - t[-1], 0.0) * rows[-1, 3]
+    out[:, 0] += beyond * np.cos(heading[-1])
+    out[:, 1] += beyond * np.sin(heading[-1])
+    return out

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from resim.assess.drive import drive
+from resim.core.errors import ResimError
+
+
+@pytest.fixture
+def tracks(described, network):
+    """Give the fitted tracks of a shipped recording, ten times a second."""
+
+    def get(name, basis="GT"):
+        scenario = described(name, basis)
+        begin = scenario.ego.spawn_time
+        return scenario.tracks(network, np.arange(begin, begin + scenario.duration, 0.1)), scenario.ego.id
+
+    return get
+
+
+def test_the_risk_of_the_corner_case_peaks_where_the_object_brakes_in_front(tracks):
+    motion, ego = tracks("cut_in_brake")
+    made = drive(motion, ego=ego)
+    found = made.risk()
+    assert set(made.path) == {"state"}
+    peak = made.t[np.argmax(found.r_ind)]
+    braking = made.t[np.argmin(motion.a[motion.index("1"), : len(made.t)])]
+    assert braking < peak < 7.6  # until the EGO answers, late, at 7.3 s
+    assert 0.005 < found.r_ind.max() < 0.6
+    assert found.r_ind[0] < 0.005
+    assert made.covered[made.present].mean() > 0.9
+
+
+def test_the_rear_end_collision_ends_at_full_risk(tracks):
+    motion, ego = tracks("rear_end")
+    found = drive(motion, ego=ego).risk()
+    assert found.r_ind[-1] > 0.9
+    assert found.r_ind[0] < found.r_ind[-1]
+
+
+def test_the_driven_path_is_where_it_went(tracks):
+    motion, ego = tracks("cut_in_brake")
+    made = drive(motion, ego=ego, path="driven")
+    row = motion.index(ego)
+    np.testing.assert_allclose(made.scenes.plan[10, :5, 0], motion.x[row, 10:15], atol=1e-9)
+    assert set(made.path) == {"driven"}
+    assert np.isfinite(made.scenes.plan).all()
+
+
+def test_a_plan_goes_before_the_state_while_it_is_fresh(tracks):
+    motion, ego = tracks("cut_in_brake")
+    row, start = motion.index(ego), float(motion.t[20])
+    ahead = np.arange(0.0, 5.0, 0.1)
+    stop = np.column_stack(
+        [ahead, motion.x[row, 20] + 0.0 * ahead, motion.y[row, 20] + 0.0 * ahead, 0.0 * ahead]
+    )
+    stop[:, 1] += 1e-3 * ahead
+    made = drive(motion, ego=ego, plans=[(start, stop)])
+    assert made.path[20] == made.path[25] == "plan"
+    assert made.path[19] == made.path[26] == "state"
+    np.testing.assert_allclose(made.scenes.plan[20, :, 0], motion.x[row, 20], atol=0.01)
+
+
+def test_objects_that_are_not_there_have_no_risk(tracks):
+    motion, ego = tracks("overtake")
+    gone = motion.valid.copy()
+    other = next(n for n in range(len(motion)) if motion.ids[n] != ego)
+    gone[other, :30] = False
+    blank = {
+        c: np.where(gone, getattr(motion, c), np.nan) for c in ("x", "y", "heading", "v", "a", "yaw_rate")
+    }
+    found = drive(replace(motion, valid=gone, **blank), ego=ego).risk()
+    column = [n for n in range(len(motion)) if motion.ids[n] != ego].index(other)
+    assert np.isnan(found.r_to[:30, column]).all()
+    assert np.isfinite(found.r_to[30:, column]).all()
+    assert np.isfinite(found.r_ind).all()
+
+
+def test_tracks_without_accelerations_or_without_the_ego_are_refused(tracks):
+    motion, ego = tracks("rear_end")
+    with pytest.raises(ResimError, match="acceleration"):
+        drive(replace(motion, a=None), ego=ego)
+    with pytest.raises(ResimError, match="no object"):
+        drive(motion, ego="nobody")
