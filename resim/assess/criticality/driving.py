@@ -9,7 +9,9 @@ from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.tracks import Tracks
 
 WINDOW = 0.5  # s
-LOPSIDED = 0.1  # share of the window that the mean time of its samples may lie off its middle
+LOPSIDED = (
+    0.05  # share of the window that the mean time of its samples may lie off its middle: one may be missing
+)
 LEAST = 3  # samples in a window
 _SAME = 1e-9  # s
 
@@ -50,7 +52,7 @@ def lateral_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
 def slope(t: Floats, y: Floats, *, window: float) -> Floats:
     """Give dy/dt (N, T): the slope of the straight line of least squares through the samples within window / 2 of each.
 
-    Exact for parabolas sampled evenly. Noise of standard deviation s, sampled every dt, comes out as about
+    Exact for parabolas where samples lie evenly on both sides. Noise of standard deviation s, sampled every dt, comes out as about
     s sqrt(12 dt / window³). NaN with under 3 samples in the window, or more on one side of it than on the other.
     t: (T,) s; y: (N, T), NaN where unknown.
     """

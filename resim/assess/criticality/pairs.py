@@ -140,7 +140,7 @@ class Pairs:
         ]
         if self.path is not None:
             objects.append(np.isfinite(self.path).all(axis=(2, 3)))
-        return np.logical_and(np.all(ego, axis=0)[:, None], np.all(objects, axis=0))
+        return np.asarray(np.all(ego, axis=0)[:, None] & np.all(objects, axis=0))
 
     def measured(
         self, name: str, unit: str, bad: Literal["low", "high"], of: Callable[[Pair], tuple[Floats, States]],

@@ -1,7 +1,7 @@
 """The worst case: WTTC over all that physics allows, WTTR over what traffic does.
 
-WTTC. Both boxes may do anything a vehicle can do: the centre accelerates by at most a in any direction (Kamm's circle), the
-box turns at a rate of at most min(a / v, curvature v), in either sense.
+WTTC. Both boxes may do anything a vehicle can do: the centre accelerates by at most a in any direction (Kamm's
+circle), the box turns at a rate of at most min(a / v, curvature v), in either sense.
 
 - After t the centre lies within ½ a t² of where constant velocity takes it: exactly the reachable disc.
 - The heading lies within phi(t) of the present one, phi = ∫ max over reachable v of min(a / v, curvature v).
