@@ -8,7 +8,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import duckdb
 import pandas as pd
 
 import resim
+from resim.assess.assessment import Assessment
 from resim.core.errors import InputError
 from resim.pipeline import MapCheck, Resimulation, map_name
 from resim.scenario.jscen import write_jscen
@@ -34,6 +35,7 @@ RUN = Results(
     "run.json",
     re.compile(r"(run|report)\.json|report\.html|tracks\.parquet|r?(GT|SD)\.jscen\.json|[\w.-]+\.xodr"),
 )
+ASSESSMENT = Results("assessment.json", re.compile(r"assessment\.json"))
 CONVERSION = Results("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
 
 
@@ -149,3 +151,10 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     write_json(
         {"versions": {"resim": resim.__version__, **versions}, **found.report()}, folder / CONVERSION.mark
     )
+
+
+def write_assessment(found: Mapping[str, Assessment], folder: Path) -> None:
+    """Write assessment.json: one block for each of GT, SD, rGT, rSD."""
+    versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
+    blocks = {name: assessment.to_json() for name, assessment in found.items()}
+    write_json({"versions": {"resim": resim.__version__, **versions}, **blocks}, folder / ASSESSMENT.mark)

@@ -1,5 +1,6 @@
 """One recording, one build: describe, re-simulate, describe again, compare; and a map, looked over and converted."""
 
+from resim.pipeline.assessments import assess_folder
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
 from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
 from resim.pipeline.result import Basis, Branch, Options, Resimulation, perceived_frame
@@ -12,6 +13,7 @@ __all__ = [
     "MapCheck",
     "Options",
     "Resimulation",
+    "assess_folder",
     "check_codes",
     "check_map",
     "examined",

@@ -117,6 +117,14 @@ def resimulate(
     )
 
 
+def describe_recording(recording: Recording, network: RoadNetwork) -> dict[Basis, Scenario]:
+    """Describe what a recording measured by splines, GT and where there is one SD."""
+    return {
+        basis: _describe(_split(recording, tracks), recording, network, basis)
+        for basis, tracks in _measured(recording).items()
+    }
+
+
 def _measured(recording: Recording) -> dict[Basis, Tracks]:
     """GT, and SD where there is one, each as long as the EGO is there."""
     where = recording.folder or recording.name
