@@ -285,8 +285,7 @@ def test_turning_shifting_and_order_change_nothing(f):
         out[..., 0], out[..., 1], out[..., 2] = z.real, z.imag, poses[..., 2] + angle + 2 * np.pi
         return out
 
-    # WTTC looks into finitely many directions, which do not turn along
-    same(whole, f(Pairs(moved(ego), ego_size, moved(state), size, 0.1)), within=5e-3 if f is c.wttc else 1e-5)
+    same(whole, f(Pairs(moved(ego), ego_size, moved(state), size, 0.1)), within=1e-5)
     order = np.array([3, 0, 5, 1, 4, 2])
     again = f(Pairs(ego, ego_size, state[:, order], size[:, order], 0.1))
     assert np.array_equal(again.state, whole.state[:, order])
@@ -412,7 +411,7 @@ def test_risk_scenes_are_pairs():
 def test_a_thousand_scenes_take_seconds():
     ego, ego_size, state, size = random_pairs(6, scenes=1000, objects=8)
     p = Pairs(ego, ego_size, state, size, 0.1)
-    for f in EVERY:
+    for f in (c.ttc, c.wttc, c.pmd, c.ttr):
         begin = time.process_time()
         f(p)
         assert time.process_time() - begin < 12.0, f.__name__

@@ -41,7 +41,9 @@ def test_acceleration_and_jerk_of_a_parabola_are_exact():
     m = c.longitudinal_acceleration(tracks(0 * T, 0, 0, v, t=T))
     full = m.state[0] == State.VALUE
     # half a window at either end is not filled; one sample may be missing
-    assert full[5:-5].all() and not full[:5].any() and not full[-5:].any()
+    assert full[5:-5].all()
+    assert not full[:5].any()
+    assert not full[-5:].any()
     np.testing.assert_allclose(m.value[0, 6:-6], (1.5 - 0.8 * T)[6:-6], atol=1e-9)
     assert (m.state[0, ~full] == State.NOT_DEFINED).all()
     jerk = c.longitudinal_jerk(tracks(0 * T, 0, 0, v, t=T))
@@ -212,6 +214,41 @@ def test_wttr_is_the_least_of_the_predicted_ones():
     m = c.wttr(Scenes(pairs.plan, pairs.ego_size, pairs.state, pairs.size, inputs))
     assert m.state[:, 0].tolist() == [State.VALUE, State.VALUE, State.NO_CONFLICT, State.NOT_COMPUTED]
     assert m.value[1, 0] <= m.value[0, 0] <= c.ttr(pairs).value[0, 0]
+
+
+def recorded():
+    """EGO at 20 m/s along x; a leader that brakes with 2 m/s² and is gone after 4 s; one that crosses at 30 m."""
+    ego = ctra(np.array([[0.0, 0, 0, 20, 0, 0]]), T[None])[0]
+    leader = ctra(np.array([[40.0, 0, 0, 20, -2, 0]]), T[None])[0]
+    crossing = ctra(np.array([[30.0, -40, 0.5 * math.pi, 12, 0, 0]]), T[None])[0]
+    every = np.stack([leader, ego, crossing])
+    valid = np.ones(every.shape[:2], dtype=bool)
+    valid[0, T > 4.0] = False
+    return tracks(*np.moveaxis(every, 2, 0), t=T, valid=valid)
+
+
+def test_scenes_of_tracks_are_what_was_driven():
+    p = c.driven_pairs(recorded(), "1", np.array([1.0, 2.0, 5.0]), horizon=3.0)
+    assert p.state.shape == (3, 2, 6)
+    np.testing.assert_allclose(p.plan[1, :, 0], 40.0 + 20.0 * np.arange(31) * 0.1, atol=1e-9)
+    np.testing.assert_allclose(p.state[1, 0], [76.0, 0, 0, 16.0, -2.0, 0.0], atol=1e-3)
+    ttc, ettc = c.ttc(p), c.ettc(p)
+    # the gap closes as v_rel t + t²
+    gap, v_rel = np.array([34.3, 31.3]), np.array([2.0, 4.0])
+    expected = -0.5 * v_rel + np.sqrt(0.25 * v_rel**2 + gap)
+    assert ttc.state[:, 0].tolist() == [State.NO_CONFLICT, State.NO_CONFLICT, State.NOT_COMPUTED]
+    assert (expected > 3.0).all()
+    assert ettc.state[:, 0].tolist() == ttc.state[:, 0].tolist()
+    longer = c.ettc(c.driven_pairs(recorded(), "1", np.array([1.0, 2.0]), horizon=6.0))
+    np.testing.assert_allclose(longer.value[:, 0], expected, atol=0.002)
+
+
+def test_pet_of_driven_paths():
+    p = c.driven_pairs(recorded(), "1", np.array([0.0]), horizon=5.0, driven=True)
+    leaves, enters = (30 + 0.95 + 2.35) / 20, (40 - 0.95 - 2.35) / 12
+    assert c.pet(p).value[0, 1] == pytest.approx(enters - leaves, abs=0.005)
+    with pytest.raises(ResimError, match="no object '9'"):
+        c.driven_pairs(recorded(), "9", np.array([0.0]), horizon=5.0)
 
 
 def test_a_measure_has_numbers_where_its_state_says_so_and_only_there():

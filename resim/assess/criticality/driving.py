@@ -52,8 +52,8 @@ def lateral_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
 def slope(t: Floats, y: Floats, *, window: float) -> Floats:
     """Give dy/dt (N, T): the slope of the straight line of least squares through the samples within window / 2 of each.
 
-    Exact for parabolas where samples lie evenly on both sides. Noise of standard deviation s, sampled every dt, comes out as about
-    s sqrt(12 dt / window³). NaN with under 3 samples in the window, or more on one side of it than on the other.
+    Exact for parabolas where samples lie evenly on both sides. Noise of standard deviation s, sampled every dt, comes
+    out as about s sqrt(12 dt / window³). NaN with under 3 samples in the window, or more on one side than on the other.
     t: (T,) s; y: (N, T), NaN where unknown.
     """
     y = np.asarray(y, dtype=float)
@@ -76,11 +76,15 @@ def slope(t: Floats, y: Floats, *, window: float) -> Floats:
     return np.where(good, (count * sty - st * sy) / np.where(good, spread, 1.0), np.nan)
 
 
+def yaw_rate(tracks: Tracks, *, window: float = WINDOW) -> Floats:
+    """Give the yaw rate (N, T) [rad/s] as measured, else the `slope` of the heading, NaN where no window is filled."""
+    if tracks.yaw_rate is not None:
+        return tracks.yaw_rate
+    return slope(tracks.t, unwrap_angle(tracks.heading), window=window)
+
+
 def _lateral(tracks: Tracks, window: float) -> Floats:
-    rate = tracks.yaw_rate
-    if rate is None:
-        rate = slope(tracks.t, unwrap_angle(tracks.heading), window=window)
-    return np.asarray(tracks.v * rate)
+    return np.asarray(tracks.v * yaw_rate(tracks, window=window))
 
 
 def _told(name: str, unit: str, value: Floats, valid: Bools) -> Measure:

@@ -56,7 +56,8 @@ def tailgating(t: Floats, v: Floats, spare: Measure) -> Measure:
 
     t: (S,) s, times of successive scenes; v: (S,) m/s of the EGO; spare: (S, K), of `half_speedometer`. Somebody who
     was not ahead in the scene before and comes in nearer than allowed leaves the EGO 3 s, above 160 km/h 1 s, to
-    restore the gap; else there is none (Kaefer, 4.5.6.4). Counted from the first scene of the violation.
+    restore the gap; else there is none (Kaefer, 4.5.6.4). Counted from the first scene of the violation; a column is
+    one and the same object throughout.
     NO_CONFLICT where the gap is kept or nobody ahead. Raises ResimError for times that do not increase.
     """
     if len(t) > 1 and not np.all(np.diff(t) > 0.0):

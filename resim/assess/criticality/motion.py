@@ -86,10 +86,9 @@ def way_at(path: Floats, step: float, t: Floats) -> Floats:
 def along(path: Floats, s: Floats, v: Floats) -> Floats:
     """Give poses (P, N, 4) at s (P, N) metres along a sampled path, with pace v (P, N) m/s; then straight on."""
     stations = way(path)
-    rows, last = np.arange(len(path))[:, None], path.shape[1] - 1
-    apart = max(float(stations.max(initial=0.0)), float(s.max(initial=0.0))) + 1.0
-    at = np.searchsorted((stations + rows * apart).ravel(), (s + rows * apart).ravel(), side="right")
-    j = np.clip(at.reshape(s.shape) - rows * (last + 1) - 1, 0, last - 1)
+    j = np.zeros(s.shape, dtype=int)
+    for station in range(1, path.shape[1] - 1):
+        j += s >= stations[:, station, None]
     a, b = (np.take_along_axis(path, (j + k)[..., None], axis=1) for k in (0, 1))
     s0, s1 = (np.take_along_axis(stations, j + k, axis=1) for k in (0, 1))
     ds = s1 - s0

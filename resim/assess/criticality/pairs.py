@@ -129,7 +129,11 @@ class Pairs:
         return (self.plan.shape[1] - 1) * self.step if self.horizon is None else self.horizon
 
     def complete(self, columns: int = 6) -> Bools:
-        """Say (S, K) which pairs have all input: no NaN in the first columns of the state, no size of 0."""
+        """Say (S, K) which pairs have all input: no NaN in the first columns of the state, no size of 0.
+
+        Where driven paths are known, acceleration and yaw rate (columns 5 and 6) are not needed.
+        """
+        columns = columns if self.path is None else min(columns, 4)
         ego = [
             np.isfinite(self.plan).all(axis=(1, 2)),
             (np.isfinite(self.ego_size) & (self.ego_size > 0)).all(axis=1),

@@ -103,10 +103,9 @@ def _wttc(most: float, curvature: float, p: Pair) -> tuple[Floats, States]:
 
 def _directions(heading_a: Floats, heading_b: Floats) -> Floats:
     """Directions (P, n) [rad]: all around, and the axes of both boxes."""
-    around = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
+    around = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)  # holds the axes of a
     axes = np.arange(4) * 0.5 * np.pi
-    own = [np.broadcast_to(around, (len(heading_a), DIRECTIONS))]
-    return np.concatenate([*own, heading_a[:, None] + axes, heading_b[:, None] + axes], axis=1)
+    return np.concatenate([heading_a[:, None] + around, heading_b[:, None] + axes], axis=1)
 
 
 def _from_corner(angle: Floats, size: Floats) -> Floats:
