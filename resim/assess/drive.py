@@ -25,7 +25,7 @@ FRESH = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; scenes; present: (S, K).
+    """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; own: the EGO's track; present: (S, K).
 
     path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the object's state lies in the range
     that the prediction was fitted to.
@@ -33,6 +33,7 @@ class Drive:
 
     t: Floats
     ids: tuple[str, ...]
+    own: Tracks
     scenes: Scenes
     present: Bools
     path: tuple[Path, ...]
@@ -78,7 +79,8 @@ def drive(
     inputs = surfaces.inputs(state[..., 3], state[..., 4], state[..., 5])
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs)
     covered = surfaces.covers(state[..., 3], state[..., 4], state[..., 5]) & present
-    return Drive(t, tuple(tracks.ids[others].tolist()), scenes, present, chosen, covered)
+    own = tracks.select([ego]).at(t)
+    return Drive(t, tuple(tracks.ids[others].tolist()), own, scenes, present, chosen, covered)
 
 
 def _states(tracks: Tracks) -> Floats:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from resim.assess.assessment import Assessment, assess
+from resim.assess.criteria import Criteria
 from resim.assess.drive import drive
 from resim.assess.risk import Parameters
 from resim.core.errors import InputError
@@ -23,7 +24,9 @@ RATE = 10.0
 BLOCKS = ("GT", "SD", "rGT", "rSD")
 
 
-def assess_folder(folder: Path, parameters: Parameters) -> dict[str, Assessment]:
+def assess_folder(
+    folder: Path, parameters: Parameters, criteria: Criteria | None = None
+) -> dict[str, Assessment]:
     """Assess a recording (GT, and SD where there is one) or what `resim run` wrote (GT, SD, rGT, rSD).
 
     Raises InputError for a folder that is neither.
@@ -39,7 +42,7 @@ def assess_folder(folder: Path, parameters: Parameters) -> dict[str, Assessment]
     else:
         problem = "holds neither recording.toml nor run.json"
         raise InputError(folder, problem, "Give a recording, or the folder that `resim run` wrote.")
-    return {name: _assess(scenario, network, parameters) for name, scenario in scenarios.items()}
+    return {name: _assess(scenario, network, parameters, criteria) for name, scenario in scenarios.items()}
 
 
 def _results(folder: Path) -> tuple[dict[str, Scenario], RoadNetwork]:
@@ -54,7 +57,10 @@ def _results(folder: Path) -> tuple[dict[str, Scenario], RoadNetwork]:
     return {name: read_jscen(path) for name, path in files.items() if path.is_file()}, network
 
 
-def _assess(scenario: Scenario, network: RoadNetwork, parameters: Parameters) -> Assessment:
+def _assess(
+    scenario: Scenario, network: RoadNetwork, parameters: Parameters, criteria: Criteria | None
+) -> Assessment:
     begin = scenario.ego.spawn_time
     t = np.round(begin + np.arange(0.0, scenario.duration + 1e-9, 1.0 / RATE), 9)
-    return assess(drive(scenario.tracks(network, t), ego=scenario.ego.id, parameters=parameters), parameters)
+    made = drive(scenario.tracks(network, t), ego=scenario.ego.id, parameters=parameters)
+    return assess(made, network, parameters, criteria)

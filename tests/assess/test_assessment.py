@@ -90,3 +90,20 @@ def test_what_is_no_drive_is_refused(call, tmp_path, what):
     assert (code, out) == (2, "")
     assert error.count("\n") == 1
     assert str(path) in error
+
+
+def test_criteria_give_verdicts_and_the_exit_code(call, tmp_path):
+    highway = ROOT / "scenarios" / "criteria" / "highway.toml"
+    code, out, error = call(
+        "assess", ROOT / "scenarios" / "rear_end", "--criteria", highway, "--out", tmp_path / "a"
+    )
+    assert code == 1
+    assert "does not pass 'highway'" in error
+    assert "no collision" in out
+    found = block(tmp_path / "a")
+    assert found["verdict"] == "FAIL"
+    collision = found["criteria"]["no collision"]
+    assert (collision["verdict"], collision["object"], collision["limit"]) == ("FAIL", "1", 0.0)
+    assert found["criteria"]["speed limit"]["verdict"] == "PASS"
+    code, _, error = call("assess", ROOT / "scenarios" / "overtake", "--criteria", highway)
+    assert code == 0, error
