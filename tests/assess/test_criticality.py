@@ -45,6 +45,7 @@ PAIRS = {
     "overlapping": ((20, 0, 0), (3, 1, 0.1, 15, 0, 0)),
     "separating": ((10, 0, 0), (20, 0, 0, 25, 0, 0)),
     "separating, passed": ((10, 0, 0), (-20, 0, math.pi, 25, 0, 0)),
+    "side by side": ((20, 0, 0), (1, 3.3, 0, 20, 0, 0)),
     "both stand": ((0, 0, 0), (12, 0, 0, 0, 0, 0)),
     "EGO stands": ((0, 0, 0), (-30, 0, 0, 12, 0, 0)),
     "object stands": ((13, 0, 0), (30, 0.4, 0.6, 0, 0, 0)),
@@ -130,6 +131,29 @@ def test_ttb_agrees_with_fine_steps(name):
     agrees(c.ttb(of(name)), expected, within=0.015)
 
 
+@pytest.mark.parametrize("name", [name for name in PAIRS if PAIRS[name][0][2] == 0])
+@pytest.mark.parametrize("measure", [c.ttk, c.tts])
+def test_ttk_and_tts_agree_with_fine_steps(measure, name):
+    (v, a, _), other = PAIRS[name]
+    h = 0.005
+    t = np.arange(0.0, 4.0, h)
+    whole = driven(*other, np.arange(0.0, 8.0, h))
+    contact = first(driven(0, 0, 0, v, a, 0, t), whole[: len(t)], t)
+    expected = None
+    if contact is not None:
+        expected = 0.0
+        for start in np.arange(0.0, contact, 0.02)[::-1]:
+            after = min(start, v / -a) if a < 0 else start
+            x, speed = v * after + 0.5 * a * after**2, max(v + a * start, 0.0)
+            rate = min(7.0 / max(speed, 1e-9), 0.2 * speed)
+            inputs = [(3.0, 0.0)] if measure is c.ttk else [(0.0, rate), (0.0, -rate)]
+            then = whole[round(start / h) :][: len(t)]
+            if any(first(driven(x, 0, 0, speed, *i, t), then, t) is None for i in inputs):
+                expected = start
+                break
+    agrees(measure(of(name)), expected, within=0.03)
+
+
 @pytest.mark.parametrize("name", PAIRS)
 def test_pmd_agrees_with_fine_steps(name):
     (v, a, rate), other = PAIRS[name]
@@ -180,12 +204,12 @@ def test_no_drivable_motion_touches_before_wttc():
             out.append(pose.copy())
             change = rng.random(count) < 0.01
             angle = np.where(change, rng.uniform(0, 2 * np.pi, count), angle)
-            pace = np.maximum(pose[:, 3], 1e-6)
+            pace = np.maximum(np.abs(pose[:, 3]), 1e-6)
             yaw = np.clip(most * np.sin(angle) / pace, -curvature * pace, curvature * pace)
             pose[:, 0] += h * pose[:, 3] * np.cos(pose[:, 2])
             pose[:, 1] += h * pose[:, 3] * np.sin(pose[:, 2])
             pose[:, 2] += h * yaw
-            pose[:, 3] = np.maximum(pose[:, 3] + h * most * np.cos(angle), 0.0)
+            pose[:, 3] += h * most * np.cos(angle)
         return np.stack(out, axis=1)
 
     for name, ((v, _, _), other) in PAIRS.items():
