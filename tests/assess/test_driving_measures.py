@@ -120,6 +120,7 @@ def test_only_who_is_ahead_and_drives_the_same_way_has_a_gap():
     assert c.gap_ahead(following([170.0], 20.0)).state[0, 0] == State.NO_CONFLICT
     # two metres of the box reach into the EGO's way
     assert c.gap_ahead(following([30.0], 20.0, y=1.5)).value[0, 0] == pytest.approx(30.0, abs=1e-6)
+    assert c.gap_ahead(following([30.0], -2.0)).state[0, 0] == State.NOT_DEFINED
     assert c.gap_ahead(following([30.0], 0.0)).value[0, 0] == pytest.approx(30.0, abs=1e-6)
 
 

@@ -23,7 +23,8 @@ def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> Measure:
     """Give the gap (S, K) [m] along the EGO's path to the object's box as it is now; the d of TTC and THW.
 
     Measured by driving the EGO's box along the path of its plan, then straight on, until it touches. NO_CONFLICT where
-    it touches nothing within `reach` [m], or who is there does not drive the same way; 0 where the boxes touch.
+    it touches nothing within `reach` [m], or who is there does not drive the same way; NOT_DEFINED where the EGO
+    reverses; 0 where the boxes touch.
     """
     return pairs.measured("gap", "m", "low", partial(_gap, reach), columns=4)
 
@@ -36,7 +37,8 @@ def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
     there[:, 3] = 0.0
     gap = first_contact(ego, motion.straight(there, s), np.full(len(s), reach / n), p.ego_size, p.size)
     at = motion.along(p.plan, np.where(np.isfinite(gap), gap, 0.0)[:, None], np.ones((len(s), 1)))[:, 0, 2]
-    return stated(gap, conflict=np.isfinite(gap) & (np.abs(wrap_angle(p.state[:, 2] - at)) < SAME_WAY))
+    same = np.abs(wrap_angle(p.state[:, 2] - at)) < SAME_WAY
+    return stated(gap, conflict=np.isfinite(gap) & same, defined=p.plan[:, 0, 3] >= 0.0)
 
 
 def half_speedometer(pairs: Pairs, *, urban: bool = False) -> Measure:
