@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from resim.assess.assessment import MEASURES
+from resim.assess.criticality import Pairs
 from resim.assess.risk import PUBLISHED, Parameters, Scenes, accident_risk
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
@@ -75,6 +77,11 @@ def main() -> int:
     rates["largest_difference"] = float(max(np.abs(found.r_to[0] - r_to).max(), abs(found.r_ind[0] - r_ind)))
     rates["critical_objects"] = float((accident_risk(made).r_to > 0.0).sum(axis=1).mean())
     rates["faster_than_real_time_at_10_hz"] = rates["scenes_per_s_continuous"] / 10.0
+    pairs = Pairs.of(made, 0.1)
+    for name, measure in MEASURES.items():
+        begin = time.perf_counter()
+        measure(pairs)
+        rates[f"{name}_scenes_per_s"] = MANY / (time.perf_counter() - begin)
     print(f"plain Python: {slow:.1f} s a scene of {OBJECTS} objects, 32 samples each")
     for name, value in rates.items():
         print(f"{name:32} {value:12.4g}")
