@@ -11,7 +11,7 @@ from pathlib import Path
 import duckdb
 import pytest
 
-from resim import __version__, cli
+from resim import __version__
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -38,23 +38,6 @@ LOST = """class Own:
     def close(self): pass
 """
 Call = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
-    """Call `resim` in this process; gives exit code, standard output and standard error."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["resim", *map(str, arguments)])
-        capfd.readouterr()
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as e:
-            code = int(e.code or 0)
-        return code, *capfd.readouterr()
-
-    return run
 
 
 @pytest.fixture

@@ -3,27 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
 from conftest import ROOT
-
-
-@pytest.fixture
-def call(monkeypatch, capfd):
-    def run(*arguments):
-        from resim.cli import main
-
-        monkeypatch.setattr(sys, "argv", ["resim", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as e:
-            code = int(e.code or 0)
-        return code, *capfd.readouterr()
-
-    return run
 
 
 def block(path, name="GT"):

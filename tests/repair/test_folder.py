@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from resim import cli
 from resim.check import examine
 from resim.ingest import Tables, read_recording, read_tables, write_recording, write_tables
 from resim.repair import repair
@@ -21,23 +19,6 @@ from resim.road.opendrive import RoadNetwork, load
 ROOT = Path(__file__).parents[2]
 MCITY = ROOT.parent / "shared" / "data" / "mcity"
 Call = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
-    """Call `resim` in this process; gives exit code, standard output and standard error."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["resim", *map(str, arguments)])
-        capfd.readouterr()
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as e:
-            code = int(e.code or 0)
-        return code, *capfd.readouterr()
-
-    return run
 
 
 @pytest.fixture
