@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from resim.core.geometry import Floats, from_frame, to_frame, wrap_angle
 from resim.core.tracks import Tracks
@@ -248,6 +249,7 @@ def make(name: str) -> tuple[Drive, Run]:
         sd_gt_id=run.truth.ids,
         build=build.label,
         build_hash=build.hash,
+        plan=planned(run),
         environment={"fogDensity": "ExcellentVisibility", "precipitationDensity": "None"},
         provenance={
             "description": drive.description,
@@ -259,6 +261,14 @@ def make(name: str) -> tuple[Drive, Run]:
     shutil.rmtree(folder, ignore_errors=True)
     write_recording(recording, folder, map_reference=MAP_FROM_SCENARIO)
     return drive, run
+
+
+def planned(run: Run) -> pd.DataFrame | None:
+    """Give the function's plans as a recording has them, or None for a function that has none."""
+    if not run.plans:
+        return None
+    rows = np.concatenate([np.column_stack([np.full(len(plan), t), plan]) for t, plan in run.plans])
+    return pd.DataFrame(rows.round(6), columns=["t", "t_plan", "x", "y", "v"])
 
 
 def referenced(truth: Tracks, seed: int) -> Tracks:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import importlib
-import importlib.util
 import inspect
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -19,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, from_frame
+from resim.core.plugin import load_named, sources
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 
@@ -68,7 +64,7 @@ class Perceived:
 class Command:
     """What the AD function answers: acceleration [m/s²], curvature [1/m, left positive], and its plan.
 
-    plan: (K, 4) with columns t [s], x, y [m, map frame], v [m/s]; or none.
+    plan: (K, 4) with columns t [s, of the scenario, as `Perceived.t`], x, y [m, map frame], v [m/s]; or none.
     """
 
     acceleration: float
@@ -170,11 +166,8 @@ def load_build(path: Path) -> Build:
     except ValidationError as e:
         faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors())
         raise InputError(path, faults, PARTS) from e
-    module_name, name = file.factory.split(":")
-    module = _import(path, module_name)
-    factory = getattr(module, name, None)
-    if not callable(factory):
-        raise InputError(path, f"factory {file.factory!r}: module {module_name} has no {name}")
+    factory, module = load_named(path, file.factory, "factory")
+    name = file.factory.partition(":")[2]
     lacks = [
         call
         for call in ("reset", "step", "close")
@@ -198,61 +191,5 @@ def load_build(path: Path) -> Build:
         parameters=file.parameters,
         cycle_time=file.cycle_time,
         time_limit=file.time_limit,
-        hash=hashlib.sha256(raw + b"\0" + _sources(module)).hexdigest(),
+        hash=hashlib.sha256(raw + b"\0" + sources(module)).hexdigest(),
     )
-
-
-def _sources(module: ModuleType) -> bytes:
-    """The module's source, and those of the modules it imports from its own folder, and they from it."""
-    folder = Path(_file(module)).parent
-    known: dict[str, bytes] = {}
-    todo = [module]
-    while todo:
-        one = todo.pop()
-        if one.__name__ in known or not _file(one):
-            continue
-        known[one.__name__] = source = Path(_file(one)).read_bytes()
-        nodes = list(ast.walk(ast.parse(source))) if _file(one).endswith(".py") else []
-        names = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
-        names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-        imported = [sys.modules[name] for name in sorted(names) if name in sys.modules]
-        todo += [m for m in imported if _file(m) and Path(_file(m)).parent == folder]
-    return b"\0".join(sorted(known.values()))
-
-
-def _file(module: ModuleType) -> str:
-    """The module's file, source or compiled; "" for one that is built in."""
-    return str(getattr(module, "__file__", None) or "")
-
-
-def _import(path: Path, module_name: str) -> ModuleType:
-    beside = path.parent / f"{module_name}.py"
-    try:
-        if not beside.is_file():
-            return importlib.import_module(module_name)
-        return _load(beside)
-    except (Exception, SystemExit) as e:
-        remedy = "Install it, or put the module's file beside the build file."
-        raise InputError(path, f"factory module {module_name!r} cannot be imported: {e!r}", remedy) from e
-
-
-def _load(file: Path) -> ModuleType:
-    """Load a module from its file under a name of its own, so that it takes no other's place.
-
-    What it imports may lie beside it.
-    """
-    name = f"{file.stem}_{hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look themselves up there
-    sys.path.insert(0, str(file.parent.resolve()))
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    finally:
-        sys.path.remove(str(file.parent.resolve()))
-    return module
