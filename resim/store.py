@@ -17,9 +17,8 @@ import duckdb
 import pandas as pd
 
 import resim
-from resim.assess.assessment import Assessment
 from resim.core.errors import InputError
-from resim.pipeline import MapCheck, Resimulation, map_name
+from resim.pipeline import Assessed, MapCheck, Resimulation, map_name
 from resim.scenario.jscen import write_jscen
 
 
@@ -33,9 +32,12 @@ class Results:
 
 RUN = Results(
     "run.json",
-    re.compile(r"(run|report)\.json|report\.html|tracks\.parquet|r?(GT|SD)\.jscen\.json|[\w.-]+\.xodr"),
+    re.compile(
+        r"(run|report|assessment)\.json|report\.html|(tracks|answers|plans|kpis)\.parquet|r?(GT|SD)\.jscen\.json"
+        r"|[\w.-]+\.xodr"
+    ),
 )
-ASSESSMENT = Results("assessment.json", re.compile(r"assessment\.json"))
+ASSESSMENT = Results("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
 CONVERSION = Results("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
 
 
@@ -119,8 +121,29 @@ def whole_file(path: Path, kinds: tuple[str, ...] = (".html", ".htm")) -> Iterat
 
 
 def write_json(data: Any, path: Path) -> None:
-    """Write JSON, the same bytes for the same data; NaN is refused."""
-    path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
+    path.write_text("".join(_json(data, "")) + "\n", encoding="utf-8")
+
+
+def _json(data: Any, indent: str) -> Iterator[str]:
+    """JSON in pieces; dictionaries and lists of them are spread over lines."""
+    deeper = indent + "  "
+    if isinstance(data, Mapping) and data:
+        start = "{\n"
+        for key, value in data.items():
+            yield f"{start}{deeper}{json.dumps(str(key))}: "
+            yield from _json(value, deeper)
+            start = ",\n"
+        yield f"\n{indent}}}"
+    elif isinstance(data, list | tuple) and any(isinstance(value, Mapping | list | tuple) for value in data):
+        start = "[\n"
+        for value in data:
+            yield start + deeper
+            yield from _json(value, deeper)
+            start = ",\n"
+        yield f"\n{indent}]"
+    else:
+        yield json.dumps(data, allow_nan=False)
 
 
 def write_parquet(table: pd.DataFrame, path: Path) -> None:
@@ -134,11 +157,13 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:
-    """Write everything but the page: report.json, tracks.parquet, the JSCEN files with their map, run.json."""
+    """Write report.json, tracks, answers and plans, the JSCEN files with their map, run.json."""
     shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
     for name, scenario in result.scenarios().items():
         write_jscen(scenario, folder / f"{name}.jscen.json")
     write_parquet(result.tracks_frame(), folder / "tracks.parquet")
+    write_parquet(result.answers_frame(), folder / "answers.parquet")
+    write_parquet(result.plans_frame(), folder / "plans.parquet")
     write_json(result.report(), folder / "report.json")
     write_json(result.provenance(), folder / RUN.mark)
 
@@ -153,8 +178,10 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     )
 
 
-def write_assessment(found: Mapping[str, Assessment], folder: Path) -> None:
-    """Write assessment.json: one block for each of GT, SD, rGT, rSD."""
+def write_assessment(found: Assessed, folder: Path) -> None:
+    """Write assessment.json and kpis.parquet."""
     versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
-    blocks = {name: assessment.to_json() for name, assessment in found.items()}
-    write_json({"versions": {"resim": resim.__version__, **versions}, **blocks}, folder / ASSESSMENT.mark)
+    write_json(
+        {"versions": {"resim": resim.__version__, **versions}, **found.to_json()}, folder / ASSESSMENT.mark
+    )
+    write_parquet(found.kpi_frame(), folder / "kpis.parquet")

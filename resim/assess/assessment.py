@@ -1,43 +1,20 @@
-"""One drive, assessed: criticality of every object and accident risk, at each time."""
+"""One drive, assessed: every objectification, the accident risk, and the verdict of each criterion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from resim.assess import criticality
-from resim.assess.criteria import Criteria, Verdict, judge, overall
-from resim.assess.criticality import Measure, Pairs, State
+from resim.assess.criteria import Criteria, Outcome, Verdict, judge, overall
+from resim.assess.criticality import Measure, State
 from resim.assess.criticality.measure import States
 from resim.assess.drive import Drive
-from resim.assess.risk import DEFAULTS, Parameters, Risk
-from resim.core.geometry import Floats, boxes_overlap
-from resim.core.tracks import Tracks
-from resim.road.opendrive import RoadNetwork
-
-MEASURES: Mapping[str, Callable[[Pairs], Measure]] = {
-    "TTC": criticality.ttc, "ETTC": criticality.ettc, "WTTC": criticality.wttc, "THW": criticality.thw,
-    "TTB": criticality.ttb, "TTK": criticality.ttk, "TTS": criticality.tts, "TTR": criticality.ttr,
-    "PMD": criticality.pmd, "TPMD": criticality.tpmd, "DRAC": criticality.drac,
-    "half speedometer": criticality.half_speedometer, "overtaking on the right": criticality.overtaking_right,
-}  # fmt: skip
-"""Measures of the EGO and one object, by name."""
-
-OWN: Mapping[str, Callable[[Tracks, RoadNetwork], Measure]] = {
-    "longitudinal acceleration": lambda tracks, network: criticality.longitudinal_acceleration(tracks),
-    "lateral acceleration": lambda tracks, network: criticality.magnitude(
-        criticality.lateral_acceleration(tracks)
-    ),
-    "speed over limit": criticality.speed_over_limit,
-    "off the road": criticality.off_road,
-}
-"""Measures of the EGO alone, by name."""
-
-KNOWN = (*MEASURES, *OWN, "collision", "risk")
-"""What a criterion may be about."""
+from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Subject
+from resim.assess.risk import Risk
+from resim.core.geometry import Floats
 
 REASONS = {
     State.VALUE: "",
@@ -45,17 +22,17 @@ REASONS = {
     State.NOT_DEFINED: "not defined",
     State.NOT_COMPUTED: "not computed",
 }
-
-
+ABSENT = "not there"
 UNBOUNDED = "no number is enough"
 """As of DRAC [m/s²] where no braking avoids contact."""
 
 
 @dataclass(frozen=True, eq=False)
 class Worst:
-    """The worst of one measure: value in `unit`, time [s], object ("" for the whole scene)."""
+    """The worst of one objectification: value in `unit`, time [s], object ("" for the EGO or the whole scene)."""
 
     name: str
+    kind: Kind
     unit: str
     value: float
     t: float
@@ -64,110 +41,144 @@ class Worst:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What a drive was like. measures by name, each (S, K), or (S,) of the EGO alone; risk of each scene and object.
+    """What a drive was like. measures by name, each (S, K), or (S,) of the EGO or the whole scene.
 
-    verdicts: of each criterion that it was judged by.
+    kinds: of each measure. verdicts: of each criterion that it was judged by.
     """
 
     drive: Drive
     measures: Mapping[str, Measure]
+    kinds: Mapping[str, Kind]
     risk: Risk
     verdicts: Mapping[str, Verdict]
 
+    @property
+    def verdict(self) -> Outcome | None:
+        """The verdict over all criteria, None where there are none."""
+        return overall(self.verdicts) if self.verdicts else None
+
     def worst(self) -> list[Worst]:
-        """Give the worst of each measure that has a value, and of the risk."""
+        """Give the worst of each measure that has a value."""
         ids, t = self.drive.ids, self.drive.t
         out = []
         for name, measure in self.measures.items():
-            if (found := measure.worst()) is not None:
-                value, (scene, *k) = found
-                out.append(Worst(name, measure.unit, value, float(t[scene]), ids[k[0]] if k else ""))
-        scene = int(self.risk.r_ind.argmax())
-        near = np.nan_to_num(self.risk.r_to[scene], nan=-1.0)
-        whom = ids[int(near.argmax())] if len(ids) and near.max() > 0.0 else ""
-        out.append(Worst("risk", "", float(self.risk.r_ind[scene]), float(t[scene]), whom))
+            if (found := measure.worst()) is None:
+                continue
+            value, (scene, *k) = found
+            whom = ids[k[0]] if k else self._riskiest(scene) if name == "risk" else ""
+            out.append(Worst(name, self.kinds[name], measure.unit, value, float(t[scene]), whom))
+        return out
+
+    def notes(self) -> list[str]:
+        """Give what one has to know to believe the risk: objects that its prediction was not fitted to."""
+        out = []
+        for k, name in enumerate(self.drive.ids):
+            here = self.drive.present[:, k]
+            outside = int((here & ~self.drive.covered[:, k]).sum())
+            if outside:
+                out.append(
+                    f"object {name}: outside of the range that the risk's prediction was fitted to in {outside} of "
+                    f"{int(here.sum())} scenes"
+                )
         return out
 
     def to_json(self) -> dict[str, Any]:
         """Give arrays over t by measure and object, null where there is no number, with the reasons beside."""
-        ids = self.drive.ids
+        ids, drive = self.drive.ids, self.drive
         return {
-            "t": self.drive.t.tolist(),
-            "path": list(self.drive.path),
+            "t": drive.t.tolist(),
+            "path": list(drive.path),
             "measures": {
-                name: {i: _numbers(value) for i, value, _ in self._columns(m)} for name, m in self.measures.items()
+                name: {i: _numbers(value) for i, value, _, _ in self._columns(m)} for name, m in self.measures.items()
             },
             "reasons": {
-                name: {i: _reasons(value, state) for i, value, state in self._columns(m)}
-                for name, m in self.measures.items()
+                name: {i: _reasons(*column) for i, *column in self._columns(m)} for name, m in self.measures.items()
             },
             "units": {name: m.unit for name, m in self.measures.items()},
+            "kinds": dict(self.kinds),
             "risk": {
                 "r_ind": _numbers(self.risk.r_ind),
                 "r_dep": _numbers(self.risk.r_dep),
                 "r_to": {i: _numbers(self.risk.r_to[:, k]) for k, i in enumerate(ids)},
                 "outside_fitted_range": {
-                    i: (self.drive.present[:, k] & ~self.drive.covered[:, k]).tolist() for k, i in enumerate(ids)
+                    i: (drive.present[:, k] & ~drive.covered[:, k]).tolist() for k, i in enumerate(ids)
                 },
             },
             "criteria": {name: _verdict(v) for name, v in self.verdicts.items()},
-            "verdict": overall(self.verdicts) if self.verdicts else None,
+            "verdict": self.verdict,
+            "notes": self.notes(),
         }  # fmt: skip
 
-    def _columns(self, measure: Measure) -> list[tuple[str, Floats, States]]:
-        """Each object's value and state (S,), or the EGO's."""
+    def kpis(self) -> Iterator[dict[str, Any]]:
+        """Give a row of kpis.parquet for the worst of every objectification, and for every criterion."""
+        worst = {w.name: w for w in self.worst()}
+        for name, measure in self.measures.items():
+            w = worst.get(name)
+            yield {
+                "row": "objectification", "name": name, "kind": self.kinds[name], "measure": name,
+                "unit": measure.unit, "value": None if w is None else w.value, "t": None if w is None else w.t,
+                "object": "" if w is None else w.object, "verdict": "", "limit": None, "weight": None,
+                "reason": "" if w is not None else _why_none(measure),
+            }  # fmt: skip
+        for name, v in self.verdicts.items():
+            yield {
+                "row": "criterion", "name": name, "kind": self.kinds[v.measure], "measure": v.measure,
+                "unit": v.unit, "value": v.value, "t": v.t, "object": v.object, "verdict": v.outcome,
+                "limit": v.limit, "weight": v.weight, "reason": v.reason,
+            }  # fmt: skip
+
+    def _riskiest(self, scene: int) -> str:
+        """The object with the largest risk of a scene, "" where none has any."""
+        near = np.nan_to_num(self.risk.r_to[scene], nan=-1.0)
+        return self.drive.ids[int(near.argmax())] if near.max(initial=0.0) > 0.0 else ""
+
+    def _columns(self, measure: Measure) -> Iterator[tuple[str, Floats, States, Any]]:
+        """Each object's value, state and presence (S,), or the EGO's."""
         if measure.value.ndim == 1:
-            return [(str(self.drive.own.ids[0]), measure.value, measure.state)]
-        return [(i, measure.value[:, k], measure.state[:, k]) for k, i in enumerate(self.drive.ids)]
+            yield (
+                str(self.drive.own.ids[0]),
+                measure.value,
+                measure.state,
+                np.ones(len(measure.value), dtype=bool),
+            )
+        else:
+            for k, i in enumerate(self.drive.ids):
+                yield i, measure.value[:, k], measure.state[:, k], self.drive.present[:, k]
 
 
-def assess(
-    drive: Drive, network: RoadNetwork, parameters: Parameters = DEFAULTS, criteria: Criteria | None = None
-) -> Assessment:
-    """Compute every measure and the risk of a drive, and judge it by criteria if there are any."""
-    pairs = Pairs.of(drive.scenes, parameters.step)
-    measures = {name: measure(pairs) for name, measure in MEASURES.items()}
-    measures |= {name: _of_ego(measure(drive.own, network)) for name, measure in OWN.items()}
-    risk = drive.risk(parameters)
-    judged = {**measures, "collision": _collision(drive), "risk": _whole("risk", risk.r_ind)}
+def assess(subject: Subject, criteria: Criteria | None = None) -> Assessment:
+    """Compute every objectification and the risk of a drive, and judge it by criteria if there are any."""
+    drive = subject.drive
+    every = (*OBJECTIFICATIONS, *subject.own)
+    measures = {o.name: subject.measure(o.name) for o in every}
     verdicts = {
-        c.name: judge(c, judged[c.measure], drive.t, drive.ids, drive.present)
-        for c in (criteria.criterion if criteria is not None else ())
+        c.name: judge(c, measures[c.measure], drive.t, drive.ids, drive.present)
+        for c in (criteria.criteria if criteria is not None else ())
     }
-    return Assessment(drive, measures, risk, verdicts)
+    return Assessment(drive, measures, {o.name: o.kind for o in every}, subject.risk, verdicts)
 
 
-def _of_ego(measure: Measure) -> Measure:
-    """A measure of one track, (1, S), as (S,)."""
-    return Measure(measure.name, measure.unit, measure.value[0], measure.state[0], measure.bad)
-
-
-def _whole(name: str, value: Floats) -> Measure:
-    return Measure(name, "1", value, np.zeros(value.shape, dtype=np.uint8), "high")
-
-
-def _collision(drive: Drive) -> Measure:
-    """1 where the boxes of the EGO and an object touch, else 0 (S, K)."""
-    own, state, size = drive.scenes.plan[:, 0, None], drive.scenes.state, drive.scenes.size
-    length, width = (drive.scenes.ego_size[:, k, None] for k in (0, 1))
-    hit = boxes_overlap(own[..., 0], own[..., 1], own[..., 2], length, width, state[..., 0], state[..., 1],
-                        state[..., 2], size[..., 0], size[..., 1])  # fmt: skip
-    return _whole("collision", np.where(hit & drive.present, 1.0, 0.0))
+def _why_none(measure: Measure) -> str:
+    """Why a measure has no value anywhere: what it came nearest to."""
+    states = set(np.unique(measure.state).tolist())
+    order = (State.NO_CONFLICT, State.NOT_DEFINED, State.NOT_COMPUTED)
+    return next((REASONS[state] for state in order if state in states), "no object")
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
     """The verdict as JSON has it: a value without bound is null, its reason says so."""
     fields = {name: value for name, value in asdict(verdict).items() if name != "criterion"}
-    fields["verdict"] = fields.pop("outcome")
+    fields = {"verdict": fields.pop("outcome"), **fields}
     if verdict.value is not None and not np.isfinite(verdict.value):
         fields["value"] = None
     return fields
 
 
-def _reasons(value: Floats, state: States) -> list[str]:
+def _reasons(value: Floats, state: States, present: Any) -> list[str]:
     """Why there is no number, "" where there is one; no number is enough where the value has no bound."""
     return [
-        UNBOUNDED if np.isinf(v) else REASONS[State(s)] for v, s in zip(value, state.tolist(), strict=True)
+        UNBOUNDED if np.isinf(v) else REASONS[State(s)] if here or s != State.NOT_COMPUTED else ABSENT
+        for v, s, here in zip(value, state.tolist(), present.tolist(), strict=True)
     ]
 
 

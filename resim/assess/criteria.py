@@ -1,9 +1,8 @@
-"""Criteria: requirements over measures, from a TOML file, and the verdict of each on a drive."""
+"""Criteria: requirements over objectifications, from a TOML file, and the verdict (KPI) of each on a drive."""
 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +12,23 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from resim.assess.criticality import Measure, State
+from resim.assess.criticality.measure import Bad
+from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Objectification, Subject, names
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Bools, Floats
+from resim.core.plugin import load_named
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
+EXAMPLE = "See scenarios/criteria/highway.toml."
+_SAME = 1e-9
 
 
 class Criterion(BaseModel):
-    """A requirement: `measure` must not be below or above a limit for longer than `duration` [s].
+    """A requirement: an objectification must not be below or above a limit for `duration` [s] or longer.
 
-    start, end: the part of the drive [s from its start] that counts. weight: for whoever sums up. source: where
-    the threshold comes from.
+    measure: its name. beyond: the limit of its magnitude, in either direction. start, end: the part of the drive [s
+    from its start] that counts. weight: for whoever sums up. source: where the threshold comes from.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -33,6 +37,7 @@ class Criterion(BaseModel):
     measure: str = Field(min_length=1)
     below: float | None = None
     above: float | None = None
+    beyond: float | None = Field(default=None, ge=0.0)
     duration: float = Field(default=0.0, ge=0.0)
     start: float = Field(default=0.0, ge=0.0)
     end: float | None = Field(default=None, gt=0.0)
@@ -41,37 +46,71 @@ class Criterion(BaseModel):
 
     @model_validator(mode="after")
     def _one_limit(self) -> Criterion:
-        if (self.below is None) == (self.above is None):
-            raise ValueError("expected one of below and above")
+        if [self.below, self.above, self.beyond].count(None) != 2:
+            raise ValueError("expected one of below, above and beyond")
+        if self.end is not None and self.end <= self.start:
+            raise ValueError("end: expected more than start")
         return self
+
+    @property
+    def side(self) -> Literal["below", "above", "beyond"]:
+        """On which side of the limit it is broken."""
+        return "below" if self.below is not None else "above" if self.above is not None else "beyond"
 
     @property
     def limit(self) -> float:
         """The limit, in the unit of the measure."""
-        return self.below if self.below is not None else float(self.above or 0.0)
+        return float(getattr(self, self.side))
 
-    def violated(self, value: Floats) -> Bools:
-        """Say where values break the limit; NaN does not."""
-        return np.asarray(value < self.limit if self.below is not None else value > self.limit)
+    def badness(self, value: Floats) -> Floats:
+        """Give values so that larger is worse and more than 0 breaks the limit; NaN stays NaN."""
+        if self.side == "below":
+            return np.asarray(self.limit - value)
+        return np.asarray((value if self.side == "above" else np.abs(value)) - self.limit)
 
 
-class Criteria(BaseModel):
-    """A file of criteria."""
+class OwnObjectification(BaseModel):
+    """A user's own objectification: `function` is "module:name", the module's file beside the file of criteria.
+
+    The function takes a Drive and its RoadNetwork and gives an array (S,) of the EGO or (S, K) of it and each object,
+    in `unit`, NaN where it is not defined. worst: which end is the worse one.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(min_length=1)
+    function: str = Field(pattern=r"^[\w.]+:\w+$")
+    unit: str = Field(min_length=1)
+    kind: Kind = "quantitative"
+    worst: Bad = "high"
+
+
+class _CriteriaFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(min_length=1)
+    objectification: tuple[OwnObjectification, ...] = ()
     criterion: tuple[Criterion, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Criteria:
+    """What a drive has to keep to, and the user's own objectifications."""
+
+    name: str
+    criteria: tuple[Criterion, ...]
+    own: tuple[Objectification, ...] = ()
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of one criterion: worst value, limit, unit, when [s], which object, and why.
+    """The KPI of one criterion: outcome, worst value, limit, unit, when [s], which object, and why.
 
     value and t are None where nothing was measured; object is "" for the EGO itself or the whole scene.
     """
 
     criterion: str
+    measure: str
     outcome: Outcome
     value: float | None
     limit: float
@@ -82,22 +121,42 @@ class Verdict:
     reason: str
 
 
-def read_criteria(path: Path, known: Sequence[str]) -> Criteria:
-    """Read a TOML file of criteria over `known` measures. Raises InputError naming every fault."""
+def read_criteria(path: Path) -> Criteria:
+    """Read a TOML file of criteria. Raises InputError naming every fault."""
     try:
-        text = read_file(path, "Check the path of the criteria").decode("utf-8")
-        criteria = Criteria.model_validate(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as e:
-        raise InputError(path, f"is not TOML ({e})", "See scenarios/criteria/highway.toml.") from e
+        file = _CriteriaFile.model_validate(parse_toml(read_file(path, EXAMPLE), path, EXAMPLE))
     except ValidationError as e:
         problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in e.errors())
-        raise InputError(path, problems, "See scenarios/criteria/highway.toml.") from e
-    names = [c.name for c in criteria.criterion]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(path, f"the criterion {twice[0]!r} stands twice", "Give each its own name.")
-    if strange := [c.measure for c in criteria.criterion if c.measure not in known]:
+        raise InputError(path, problems, EXAMPLE) from e
+    own = tuple(_own(path, o) for o in file.objectification)
+    known = [*names(OBJECTIFICATIONS), *names(own)]
+    for what, called in (("criterion", [c.name for c in file.criterion]), ("objectification", known)):
+        if twice := [name for name in called if called.count(name) > 1]:
+            raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
+    if strange := [c.measure for c in file.criterion if c.measure not in known]:
         raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
-    return criteria
+    return Criteria(file.name, file.criterion, own)
+
+
+def _own(path: Path, own: OwnObjectification) -> Objectification:
+    function, _ = load_named(path, own.function, "objectification")
+
+    def of(subject: Subject) -> Measure:
+        drive = subject.drive
+        try:
+            value = np.array(function(drive, subject.network), dtype=float)
+        except (Exception, SystemExit) as e:
+            raise InputError(path, f"objectification {own.name!r}: {own.function} raised {e!r}") from e
+        if value.shape not in (drive.t.shape, drive.present.shape) or np.isinf(value).any():
+            problem = f"objectification {own.name!r}: {own.function} gave an array {value.shape}"
+            s, k = drive.present.shape
+            raise InputError(
+                path, problem, f"Give ({s},) or ({s}, {k}), numbers, NaN where it is not defined."
+            )
+        state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE).astype(np.uint8)
+        return Measure(own.name, own.unit, value, state, own.worst)
+
+    return Objectification(own.name, own.kind, of)
 
 
 def judge(
@@ -106,49 +165,42 @@ def judge(
     """Judge a measure (S,) of the EGO, or (S, K) of it and objects `ids`, over the scenes at t (S,) s.
 
     present: (S, K) where an object is there; elsewhere nothing has to be computed. FAIL where the limit is broken
-    for longer than the duration. INVALID, never PASS, where a value that should be there was not computed, or the
-    measure has no meaning anywhere.
+    for the duration or longer, by one object. INVALID, never PASS, where a value that should be there was not
+    computed, or the measure has no meaning anywhere.
     """
-    columns = measure.value.reshape(len(t), -1)
-    states = measure.state.reshape(len(t), -1)
-    own = columns.shape == (len(t), 1) and measure.value.ndim == 1
-    names = [""] if own else list(ids)
-    counts = np.ones(states.shape, dtype=bool) if present is None or own else present
-    within = (t >= t[0] + criterion.start) & (
-        t <= (math.inf if criterion.end is None else t[0] + criterion.end)
-    )
-    counts = counts & within[:, None]
-    values = np.where(counts, columns, np.nan)
+    own = measure.value.ndim == 1
+    columns, states = (a[:, None] if own else a for a in (measure.value, measure.state))
+    whose = [""] if own else list(ids)
+    there = np.ones(states.shape, dtype=bool) if present is None or own else present
+    end = math.inf if criterion.end is None else t[0] + criterion.end
+    within = (t >= t[0] + criterion.start - _SAME) & (t <= end + _SAME)
+    counts = there & within[:, None]
+    bad = criterion.badness(np.where(counts, columns, np.nan))
+    times = np.array([_longest(bad[:, k] > 0.0, t) for k in range(bad.shape[1])])
+    failed = times >= max(criterion.duration, 0.0) - _SAME
+    longest = float(times.max(initial=-1.0))
     lost = counts & (states == State.NOT_COMPUTED)
     meant = counts & (states != State.NOT_DEFINED) & ~lost
-    worst = _worst(values, low=criterion.below is not None)
+    worst = _worst(np.where(failed, bad, np.nan) if failed.any() else bad)
     value, when, whom = (None, None, "") if worst is None else (
-        float(values[worst]), float(t[worst[0]]), names[worst[1]]
+        float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
     )  # fmt: skip
-    broken = [
-        k
-        for k in range(values.shape[1])
-        if _longest(criterion.violated(values[:, k]), t) >= criterion.duration
-    ]
+    broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {longest:.1f} s"
     outcome: Outcome = "PASS"
-    reason = "kept" if value is not None else "no conflict"
-    if broken:
-        outcome = "FAIL"
-        longest = max(_longest(criterion.violated(values[:, k]), t) for k in broken)
-        side = "below" if criterion.below is not None else "above"
-        reason = f"{side} {amount(criterion.limit, measure.unit)} for {longest:.1f} s"
+    reason = "no conflict" if value is None else f"{broken} only" if longest >= 0.0 else "kept"
+    if failed.any():
+        outcome, reason = "FAIL", broken
     elif lost.any():
-        outcome, reason = (
-            "INVALID",
-            f"not computed in {int(lost.any(axis=1).sum())} of {int(within.sum())} scenes",
-        )
-    elif not meant.any() and counts.any():
-        outcome, reason = "INVALID", "not defined anywhere in the drive"
+        scenes = f"{int(lost.any(axis=1).sum())} of {int(within.sum())} scenes"
+        outcome, reason = "INVALID", f"not computed in {scenes}"
     elif not within.any():
         outcome, reason = "INVALID", "the drive has no scene in this part"
+    elif not meant.any() and counts.any():
+        outcome, reason = "INVALID", "not defined anywhere in the drive"
     return Verdict(
-        criterion.name, outcome, value, criterion.limit, measure.unit, when, whom, criterion.weight, reason
-    )
+        criterion.name, criterion.measure, outcome, value, criterion.limit, measure.unit, when, whom,
+        criterion.weight, reason,
+    )  # fmt: skip
 
 
 def amount(value: float, unit: str) -> str:
@@ -164,11 +216,11 @@ def overall(verdicts: Mapping[str, Verdict]) -> Outcome:
     return "FAIL" if "FAIL" in outcomes else "INVALID" if "INVALID" in outcomes else "PASS"
 
 
-def _worst(values: Floats, *, low: bool) -> tuple[int, int] | None:
-    if not np.isfinite(values).any() and not np.isinf(values).any():
+def _worst(bad: Floats) -> tuple[int, int] | None:
+    """Scene and column of the largest, None where all are NaN."""
+    if np.isnan(bad).all():
         return None
-    flat = np.nanargmin(values) if low else np.nanargmax(values)
-    scene, k = np.unravel_index(int(flat), values.shape)
+    scene, k = np.unravel_index(int(np.nanargmax(bad)), bad.shape)
     return int(scene), int(k)
 
 

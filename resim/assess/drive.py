@@ -17,22 +17,28 @@ Path = Literal["plan", "state", "driven"]
 """Where the EGO's path comes from: its recorded plan, its state kept (CTRA), or where it drove later."""
 
 Plans = Sequence[tuple[float, Floats]]
-"""When each plan was made [s], and the plan (K, 4): time from then on [s], x, y [m], v [m/s]."""
+"""When each plan was made [s], increasing, and the plan (K, 4): t [s] on the same clock, x, y [m], v [m/s]."""
 
 FRESH = 0.5
 """Age [s] up to which a plan is the plan of a scene."""
 
+SLOW = 0.05
+"""Speed [m/s] below which the points of a plan do not tell a heading."""
+
+_SAME = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; own: the EGO's track; present: (S, K).
+    """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; present: (S, K) where they are there.
 
-    path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the object's state lies in the range
-    that the prediction was fitted to.
+    tracks: everybody's, at t. own: the EGO's. path: (S,) where the EGO's path of each scene comes from. covered: (S, K)
+    the object's state lies in the range that the prediction was fitted to.
     """
 
     t: Floats
     ids: tuple[str, ...]
+    tracks: Tracks
     own: Tracks
     scenes: Scenes
     present: Bools
@@ -55,9 +61,9 @@ def drive(
 ) -> Drive:
     """Make the scenes of tracks with acceleration and yaw rate, at all their times at which the EGO is there.
 
-    The EGO's path is its plan where one was made within 0.5 s before the scene, else what follows of its state
-    (constant turn rate and acceleration); path="driven" takes where it went, path="state" never a plan. Raises
-    ResimError where the EGO is missing or tracks have no accelerations.
+    The EGO's path is its plan where one was made within 0.5 s before the scene, put to where the EGO is, else what
+    follows of its state (constant turn rate and acceleration); path="driven" takes where it went, after the end its
+    last state, path="state" never a plan. Raises ResimError where the EGO is missing or tracks have no accelerations.
     """
     if tracks.a is None or tracks.yaw_rate is None:
         raise ResimError(
@@ -80,7 +86,7 @@ def drive(
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs)
     covered = surfaces.covers(state[..., 3], state[..., 4], state[..., 5]) & present
     own = tracks.select([ego]).at(t)
-    return Drive(t, tuple(tracks.ids[others].tolist()), own, scenes, present, chosen, covered)
+    return Drive(t, tuple(tracks.ids[others].tolist()), tracks.at(t), own, scenes, present, chosen, covered)
 
 
 def _states(tracks: Tracks) -> Floats:
@@ -100,27 +106,33 @@ def _paths(
     chosen: list[Path] = ["state"] * len(t)
     ahead = np.asarray(np.arange(steps + 1) * parameters.step, dtype=np.float64)
     if path == "driven":
+        times, way = np.concatenate([t, t[-1] + ahead[1:]]), np.concatenate([ego[:, :4], out[-1, 1:]])
         for n, start in enumerate(t):
-            out[n] = _sampled(t, ego[:, :4], start + ahead)
+            out[n] = _sampled(times, way, start + ahead)
             chosen[n] = "driven"
     elif path in (None, "plan"):
-        for n, start in enumerate(t):
-            made = max(
-                (k for k, (when, _) in enumerate(plans) if start - FRESH <= when <= start + 1e-9),
-                default=None,
-            )
-            if made is not None:
-                out[n] = _planned(plans[made], start, ahead)
+        made = np.array([when for when, _ in plans])
+        latest = np.searchsorted(made, t + _SAME, side="right") - 1
+        for n in np.flatnonzero(latest >= 0).tolist():
+            if t[n] - made[latest[n]] <= FRESH:
+                out[n] = _planned(plans[latest[n]][1], ego[n, 2], t[n] + ahead)
+                out[n, :, :2] += ego[n, :2] - out[n, 0, :2]
                 chosen[n] = "plan"
     return out, tuple(chosen)
 
 
-def _planned(plan: tuple[float, Floats], start: float, ahead: Floats) -> Floats:
-    """A plan's way from `start` on; its heading is that of the way."""
-    when, points = plan
-    heading = np.unwrap(np.arctan2(np.gradient(points[:, 2]), np.gradient(points[:, 1])))
-    rows = np.column_stack([points[:, 1], points[:, 2], heading, points[:, 3]])
-    return _sampled(when + points[:, 0], rows, start + ahead)
+def _planned(plan: Floats, heading: float, at: Floats) -> Floats:
+    """A plan's way (4 columns: x, y, heading, v) at times; its heading is that of the way, `heading` if it has none."""
+    t, x, y, v = plan.T
+    if len(t) == 1:
+        return _sampled(t, np.array([[x[0], y[0], heading, v[0]]]), at)
+    dx, dy = np.gradient(x, t), np.gradient(y, t)
+    moves = np.flatnonzero(np.hypot(dx, dy) > SLOW)
+    turn = np.full(len(t), heading)
+    if len(moves):
+        way = np.arctan2(dy[moves], dx[moves]) + np.where(v[moves] < 0.0, np.pi, 0.0)
+        turn = np.interp(t, t[moves], np.unwrap(way))
+    return _sampled(t, np.column_stack([x, y, turn, v]), at)
 
 
 def _sampled(t: Floats, rows: Floats, at: Floats) -> Floats:

@@ -6,9 +6,10 @@ Exit code 0: done; 1: done, and the verdict is bad; 2: the input or the call is 
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from resim import __version__
 from resim.core.errors import ResimError
@@ -20,6 +21,20 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+)
+
+
+class _DriveByDefault(TyperGroup):
+    """`resim assess FOLDER` is `resim assess drive FOLDER`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the command in front where none is named."""
+        return super().parse_args(ctx, args if args and args[0] in self.commands else ["drive", *args])
+
+
+assess_app = typer.Typer(cls=_DriveByDefault, rich_markup_mode=None)
+app.add_typer(
+    assess_app, name="assess", help="How dangerous was a drive, when, because of whom, and does it pass?"
 )
 
 

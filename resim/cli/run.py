@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
+from resim.cli.assess import CriteriaFile, refuse_bad, wanted
 from resim.core.errors import ResimError
 
 if TYPE_CHECKING:
     from resim.ingest import Recording
-    from resim.pipeline import Options, Resimulation
+    from resim.pipeline import Assessed, Options, Resimulation
     from resim.sim.adfunction import Build
     from resim.sim.dynamics import VehicleModel
 
@@ -53,18 +53,23 @@ def run(
     stop_at_collision: Annotated[
         bool, typer.Option(help="Whether a collision of the EGO ends the run.")
     ] = True,
+    criteria: CriteriaFile = None,
     accept: Accept = None,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
-    """Re-simulate a recording with a build, and report the errors of every step."""
-    from resim.pipeline import Basis, Options, examined
+    """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.
+
+    Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged.
+    """
+    from resim.cli.verdicts import print_notes, print_verdicts
+    from resim.pipeline import Basis, How, Options, assess_resimulation, examined
     from resim.report import write_report
     from resim.sim.adfunction import load_build
     from resim.sim.dynamics import Kinematic, SingleTrack
-    from resim.store import check_output, whole_folder, write_resimulation
+    from resim.store import check_output, whole_folder, write_assessment, write_resimulation
 
     check_output(out)
-    pinned = load_build(build)
+    pinned, how = load_build(build), How(criteria=wanted(criteria))
     measured = examined(recording, accept=accept or [])
     if basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
@@ -81,13 +86,19 @@ def run(
     )
     model = SingleTrack() if vehicle is VehicleChoice.single_track else Kinematic()
     result = _with_progress(measured, pinned, options, model, accept or [])
+    assessed = assess_resimulation(result, how)
     with whole_folder(out) as folder:
         write_resimulation(result, folder)
-        write_report(result, folder / "report.html")
+        write_assessment(assessed, folder)
+        write_report(result, assessed, folder / "report.html")
     _print_table(result)
+    _print_risk(assessed)
+    print_verdicts(assessed)
+    print_notes(assessed)
     typer.echo(f"\nreport: {out / 'report.html'}")
     if result.failure:
         raise BadVerdictError(result.failure)
+    refuse_bad(assessed)
 
 
 def _with_progress(
@@ -115,8 +126,9 @@ def _with_progress(
 
 
 def _print_table(result: Resimulation) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from resim.cli.verdicts import console
 
     report = result.report()
     table = Table(title=f"{result.recording.name}: {result.build.label}, mean ± standard deviation")
@@ -128,18 +140,26 @@ def _print_table(result: Resimulation) -> None:
         cells = [errors[who][q] for who in ("ego", "to") for q in ("d", "v", "heading")]
         if any(cell is not None for cell in cells):
             table.add_row(name, *(_mean_and_std(c) for c in cells))
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    console.print(table)
+    out = console()
+    out.print(table)
     for base in ("GT", "rGT", "rSD"):
         if (did := report["decision"][base]) is not None:
             at = report["reaction"][base]
             when = "no braking" if at is None else f"first braking at {at:.2f} s"
             end = report["end"].get(base, "")
-            console.print(
+            out.print(
                 f"{base:>4}: {', '.join(did) or 'no decision'}; {when}{f'; ended by {end}' if end else ''}"
             )
     for warning in report["warnings"]:
-        console.print(f"note: {warning}", highlight=False)
+        out.print(f"note: {warning}", highlight=False)
+
+
+def _print_risk(found: Assessed) -> None:
+    from resim.cli.verdicts import console
+
+    peaks = [(name, next(w for w in a.worst() if w.name == "risk")) for name, a in found.blocks.items()]
+    told = (f"{name} {100.0 * w.value:.3g} % at {w.t:.1f} s" for name, w in peaks)
+    console().print(f"largest accident risk: {', '.join(told)}", highlight=False)
 
 
 def _mean_and_std(cell: dict[str, float] | None) -> str:

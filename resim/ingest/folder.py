@@ -16,6 +16,7 @@ from resim.ingest.source import Tables, recording_of
 from resim.ingest.tables import GT_ID, read_table, read_track_table, row_problem
 
 PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
+"""Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""
 
 
 def read_tables(folder: Path) -> Tables:

@@ -28,9 +28,10 @@ class Recording:
     each with its own times). sd_gt_id: (N_sd,) GT id of each SD object, "" where it has none.
     existence_probability: (N_sd, T_sd), NaN where not given. gt_rate, sd_rate: samples a second [Hz].
     build: AD-function build that drove, build_hash what pins it. plan: the EGO's recorded plans, one row per
-    time `t` and planned time `t_plan` [s], with x, y [m] and v [m/s]. environment: JSCEN terms.
-    provenance: free text. repair_marks: for "gt" and "sd", where anything was repaired, (N, T) "" or the codes
-    of the findings that were, spaces between. findings: what is known to be wrong with it, worst first.
+    time `t` it was made and planned time `t_plan` [s], both on the recording's clock, with x, y [m] and v [m/s].
+    environment: JSCEN terms. provenance: free text. repair_marks: for "gt" and "sd", where anything was repaired, (N,
+    T) "" or the codes of the findings that were, spaces between. findings: what is known to be wrong with it, worst
+    first.
     """
 
     name: str

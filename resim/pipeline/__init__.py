@@ -1,6 +1,6 @@
 """One recording, one build: describe, re-simulate, describe again, compare; and a map, looked over and converted."""
 
-from resim.pipeline.assessments import assess_folder
+from resim.pipeline.assessments import Assessed, How, assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
 from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
 from resim.pipeline.result import Basis, Branch, Options, Resimulation, perceived_frame
@@ -8,12 +8,16 @@ from resim.pipeline.run import STAGES, file_hash, map_name, resimulate
 
 __all__ = [
     "STAGES",
+    "Assessed",
     "Basis",
     "Branch",
+    "How",
     "MapCheck",
     "Options",
     "Resimulation",
     "assess_folder",
+    "assess_recording",
+    "assess_resimulation",
     "check_codes",
     "check_map",
     "examined",

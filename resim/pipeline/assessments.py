@@ -1,19 +1,32 @@
-"""Recordings and results of runs, assessed."""
+"""Recordings and re-simulations, assessed: each of GT, SD, rGT, rSD by its JSCEN, ten times a second."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from resim.assess.assessment import Assessment, assess
 from resim.assess.criteria import Criteria
-from resim.assess.drive import drive
-from resim.assess.risk import Parameters
+from resim.assess.drive import Path as EgoPath
+from resim.assess.drive import Plans, drive
+from resim.assess.functional import Functioning
+from resim.assess.objectifications import Subject
+from resim.assess.risk import DEFAULTS, Parameters
 from resim.core.errors import InputError
+from resim.core.geometry import Floats
+from resim.core.tracks import whole_id
+from resim.ingest import Recording
+from resim.ingest.folder import PLAN_COLUMNS
+from resim.ingest.tables import read_table
 from resim.pipeline.recordings import examined
-from resim.pipeline.run import describe_recording, map_name
+from resim.pipeline.result import Resimulation, plan_frame
+from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
@@ -22,45 +35,182 @@ RATE = 10.0
 """Scenes a second [Hz] that are assessed."""
 
 BLOCKS = ("GT", "SD", "rGT", "rSD")
+"""What is assessed, in the order of the tables."""
+
+DELAY = "CLOCK_OFFSET"
+"""Code of the finding that says how late SD is."""
 
 
-def assess_folder(
-    folder: Path, parameters: Parameters, criteria: Criteria | None = None
-) -> dict[str, Assessment]:
+@dataclass(frozen=True)
+class How:
+    """How to assess: parameters of the risk, where the EGO's path comes from (None: its plan where there is one, else
+    its state), and what to judge by."""
+
+    parameters: Parameters = DEFAULTS
+    path: EgoPath | None = None
+    criteria: Criteria | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Assessed:
+    """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation."""
+
+    name: str
+    network: RoadNetwork
+    run: bool
+    blocks: Mapping[str, Assessment]
+    criteria: Criteria | None
+
+    def notes(self) -> list[str]:
+        """Give what one has to know to compare the blocks and to believe them."""
+        kinds = {name: sorted(set(a.drive.path)) for name, a in self.blocks.items()}
+        out = []
+        if len({tuple(k) for k in kinds.values()}) > 1:
+            told = "; ".join(f"{name} by its {' and '.join(k)}" for name, k in kinds.items())
+            out.append(f"the EGO's path differs: {told}; --path state makes them alike")
+        return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
+
+    def kpi_frame(self) -> pd.DataFrame:
+        """Give the worst of every objectification and the KPI of every criterion, one row each, by source."""
+        rows = [{"source": name, **row} for name, a in self.blocks.items() for row in a.kpis()]
+        frame = pd.DataFrame(rows)
+        numbers = ["value", "t", "limit", "weight"]
+        return frame.assign(**{column: frame[column].astype(float) for column in numbers})
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the blocks of a run by name; of a recording the block of GT, with that of SD in `SD`."""
+        blocks = {name: a.to_json() for name, a in self.blocks.items()}
+        if self.run:
+            return {**blocks, "notes": self.notes()}
+        gt = blocks.pop("GT")
+        return {**gt, **blocks, "notes": self.notes()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """What one block is assessed from."""
+
+    scenario: Scenario
+    plans: Plans
+    functioning: Functioning | None
+
+
+def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assessed:
     """Assess a recording (GT, and SD where there is one) or what `resim run` wrote (GT, SD, rGT, rSD).
 
-    Raises InputError for a folder that is neither.
+    accept: codes of findings in a recording in spite of which to go on. Raises InputError for a folder that is neither.
     """
     if (folder / "run.json").is_file():
-        scenarios, network = _results(folder)
-    elif (folder / "recording.toml").is_file():
-        recording = examined(folder)
-        network = load(recording.map)
-        scenarios = {
-            str(basis): scenario for basis, scenario in describe_recording(recording, network).items()
-        }
-    else:
-        problem = "holds neither recording.toml nor run.json"
-        raise InputError(folder, problem, "Give a recording, or the folder that `resim run` wrote.")
-    return {name: _assess(scenario, network, parameters, criteria) for name, scenario in scenarios.items()}
+        return _assess_results(folder, how)
+    if (folder / "recording.toml").is_file():
+        return assess_recording(examined(folder, accept=tuple(accept)), how)
+    problem = "holds neither recording.toml nor run.json"
+    raise InputError(folder, problem, "Give a recording, or the folder that `resim run` wrote.")
 
 
-def _results(folder: Path) -> tuple[dict[str, Scenario], RoadNetwork]:
-    """The scenarios that a run wrote, and its map."""
+def assess_recording(recording: Recording, how: How) -> Assessed:
+    """Assess what was measured: GT, and SD where there is one."""
+    network = load(recording.map)
+    scenarios = describe_recording(recording, network)
+    sd = measured_tracks(recording).get("SD")
+    plans = _plans(recording.plan)
+    seen = None if sd is None else sd.to_frame()
+    functioning = _measured(seen, plans, {f.code: f.value for f in recording.findings if not f.object})
+    blocks = {str(basis): _Block(scenario, plans, functioning) for basis, scenario in scenarios.items()}
+    return _assessed(recording.name, network, False, blocks, how)
+
+
+def assess_resimulation(result: Resimulation, how: How) -> Assessed:
+    """Assess a re-simulation: GT, SD, rGT, rSD."""
+    findings = {f.code: f.value for f in result.recording.findings if not f.object}
+    blocks = _run_blocks(
+        result.scenarios(), result.tracks_frame(), result.answers_frame(), result.plans_frame(), findings
+    )
+    return _assessed(result.recording.name, result.network, True, blocks, how)
+
+
+def _assess_results(folder: Path, how: How) -> Assessed:
     report = folder / "report.json"
     try:
-        road = folder / map_name(Path(str(json.loads(report.read_text(encoding="utf-8"))["map"])))
+        written = json.loads(report.read_text(encoding="utf-8"))
+        road = folder / map_name(Path(str(written["map"])))
+        findings = {f["code"]: f["value"] for f in written["findings"] if not f["object"]}
+        name = str(written["recording"])
     except (OSError, ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", "Run it again.") from e
     network = load(road)
     files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
-    return {name: read_jscen(path) for name, path in files.items() if path.is_file()}, network
+    scenarios = {name: read_jscen(path) for name, path in files.items() if path.is_file()}
+    tracks = read_table(folder / "tracks.parquet", required=("source", "t", "id"), text=("source", "id"))
+    answers = read_table(folder / "answers.parquet", required=("source", "t"), text=("source",))
+    plans = folder / "plans.parquet"
+    columns = ("source", *PLAN_COLUMNS)
+    planned = read_table(plans, required=columns, text=("source",)) if plans.is_file() else plan_frame({})
+    return _assessed(name, network, True, _run_blocks(scenarios, tracks, answers, planned, findings), how)
 
 
-def _assess(
-    scenario: Scenario, network: RoadNetwork, parameters: Parameters, criteria: Criteria | None
-) -> Assessment:
+def _run_blocks(
+    scenarios: Mapping[str, Scenario], tracks: pd.DataFrame, answers: pd.DataFrame, plans: pd.DataFrame,
+    findings: Mapping[str, float | None],
+) -> dict[str, _Block]:  # fmt: skip
+    """The blocks of a run; tables by `source`, as `resim run` writes them."""
+    recorded = _plans(plans[plans.source == "recorded"])
+    seen = tracks[tracks.source == "SD"]
+    measured = _measured(seen if len(seen) else None, recorded, findings)
+    out = {name: _Block(scenarios[name], recorded, measured) for name in ("GT", "SD") if name in scenarios}
+    for name in ("rGT", "rSD"):
+        if name in scenarios:
+            t = answers.t[answers.source == name].to_numpy(dtype=float)
+            functioning = _functioning(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
+            out[name] = _Block(scenarios[name], _plans(plans[plans.source == name]), functioning)
+    return out
+
+
+def _assessed(name: str, network: RoadNetwork, run: bool, blocks: Mapping[str, _Block], how: How) -> Assessed:
+    found = {key: _assess(block, network, how) for key, block in blocks.items()}
+    return Assessed(name, network, run, found, how.criteria)
+
+
+def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
+    scenario = block.scenario
     begin = scenario.ego.spawn_time
     t = np.round(begin + np.arange(0.0, scenario.duration + 1e-9, 1.0 / RATE), 9)
-    made = drive(scenario.tracks(network, t), ego=scenario.ego.id, parameters=parameters)
-    return assess(made, network, parameters, criteria)
+    tracks = scenario.tracks(network, t)
+    made = drive(tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters)
+    own = () if how.criteria is None else how.criteria.own
+    return assess(Subject(made, network, how.parameters, block.functioning, own), how.criteria)
+
+
+def _plans(frame: pd.DataFrame | None) -> Plans:
+    """The plans in a table of PLAN_COLUMNS, by the time they were made; a planned time counts once."""
+    if frame is None or not len(frame):
+        return ()
+    rows = (
+        frame[list(PLAN_COLUMNS)].drop_duplicates(["t", "t_plan"]).sort_values(["t", "t_plan"], kind="stable")
+    )
+    values = rows.to_numpy(dtype=float)
+    made, first = np.unique(values[:, 0], return_index=True)
+    return tuple(zip(made.tolist(), np.split(values[:, 1:], first[1:]), strict=True))
+
+
+def _measured(
+    seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, float | None]
+) -> Functioning | None:
+    """What perception and function did in the measured drive, as far as it was recorded."""
+    if seen is None:
+        return None
+    answers = np.array([when for when, _ in plans]) if len(plans) else None
+    return _functioning(seen, np.unique(seen.t.to_numpy(dtype=float)), answers, findings.get(DELAY) or 0.0)
+
+
+def _functioning(seen: pd.DataFrame, lists: Floats, answers: Floats | None, delay: float) -> Functioning:
+    """Lists of perceived objects from their rows (t, id); parts of one object count as that one."""
+    known = set(seen.id.unique().tolist())
+    whole = {name: whole_id(name, known) for name in known}
+    ids, row = np.unique(seen.id.map(whole).to_numpy(dtype=str), return_inverse=True)
+    at = np.searchsorted(lists, seen.t.to_numpy(dtype=float))
+    table = np.zeros((len(ids), len(lists)), dtype=bool)
+    table[row, np.minimum(at, len(lists) - 1)] = True
+    gaps = np.concatenate([np.diff(lists[o]) for o in table] or [np.diff(lists)])
+    period = float(np.median(gaps)) if len(gaps) else np.inf
+    return Functioning(lists, ids, table, period, answers, delay)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -16,10 +16,11 @@ import resim
 from resim import fidelity
 from resim.core.errors import ResimError
 from resim.core.finding import Finding
-from resim.core.geometry import wrap_angle
+from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
 from resim.ingest import Recording
+from resim.ingest.folder import PLAN_COLUMNS
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Perceived
@@ -116,6 +117,31 @@ class Resimulation:
         table = pd.concat(parts, ignore_index=True)
         return table[["source", *(c for c in table.columns if c != "source")]]
 
+    def answers_frame(self) -> pd.DataFrame:
+        """Give the function's answers, one row each, by `source` rGT, rSD.
+
+        acceleration [m/s²] and curvature [1/m] that acted from t on, NaN for an oracle; objects that it perceived.
+        """
+        parts = []
+        for basis, branch in self.branches.items():
+            run = branch.run
+            t = np.array([p.t for p in run.perceived])
+            step = np.clip(np.searchsorted(run.truth.t, t - 1e-9), 0, max(len(run.truth.t) - 1, 0))
+            acceleration, curvature = run.commands[step].T if len(t) else np.empty((2, 0))
+            counts = np.array([len(p.ids) for p in run.perceived], dtype=int)
+            columns = {"t": t, "acceleration": acceleration, "curvature": curvature, "objects": counts}
+            parts.append(pd.DataFrame({"source": f"r{basis}", **columns}))
+        return pd.concat(parts, ignore_index=True)
+
+    def plans_frame(self) -> pd.DataFrame:
+        """Give the EGO's plans by `source`: recorded, rGT, rSD; one row per time `t` and planned time `t_plan` [s]."""
+        frames = {f"r{basis}": branch.run.plans for basis, branch in self.branches.items()}
+        made = plan_frame(frames)
+        if self.recording.plan is None:
+            return made
+        recorded = self.recording.plan[list(PLAN_COLUMNS)].assign(source="recorded")
+        return pd.concat([recorded, made], ignore_index=True)[["source", *PLAN_COLUMNS]]
+
     def report(self) -> dict[str, Any]:
         """Give what report.json holds."""
         runs = {f"r{basis}": b.run for basis, b in self.branches.items()}
@@ -173,6 +199,18 @@ class Resimulation:
         if errors is None:
             return {who: dict.fromkeys(QUANTITIES) for who in ("ego", "to")}
         return {"ego": errors.statistics(EGO_ROW), "to": errors.statistics(TO_ROWS)}
+
+
+def plan_frame(plans: Mapping[str, Sequence[tuple[float, Floats]]]) -> pd.DataFrame:
+    """Give plans by source as one table: source, and PLAN_COLUMNS."""
+    every = [(source, when, plan) for source, made in plans.items() for when, plan in made]
+    counts = [len(plan) for _, _, plan in every]
+    rows = np.concatenate([np.empty((0, 4)), *(plan for _, _, plan in every)])
+    made_at = np.repeat([when for _, when, _ in every], counts)
+    columns = dict(zip(PLAN_COLUMNS, (made_at, *rows.T), strict=True))
+    return pd.DataFrame(
+        {"source": np.repeat([source for source, _, _ in every], counts).astype(str), **columns}
+    )
 
 
 def drove(recording: Recording, build: Build) -> bool | None:

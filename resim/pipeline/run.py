@@ -72,7 +72,7 @@ def resimulate(
         checked = check_map(recording.map)
         network, net = checked.network, checked.net
         refuse_flaws(network, checked.flaws, accept)
-    whole = _measured(recording)
+    whole = measured_tracks(recording)
     for tracks in whole.values():
         _refuse_far(recording, tracks, network)
     measured = {basis: _split(recording, tracks) for basis, tracks in whole.items()}
@@ -121,12 +121,12 @@ def describe_recording(recording: Recording, network: RoadNetwork) -> dict[Basis
     """Describe what a recording measured by splines, GT and where there is one SD."""
     return {
         basis: _describe(_split(recording, tracks), recording, network, basis)
-        for basis, tracks in _measured(recording).items()
+        for basis, tracks in measured_tracks(recording).items()
     }
 
 
-def _measured(recording: Recording) -> dict[Basis, Tracks]:
-    """GT, and SD where there is one, each as long as the EGO is there."""
+def measured_tracks(recording: Recording) -> dict[Basis, Tracks]:
+    """Give GT, and SD where there is one, each as long as the EGO is there."""
     where = recording.folder or recording.name
     gt = _ego_window(recording.gt, recording.ego, f"{where}: gt")
     if (sd := recording.sd_by_gt()) is None:

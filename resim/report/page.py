@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from resim.fidelity import BRAKING
-from resim.pipeline import Resimulation
+from resim.pipeline import Assessed, Resimulation
 from resim.report import tables
 from resim.report.boxes import box_figure, reaction_figure
 from resim.report.plots import number, to_html
@@ -35,12 +35,12 @@ MEANINGS = (
 )
 
 
-def write_report(result: Resimulation, path: Path) -> None:
+def write_report(result: Resimulation, assessed: Assessed, path: Path) -> None:
     """Write the page: one HTML file with all it needs; the same result gives the same bytes."""
-    path.write_text(page(view(result)), encoding="utf-8", newline="\n")
+    path.write_text(page(view(result), assessed), encoding="utf-8", newline="\n")
 
 
-def page(look: View) -> str:
+def page(look: View, assessed: Assessed) -> str:
     """Give the page's HTML."""
     parts = [
         _header(look),

@@ -55,7 +55,7 @@ def test_a_plan_goes_before_the_state_while_it_is_fresh(tracks):
     row, start = motion.index(ego), float(motion.t[20])
     ahead = np.arange(0.0, 5.0, 0.1)
     stop = np.column_stack(
-        [ahead, motion.x[row, 20] + 0.0 * ahead, motion.y[row, 20] + 0.0 * ahead, 0.0 * ahead]
+        [start + ahead, motion.x[row, 20] + 0.0 * ahead, motion.y[row, 20] + 0.0 * ahead, 0.0 * ahead]
     )
     stop[:, 1] += 1e-3 * ahead
     made = drive(motion, ego=ego, plans=[(start, stop)])

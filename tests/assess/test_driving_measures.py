@@ -60,8 +60,8 @@ def test_lateral_acceleration_of_a_circle_is_v_squared_over_r():
     assert (lateral.state == State.VALUE).sum() > 130
     jerk = c.lateral_jerk(turning)
     np.testing.assert_allclose(jerk.value[jerk.state == State.VALUE], 0.0, atol=1e-9)
-    right = c.magnitude(c.lateral_acceleration(tracks(0 * T, 0, -0.2 * T, 10.0, t=T)))
-    assert right.worst()[0] == pytest.approx(2.0)
+    right = c.lateral_acceleration(tracks(0 * T, 0, -0.2 * T, 10.0, t=T))
+    assert right.worst()[0] == pytest.approx(-2.0)
 
 
 def test_measured_values_go_before_derived_ones():
@@ -212,7 +212,8 @@ def test_wttr_is_the_least_of_the_predicted_ones():
     pairs.state[2, 0, 1] = 60.0
     pairs.state[3, 0, 4] = np.nan
     inputs = PUBLISHED.inputs(*np.moveaxis(np.nan_to_num(pairs.state[..., 3:]), 2, 0))
-    m = c.wttr(Scenes(pairs.plan, pairs.ego_size, pairs.state, pairs.size, inputs))
+    scenes, parameters = Scenes(pairs.plan, pairs.ego_size, pairs.state, pairs.size, inputs), Parameters()
+    m = c.wttr(scenes, accident_risk(scenes, parameters), parameters)
     assert m.state[:, 0].tolist() == [State.VALUE, State.VALUE, State.NO_CONFLICT, State.NOT_COMPUTED]
     assert m.value[1, 0] <= m.value[0, 0] <= c.ttr(pairs).value[0, 0]
 

@@ -5,7 +5,6 @@ from resim.assess.criticality.driving import (
     lateral_jerk,
     longitudinal_acceleration,
     longitudinal_jerk,
-    magnitude,
 )
 from resim.assess.criticality.evasion import drac, ttb, ttk, ttr, tts
 from resim.assess.criticality.following import gap_ahead, half_speedometer, overtaking_right, tailgating
@@ -20,7 +19,7 @@ from resim.assess.criticality.worst_case import wttc, wttr
 __all__ = [
     "Limits", "Measure", "Pairs", "State", "drac", "driven_pairs", "ettc", "gap_ahead",
     "half_speedometer", "lane_overhang", "lateral_acceleration", "lateral_jerk",
-    "longitudinal_acceleration", "longitudinal_jerk", "magnitude", "off_road", "overtaking_right", "pet",
+    "longitudinal_acceleration", "longitudinal_jerk", "off_road", "overtaking_right", "pet",
     "pmd", "speed_over_limit", "tailgating", "thw", "tpmd", "ttb", "ttc", "ttk", "ttr", "tts", "wttc",
     "wttr",
 ]  # fmt: skip

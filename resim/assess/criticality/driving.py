@@ -88,12 +88,7 @@ def _lateral(tracks: Tracks, window: float) -> Floats:
 
 
 def _told(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
-    """Both signs are uncomfortable: the worst of it is asked for by `worst` of `magnitude`."""
+    """Both signs are uncomfortable: the worst is the strongest in either direction."""
     state = np.where(np.isfinite(value), State.VALUE, State.NOT_DEFINED)
     state = np.where(valid, state, State.NOT_COMPUTED).astype(np.uint8)
-    return Measure(name, unit, np.where(state == State.VALUE, value, np.nan), state, "high")
-
-
-def magnitude(measure: Measure) -> Measure:
-    """Give the measure without its sign, so that its worst is the strongest in either direction."""
-    return Measure(f"|{measure.name}|", measure.unit, np.abs(measure.value), measure.state, "high")
+    return Measure(name, unit, np.where(state == State.VALUE, value, np.nan), state, "both")

@@ -48,13 +48,12 @@ def tts(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
 
 def ttr(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
     """Give the time to react (S, K) [s]: max(TTB, TTK, TTS) (Wagner 2021, Eq. 3.6). States as in `ttb`."""
-    every = [
-        _along_path(-limits.braking),
-        _along_path(limits.forward),
-        _turning(limits, 1.0),
-        _turning(limits, -1.0),
-    ]
-    return pairs.measured("TTR", "s", "low", partial(_latest, every))
+    return longest(ttb(pairs, limits), ttk(pairs, limits), tts(pairs, limits))
+
+
+def longest(ttb: Measure, ttk: Measure, tts: Measure) -> Measure:
+    """Give `ttr` of what was computed."""
+    return Measure("TTR", "s", np.maximum(np.maximum(ttb.value, ttk.value), tts.value), ttb.state, "low")
 
 
 def _along_path(a: float) -> Evasion:

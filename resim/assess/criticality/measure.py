@@ -13,6 +13,8 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
 
 States = NDArray[np.uint8]
+Bad = Literal["low", "high", "both"]
+"""Which end of a measure is the worse one; both: the one farther from 0."""
 
 
 class State(IntEnum):
@@ -39,7 +41,7 @@ class Measure:
     unit: str
     value: Floats
     state: States
-    bad: Literal["low", "high"]
+    bad: Bad
 
     def __post_init__(self) -> None:
         if self.value.shape != self.state.shape:
@@ -53,7 +55,10 @@ class Measure:
         """Give the worst value and its index (the first of equal ones); None where there is no value at all."""
         if not (self.state == State.VALUE).any():
             return None
-        flat = np.nanargmin(self.value) if self.bad == "low" else np.nanargmax(self.value)
+        flat = (
+            np.nanargmin(self.value) if self.bad == "low"
+            else np.nanargmax(self.value if self.bad == "high" else np.abs(self.value))
+        )  # fmt: skip
         index = tuple(int(i) for i in np.unravel_index(int(flat), self.value.shape))
         return float(self.value[index]), index
 

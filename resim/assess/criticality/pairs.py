@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from resim.assess.criticality import motion
 from resim.assess.criticality.contact import Rows
-from resim.assess.criticality.measure import Measure, State, States
+from resim.assess.criticality.measure import Bad, Measure, State, States
 from resim.assess.risk import Scenes
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
@@ -147,7 +146,7 @@ class Pairs:
         return np.asarray(np.all(ego, axis=0)[:, None] & np.all(objects, axis=0))
 
     def measured(
-        self, name: str, unit: str, bad: Literal["low", "high"], of: Callable[[Pair], tuple[Floats, States]],
+        self, name: str, unit: str, bad: Bad, of: Callable[[Pair], tuple[Floats, States]],
         *, columns: int = 6,
     ) -> Measure:  # fmt: skip
         """Give a measure (S, K) of all complete pairs; NOT_COMPUTED where NaN or a size of 0 stands in the input.

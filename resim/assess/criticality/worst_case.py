@@ -22,14 +22,13 @@ import numpy as np
 
 from resim.assess.criticality.measure import Measure, State, States, stated
 from resim.assess.criticality.pairs import Pair, Pairs
-from resim.assess.risk import Parameters, Scenes, accident_risk
+from resim.assess.risk import Parameters, Risk, Scenes
 from resim.core.geometry import Floats
 
 FRICTION, GRAVITY = 0.9, 9.81
 DIRECTIONS = 64
 NEAR = 1e-4  # m
 ROUNDS = 500
-PARAMETERS = Parameters()
 
 
 def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0.2) -> Measure:
@@ -43,18 +42,20 @@ def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0
     return pairs.measured("WTTC", "s", "low", partial(_wttc, most, curvature), columns=4)
 
 
-def wttr(scenes: Scenes, parameters: Parameters = PARAMETERS) -> Measure:
+def wttr(scenes: Scenes, risk: Risk, parameters: Parameters) -> Measure:
     """Give the worst time to react (S, K) [s]: the least TTR over the samples of the accident risk's prediction.
 
-    Wagner 2021, 4.2.1: the worst of what traffic naturally does (Eq. 4.2, 3 sigma), not of all that is drivable, of
-    which next to nothing within 70 m could be evaded for 4 s. Rounded down to the step of the prediction. 0 where it
-    is too late; NO_CONFLICT where no sample touches; NOT_COMPUTED where NaN or a size of 0 stands in the input.
+    risk: of the scenes, with these parameters. Wagner 2021, 4.2.1: the worst of what traffic naturally does (Eq. 4.2,
+    3 sigma), not of all that is drivable, of which next to nothing within 70 m could be evaded for 4 s. Rounded down to
+    the step of the prediction. 0 where it is too late; NO_CONFLICT where no sample touches; NOT_COMPUTED where NaN or a
+    size of 0 stands in the input.
     """
-    pairs = Pairs.of(scenes, parameters.step)
-    known = pairs.complete() & np.isfinite(scenes.inputs).all(axis=2)
-    value = accident_risk(scenes, parameters).ttr
-    state = np.where(known, np.where(np.isfinite(value), State.VALUE, State.NO_CONFLICT), State.NOT_COMPUTED)
-    return Measure("WTTR", "s", np.where(state == State.VALUE, value, np.nan), state.astype(np.uint8), "low")
+    known = Pairs.of(scenes, parameters.step).complete() & np.isfinite(scenes.inputs).all(axis=2)
+    state = np.where(
+        known, np.where(np.isfinite(risk.ttr), State.VALUE, State.NO_CONFLICT), State.NOT_COMPUTED
+    )
+    value = np.where(state == State.VALUE, risk.ttr, np.nan)
+    return Measure("WTTR", "s", value, state.astype(np.uint8), "low")
 
 
 def turned(v: Floats, t: Floats, most: float, curvature: float) -> Floats:

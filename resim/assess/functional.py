@@ -1,0 +1,136 @@
+"""Functional objectifications: what the function and its perception did (Groh 2018, III.B)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from resim.assess.criticality.measure import Bad, Measure, State
+from resim.assess.drive import Drive
+from resim.core.geometry import Bools, Floats
+from resim.core.tracks import Strings, whole_id
+
+RANGE = 100.0
+"""Distance [m] between box centres up to which an object is to be detected."""
+
+LATE = 1.5
+"""Periods after which what comes once a period is missing."""
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Functioning:
+    """When perception and function were at work.
+
+    lists: (L,) s, times of the object lists, also of empty ones; ids: (N,) of the true objects; seen: (N, L) which of
+    them stand in a list; period: s between two lists of one sensor. answers: (A,) s, when the function answered, None
+    where that was not recorded. delay: s that what a list says is older than the list.
+    """
+
+    lists: Floats
+    ids: Strings
+    seen: Bools
+    period: float
+    answers: Floats | None
+    delay: float = 0.0
+
+
+def function_availability(drive: Drive, functioning: Functioning | None) -> Measure:
+    """Give 1 where the function's last answer is in force (S,), 0 where the next one is late by half a cycle or more.
+
+    NOT_DEFINED before the first answer; NOT_COMPUTED where answers were not recorded.
+    """
+    answers = None if functioning is None else functioning.answers
+    cycle = float(np.median(np.diff(answers))) if answers is not None and len(answers) > 1 else np.inf
+    age = _age(drive.t, answers)
+    return _told(
+        "function availability", "1", np.where(age <= LATE * cycle + _SAME, 1.0, 0.0), age, answers, "low"
+    )
+
+
+def perception_availability(drive: Drive, functioning: Functioning | None) -> Measure:
+    """Give 1 where perception's last list is in force (S,), 0 where the next one is late by half a period or more.
+
+    NOT_DEFINED before the first list; NOT_COMPUTED where there is no sensor data.
+    """
+    lists = None if functioning is None else functioning.lists
+    late = np.inf if functioning is None else LATE * functioning.period
+    age = _age(drive.t, lists)
+    return _told("perception availability", "1", np.where(age <= late + _SAME, 1.0, 0.0), age, lists, "low")
+
+
+def cycle_time(drive: Drive, functioning: Functioning | None) -> Measure:
+    """Give the time (S,) [s] between the function's last two answers. States as in `function_availability`."""
+    answers = None if functioning is None else functioning.answers
+    value = np.full(len(drive.t), np.nan)
+    if answers is not None and len(answers) > 1:
+        last = np.searchsorted(answers, drive.t + _SAME, side="right") - 1
+        value = np.where(last > 0, np.diff(answers, prepend=np.nan)[last], np.nan)
+    return _told("cycle time", "s", value, value, answers, "high")
+
+
+def latency(drive: Drive, functioning: Functioning | None) -> Measure:
+    """Give how old the newest thing perceived is (S,) [s]: the age of the last list, and its delay.
+
+    NOT_DEFINED before the first list; NOT_COMPUTED where there is no sensor data.
+    """
+    lists = None if functioning is None else functioning.lists
+    age = _age(drive.t, lists)
+    delay = 0.0 if functioning is None else functioning.delay
+    return _told("latency", "s", age + delay, age, lists, "high")
+
+
+def detection(drive: Drive, functioning: Functioning | None) -> Measure:
+    """Give 1 where an object (S, K) stands in a list of the last period and a half, 0 where in none.
+
+    NOT_DEFINED for objects that are not there or over 100 m away; NOT_COMPUTED where there is no sensor data.
+    """
+    shape = drive.present.shape
+    if functioning is None:
+        return _unknown("detection", "1", shape, "low")
+    rows = {name: n for n, name in enumerate(functioning.ids.tolist())}
+    age = np.full(shape, np.inf)
+    for k, name in enumerate(drive.ids):
+        row = rows.get(name, rows.get(whole_id(name, rows)))
+        if row is not None:
+            age[:, k] = np.nan_to_num(_age(drive.t, functioning.lists[functioning.seen[row]]), nan=np.inf)
+    own, other = drive.scenes.plan[:, 0, None, :2], drive.scenes.state[..., :2]
+    near = drive.present & (np.hypot(*np.moveaxis(other - own, 2, 0)) <= RANGE)
+    state = np.where(near, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
+    found = np.where(age <= LATE * functioning.period + _SAME, 1.0, 0.0)
+    return Measure("detection", "1", np.where(near, found, np.nan), state, "low")
+
+
+def detection_rate(drive: Drive, functioning: Functioning | None) -> Measure:
+    """Give the share (S,) of the objects within 100 m that are detected (`detection`); NOT_DEFINED without any."""
+    if functioning is None:
+        return _unknown("detection rate", "1", drive.t.shape, "low")
+    every = detection(drive, functioning)
+    count = (every.state == State.VALUE).sum(axis=1)
+    share = np.where(count > 0, np.nansum(every.value, axis=1) / np.maximum(count, 1), np.nan)
+    state = np.where(count > 0, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
+    return Measure("detection rate", "1", share, state, "low")
+
+
+def _age(t: Floats, events: Floats | None) -> Floats:
+    """How long ago (S,) [s] the last event was, NaN where there was none."""
+    if events is None or not len(events):
+        return np.full(len(t), np.nan)
+    last = np.searchsorted(events, t + _SAME, side="right") - 1
+    return np.where(last >= 0, np.maximum(t - events[np.maximum(last, 0)], 0.0), np.nan)
+
+
+def _told(name: str, unit: str, value: Floats, known: Floats, events: Floats | None, bad: Bad) -> Measure:
+    """A measure of the EGO (S,), NOT_DEFINED where `known` is NaN, NOT_COMPUTED without events."""
+    if events is None:
+        return _unknown(name, unit, value.shape, bad)
+    there = np.isfinite(known)
+    state = np.where(there, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
+    return Measure(name, unit, np.where(there, value, np.nan), state, bad)
+
+
+def _unknown(name: str, unit: str, shape: tuple[int, ...], bad: Bad) -> Measure:
+    state = np.full(shape, State.NOT_COMPUTED, dtype=np.uint8)
+    return Measure(name, unit, np.full(shape, np.nan), state, bad)

@@ -1,0 +1,150 @@
+"""Objectifications: what can be said of a drive in values, without any rating (Groh 2018, III.B).
+
+Functional: what the function and its perception did. Quantitative: how near, how hard, how risky. Legal: what rules
+say. A new one is a short function and a line in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from resim.assess import criticality, functional
+from resim.assess.criticality import Measure, Pairs, State, driven_pairs
+from resim.assess.criticality.evasion import longest
+from resim.assess.criticality.measure import Bad
+from resim.assess.drive import Drive
+from resim.assess.functional import Functioning
+from resim.assess.risk import DEFAULTS, Parameters, Risk
+from resim.core.geometry import Floats, boxes_overlap
+from resim.road.opendrive import RoadNetwork
+
+Kind = Literal["functional", "quantitative", "legal"]
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What objectifications are computed of: the drive, its road, and what function and perception did, if known."""
+
+    drive: Drive
+    network: RoadNetwork
+    parameters: Parameters = DEFAULTS
+    functioning: Functioning | None = None
+    own: tuple[Objectification, ...] = ()
+    _known: dict[str, Measure] = field(default_factory=dict)
+
+    def measure(self, name: str) -> Measure:
+        """Give an objectification by its name; computed once."""
+        if name not in self._known:
+            self._known[name] = next(o for o in (*OBJECTIFICATIONS, *self.own) if o.name == name).of(self)
+        return self._known[name]
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """The EGO with each object, predicted."""
+        return Pairs.of(self.drive.scenes, self.parameters.step)
+
+    @cached_property
+    def driven(self) -> Pairs:
+        """The EGO with each object, on the paths that they drove."""
+        drive, p = self.drive, self.parameters
+        return driven_pairs(
+            drive.tracks, str(drive.own.ids[0]), drive.t, horizon=p.horizon, step=p.step, driven=True
+        )
+
+    @cached_property
+    def risk(self) -> Risk:
+        """The accident risk of each scene."""
+        return self.drive.risk(self.parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class Objectification:
+    """One objectification: `of` gives a measure (S,) of the EGO or the whole scene, or (S, K) of it and each object."""
+
+    name: str
+    kind: Kind
+    of: Callable[[Subject], Measure]
+
+
+def names(every: Iterable[Objectification]) -> list[str]:
+    """Give their names."""
+    return [o.name for o in every]
+
+
+def _all() -> tuple[Objectification, ...]:
+    c, f = criticality, functional
+    pairs: Mapping[str, Callable[[Pairs], Measure]] = {
+        "TTC": c.ttc, "ETTC": c.ettc, "WTTC": c.wttc, "THW": c.thw, "TTB": c.ttb, "TTK": c.ttk, "TTS": c.tts,
+    }  # fmt: skip
+    also: Mapping[str, Callable[[Subject], Measure]] = {
+        "TTR": lambda s: longest(s.measure("TTB"), s.measure("TTK"), s.measure("TTS")),
+        "WTTR": lambda s: c.wttr(s.drive.scenes, s.risk, s.parameters),
+        "PMD": lambda s: c.pmd(s.pairs),
+        "TPMD": lambda s: c.tpmd(s.pairs),
+        "PET": lambda s: c.pet(s.driven),
+        "DRAC": lambda s: c.drac(s.pairs),
+        "gap ahead": lambda s: c.gap_ahead(s.pairs),
+        "longitudinal acceleration": lambda s: _of_ego(c.longitudinal_acceleration(s.drive.own)),
+        "lateral acceleration": lambda s: _of_ego(c.lateral_acceleration(s.drive.own)),
+        "longitudinal jerk": lambda s: _of_ego(c.longitudinal_jerk(s.drive.own)),
+        "lateral jerk": lambda s: _of_ego(c.lateral_jerk(s.drive.own)),
+        "collision": _collision,
+        "risk": lambda s: _whole("risk", s.risk.r_ind),
+    }
+    legal: Mapping[str, Callable[[Subject], Measure]] = {
+        "speed over limit": lambda s: _of_ego(c.speed_over_limit(s.drive.own, s.network)),
+        "half speedometer": lambda s: c.half_speedometer(s.pairs),
+        "tailgating": lambda s: c.tailgating(
+            s.drive.t, s.drive.scenes.plan[:, 0, 3], s.measure("half speedometer")
+        ),
+        "overtaking on the right": lambda s: c.overtaking_right(s.pairs),
+        "lane overhang": lambda s: _of_ego(c.lane_overhang(s.drive.own, s.network)),
+        "off the road": lambda s: _of_ego(c.off_road(s.drive.own, s.network)),
+    }
+    functional_ones: Mapping[str, Callable[[Drive, Functioning | None], Measure]] = {
+        "function availability": f.function_availability, "perception availability": f.perception_availability,
+        "detection": f.detection, "detection rate": f.detection_rate, "cycle time": f.cycle_time,
+        "latency": f.latency,
+    }  # fmt: skip
+    out = [Objectification(name, "quantitative", _paired(of)) for name, of in pairs.items()]
+    out += [Objectification(name, "quantitative", of) for name, of in also.items()]
+    out += [Objectification(name, "legal", of) for name, of in legal.items()]
+    out += [Objectification(name, "functional", _functional(of)) for name, of in functional_ones.items()]
+    return tuple(out)
+
+
+def _paired(of: Callable[[Pairs], Measure]) -> Callable[[Subject], Measure]:
+    return lambda subject: of(subject.pairs)
+
+
+def _functional(of: Callable[[Drive, Functioning | None], Measure]) -> Callable[[Subject], Measure]:
+    return lambda subject: of(subject.drive, subject.functioning)
+
+
+def _of_ego(measure: Measure) -> Measure:
+    """A measure of one track, (1, S), as (S,)."""
+    return Measure(measure.name, measure.unit, measure.value[0], measure.state[0], measure.bad)
+
+
+def _whole(name: str, value: Floats, bad: Bad = "high") -> Measure:
+    state = np.where(np.isfinite(value), State.VALUE, State.NOT_COMPUTED).astype(np.uint8)
+    return Measure(name, "1", np.where(state == State.VALUE, value, np.nan), state, bad)
+
+
+def _collision(subject: Subject) -> Measure:
+    """1 where the boxes of the EGO and an object touch, else 0 (S, K)."""
+    drive = subject.drive
+    own, state, size = drive.own, drive.scenes.state, drive.scenes.size
+    length, width = (drive.scenes.ego_size[:, k, None] for k in (0, 1))
+    hit = boxes_overlap(own.x[0, :, None], own.y[0, :, None], own.heading[0, :, None], length, width, state[..., 0],
+                        state[..., 1], state[..., 2], size[..., 0], size[..., 1])  # fmt: skip
+    return _whole("collision", np.where(hit & drive.present, 1.0, 0.0))
+
+
+OBJECTIFICATIONS = _all()
+"""All that resim has, in the order of its tables."""

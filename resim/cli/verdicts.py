@@ -1,0 +1,84 @@
+"""What an assessment says, in the terminal: the worst of everything, and the verdicts."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from resim.assess.assessment import Worst
+    from resim.assess.criteria import Verdict
+    from resim.pipeline import Assessed
+
+KINDS = ("quantitative", "legal", "functional")
+
+
+def console() -> Console:
+    """Give standard output, 120 wide where it is no terminal."""
+    return Console(width=None if sys.stdout.isatty() else 120)
+
+
+def print_worst(found: Assessed) -> None:
+    """Print the worst of every objectification: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
+    table = Table(title=f"{found.name}: the worst of each objectification, when, and because of whom")
+    table.add_column("objectification")
+    for name in found.blocks:
+        table.add_column(name)
+    worst = {name: {w.name: w for w in a.worst()} for name, a in found.blocks.items()}
+    kinds = next(iter(found.blocks.values())).kinds
+    for kind in KINDS:
+        for name in (n for n, k in kinds.items() if k == kind):
+            cells = [worst[block].get(name) for block in found.blocks]
+            if any(cell is not None for cell in cells):
+                table.add_row(
+                    name,
+                    *("–" if w is None else _told(w.name, w.value, w.unit, w.t, w.object) for w in cells),
+                )
+        table.add_section()
+    console().print(table)
+
+
+def print_verdicts(found: Assessed) -> None:
+    """Print criteria against sources; below, why those that did not pass did not."""
+    if found.criteria is None:
+        return
+    table = Table(title=f"criteria {found.criteria.name!r}: verdict, worst value, when, because of whom")
+    table.add_column("criterion")
+    for name in found.blocks:
+        table.add_column(name)
+    for criterion in found.criteria.criteria:
+        table.add_row(criterion.name, *(_cell(a.verdicts[criterion.name]) for a in found.blocks.values()))
+    out = console()
+    out.print(table)
+    for name, a in found.blocks.items():
+        for verdict in a.verdicts.values():
+            if verdict.outcome != "PASS":
+                out.print(f"{name}: {verdict.outcome} {verdict.criterion}: {verdict.reason}", highlight=False)
+
+
+def print_notes(found: Assessed) -> None:
+    """Print what one has to know to compare and believe the values."""
+    for note in found.notes():
+        console().print(f"note: {note}", highlight=False)
+
+
+def _worst(worst: Worst | None) -> str:
+    return "–" if worst is None else _told(worst.name, worst.value, worst.unit, worst.t, worst.object)
+
+
+def _cell(verdict: Verdict) -> str:
+    if verdict.value is None or verdict.t is None:
+        return f"{verdict.outcome}: {verdict.reason}"
+    return (
+        f"{verdict.outcome} {_told(verdict.measure, verdict.value, verdict.unit, verdict.t, verdict.object)}"
+    )
+
+
+def _told(name: str, value: float, unit: str, t: float, whom: str) -> str:
+    from resim.assess.criteria import amount
+
+    size = f"{100.0 * value:.3g} %" if name == "risk" else amount(value, unit)
+    return f"{size} at {t:.1f} s" + (f", {whom}" if whom else "")

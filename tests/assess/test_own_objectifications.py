@@ -1,0 +1,79 @@
+"""A user's own objectification: a Python function that the file of criteria names."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from conftest import ROOT
+
+CRITERIA = """name = "mine"
+
+[[objectification]]
+name = "gap to the side"
+function = "my_measures:beside"
+unit = "m"
+kind = "quantitative"
+worst = "low"
+
+[[criterion]]
+name = "keeps clear"
+measure = "gap to the side"
+below = {limit}
+"""
+
+MODULE = """import numpy as np
+
+
+def beside(drive, network):
+    state, own = drive.scenes.state, drive.own
+    return np.hypot(state[..., 0] - own.x[0, :, None], state[..., 1] - own.y[0, :, None])
+"""
+
+
+@pytest.fixture
+def judged(call, tmp_path):
+    """Assess the overtaking by own criteria; gives exit code, output and errors."""
+
+    def run(module=MODULE, criteria=CRITERIA, limit=1.0):
+        (tmp_path / "my_measures.py").write_text(module)
+        (tmp_path / "mine.toml").write_text(criteria.format(limit=limit))
+        scenario = ROOT / "scenarios" / "overtake"
+        return call("assess", scenario, "--criteria", tmp_path / "mine.toml", "--out", tmp_path / "out")
+
+    return run
+
+
+def test_it_is_assessed_and_judged_like_any_other(judged, tmp_path):
+    assert judged(limit=1.0)[0] == 0
+    code, out, _ = judged(limit=50.0)
+    assert code == 1
+    assert "gap to the side" in out
+    found = json.loads((tmp_path / "out" / "assessment.json").read_text())
+    verdict = found["criteria"]["keeps clear"]
+    assert (verdict["verdict"], verdict["unit"]) == ("FAIL", "m")
+    assert verdict["value"] == min(min(v) for v in found["measures"]["gap to the side"].values())
+
+
+@pytest.mark.parametrize(
+    ("module", "says"),
+    [
+        ("def beside(drive, network):\n    return 1 / 0\n", "my_measures:beside raised ZeroDivisionError"),
+        ("def beside(drive, network):\n    return [1.0, 2.0]\n", r"gave an array (2,)"),
+        ("def beside(drive, network):\n    return 'no'\n", "raised ValueError"),
+        ("import nothing_of_this_name\n", "cannot be imported"),
+        ("other = 1\n", "has no beside"),
+    ],
+)
+def test_what_is_wrong_with_it_is_told_and_nothing_is_written(judged, tmp_path, module, says):
+    code, _, error = judged(module)
+    assert code == 2
+    assert error.count("\n") == 1
+    assert says in error
+    assert str(tmp_path / "mine.toml") in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_that_takes_the_name_of_ours_is_refused(judged):
+    code, _, error = judged(criteria=CRITERIA.replace('"gap to the side"', '"TTC"'))
+    assert (code, "the objectification 'TTC' stands twice" in error) == (2, True)
