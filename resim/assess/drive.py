@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from resim.assess.risk import DEFAULTS, PUBLISHED, Parameters, Risk, Scenes, Surfaces, accident_risk
+from resim.assess.risk import DEFAULTS, Parameters, Risk, Scenes, accident_risk
+from resim.assess.risk.prediction import Prediction, prediction
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.tracks import Tracks
@@ -57,13 +58,14 @@ def drive(
     plans: Plans = (),
     path: Path | None = None,
     parameters: Parameters = DEFAULTS,
-    surfaces: Surfaces = PUBLISHED,
+    predicted: Prediction | None = None,
 ) -> Drive:
     """Make the scenes of tracks with acceleration and yaw rate, at all their times at which the EGO is there.
 
     The EGO's path is its plan where one was made within 0.5 s before the scene, put to where the EGO is, else what
     follows of its state (constant turn rate and acceleration); path="driven" takes where it went, after the end its
-    last state, path="state" never a plan. Raises ResimError where the EGO is missing or tracks have no accelerations.
+    last state, path="state" never a plan. predicted: how the objects may go on, by default the published set. Raises
+    ResimError where the EGO is missing or tracks have no accelerations.
     """
     if tracks.a is None or tracks.yaw_rate is None:
         raise ResimError(
@@ -82,9 +84,10 @@ def drive(
     state = np.where(present[..., None], state, 0.0)
     t = tracks.t[there]
     poses, chosen = _paths(t, states[row], plans, path, parameters)
-    inputs = surfaces.inputs(state[..., 3], state[..., 4], state[..., 5])
+    expected, kinds = predicted or prediction(), tracks.kind[others]
+    inputs = expected.inputs(kinds, state[..., 3], state[..., 4], state[..., 5])
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs)
-    covered = surfaces.covers(state[..., 3], state[..., 4], state[..., 5]) & present
+    covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
     own = tracks.select([ego]).at(t)
     return Drive(t, tuple(tracks.ids[others].tolist()), tracks.at(t), own, scenes, present, chosen, covered)
 

@@ -11,7 +11,7 @@ from resim.assess import criticality as c
 from resim.assess.criticality import Measure, Pairs, State
 from resim.assess.criticality.driving import slope
 from resim.assess.criticality.motion import ctra
-from resim.assess.risk import PUBLISHED, Scenes
+from resim.assess.risk import PUBLISHED, Parameters, Scenes, accident_risk
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.road.opendrive import load
