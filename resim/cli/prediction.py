@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, app
+from resim.cli.app import Accept, assess_app
 
 if TYPE_CHECKING:
     from resim.assess.risk.fitting import Refit
 
 
-@app.command("fit-prediction")
+@assess_app.command("fit-prediction")
 def fit_prediction(
     recordings: Annotated[
         list[Path], typer.Argument(help="Recording folders; every object of the GT counts.")

@@ -49,11 +49,11 @@ def refit_prediction(
         raise InputError(twice[0], "is given twice", "Give each recording once.")
     found: dict[str, list[Points]] = {}
     used: dict[str, dict[str, str]] = {}
-    for folder in folders:
+    for folder, label in zip(folders, _labels(folders), strict=True):
         recording, digest = _ground_truth(folder, accept)
         for kind, points in _points(recording):
             found.setdefault(kind, []).append(points)
-            used.setdefault(kind, {})[folder.resolve().name] = digest
+            used.setdefault(kind, {})[label] = digest
     fits: dict[str, Refit] = {}
     left: dict[str, str] = {}
     published = prediction()
@@ -73,6 +73,13 @@ def refit_prediction(
         {"name": name, "provenance": _provenance(len(folders)), "kinds": entries}
     )
     return Refits(whole, fits, left)
+
+
+def _labels(folders: Sequence[Path]) -> list[str]:
+    """The folders' names, numbered where several have the same."""
+    names = [folder.resolve().name for folder in folders]
+    count = [names[:n].count(name) for n, name in enumerate(names)]
+    return [f"{name}~{n + 1}" if n else name for name, n in zip(names, count, strict=True)]
 
 
 def _ground_truth(folder: Path, accept: Collection[str]) -> tuple[Recording, str]:

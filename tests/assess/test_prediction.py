@@ -342,9 +342,29 @@ def test_recordings_that_cannot_be_fitted_are_told_and_nothing_is_written(record
             fit_prediction([tmp_path / "good"], out)
 
 
+def test_recordings_of_one_name_are_told_apart(recorded, tmp_path):
+    one, other = (recorded(driven(TRUE, 6, 10, seed), f"{seed}/drive") for seed in range(2))
+    fit_prediction([one, other], tmp_path / "mine.json")
+    fitted = json.loads((tmp_path / "mine.json").read_text())["kinds"]["car"]["fitted"]
+    assert list(fitted["sources"]) == ["drive", "drive~2"]
+    assert fitted["objects"] == 12
+
+
 def test_a_file_that_is_no_prediction_is_not_replaced(recorded, tmp_path):
     out = tmp_path / "notes.txt"
     out.write_text("mine")
     with pytest.raises(InputError, match="would be lost"):
         fit_prediction([recorded(driven(TRUE, 6, 10, 0))], out)
     assert out.read_text() == "mine"
+
+
+def test_the_command_ends_with_0_or_with_2_and_one_line(call, recorded, tmp_path):
+    folder, out = recorded(driven(TRUE, 6, 10, 0)), tmp_path / "mine.json"
+    code, printed, errors = call("assess", "fit-prediction", folder, "--out", out, "--kind", "car")
+    assert (code, errors) == (0, "")
+    assert "car: 60 points of 6 objects" in printed
+    code, printed, errors = call("assess", "fit-prediction", folder, "--out", out, "--kind", "bus")
+    assert (code, printed) == (2, "")
+    assert errors.startswith("resim: --kind: bus: 0 points")
+    assert errors.count("\n") == 1
+    assert read_prediction(out).of("car") != PUBLISHED  # the earlier file is still there
