@@ -23,6 +23,8 @@ REASONS = {
     State.NOT_COMPUTED: "not computed",
 }
 ABSENT = "not there"
+NAMED = 5
+"""Objects that a note names."""
 UNBOUNDED = "no number is enough"
 """As of DRAC [m/s²] where no braking avoids contact."""
 
@@ -71,16 +73,17 @@ class Assessment:
 
     def notes(self) -> list[str]:
         """Give what one has to know to believe the risk: objects that its prediction was not fitted to."""
-        out = []
-        for k, name in enumerate(self.drive.ids):
-            here = self.drive.present[:, k]
-            outside = int((here & ~self.drive.covered[:, k]).sum())
-            if outside:
-                out.append(
-                    f"object {name}: outside of the range that the risk's prediction was fitted to in {outside} of "
-                    f"{int(here.sum())} scenes"
-                )
-        return out
+        drive = self.drive
+        outside = drive.present & ~drive.covered
+        if not outside.any():
+            return []
+        ids = [name for name, some in zip(drive.ids, outside.any(axis=0), strict=True) if some]
+        who = ", ".join(ids[:NAMED]) + (f" and {len(ids) - NAMED} more" if len(ids) > NAMED else "")
+        share = 100.0 * outside.sum() / drive.present.sum()
+        return [
+            f"{share:.2g} % of the objects' states lie outside of the range that the prediction {drive.prediction!r} "
+            f"was fitted to (objects {who}): their risk is extrapolated"
+        ]
 
     def to_json(self) -> dict[str, Any]:
         """Give arrays over t by measure and object, null where there is no number, with the reasons beside."""
@@ -88,6 +91,7 @@ class Assessment:
         return {
             "t": drive.t.tolist(),
             "path": list(drive.path),
+            "prediction": drive.prediction,
             "measures": {
                 name: {i: _numbers(value) for i, value, _, _ in self._columns(m)} for name, m in self.measures.items()
             },

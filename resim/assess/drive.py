@@ -45,6 +45,7 @@ class Drive:
     present: Bools
     path: tuple[Path, ...]
     covered: Bools
+    prediction: str
 
     def risk(self, parameters: Parameters = DEFAULTS) -> Risk:
         """Give the accident risk of every scene (S) and object (K)."""
@@ -89,7 +90,8 @@ def drive(
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
     own = tracks.select([ego]).at(t)
-    return Drive(t, tuple(tracks.ids[others].tolist()), tracks.at(t), own, scenes, present, chosen, covered)
+    ids = tuple(tracks.ids[others].tolist())
+    return Drive(t, ids, tracks.at(t), own, scenes, present, chosen, covered, expected.name)
 
 
 def _states(tracks: Tracks) -> Floats:

@@ -1,6 +1,6 @@
 """The command line, one module per command."""
 
-from resim.cli import assess, check, imports, maps, run
+from resim.cli import assess, check, imports, maps, prediction, run
 from resim.cli.app import app, main
 
-__all__ = ["app", "assess", "check", "imports", "main", "maps", "run"]
+__all__ = ["app", "assess", "check", "imports", "main", "maps", "prediction", "run"]

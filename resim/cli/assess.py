@@ -56,6 +56,12 @@ def assess(
         PathChoice,
         typer.Option(help="The EGO's path: its plan (else its state, kept), its state, or where it drove."),
     ] = PathChoice.plan,
+    prediction: Annotated[
+        str,
+        typer.Option(
+            metavar="SET|FILE", help="How objects may go on: a set that ships, or a file of fit-prediction."
+        ),
+    ] = "published",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
     accept: Accept = None,
 ) -> None:
@@ -64,22 +70,28 @@ def assess(
     Ends with 1 where a criterion fails, or cannot be judged.
     """
     from resim.assess.risk import Parameters
+    from resim.assess.risk.prediction import named_prediction
     from resim.cli.verdicts import print_notes, print_verdicts, print_worst
     from resim.pipeline import How, assess_folder
+    from resim.report import write_assessment_page
     from resim.store import ASSESSMENT, check_output, whole_folder, write_assessment
 
     if out is not None:
         check_output(out, ASSESSMENT)
-    how = How(Parameters(mode=mode.value, seed=seed), path.value, wanted(criteria))
+    how = How(
+        parameters=Parameters(mode=mode.value, seed=seed), path=path.value, prediction=named_prediction(prediction),
+        criteria=wanted(criteria),
+    )  # fmt: skip
     found = assess_folder(drive, how, accept or [])
     if out is not None:
         with whole_folder(out, ASSESSMENT) as folder:
             write_assessment(found, folder)
+            write_assessment_page(found, folder / "assessment.html")
     print_worst(found)
     print_verdicts(found)
     print_notes(found)
     if out is not None:
-        typer.echo(f"\nassessment: {out / ASSESSMENT.mark}")
+        typer.echo(f"\nassessment: {out / 'assessment.html'}")
     refuse_bad(found)
 
 

@@ -18,6 +18,7 @@ from resim.assess.drive import Plans, drive
 from resim.assess.functional import Functioning
 from resim.assess.objectifications import Subject
 from resim.assess.risk import DEFAULTS, Parameters
+from resim.assess.risk.prediction import Prediction
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
 from resim.core.tracks import whole_id
@@ -41,13 +42,16 @@ DELAY = "CLOCK_OFFSET"
 """Code of the finding that says how late SD is."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class How:
-    """How to assess: parameters of the risk, where the EGO's path comes from (None: its plan where there is one, else
-    its state), and what to judge by."""
+    """How to assess. path: where the EGO's path comes from (None: its plan where there is one, else its state).
+
+    prediction: how objects may go on (None: as published).
+    """
 
     parameters: Parameters = DEFAULTS
     path: EgoPath | None = None
+    prediction: Prediction | None = None
     criteria: Criteria | None = None
 
 
@@ -176,7 +180,8 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     begin = scenario.ego.spawn_time
     t = np.round(begin + np.arange(0.0, scenario.duration + 1e-9, 1.0 / RATE), 9)
     tracks = scenario.tracks(network, t)
-    made = drive(tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters)
+    made = drive(tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
+                 predicted=how.prediction)  # fmt: skip
     own = () if how.criteria is None else how.criteria.own
     return assess(Subject(made, network, how.parameters, block.functioning, own), how.criteria)
 

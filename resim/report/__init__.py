@@ -1,6 +1,7 @@
-"""The pages: of a re-simulated recording and of a map. One HTML file, no network, same input, same bytes."""
+"""The pages: of a re-simulation, an assessment and a map. One HTML file, no network; same input, same bytes."""
 
+from resim.report.assessment import write_assessment_page
 from resim.report.map import write_map_page
 from resim.report.page import write_report
 
-__all__ = ["write_map_page", "write_report"]
+__all__ = ["write_assessment_page", "write_map_page", "write_report"]

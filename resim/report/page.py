@@ -11,9 +11,9 @@ from plotly.offline import get_plotlyjs
 
 from resim.fidelity import BRAKING
 from resim.pipeline import Assessed, Resimulation
-from resim.report import tables
+from resim.report import assessment, tables
 from resim.report.boxes import box_figure, reaction_figure
-from resim.report.plots import number, to_html
+from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
 from resim.report.view import OTHERS, View, view
@@ -49,6 +49,7 @@ def page(look: View, assessed: Assessed) -> str:
         _section("steps", "Step by step: place, speed and heading over time", _steps(look)),
         _section("errors", "Errors of every step", _errors(look)),
         _section("reaction", "Reaction time", _reaction(look)),
+        _section("assessment", "Criticality, accident risk, criteria", assessment.section(assessed)),
         _section("perceived", "What the AD function perceived", _perceived(look)),
         _section("recording", "Findings in the recording", tables.findings(look)),
         _section("provenance", "Provenance", tables.provenance(look)),
@@ -120,19 +121,14 @@ def _key(look: View) -> str:
         dash = ' stroke-dasharray="6 4"' if source.startswith("r") else ""
         here = set(look.tracks[source].ids.tolist())
         entries += [
-            _sample(f"{look.label(i)} {source}", look.color(i, source), dash) for i in look.shown if i in here
+            sample(f"{look.label(i)} {source}", look.color(i, source), dash) for i in look.shown if i in here
         ]
     if look.others:
-        entries.append(_sample(f"{len(look.others)} other TOs", OTHERS, ""))
+        entries.append(sample(f"{len(look.others)} other TOs", OTHERS, ""))
     return (
         f'<div class="key">{"".join(entries)}<span class="note">dashed: re-simulated · thin: JSCEN fit, '
         "dots: its knots</span></div>"
     )
-
-
-def _sample(text: str, color: str, dash: str) -> str:
-    stroke = f'<line x1="1" y1="6" x2="29" y2="6" stroke="{color}" stroke-width="2.6"{dash}/>'
-    return f'<span class="sample"><svg width="30" height="12" aria-hidden="true">{stroke}</svg>{text}</span>'
 
 
 def _road(look: View) -> str:

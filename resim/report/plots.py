@@ -116,3 +116,9 @@ def to_html(figure: go.Figure, name: str) -> str:
         full_html=False, include_plotlyjs=False, div_id=name, config=CONFIG, default_width="100%"
     )
     return f'<div class="plot">{html}</div>'
+
+
+def sample(text: str, color: str, dash: str = "") -> str:
+    """Give an entry of a key: a piece of line and its text (HTML); dash: attributes of the line."""
+    stroke = f'<line x1="1" y1="6" x2="29" y2="6" stroke="{color}" stroke-width="2.6"{dash}/>'
+    return f'<span class="sample"><svg width="30" height="12" aria-hidden="true">{stroke}</svg>{text}</span>'

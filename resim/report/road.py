@@ -10,28 +10,22 @@ from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
-from resim.report.plots import compact, fade, joined, line, style
+from resim.report.lanes import Box, clip, lane_traces
+from resim.report.plots import fade, joined, line, style
 from resim.report.steps import FROM_ZERO, error_panel
 from resim.report.view import OTHERS, View
-from resim.road.opendrive import VEHICLE_LANES
 
 PLOT_WIDTH = 1120.0
 """Width [px] of a figure's plot area on a page of 1280 px."""
 
-LANE, MARK = "#e7eaed", "#ffffff"
 MARGIN_ALONG, MARGIN_ACROSS, BEYOND = 8.0, 6.0, 40.0
-Coordinates = Callable[[Floats, Floats], tuple[Floats, Floats]]
-Box = tuple[float, float, float, float]
-Lines = tuple[list[Floats], list[Floats]]
-LEAP = 30.0
-"""Distance [m] between neighbours beyond which a border, laid straight, is torn and not drawn as an area."""
 
 
 def plan_figure(view: View) -> go.Figure:
     """Draw all traces from above, both axes at one scale, travel to the right (Figs. 5.4, 5.7, 5.8, top)."""
     box = _extent(view)
     figure = go.Figure()
-    figure.add_traces(list(_lanes(view, view.plan, box)))
+    figure.add_traces(list(lane_traces(view.lanes, view.plan, box)))
     figure.add_traces(list(_others(view, box)))
     figure.add_traces(list(_traces(view, lambda tracks, name: view.plan(*_xy(tracks, name)))))
     figure.add_traces(list(_boxes(view)))
@@ -52,7 +46,7 @@ def lateral_figure(view: View) -> go.Figure:
     low, high = min(d[0], -2.6), max(d[1], 2.6)
     box = (s[0] - MARGIN_ALONG, s[1] + MARGIN_ALONG, low, high)
     figure = go.Figure()
-    figure.add_traces(list(_lanes(view, view.path.project, box)))
+    figure.add_traces(list(lane_traces(view.lanes, view.path.project, box)))
     figure.add_traces(list(_traces(view, view.along)))
     style(figure, 300.0)
     figure.update_xaxes(title_text="distance along the road [m]", range=box[:2])
@@ -100,55 +94,6 @@ def _extent(view: View) -> Box:
     return *_bounds(xs, MARGIN_ALONG), *_bounds(ys, MARGIN_ACROSS)
 
 
-def _lanes(view: View, coordinates: Coordinates, box: Box) -> Iterator[go.Scatter]:
-    """Driving lanes as areas, and the borders of all lanes as lines, as far as they reach into the box."""
-    areas: Lines = ([], [])
-    solid: Lines = ([], [])
-    broken: Lines = ([], [])
-    for shape in view.lanes:
-        driven = shape.type in VEHICLE_LANES
-        outer = shape.left if shape.lane > 0 else shape.right
-        if shape.mark != "none" or driven:
-            _clip(*coordinates(*outer.T), box, broken if "broken" in shape.mark else solid)
-        if driven:
-            _area(*coordinates(*shape.left.T), *coordinates(*shape.right.T), box, areas)
-    x, y = joined(*areas)
-    yield go.Scatter(x=compact(x), y=compact(y), mode="none", fill="toself", fillcolor=LANE, hoverinfo="skip")
-    for lines, dash in ((solid, "solid"), (broken, "9px,8px")):
-        border = line(*joined(*lines), color=MARK, name="lane", width=1.6)
-        border.line.dash = dash
-        yield border
-
-
-def _area(x: Floats, y: Floats, x2: Floats, y2: Floats, box: Box, areas: Lines) -> None:
-    """The part of a lane that lies in the box, between its left and right border."""
-    keep = np.flatnonzero(_inside(x, y, box) | _inside(x2, y2, box))
-    if not len(keep):
-        return
-    part = slice(int(keep[0]), int(keep[-1]) + 1)
-    ring = np.concatenate([x[part], x2[part][::-1], x[part][:1]])
-    if len(ring) > 3 and np.abs(np.diff(ring)).max() < LEAP:
-        areas[0].append(ring)
-        areas[1].append(np.concatenate([y[part], y2[part][::-1], y[part][:1]]))
-
-
-def _inside(x: Floats, y: Floats, box: Box) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    reach = 8.0
-    return np.asarray(
-        (x > box[0] - reach) & (x < box[1] + reach) & (y > box[2] - reach) & (y < box[3] + reach)
-    )
-
-
-def _clip(x: Floats, y: Floats, box: Box, lines: Lines) -> None:
-    """Keep of a line what lies in the box."""
-    keep = _inside(x, y, box)
-    if keep.any():
-        first, last = int(np.argmax(keep)), len(keep) - int(np.argmax(keep[::-1]))
-        inside = keep[first:last]
-        lines[0].append(np.where(inside, x[first:last], np.nan))
-        lines[1].append(np.where(inside, y[first:last], np.nan))
-
-
 def _others(view: View, box: Box) -> Iterator[go.Scatter]:
     """The TOs that are not in focus, in grey, as the first source that has them."""
     xs: list[Floats] = []
@@ -156,7 +101,7 @@ def _others(view: View, box: Box) -> Iterator[go.Scatter]:
     for name in view.others:
         tracks = next(t for t in view.tracks.values() if name in t.ids)
         x, y = view.plan(*_xy(tracks, name))
-        _clip(x, y, box, (xs, ys))
+        clip(x, y, box, (xs, ys))
     if xs:
         yield line(*joined(xs, ys), color=OTHERS, name="other TOs", width=1.2)
 

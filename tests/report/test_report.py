@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from resim.ingest import Recording, read_recording
-from resim.pipeline import Options, Resimulation, resimulate
+from resim.pipeline import How, Options, Resimulation, assess_resimulation, resimulate
 from resim.report import write_report
 from resim.sim.adfunction import load_build
 
@@ -50,7 +50,7 @@ def recording(name: str) -> Recording:
 
 
 def html(result: Resimulation, folder: Path) -> str:
-    write_report(result, folder / "report.html")
+    write_report(result, assess_resimulation(result, How()), folder / "report.html")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 

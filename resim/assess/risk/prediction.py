@@ -223,6 +223,11 @@ def prediction(name: str = "published") -> Prediction:
     return _resolved(name, sets[name])
 
 
+def named_prediction(name: str) -> Prediction:
+    """Give the set of this name, or that of the file. Raises InputError for what is neither."""
+    return prediction(name) if name in _shipped() or not Path(name).suffix else read_prediction(Path(name))
+
+
 def read_prediction(path: Path) -> Prediction:
     """Read a set from a file, such as `resim assess fit-prediction` writes. Raises InputError naming every fault.
 

@@ -1,0 +1,65 @@
+"""The page of an assessment."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from resim.assess.criteria import read_criteria
+from resim.pipeline import How, assess_folder
+from resim.report import write_assessment_page
+from resim.report.assessment.marks import least, marked
+
+HIGHWAY = ROOT / "scenarios" / "criteria" / "highway.toml"
+
+
+@pytest.fixture(scope="module")
+def collision():
+    return assess_folder(ROOT / "scenarios" / "rear_end", How(criteria=read_criteria(HIGHWAY)))
+
+
+def html(assessed, folder):
+    write_assessment_page(assessed, folder / "page.html")
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+def test_verdicts_curves_scenes_and_worst_values_stand_on_the_page(collision, tmp_path):
+    text = html(collision, tmp_path)
+    body = text[text.index("<main>") :]
+    assert [f'id="{name}"' in body for name in ("risk", "scenes-GT", "scenes-SD")] == [True] * 3
+    assert "✕ FAIL" in body
+    assert "✓ PASS" in body
+    assert re.search(r"1 at 4\.8 s, 1", body)  # the collision
+    assert "100 %" in body
+    assert "②" in body or "\\u2461" in body  # before, and the collision: there is nothing after it
+    assert not re.findall(r'(?:src|href)="https?:', body)
+    assert html(collision, tmp_path) == text
+
+
+def test_marked_scenes_are_before_at_and_after_the_largest_risk(collision):
+    gt = collision.blocks["GT"]
+    scenes = marked(gt)
+    peak = int(gt.risk.r_ind.argmax())
+    assert peak in scenes
+    assert gt.risk.r_ind[scenes[0]] <= 0.1 * gt.risk.r_ind[peak]
+    calm = replace(gt, risk=replace(gt.risk, r_ind=np.zeros(len(gt.risk.r_ind))))
+    assert marked(calm) == [0, (len(gt.drive.t) - 1) // 2, len(gt.drive.t) - 1]
+
+
+def test_the_least_of_no_object_is_none(collision):
+    gt = collision.blocks["GT"]
+    ttc = gt.measures["TTC"]
+    empty = replace(ttc, value=ttc.value[:, :0], state=ttc.state[:, :0])
+    alone = replace(gt, measures={**gt.measures, "TTC": empty})
+    assert np.isnan(least(alone, "TTC")).all()
+    assert np.nanmin(least(gt, "TTC")) == np.nanmin(ttc.value)
+
+
+def test_without_criteria_it_says_so(tmp_path):
+    text = html(assess_folder(ROOT / "scenarios" / "overtake", How()), tmp_path)
+    assert "no criteria were given" in text
+    assert "PASS" not in text[text.index("<main>") :]
