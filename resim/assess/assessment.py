@@ -77,12 +77,11 @@ class Assessment:
         outside = drive.present & ~drive.covered
         if not outside.any():
             return []
-        ids = [name for name, some in zip(drive.ids, outside.any(axis=0), strict=True) if some]
+        ids = [drive.ids[k] for k in np.flatnonzero(outside.any(axis=0))]
         who = ", ".join(ids[:NAMED]) + (f" and {len(ids) - NAMED} more" if len(ids) > NAMED else "")
-        share = 100.0 * outside.sum() / drive.present.sum()
         return [
-            f"{share:.2g} % of the objects' states lie outside of the range that the prediction {drive.prediction!r} "
-            f"was fitted to (objects {who}): their risk is extrapolated"
+            f"{int(outside.sum())} of {int(drive.present.sum())} states of objects lie outside of the range that the "
+            f"prediction {drive.prediction!r} was fitted to (objects {who}): their risk is extrapolated"
         ]
 
     def to_json(self) -> dict[str, Any]:

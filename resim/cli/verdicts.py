@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
+import typer
 from rich.console import Console
 from rich.table import Table
 
@@ -62,7 +63,7 @@ def print_verdicts(found: Assessed) -> None:
 def print_notes(found: Assessed) -> None:
     """Print what one has to know to compare and believe the values."""
     for note in found.notes():
-        console().print(f"note: {note}", highlight=False)
+        typer.echo(f"note: {note}")
 
 
 def _worst(worst: Worst | None) -> str:
