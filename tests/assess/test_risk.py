@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from assess import plain
 from scipy.stats import qmc
 
 from resim.assess.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.assess.risk.prediction import WALKING
 from resim.core.errors import ResimError
+from resim.core.geometry import boxes_overlap
 
 CAR = (4.7, 1.9)
 
@@ -162,6 +166,190 @@ def test_the_default_agrees_with_a_reference_forty_times_finer():
     assert abs(off.mean()) < 0.003
     sure = fine.collision > 0.02
     assert (at(0.1, 64, 0).collision[sure] > 0.0).all()
+
+
+# who walks: accelerations along and across the heading for 1 s, then the velocity is kept
+
+WALKER = (0.5, 0.5)
+
+
+def walkers(ego, state, inputs, *, step=0.1, horizon=4.0):
+    """Scenes (S) of an EGO at `ego` m/s along x and one walker each, of state (S, 4) and inputs (S, 4)."""
+    plan = np.stack([straight(v, horizon=horizon, step=step) for v in ego])
+    states = np.concatenate([state, np.full((len(state), 2), np.nan)], axis=1)[:, None]
+    size = np.broadcast_to(WALKER, (len(state), 1, 2)).copy()
+    motion = np.full((len(state), 1), WALKING, dtype=np.uint8)
+    return Scenes(plan, np.tile(CAR, (len(state), 1)), states, size, inputs[:, None], motion)
+
+
+def walked(state, a, b, t):
+    """Places (..., T) of walkers of state (..., 4) and accelerations (...,) along and across."""
+    x, y, heading, v = (np.asarray(column)[..., None] for column in np.moveaxis(np.asarray(state), -1, 0))
+    moved = np.where(t < 1.0, 0.5 * t**2, t - 0.5)
+    along, across = v * t + np.asarray(a)[..., None] * moved, np.asarray(b)[..., None] * moved
+    return x + along * np.cos(heading) - across * np.sin(heading), y + along * np.sin(
+        heading
+    ) + across * np.cos(heading)
+
+
+@pytest.mark.parametrize("mode", ["published", "continuous"])
+@pytest.mark.parametrize("b", [0.8, 2.5])
+def test_who_walks_into_the_way_touches_when_the_closed_form_says(mode, b):
+    """Beside the EGO that stands still; 1.2 m between the boxes: in the second second at 0.8, the first at 2.5 m/s²."""
+    made = walkers([1e-3], np.array([[0.0, 2.4, np.pi, 0.0]]), np.array([[0.0, 0.0, b, 0.0]]))
+    found = accident_risk(made, Parameters(mode=mode))
+    at = np.sqrt(2.4 / b) if b > 2.4 else 1.2 / b + 0.5
+    late = 0.1 if mode == "published" else 0.0
+    assert at - 0.026 <= found.ttc[0, 0] <= at + late + 1e-9
+    assert found.collision[0, 0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("mode", ["published", "continuous"])
+def test_who_stands_beside_the_lane_is_a_risk_unless_surely_staying(mode):
+    state = np.array([[15.0, 2.2, -np.pi / 2, 0.0]])
+    may, surely = (
+        accident_risk(walkers([14.0], state, np.array([[0.0, sigma, 0.0, sigma]])), Parameters(mode=mode))
+        for sigma in (0.6, 0.0)
+    )
+    assert 0.0 < may.r_ind[0] < 0.5
+    assert (surely.r_ind[0], surely.collision[0, 0]) == (0.0, 0.0)
+
+
+def some_walkers(rng, count):
+    ego, x = rng.uniform(3.0, 20.0, count), rng.uniform(-2.0, 60.0, count)
+    state = np.stack(
+        [x, rng.uniform(-8.0, 8.0, count), rng.uniform(-3.2, 3.2, count), rng.uniform(0, 3, count)], axis=1
+    )
+    inputs = np.stack([rng.normal(0, 0.4, count), rng.uniform(0, 0.7, count),
+                       rng.normal(0, 0.4, count), rng.uniform(0, 0.7, count)], axis=1)  # fmt: skip
+    return ego, state, inputs
+
+
+def test_contact_of_who_walks_is_what_all_samples_say():
+    """Nobody is rejected who would touch: the probability is that of boxes laid beside each other one by one."""
+    ego, state, inputs = some_walkers(np.random.default_rng(12), 200)
+    found = accident_risk(walkers(ego, state, inputs), Parameters(mode="published", samples=64, seed=2))
+    sample = np.random.default_rng(2).uniform(-1.0, 1.0, (64, 2))
+    weight = np.exp(-4.5 * (sample**2).sum(axis=1))
+    t = np.arange(41) * 0.1
+    a, b = (inputs[:, k, None] + 3.0 * inputs[:, k + 1, None] * sample[None, :, k // 2] for k in (0, 2))
+    x, y = walked(state[:, None], a, b, t)
+    hit = boxes_overlap(
+        ego[:, None, None] * t, 0.0 * x, 0.0 * x, *CAR, x, y, state[:, 2, None, None] + 0.0 * x, *WALKER
+    )
+    np.testing.assert_allclose(
+        found.collision[:, 0], (hit.any(axis=2) * weight).sum(axis=1) / weight.sum(), atol=1e-12
+    )
+    assert 20 < (found.collision > 0.0).sum() < 180
+
+
+def test_no_contact_of_who_walks_is_missed():
+    ego, state, inputs = some_walkers(np.random.default_rng(3), 60)
+    fine = accident_risk(walkers(ego, state, inputs, step=0.0125), Parameters(step=0.0125))
+    found = accident_risk(walkers(ego, state, inputs))
+    assert (found.collision >= fine.collision - 1e-12).all()
+    assert np.sqrt(np.mean((found.r_ind - fine.r_ind) ** 2)) < 0.01
+    assert fine.r_ind.max() > 0.9
+
+
+# what any scene may bring
+
+
+def family(name, ego, gap):
+    """An object that gets into the way `gap` metres ahead of the front of an EGO at `ego` m/s."""
+    at = gap + 4.7
+    return {
+        "rear-end": [at, 0.0, 0.0, 0.6 * ego, -1.0, 0.0],
+        "cut-in": [at, 3.5, -0.08, 0.7 * ego, 0.0, 0.0],
+        "oncoming": [at + 20.0, 0.0, np.pi, 10.0, 0.0, 0.0],
+    }[name]
+
+
+def risks(states, egos):
+    """r_ind of scenes of one object (S, 6), the EGO at `egos` (S,) m/s."""
+    states, count = np.asarray(states, dtype=float)[:, None], len(states)
+    inputs = PUBLISHED.inputs(*np.moveaxis(states[..., 3:6], -1, 0))
+    plan, size = np.stack([straight(v) for v in egos]), np.broadcast_to(CAR, (count, 1, 2)).copy()
+    return accident_risk(Scenes(plan, np.tile(CAR, (count, 1)), states, size, inputs)).r_ind
+
+
+@pytest.mark.parametrize("name", ["rear-end", "cut-in", "oncoming"])
+@pytest.mark.parametrize("ego", [12.0, 20.0, 30.0])
+def test_nearer_is_never_safer(name, ego):
+    gaps = np.arange(0.5, 60.0, 1.5)
+    r = risks([family(name, ego, gap) for gap in gaps], np.full(len(gaps), ego))
+    assert (np.diff(r) <= 1e-9).all()
+    assert r[0] > r[-1]
+
+
+@pytest.mark.parametrize("angle", [0.8, 1.57, 2.3])
+@pytest.mark.parametrize("ego", [12.0, 30.0])
+def test_crossing_sooner_is_never_safer(angle, ego):
+    """Both would be in the same place after `meet` seconds."""
+    meet = np.arange(0.4, 4.0, 0.1)
+    states = [
+        [ego * t - 9.0 * t * np.cos(angle), -9.0 * t * np.sin(angle), angle, 9.0, 0.0, 0.0] for t in meet
+    ]
+    r = risks(states, np.full(len(meet), ego))
+    assert (np.diff(r) <= 1e-9).all()
+    assert r[0] > 0.99
+    assert r[-1] < 0.1
+
+
+@pytest.mark.parametrize("name", ["rear-end", "oncoming"])
+@pytest.mark.parametrize("gap", [5.0, 15.0, 30.0])
+def test_faster_towards_who_is_ahead_is_never_safer(name, gap):
+    """Not so where somebody cuts in: a faster EGO is by before he comes."""
+    egos = np.arange(8.0, 36.0, 1.0)
+    r = risks([family(name, 10.0, gap)] * len(egos), egos)
+    assert (np.diff(r) >= -1e-9).all()
+    assert r[-1] > r[0]
+
+
+def test_who_is_not_known_is_refused():
+    made = scenes(straight(20.0), CROWD)
+    for name, at in (("state", (0, 2, 1)), ("inputs", (0, 2, 3)), ("plan", (0, 5, 0))):
+        broken = getattr(made, name).copy()
+        broken[at] = np.nan
+        with pytest.raises(ResimError, match="NaN"):
+            accident_risk(replace(made, **{name: broken}))
+    state, size = made.state.copy(), made.size.copy()
+    state[0, 2], size[0, 2] = np.nan, 0.0  # who is not there may well be unknown
+    assert (
+        np.isnan(accident_risk(replace(made, state=state, size=size)).r_to[0]).tolist()
+        == [False, False, True] + [False] * 2
+    )
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    made = scenes(straight(20.0), CROWD)
+    with pytest.raises(ResimError, match=r"inputs has shape"):
+        replace(made, inputs=made.inputs[:, :2])
+
+
+@pytest.mark.parametrize("mode", ["published", "continuous"])
+def test_a_line_is_hit_and_a_point_is_no_object(mode):
+    line = accident_risk(
+        scenes(straight(20.0), [20.0, 0, 0, 0, 0, 0], size=(1.0, 0.0)), Parameters(mode=mode)
+    )
+    assert line.collision[0, 0] == pytest.approx(1.0)
+    point = accident_risk(
+        scenes(straight(20.0), [20.0, 0, 0, 0, 0, 0], size=(0.0, 0.0)), Parameters(mode=mode)
+    )
+    assert np.isnan(point.collision[0, 0])
+
+
+def test_one_object_alone_is_the_same_risk_dependent_or_not():
+    found = accident_risk(scenes(straight(20.0), CROWD[0]))
+    np.testing.assert_allclose([found.r_ind[0], found.r_dep[0]], found.r_to[0, 0], rtol=1e-12)
+    assert found.r_to[0, 0] > 0.0
+
+
+@pytest.mark.parametrize("mode", ["published", "continuous"])
+def test_who_reverses_into_the_way_is_seen(mode):
+    """Out of a parking space, backwards at 2 m/s: not somebody who stopped."""
+    made = scenes(straight(10.0), [15.0, -5.0, -np.pi / 2, -2.0, 0.0, 0.0])
+    assert accident_risk(made, Parameters(mode=mode)).collision[0, 0] > 0.5
 
 
 def test_no_object_is_nan_and_no_risk():

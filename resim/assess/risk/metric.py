@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from resim.core.errors import ResimError
@@ -56,6 +57,9 @@ class Scenes:
     plan: (S, M + 1, 4) the EGO's x, y [m], heading [rad], v [m/s] at 0, step, ..., horizon. ego_size: (S, 2)
     length, width [m]. state: (S, K, 6) x, y, heading, v, a [m/s²], yaw rate [rad/s]; size: (S, K, 2), 0 where
     there is no such object. inputs: (S, K, 4) mu_a, sigma_a, mu_w, sigma_w of Eq. 4.2.
+    motion: (S, K) `prediction.CTRA` (Eq. 4.1; everybody where it is None) or WALKING. Who walks is not bound to a
+    heading: inputs are mu, sigma of the acceleration along the heading, then of that across it (left positive)
+    [m/s²], kept for 1 s; the velocity is kept after that, and the box keeps its heading.
     """
 
     plan: Floats
@@ -63,6 +67,31 @@ class Scenes:
     state: Floats
     size: Floats
     inputs: Floats
+    motion: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.state.shape[:2]
+        shapes = {
+            "plan": (shape[0], *self.plan.shape[1:2], 4), "ego_size": (shape[0], 2), "state": (*shape, 6),
+            "size": (*shape, 2), "inputs": (*shape, 4), "motion": shape,
+        }  # fmt: skip
+        for name, expected in shapes.items():
+            value = getattr(self, name)
+            if value is not None and value.shape != expected:
+                raise ResimError(f"risk: {name} has shape {value.shape}, expected {expected}")
+
+    def known(self) -> None:
+        """Raise ResimError where a plan, or the state or inputs of an object that is there, hold NaN."""
+        if not np.isfinite(self.plan).all():
+            n = int(np.argwhere(~np.isfinite(self.plan))[0, 0])
+            raise ResimError(f"risk: the plan of scene {n} holds NaN; give numbers for all its times")
+        unknown = ~(np.isfinite(self.state[..., :4]).all(axis=2) & np.isfinite(self.inputs).all(axis=2))
+        if (unknown & (self.size[..., 0] > 0.0)).any():
+            n, k = np.argwhere(unknown & (self.size[..., 0] > 0.0))[0]
+            raise ResimError(
+                f"risk: the state or inputs of object {k} in scene {n} hold NaN; "
+                "give it the size 0 where it is not there"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,21 +122,22 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
 
 
 def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
-    """Give the accident risk of scenes."""
-    from resim.assess.risk.kernel import (
-        kernel,
-    )  # compiles, or reads what it compiled: only when risk is asked for
+    """Give the accident risk of scenes. Raises ResimError where they hold NaN."""
+    # compiles, or reads what it compiled: only when risk is asked for
+    from resim.assess.risk.kernel import kernel
 
     p = parameters
+    scenes.known()
     count = p.samples or (100 if p.mode == "published" else 64)
     sample, weight = _samples(p.mode, count, p.seed)
     number, objects = scenes.state.shape[:2]
     r_to, collision, ttc, ttr = (np.empty((number, objects)) for _ in range(4))
     r_ind, r_dep = np.empty(number), np.empty(number)
+    motion = np.zeros((number, objects), dtype=np.uint8) if scenes.motion is None else scenes.motion
     kernel(
-        scenes.plan, scenes.ego_size, np.ascontiguousarray(scenes.state[..., :4]), scenes.size, scenes.inputs,
-        sample, weight,
+        *map(np.ascontiguousarray, (scenes.plan, scenes.ego_size, scenes.state, scenes.size, scenes.inputs)),
+        motion, sample, weight,
         np.array([p.lateral, p.braking, p.forward, p.curvature]), np.array([p.no_return, p.most, p.slope]),
-        p.step, scenes.plan.shape[1] - 1, p.mode == "continuous", r_to, r_ind, r_dep, collision, ttc, ttr,
+        p.step, p.mode == "continuous", r_to, r_ind, r_dep, collision, ttc, ttr,
     )  # fmt: skip
     return Risk(r_to, r_ind, r_dep, collision, ttc, ttr)
