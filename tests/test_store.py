@@ -155,7 +155,15 @@ def test_results_are_written_with_everything_that_went_in_and_came_out(
     write_resimulation(result, tmp_path)
     jscen = [f"{name}.jscen.json" for name in ("GT", "SD", "rGT", "rSD")]
     assert names(tmp_path) == sorted(
-        [*jscen, "proving_ground.xodr", "report.json", "run.json", "tracks.parquet"]
+        [
+            *jscen,
+            "answers.parquet",
+            "plans.parquet",
+            "proving_ground.xodr",
+            "report.json",
+            "run.json",
+            "tracks.parquet",
+        ]
     )
     for name in jscen:
         scenario = read_jscen(tmp_path / name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -33,8 +33,9 @@ _SAME = 1e-9
 class Drive:
     """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; present: (S, K) where they are there.
 
-    tracks: everybody's, at t. own: the EGO's. path: (S,) where the EGO's path of each scene comes from. covered: (S, K)
-    the object's state lies in the range that the prediction was fitted to.
+    Who is there but not known whole (NaN, no size) has size 0 in `scenes`. tracks: everybody's, at t. own: the EGO's.
+    path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the object's state lies in the range that
+    the prediction was fitted to.
     """
 
     t: Floats
@@ -48,8 +49,15 @@ class Drive:
     prediction: str
 
     def risk(self, parameters: Parameters = DEFAULTS) -> Risk:
-        """Give the accident risk of every scene (S) and object (K)."""
-        return accident_risk(self.scenes, parameters)
+        """Give the accident risk of every scene (S) and object (K).
+
+        NaN for an object that is there but of which something is unknown, and of the scenes in which it is.
+        """
+        found = accident_risk(self.scenes, parameters)
+        known = np.isfinite(self.scenes.plan).all(axis=(1, 2)) & (self.scenes.ego_size > 0.0).all(axis=1)
+        known &= ~(self.present & ~(self.scenes.size[..., 0] > 0.0)).any(axis=1)
+        of_scene = {name: np.where(known, getattr(found, name), np.nan) for name in ("r_ind", "r_dep")}
+        return replace(found, **of_scene)
 
 
 def drive(
@@ -79,10 +87,11 @@ def drive(
     states = _states(tracks)[:, there]
     others = [n for n in range(len(tracks)) if n != row]
     state = np.moveaxis(states[others], 0, 1)
-    present: Bools = np.asarray(np.isfinite(state).all(axis=2))
+    present: Bools = np.asarray(tracks.valid[others][:, there].T)
     sizes = np.stack([tracks.length, tracks.width], axis=1)
-    size = np.where(present[..., None], sizes[others][None], 0.0)
-    state = np.where(present[..., None], state, 0.0)
+    complete = np.isfinite(state).all(axis=2) & (np.isfinite(sizes) & (sizes > 0.0)).all(axis=1)[others]
+    size = np.where(complete[..., None], sizes[others][None], 0.0)
+    state = np.where(complete[..., None], state, 0.0)
     t = tracks.t[there]
     poses, chosen = _paths(t, states[row], plans, path, parameters)
     expected, kinds = predicted or prediction(), tracks.kind[others]

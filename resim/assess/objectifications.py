@@ -137,13 +137,14 @@ def _whole(name: str, value: Floats, bad: Bad = "high") -> Measure:
 
 
 def _collision(subject: Subject) -> Measure:
-    """1 where the boxes of the EGO and an object touch, else 0 (S, K)."""
+    """1 where the boxes of the EGO and an object touch, else 0 (S, K); 0 for who is not there."""
     drive = subject.drive
     own, state, size = drive.own, drive.scenes.state, drive.scenes.size
     length, width = (drive.scenes.ego_size[:, k, None] for k in (0, 1))
     hit = boxes_overlap(own.x[0, :, None], own.y[0, :, None], own.heading[0, :, None], length, width, state[..., 0],
                         state[..., 1], state[..., 2], size[..., 0], size[..., 1])  # fmt: skip
-    return _whole("collision", np.where(hit & drive.present, 1.0, 0.0))
+    known = subject.pairs.complete() | ~drive.present
+    return _whole("collision", np.where(known, np.where(hit & drive.present, 1.0, 0.0), np.nan))
 
 
 OBJECTIFICATIONS = _all()

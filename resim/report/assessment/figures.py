@@ -30,7 +30,7 @@ PERCENT = 100.0
 def risk_figure(assessed: Assessed) -> go.Figure:
     """Draw the accident risk of GT, SD, rGT and rSD over time: linear above, logarithmic below."""
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
-    largest = max(float(a.risk.r_ind.max()) for a in assessed.blocks.values())
+    largest = max(float(np.nan_to_num(a.risk.r_ind).max()) for a in assessed.blocks.values())
     for name, a in assessed.blocks.items():
         for row in (1, 2):
             shown = np.maximum(PERCENT * a.risk.r_ind, 1e-5) if row == 2 else PERCENT * a.risk.r_ind
@@ -97,6 +97,8 @@ def _frame(figure: go.Figure, assessment: Assessment, row: int, scene: int) -> N
 
 
 def _percent(risk: float) -> str:
+    if not np.isfinite(risk):
+        return "not computed"
     return "0 %" if risk == 0.0 else f"{risk:.2g} %" if risk < PERCENT - 0.5 else "100 %"
 
 

@@ -30,7 +30,7 @@ def marked(assessment: Assessment) -> list[int]:
 
     Where there is no risk at all, the first scene, the one in the middle, and the last.
     """
-    risk = assessment.risk.r_ind
+    risk = np.nan_to_num(assessment.risk.r_ind)
     last = len(risk) - 1
     if not risk.max() > 0.0:
         return sorted({0, last // 2, last})
