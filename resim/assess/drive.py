@@ -89,14 +89,16 @@ def drive(
     state = np.moveaxis(states[others], 0, 1)
     present: Bools = np.asarray(tracks.valid[others][:, there].T)
     sizes = np.stack([tracks.length, tracks.width], axis=1)
-    complete = np.isfinite(state).all(axis=2) & (np.isfinite(sizes) & (sizes > 0.0)).all(axis=1)[others]
+    sized: Bools = np.all(np.isfinite(sizes) & (sizes > 0.0), axis=1)
+    complete = np.isfinite(state).all(axis=2) & sized[others]
     size = np.where(complete[..., None], sizes[others][None], 0.0)
     state = np.where(complete[..., None], state, 0.0)
     t = tracks.t[there]
     poses, chosen = _paths(t, states[row], plans, path, parameters)
     expected, kinds = predicted or prediction(), tracks.kind[others]
     inputs = expected.inputs(kinds, state[..., 3], state[..., 4], state[..., 5])
-    scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs)
+    motion = np.tile(expected.motion(kinds), (len(t), 1))
+    scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs, motion)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
     own = tracks.select([ego]).at(t)
     ids = tuple(tracks.ids[others].tolist())
