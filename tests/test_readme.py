@@ -36,6 +36,21 @@ def test_the_example_function_plugs_in(tmp_path):
     assert report["decision"]["rGT"] == ["brake"]
 
 
+def test_the_example_objectification_is_judged(tmp_path):
+    (tmp_path / "my_measures.py").write_text(block("python", "# my_measures.py"))
+    (tmp_path / "mine.toml").write_text(block("toml", "# mine.toml"))
+    command = [sys.executable, "-m", "resim", "assess", str(ROOT / "scenarios" / "overtake")]
+    done = subprocess.run(
+        [*command, "--criteria", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "out")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "out" / "assessment.json").read_text())
+    clear = found["criteria"]["keeps clear"]
+    assert (clear["verdict"], clear["unit"], clear["limit"]) == ("PASS", "m", 3.0)
+    assert clear["value"] == min(min(v) for v in found["measures"]["distance between centres"].values())
+
+
 def test_its_links_and_files_are_there():
     for link in re.findall(r"\]\(([^)#]+)\)", README):
         assert (ROOT / link).exists(), link
