@@ -79,9 +79,12 @@ def names(every: Iterable[Objectification]) -> list[str]:
 def _all() -> tuple[Objectification, ...]:
     c, f = criticality, functional
     pairs: Mapping[str, Callable[[Pairs], Measure]] = {
-        "TTC": c.ttc, "ETTC": c.ettc, "WTTC": c.wttc, "THW": c.thw, "TTB": c.ttb, "TTK": c.ttk, "TTS": c.tts,
+        "TTC": c.ttc, "ETTC": c.ettc, "WTTC": c.wttc, "THW": c.thw,
     }  # fmt: skip
     also: Mapping[str, Callable[[Subject], Measure]] = {
+        "TTB": lambda s: c.ttb(s.pairs, s.parameters),
+        "TTK": lambda s: c.ttk(s.pairs, s.parameters),
+        "TTS": lambda s: c.tts(s.pairs, s.parameters),
         "TTR": lambda s: longest(s.measure("TTB"), s.measure("TTK"), s.measure("TTS")),
         "WTTR": lambda s: c.wttr(s.drive.scenes, s.risk, s.parameters),
         "PMD": lambda s: c.pmd(s.pairs),

@@ -10,8 +10,9 @@ import numpy as np
 from resim.assess.criticality import motion
 from resim.assess.criticality.contact import Rows, first_contact
 from resim.assess.criticality.measure import Measure, States, stated
-from resim.assess.criticality.pairs import PUBLISHED, Limits, Pair, Pairs
+from resim.assess.criticality.pairs import Pair, Pairs
 from resim.assess.criticality.times import planned_contact
+from resim.assess.risk import DEFAULTS, Parameters
 from resim.core.geometry import Bools, Floats
 
 HALVINGS = 12
@@ -21,22 +22,23 @@ Evasion = Callable[[Pair, Floats, Floats], Floats]
 """The EGO's motion (P, N, 4) at times (P, N) after the evasion began, at `start` (P,) [s]."""
 
 
-def ttb(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
+def ttb(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
     """Give the time to brake (S, K) [s]: the latest start of full braking along the plan's path that still avoids.
 
     Wagner 2021, 3.2.3.1, after Hillenbrand 2006; one behind the other TTB = (d - v_rel² / (2 b)) / v_rel. The plan's
     contact with the expected motion of the object is what is avoided; an evasion is followed for a full horizon from
-    its start. 0 where not even braking now avoids it; NO_CONFLICT where the plan touches nobody within the horizon.
+    its start. limits: how hard the EGO evades, as in the accident risk. 0 where not even braking now avoids it;
+    NO_CONFLICT where the plan touches nobody within the horizon.
     """
     return pairs.measured("TTB", "s", "low", partial(_latest, [_along_path(-limits.braking)]))
 
 
-def ttk(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
+def ttk(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
     """Give the time to kickdown (S, K) [s]: as `ttb`, for full acceleration (Wagner 2021, 3.2.3.1)."""
     return pairs.measured("TTK", "s", "low", partial(_latest, [_along_path(limits.forward)]))
 
 
-def tts(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
+def tts(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
     """Give the time to steer (S, K) [s]: as `ttb`, for full steering to the better side (Wagner 2021, 3.2.3.1).
 
     A circle at constant speed v with yaw rate min(lateral / v, curvature v), as in the risk metric.
@@ -46,7 +48,7 @@ def tts(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
     )
 
 
-def ttr(pairs: Pairs, limits: Limits = PUBLISHED) -> Measure:
+def ttr(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
     """Give the time to react (S, K) [s]: max(TTB, TTK, TTS) (Wagner 2021, Eq. 3.6). States as in `ttb`."""
     return longest(ttb(pairs, limits), ttk(pairs, limits), tts(pairs, limits))
 
@@ -71,7 +73,7 @@ def _end(p: Pair) -> float:
     return float((p.plan.shape[1] - 1) * p.step)
 
 
-def _turning(limits: Limits, side: float) -> Evasion:
+def _turning(limits: Parameters, side: float) -> Evasion:
     def go(p: Pair, start: Floats, t: Floats) -> Floats:
         state = np.zeros((len(t), 6))
         state[:, :4] = p.planned(start[:, None])[:, 0]

@@ -18,19 +18,6 @@ from resim.core.geometry import Bools, Floats
 CHUNK = 2048  # pairs looked at together: bounds memory
 
 
-@dataclass(frozen=True)
-class Limits:
-    """How hard the EGO evades (Wagner 2021, Table 4.1, as the risk metric): m/s², curvature 1/m."""
-
-    lateral: float = 7.0
-    braking: float = 8.5
-    forward: float = 3.0
-    curvature: float = 0.2
-
-
-PUBLISHED = Limits()
-
-
 @dataclass(frozen=True, eq=False)
 class Pair:
     """P pairs of the EGO and one object, all complete; fields as in `Pairs`, rows (P, ...)."""
