@@ -20,20 +20,26 @@ from resim.assess.criticality.measure import Bad
 from resim.assess.drive import Drive
 from resim.assess.functional import Functioning
 from resim.assess.risk import DEFAULTS, Parameters, Risk
-from resim.core.geometry import Floats, boxes_overlap
+from resim.core.geometry import Bools, Floats, boxes_overlap
+from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 
+_SAME = 1e-9
 Kind = Literal["functional", "quantitative", "legal"]
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What objectifications are computed of: the drive, its road, and what function and perception did, if known."""
+    """What objectifications are computed of: the drive, its road, and what function and perception did, if known.
+
+    hits: (S, K) whose boxes the EGO's touched between a scene and the next (`touched`), if known finer than by scenes.
+    """
 
     drive: Drive
     network: RoadNetwork
     parameters: Parameters = DEFAULTS
     functioning: Functioning | None = None
+    hits: Bools | None = None
     own: tuple[Objectification, ...] = ()
     _known: dict[str, Measure] = field(default_factory=dict)
 
@@ -142,12 +148,28 @@ def _whole(name: str, value: Floats, bad: Bad = "high") -> Measure:
 def _collision(subject: Subject) -> Measure:
     """1 where the boxes of the EGO and an object touch, else 0 (S, K); 0 for who is not there."""
     drive = subject.drive
-    own, state, size = drive.own, drive.scenes.state, drive.scenes.size
-    length, width = (drive.scenes.ego_size[:, k, None] for k in (0, 1))
-    hit = boxes_overlap(own.x[0, :, None], own.y[0, :, None], own.heading[0, :, None], length, width, state[..., 0],
-                        state[..., 1], state[..., 2], size[..., 0], size[..., 1])  # fmt: skip
-    known = subject.pairs.complete() | ~drive.present
-    return _whole("collision", np.where(known, np.where(hit & drive.present, 1.0, 0.0), np.nan))
+    hits = touched(drive, drive.tracks) if subject.hits is None else subject.hits
+    known = subject.pairs.complete() | ~drive.present | hits
+    return _whole("collision", np.where(known, np.where(hits, 1.0, 0.0), np.nan))
+
+
+def touched(drive: Drive, tracks: Tracks, collisions: Iterable[tuple[float, str]] = ()) -> Bools:
+    """Say whose boxes (S, K) the EGO's touches between a scene and the next, or from the last scene on.
+
+    tracks: of the drive, at finer times. collisions: time [s] and object of others that are known.
+    """
+    row = tracks.index(str(drive.own.ids[0]))
+    hit = boxes_overlap(
+        tracks.x[row], tracks.y[row], tracks.heading[row], tracks.length[row], tracks.width[row],
+        tracks.x, tracks.y, tracks.heading, tracks.length[:, None], tracks.width[:, None],
+    )  # fmt: skip
+    out = np.zeros(drive.present.shape, dtype=bool)
+    column = {name: k for k, name in enumerate(drive.ids)}
+    found = [(float(tracks.t[i]), str(tracks.ids[n])) for n, i in np.argwhere(hit) if n != row]
+    for t, name in (*found, *collisions):
+        if name in column:
+            out[max(int(np.searchsorted(drive.t, t + _SAME, side="right")) - 1, 0), column[name]] = True
+    return out
 
 
 OBJECTIFICATIONS = _all()

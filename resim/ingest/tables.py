@@ -76,6 +76,7 @@ def read_table(
     optional: Sequence[str] = (),
     text: Sequence[str] = TEXT,
     missing: Sequence[str] = (),
+    may_be_empty: bool = False,
 ) -> pd.DataFrame:
     """Give the wanted columns of a CSV or Parquet file, indexed by the row's number in the file.
 
@@ -91,7 +92,7 @@ def read_table(
             path, f"column {', '.join(lost)} missing; found {', '.join(map(str, frame.columns))}",
             f"The header must name {', '.join(required)}, parted by commas alone.",
         )  # fmt: skip
-    if frame.empty:
+    if frame.empty and not may_be_empty:
         raise InputError(path, "has a header and no rows", "Write one row per time and object.")
     frame = frame[[*required, *(c for c in optional if c in frame.columns)]].copy()
     for column in frame.columns:

@@ -16,17 +16,18 @@ from resim.assess.criteria import Criteria
 from resim.assess.drive import Path as EgoPath
 from resim.assess.drive import Plans, drive
 from resim.assess.functional import Functioning
-from resim.assess.objectifications import Subject
+from resim.assess.objectifications import Subject, touched
 from resim.assess.risk import DEFAULTS, Parameters
 from resim.assess.risk.prediction import Prediction
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
 from resim.core.tracks import whole_id
+from resim.fidelity import collisions
 from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
 from resim.ingest.tables import read_table
 from resim.pipeline.recordings import examined
-from resim.pipeline.result import Resimulation, plan_frame
+from resim.pipeline.result import Resimulation
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
@@ -34,6 +35,9 @@ from resim.scenario.scenario import Scenario
 
 RATE = 10.0
 """Scenes a second [Hz] that are assessed."""
+
+FINE = 100.0
+"""Samples a second [Hz] in which collisions are looked for."""
 
 BLOCKS = ("GT", "SD", "rGT", "rSD")
 """What is assessed, in the order of the tables."""
@@ -97,6 +101,7 @@ class _Block:
     scenario: Scenario
     plans: Plans
     functioning: Functioning | None
+    collisions: tuple[tuple[float, str], ...]
 
 
 def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assessed:
@@ -116,57 +121,85 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     """Assess what was measured: GT, and SD where there is one."""
     network = load(recording.map)
     scenarios = describe_recording(recording, network)
-    sd = measured_tracks(recording).get("SD")
-    plans = _plans(recording.plan)
+    measured = measured_tracks(recording)
+    plans, sd = _plans(recording.plan), measured.get("SD")
     seen = None if sd is None else sd.to_frame()
     functioning = _measured(seen, plans, {f.code: f.value for f in recording.findings if not f.object})
-    blocks = {str(basis): _Block(scenario, plans, functioning) for basis, scenario in scenarios.items()}
+    blocks = {
+        str(basis): _Block(
+            scenario, plans, functioning, tuple(collisions(measured[basis], ego=recording.ego))
+        )
+        for basis, scenario in scenarios.items()
+    }
     return _assessed(recording.name, network, False, blocks, how)
 
 
 def assess_resimulation(result: Resimulation, how: How) -> Assessed:
     """Assess a re-simulation: GT, SD, rGT, rSD."""
-    findings = {f.code: f.value for f in result.recording.findings if not f.object}
-    blocks = _run_blocks(
-        result.scenarios(), result.tracks_frame(), result.answers_frame(), result.plans_frame(), findings
-    )
+    tables = _Tables(result.tracks_frame(), result.answers_frame(), result.plans_frame())
+    blocks = _run_blocks(result.scenarios(), tables, result.report())
     return _assessed(result.recording.name, result.network, True, blocks, how)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tables:
+    """Tables by `source` that `resim run` writes."""
+
+    tracks: pd.DataFrame
+    answers: pd.DataFrame
+    plans: pd.DataFrame
 
 
 def _assess_results(folder: Path, how: How) -> Assessed:
     report = folder / "report.json"
+    remedy = "Run it again."
     try:
         written = json.loads(report.read_text(encoding="utf-8"))
-        road = folder / map_name(Path(str(written["map"])))
-        findings = {f["code"]: f["value"] for f in written["findings"] if not f["object"]}
-        name = str(written["recording"])
+        road, name = folder / map_name(Path(str(written["map"]))), str(written["recording"])
     except (OSError, ValueError, KeyError, TypeError) as e:
-        raise InputError(report, "is not what `resim run` writes", "Run it again.") from e
+        raise InputError(report, "is not what `resim run` writes", remedy) from e
     network = load(road)
     files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
     scenarios = {name: read_jscen(path) for name, path in files.items() if path.is_file()}
-    tracks = read_table(folder / "tracks.parquet", required=("source", "t", "id"), text=("source", "id"))
-    answers = read_table(folder / "answers.parquet", required=("source", "t"), text=("source",))
-    plans = folder / "plans.parquet"
-    columns = ("source", *PLAN_COLUMNS)
-    planned = read_table(plans, required=columns, text=("source",)) if plans.is_file() else plan_frame({})
-    return _assessed(name, network, True, _run_blocks(scenarios, tracks, answers, planned, findings), how)
+    tables = _Tables(
+        read_table(folder / "tracks.parquet", required=("source", "t", "id"), text=("source", "id")),
+        _table(folder / "answers.parquet", ("source", "t")),
+        _table(folder / "plans.parquet", ("source", *PLAN_COLUMNS)),
+    )
+    try:
+        blocks = _run_blocks(scenarios, tables, written)
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(report, "is not what `resim run` writes", remedy) from e
+    return _assessed(name, network, True, blocks, how)
+
+
+def _table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
+    return read_table(path, required=columns, text=("source",), may_be_empty=True)
 
 
 def _run_blocks(
-    scenarios: Mapping[str, Scenario], tracks: pd.DataFrame, answers: pd.DataFrame, plans: pd.DataFrame,
-    findings: Mapping[str, float | None],
-) -> dict[str, _Block]:  # fmt: skip
-    """The blocks of a run; tables by `source`, as `resim run` writes them."""
+    scenarios: Mapping[str, Scenario], tables: _Tables, report: Mapping[str, Any]
+) -> dict[str, _Block]:
+    """The blocks of a run, of its tables and what its report.json says."""
+    tracks, answers, plans = tables.tracks, tables.answers, tables.plans
+    hits = {
+        name: tuple((float(h["t"]), str(h["id"])) for h in found)
+        for name, found in report["collisions"].items()
+    }
+    findings = {f["code"]: f["value"] for f in report["findings"] if not f["object"]}
     recorded = _plans(plans[plans.source == "recorded"])
     seen = tracks[tracks.source == "SD"]
     measured = _measured(seen if len(seen) else None, recorded, findings)
-    out = {name: _Block(scenarios[name], recorded, measured) for name in ("GT", "SD") if name in scenarios}
+    out = {
+        name: _Block(scenarios[name], recorded, measured, hits[name])
+        for name in ("GT", "SD")
+        if name in scenarios
+    }
     for name in ("rGT", "rSD"):
         if name in scenarios:
             t = answers.t[answers.source == name].to_numpy(dtype=float)
             functioning = _functioning(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
-            out[name] = _Block(scenarios[name], _plans(plans[plans.source == name]), functioning)
+            out[name] = _Block(scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name])
     return out
 
 
@@ -177,13 +210,17 @@ def _assessed(name: str, network: RoadNetwork, run: bool, blocks: Mapping[str, _
 
 def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     scenario = block.scenario
-    begin = scenario.ego.spawn_time
-    t = np.round(begin + np.arange(0.0, scenario.duration + 1e-9, 1.0 / RATE), 9)
-    tracks = scenario.tracks(network, t)
+    tracks = scenario.tracks(network, _times(scenario, RATE))
     made = drive(tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
                  predicted=how.prediction)  # fmt: skip
+    hits = touched(made, scenario.tracks(network, _times(scenario, FINE)), block.collisions)
     own = () if how.criteria is None else how.criteria.own
-    return assess(Subject(made, network, how.parameters, block.functioning, own), how.criteria)
+    return assess(Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria)
+
+
+def _times(scenario: Scenario, rate: float) -> Floats:
+    """Times [s] of the whole scenario, `rate` a second."""
+    return np.round(scenario.ego.spawn_time + np.arange(0.0, scenario.duration + 1e-9, 1.0 / rate), 9)
 
 
 def _plans(frame: pd.DataFrame | None) -> Plans:

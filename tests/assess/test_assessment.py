@@ -88,6 +88,21 @@ def test_a_run_is_assessed_on_each_of_its_sources_now_and_later(call, tmp_path):
         assert (run / file).read_bytes() == (tmp_path / "again" / file).read_bytes()
 
 
+def test_a_function_without_plans_that_collides_fails_by_its_state(call, tmp_path):
+    build = ROOT / "adfunc" / "builds" / "constant_velocity-1.0.toml"
+    run = tmp_path / "run"
+    code, _, _ = call(
+        "run", ROOT / "scenarios" / "rear_end", "--build", build, "--criteria", HIGHWAY, "--out", run
+    )
+    assert code == 1
+    assert json.loads((run / "report.json").read_text())["end"]["rGT"] == "collision"
+    found = written(run)["rGT"]
+    assert found["criteria"]["no collision"]["verdict"] == "FAIL"
+    assert set(found["path"]) == {"state"}
+    assert call("assess", run, "--criteria", HIGHWAY, "--out", tmp_path / "again")[0] == 1
+    assert (run / "assessment.json").read_bytes() == (tmp_path / "again" / "assessment.json").read_bytes()
+
+
 def test_kpis_are_rows_that_a_query_finds(call, tmp_path):
     assert (
         call("assess", ROOT / "scenarios" / "rear_end", "--criteria", HIGHWAY, "--out", tmp_path / "a")[0]

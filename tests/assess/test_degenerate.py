@@ -11,7 +11,7 @@ from conftest import ROOT
 from resim.assess.assessment import assess
 from resim.assess.criteria import Criteria, Criterion, read_criteria
 from resim.assess.drive import drive
-from resim.assess.objectifications import Subject
+from resim.assess.objectifications import Subject, touched
 from resim.assess.risk import accident_risk
 from resim.core.errors import ResimError
 
@@ -102,6 +102,25 @@ def test_who_never_meets_is_no_conflict_and_passes(overtaking, network):
         assert (verdict.outcome, verdict.value, verdict.reason) == ("PASS", None, "no conflict")
         assert (found.risk.r_ind == 0.0).all()
         assert found.verdict == "PASS"
+
+
+def test_a_collision_between_two_scenes_or_after_the_last_is_none_the_less_one(overtaking, network):
+    tracks, ego = overtaking
+    made = drive(tracks, ego=ego)
+    fine = tracks.at(np.round(np.arange(tracks.t[0], tracks.t[-1], 0.01), 9))
+    n, row, at = (
+        other(tracks, ego),
+        tracks.index(ego),
+        int(np.flatnonzero(np.isclose(fine.t - fine.t[0], 2.05))[0]),
+    )
+    fine.x[n, at], fine.y[n, at] = fine.x[row, at], fine.y[row, at]
+    k = made.ids.index(str(tracks.ids[n]))
+    assert np.argwhere(touched(made, fine)).tolist() == [[20, k]]
+    late = touched(made, made.tracks, [(float(made.t[-1]) + 0.03, made.ids[0])])
+    assert np.argwhere(late).tolist() == [[49, 0]]
+    found = assess(Subject(made, network, hits=late), HIGHWAY)
+    verdict = found.verdicts["no collision"]
+    assert (verdict.outcome, verdict.t, verdict.object) == ("FAIL", made.t[-1], made.ids[0])
 
 
 def test_a_missing_ego_is_a_clear_error(overtaking):

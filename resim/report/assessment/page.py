@@ -84,7 +84,7 @@ def _cell(verdict: Verdict) -> str:
         words = f"{amount_words(verdict.value, verdict.unit, verdict.measure)} at {verdict.t:.1f} s"
         words += f", {escape(verdict.object)}" if verdict.object else ""
     reason = "" if verdict.reason == "kept" else f'<br><span class="note">{escape(verdict.reason)}</span>'
-    return f"{_badge(verdict.outcome)}<br>{words}{reason}"
+    return f"{_badge(verdict.outcome)}{'<br>' if words else ''}{words}{reason}"
 
 
 def _curves(assessed: Assessed) -> str:
