@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from resim.assess.risk.ways import Ways
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 
@@ -60,6 +61,7 @@ class Scenes:
     motion: (S, K) `prediction.CTRA` (Eq. 4.1; everybody where it is None) or WALKING. Who walks is not bound to a
     heading: inputs are mu, sigma of the acceleration along the heading, then of that across it (left positive)
     [m/s²], kept for 1 s; the velocity is kept after that, and the box keeps its heading.
+    ways: of who drives and is to follow his lane (`resim.assess.risk.ways.ways`), in the continuous mode alone.
     """
 
     plan: Floats
@@ -68,6 +70,7 @@ class Scenes:
     size: Floats
     inputs: Floats
     motion: NDArray[np.uint8] | None = None
+    ways: Ways | None = None
 
     def __post_init__(self) -> None:
         shape = self.state.shape[:2]
@@ -75,6 +78,8 @@ class Scenes:
             "plan": (shape[0], *self.plan.shape[1:2], 4), "ego_size": (shape[0], 2), "state": (*shape, 6),
             "size": (*shape, 2), "inputs": (*shape, 4), "motion": shape,
         }  # fmt: skip
+        if self.ways is not None and self.ways.first.shape != shape:
+            raise ResimError(f"risk: ways are those of {self.ways.first.shape} objects, expected {shape}")
         for name, expected in shapes.items():
             value = getattr(self, name)
             if value is not None and value.shape != expected:
@@ -121,13 +126,22 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
     return sample, weight / weight.sum()
 
 
+def _road(scenes: Scenes) -> tuple[Any, ...]:
+    ways = scenes.ways or Ways.none((scenes.state.shape[0], scenes.state.shape[1]))
+    return tuple(map(np.ascontiguousarray, (ways.points, ways.begin, ways.first, ways.count, ways.s, ways.d)))
+
+
 def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
-    """Give the accident risk of scenes. Raises ResimError where they hold NaN."""
+    """Give the accident risk of scenes. Raises ResimError where they hold NaN, or ways in the published mode."""
     # compiles, or reads what it compiled: only when risk is asked for
     from resim.assess.risk.kernel import kernel
 
     p = parameters
     scenes.known()
+    if scenes.ways is not None and p.mode == "published":
+        raise ResimError(
+            "risk: the published mode knows no road; leave ways out, or take the continuous mode"
+        )
     count = p.samples or (100 if p.mode == "published" else 64)
     sample, weight = _samples(p.mode, count, p.seed)
     number, objects = scenes.state.shape[:2]
@@ -136,7 +150,7 @@ def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
     motion = np.zeros((number, objects), dtype=np.uint8) if scenes.motion is None else scenes.motion
     kernel(
         *map(np.ascontiguousarray, (scenes.plan, scenes.ego_size, scenes.state, scenes.size, scenes.inputs)),
-        motion, sample, weight,
+        motion, *_road(scenes), sample, weight,
         np.array([p.lateral, p.braking, p.forward, p.curvature]), np.array([p.no_return, p.most, p.slope]),
         p.step, p.mode == "continuous", r_to, r_ind, r_dep, collision, ttc, ttr,
     )  # fmt: skip

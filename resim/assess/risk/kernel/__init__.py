@@ -16,7 +16,7 @@ from numba import njit
 
 from resim.assess.risk.kernel.compiled import borrowed
 from resim.assess.risk.kernel.motion import COS, ROWS, SIN, VX, VY, X, Y, ctra
-from resim.assess.risk.kernel.scene import assess
+from resim.assess.risk.kernel.scene import Road, assess
 
 _TEXT = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
 SOURCES = int(hashlib.sha256(_TEXT).hexdigest()[:15], 16)
@@ -26,11 +26,12 @@ def _entries(sources):
     """The functions that are called from outside; numba's cache knows them by what they close over as well."""
 
     @njit(cache=True, error_model="numpy")
-    def kernel(plan, ego_size, state, size, inputs, motion, sample, weight, limits, times, h, swept,
-               r_to, r_ind, r_dep, hits, ttc, ttr):  # fmt: skip
+    def kernel(plan, ego_size, state, size, inputs, motion, points, begin, first, count, at_s, at_d,
+               sample, weight, limits, times, h, swept, r_to, r_ind, r_dep, hits, ttc, ttr):  # fmt: skip
         """Fill the results of all scenes; see `accident_risk`."""
         assess(
             borrowed(plan), borrowed(ego_size), borrowed(state), borrowed(size), borrowed(inputs), borrowed(motion),
+            Road(borrowed(points), borrowed(begin), borrowed(first), borrowed(count), borrowed(at_s), borrowed(at_d)),
             borrowed(sample), borrowed(weight), borrowed(limits), times, h, swept, r_to, r_ind, r_dep, hits, ttc, ttr,
         )  # fmt: skip
         return sources  # the arguments' owners are in Python, and wait

@@ -26,17 +26,24 @@ from resim.assess.risk.kernel.motion import (
     norm,
     walk_samples,
 )
+from resim.assess.risk.kernel.road import TIGHTEST, at_way, bend_samples
 
 WALKING = 1  # as in `prediction`
+ASTRAY = 1.3
+"""How much faster than it drives an object may move where the edge of its road presses it aside."""
 PAD = 7
 """Room behind the samples: columns a power of two apart would share few lines of the processor's cache."""
 
-Work = namedtuple("Work", "paths made s speed samples scratch a b near hint helped table mass")
+Road = namedtuple("Road", "points begin first count s d")
+"""See `resim.assess.risk.ways.Ways`."""
+
+Work = namedtuple("Work", "paths made s speed samples scratch a b share near hint helped table mass")
 """What is reused from scene to scene.
 
 paths: of evasions by begin and option, as far as made; then of the plan, the object's sample and the EGO's turn.
-s, speed: the plan's way [m] and speed [m/s]. samples: of an object, of inputs a and b (N,). near (N,): the first step
-in which a sample is near. table: Eq. 4.6 by time; mass (K, M + 2): an object's probability by time to react.
+s, speed: the plan's way [m] and speed [m/s]. samples: of an object, of inputs a and b (N,), with share (N,) of its
+probability. near (N,): the first step in which a sample is near. table: Eq. 4.6 by time; mass (K, M + 2): an object's
+probability by time to react.
 """
 
 
@@ -46,7 +53,7 @@ def _work(steps, objects, samples, times, h, swept):
     return Work(
         np.full((OPTIONS * points + 3, ROWS, points), np.nan), np.zeros(OPTIONS * points, dtype=np.bool_),
         np.zeros(points), np.empty(points), np.empty((SAMPLED, points, samples + PAD)), np.empty((6, samples + PAD)),
-        np.empty(samples), np.empty(samples), np.empty(samples, dtype=np.int64),
+        np.empty(samples), np.empty(samples), np.empty(samples), np.empty(samples, dtype=np.int64),
         np.empty((OPTIONS, 2), dtype=np.int64), np.zeros(1, dtype=np.int64),
         weights(points, times, h, swept), np.empty((objects, points + 1)),
     )  # fmt: skip
@@ -78,6 +85,46 @@ def _predict(w, state, walks, count, h, swept):
         walk_samples(x, y, cos, sin, v, w.a, w.b, count, h, w.samples)
     else:
         ctra_samples(x, y, cos, sin, v, w.a, w.b, count, h, swept, w.scratch, w.samples)
+
+
+@compiled
+def _predict_on(w, road, n, k, state, half, count, h):
+    """The same for object k of scene n, which has ways; half: its half width [m]."""
+    first, s, d = road.first[n, k], road.s[n, k], road.d[n, k]
+    _, _, c, sn, bend, _, _ = at_way(road.points, road.begin[first], road.begin[first + 1], s)
+    heading, v = state[2] - math.atan2(sn, c), state[3]
+    for i in range(count):
+        w.b[i] -= bend * v / max(1.0 - bend * d, TIGHTEST)  # what the lane turns at this speed
+    ctra_samples(
+        0.0, 0.0, math.cos(heading), math.sin(heading), v, w.a, w.b, count, h, True, w.scratch, w.samples
+    )  # fmt: skip
+    bend_samples(road.points, road.begin, first, road.count[n, k], s, d, half, count, w.samples)
+
+
+@compiled
+def _share(weight, ways, out):
+    """Fill out with the weights (N,) of the samples of an object, such that each of its ways has the same share."""
+    count, begin = len(weight), 0
+    for way in range(ways):
+        end = count if way == ways - 1 else -(-(way + 1) * count // ways)
+        share = 1.0 if ways == 1 else 1.0 / (ways * weight[begin:end].sum())
+        for i in range(begin, end):
+            out[i] = share * weight[i]
+        begin = end
+
+
+@compiled
+def _far_off(w, state, h, reach, fastest):
+    """Whether an object stays out of reach however it goes."""
+    paths, s, plan = w.paths, w.s, len(w.made)
+    for j in range(len(s)):
+        sway = s[j] - s[j - 1] if j > 0 else 0.0
+        if (
+            norm(paths[plan, X, j] - state[0], paths[plan, Y, j] - state[1])
+            < reach + sway + fastest * (j + 1) * h
+        ):
+            return False
+    return True
 
 
 @inlined
@@ -139,23 +186,34 @@ def _first_contact(paths, plan, one, near, radius, el, ew, tl, tw, swept):
 
 
 @compiled
-def _object(w, k, state, size, ego_size, inputs, walks, sample, weight, limits, h, swept):
+def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight, limits, h, swept):
     """Risk, probability of contact, shortest TTC and TTR [s] of object k; its mass by time to react into w.mass."""
     risk = hits = 0.0
     ttc = ttr = FREE
     el, ew, tl, tw = 0.5 * ego_size[0], 0.5 * ego_size[1], 0.5 * size[0], 0.5 * size[1]
     own, radius = norm(el, ew), norm(tl, tw)
     fastest = _fastest(state[3], inputs, walks, h * (len(w.s) - 1))
-    if _out_of_reach(w, state, inputs, walks, h, swept, own + radius, fastest):
+    on_way = road.count[n, k] > 0 and not walks
+    if on_way:
+        fastest *= ASTRAY
+        rejected = _far_off(w, state, h, own + radius, fastest)
+    else:
+        rejected = _out_of_reach(w, state, inputs, walks, h, swept, own + radius, fastest)
+    if rejected:
         return risk, hits, ttc, ttr
     for i in range(len(weight)):
         w.a[i] = inputs[0] + 3.0 * inputs[1] * sample[i, 0]
         w.b[i] = inputs[2] + 3.0 * inputs[3] * sample[i, 1]
-    _predict(w, state, walks, len(weight), h, swept)
+    if on_way:
+        _predict_on(w, road, n, k, state, tw, len(weight), h)
+    else:
+        _predict(w, state, walks, len(weight), h, swept)
     paths, made, samples, near, hint, helped, s, speed = (
         w.paths, w.made, w.samples, w.near, w.hint, w.helped, w.s, w.speed
     )  # fmt: skip
     plan, one = len(made), len(made) + 1
+    _share(weight, road.count[n, k] if on_way else 1, w.share)
+    share = w.share
     _find_near(samples, near, paths, plan, s, speed, h, swept, own + radius, fastest)
     for i in range(len(weight)):
         if near[i] == NONE:
@@ -167,10 +225,10 @@ def _object(w, k, state, size, ego_size, inputs, walks, sample, weight, limits, 
         found = last_evasion(
             paths, made, hint, helped, s, speed, int(contact), corner, own, el, ew, tl, tw, limits, h, swept
         )
-        hits += weight[i]
+        hits += share[i]
         ttc, ttr = min(ttc, contact * h), min(ttr, max(found, 0) * h)
-        risk += weight[i] * w.table[found + 1]
-        w.mass[k, found + 1] += weight[i]
+        risk += share[i] * w.table[found + 1]
+        w.mass[k, found + 1] += share[i]
     return risk, hits, ttc, ttr
 
 
@@ -179,13 +237,14 @@ def _shared(w):
     """The same arrays, which only `w` keeps alive."""
     return Work(
         borrowed(w.paths), borrowed(w.made), borrowed(w.s), borrowed(w.speed), borrowed(w.samples),
-        borrowed(w.scratch), borrowed(w.a), borrowed(w.b), borrowed(w.near), borrowed(w.hint), borrowed(w.helped),
+        borrowed(w.scratch), borrowed(w.a), borrowed(w.b), borrowed(w.share), borrowed(w.near),
+        borrowed(w.hint), borrowed(w.helped),
         borrowed(w.table), borrowed(w.mass),
     )  # fmt: skip
 
 
 @compiled
-def assess(plan, ego_size, state, size, inputs, motion, sample, weight, limits, times, h, swept,
+def assess(plan, ego_size, state, size, inputs, motion, road, sample, weight, limits, times, h, swept,
            r_to, r_ind, r_dep, hits, ttc, ttr):  # fmt: skip
     """Fill the results of all scenes; see `accident_risk`."""
     scenes, objects = state.shape[0], state.shape[1]
@@ -204,7 +263,7 @@ def assess(plan, ego_size, state, size, inputs, motion, sample, weight, limits, 
                 _begin(w, plan, n, 0.5 * norm(ego_size[n, 0], ego_size[n, 1]), h, swept)
                 ready = True
             r_to[n, k], hits[n, k], ttc[n, k], ttr[n, k] = _object(
-                w, k, state[n, k], size[n, k], ego_size[n], inputs[n, k], motion[n, k] == WALKING,
+                w, road, n, k, state[n, k], size[n, k], ego_size[n], inputs[n, k], motion[n, k] == WALKING,
                 sample, weight, limits, h, swept,
             )  # fmt: skip
             dangerous += r_to[n, k] > 0.0
