@@ -7,7 +7,7 @@ import pytest
 
 from resim.assess.risk import PUBLISHED, Parameters, Scenes, accident_risk
 from resim.assess.risk.prediction import WALKING
-from resim.assess.risk.ways import Ways, ways
+from resim.assess.risk.ways import Ways, _resampled, ways
 from resim.core.errors import ResimError
 from resim.road.opendrive import load
 
@@ -16,9 +16,9 @@ CURVE, ENTRY, STRAIGHT = 1450.0, 1740.0, 1950.0
 """Stations of the proving ground's road 1: in its curve, where oncoming traffic enters it, and where it is straight."""
 
 
-def driven(network, lane, s, v, *, t=0.0, steps=40):
+def driven(network, lane, s, v, *, t=0.0, steps=40, step=0.1):
     """The plan (M + 1, 4) of who drives along a lane of road 1, t to the left of its centre."""
-    at = s + v * 0.1 * np.arange(steps + 1)
+    at = s + v * step * np.arange(steps + 1)
     x, y = network.to_xy("1", lane, at, t)
     return np.stack([x, y, network.lane_heading("1", lane, at), np.full(len(at), v)], axis=1)
 
@@ -198,3 +198,39 @@ def test_order_of_objects_changes_nothing(network):
     ]
     (_, one), (_, other) = both(network, plan, *states), both(network, plan, *states[::-1])
     np.testing.assert_allclose(one.r_to[0], other.r_to[0, ::-1], atol=1e-12)
+
+
+def test_a_measured_map_bends_no_more_than_its_road():
+    """5 cm of noise in every metre of a straight lane, as roads made from recordings have it."""
+    rng, x = np.random.default_rng(1), np.arange(200.0)
+    y = rng.normal(0.0, 0.05, 200)
+    width = np.full(200, 1.75)
+    points = _resampled((x, y, np.arctan2(np.gradient(y), 1.0), width, width))
+    assert np.abs(points[15:-15, 4]).max() < 0.002
+    assert np.abs(points[15:-15, 3]).max() < 0.02
+
+
+def test_contact_on_ways_is_not_missed_by_coarse_steps(network):
+    rng = np.random.default_rng(6)
+    for s in rng.uniform(1250.0, 1700.0, 8):
+        v, speed = rng.uniform(15.0, 25.0), rng.uniform(6.0, 14.0)
+        states = [
+            on(network, -2, s + rng.uniform(8.0, 25.0), speed, turned=0.05, rate=speed * 0.0025),
+            on(network, 1, s + 90.0, speed, turned=rng.uniform(0.0, 0.06)),
+        ]
+        state = np.array([states])
+        size, inputs = (
+            np.broadcast_to(CAR, (1, 2, 2)).copy(),
+            PUBLISHED.inputs(*np.moveaxis(state[..., 3:6], -1, 0)),
+        )
+        known = ways(network, state, size, horizon=4.0)
+        coarse, fine = (
+            accident_risk(
+                Scenes(plan[None], np.array([CAR]), state, size, inputs, ways=known), Parameters(step=0.1 / part)
+            )
+            for part, plan in (
+                (1, driven(network, -1, s, v)), (10, driven(network, -1, s, v, steps=400, step=0.01)),
+            )
+        )  # fmt: skip
+        assert (coarse.collision >= fine.collision - 0.01).all()
+        np.testing.assert_allclose(coarse.r_ind, fine.r_ind, atol=0.02)

@@ -1,7 +1,8 @@
-"""Times the accident risk against the published algorithm in plain Python: python tools/bench/risk.py.
+"""Times the accident risk: python tools/bench/risk.py [../shared/data].
 
-8 critical objects a scene. speedup: plain over compiled at equal samples, published mode, whose values are
-compared. Prints a table, and as the last line a JSON object with its figures.
+Made scenes of 8 critical objects each, against the published algorithm in plain Python at equal samples, whose values
+are compared; then real traffic, a drive at 10 Hz with the 8 nearest objects: how many times faster than real time.
+Prints a table, and as the last line a JSON object with its figures.
 """
 
 from __future__ import annotations
@@ -9,19 +10,28 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from resim.assess.assessment import MEASURES
-from resim.assess.criticality import Pairs
+from resim.assess.drive import drive
 from resim.assess.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.assess.risk.ways import ways
+from resim.ingest import Recording, read_commonroad, read_recording
+from resim.pipeline.run import describe_recording
+from resim.road.opendrive import RoadNetwork, load
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from assess import plain
+from validate_real import candidates
 
+SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 CAR = (4.7, 1.9)
-OBJECTS, MANY, REPEAT = 8, 400, 5
+OBJECTS, MANY, REPEAT = 8, 400, 7
+COMPARED = Parameters(mode="published", samples=32)
 
 
 def scenes(count: int, seed: int = 1) -> Scenes:
@@ -59,30 +69,76 @@ def seconds(made: Scenes, parameters: Parameters) -> float:
     return min(times)
 
 
-def main() -> int:
-    made, published = scenes(MANY), Parameters(mode="published", samples=32)
-    rates = {
-        "scenes_per_s": MANY / seconds(made, published),
-        "scenes_per_s_continuous": MANY / seconds(made, Parameters()),
-        "scenes_per_s_benign": MANY / seconds(benign(MANY), Parameters()),
+def nearest(made: Scenes, count: int = OBJECTS) -> Scenes:
+    """Give the scenes with the objects that are nearest to the EGO alone."""
+    apart = np.hypot(*np.moveaxis(made.state[..., :2] - made.plan[:, :1, :2], -1, 0))
+    order = np.argsort(np.where(made.size[..., 0] > 0.0, apart, np.inf), axis=1)[:, :count]
+    picked = {
+        name: np.take_along_axis(getattr(made, name), order[..., None], axis=1)
+        for name in ("state", "size", "inputs")
     }
+    motion = None if made.motion is None else np.take_along_axis(made.motion, order, axis=1)
+    return replace(made, **picked, motion=motion)
+
+
+def traffic(recording: Recording, network: RoadNetwork) -> Scenes:
+    """Give the scenes of a recording at 10 Hz with the nearest objects."""
+    scenario = describe_recording(recording, network)["GT"]
+    t = scenario.ego.spawn_time + np.arange(0.0, scenario.duration, 0.1)
+    return nearest(drive(scenario.tracks(network, np.round(t, 9)), ego=scenario.ego.id).scenes)
+
+
+def real(data: Path) -> Iterator[tuple[str, Scenes, RoadNetwork]]:
+    """Drives of the repository and, where the data are there, of US-101."""
+    for folder in ("overtake", "cut_in_brake"):
+        recording = read_recording(SCENARIOS / folder)
+        network = load(recording.map)
+        yield folder, traffic(recording, network), network
+    xml = data / "ngsim" / "USA_US101-5_1_T-1.xml"
+    if xml.is_file():
+        road = xml.with_suffix(".xodr")
+        network = load(road)
+        recording = read_commonroad(xml, map=road, ego=candidates(xml, 1)[0])
+        yield "us101_5", traffic(recording, network), network
+
+
+def against_plain(rate: float) -> dict[str, float]:
+    """How many times faster than plain Python `rate` [scenes/s] is, and how far values are apart."""
     one = scenes(1)
     sample = np.random.default_rng(0).uniform(-1.0, 1.0, (32, 2))
-    begin = time.perf_counter()
     objects = [(tuple(s), CAR) for s in one.state[0]]
+    begin = time.perf_counter()
     r_to, r_ind, _, _ = plain.risk([tuple(p) for p in one.plan[0]], CAR, objects, one.inputs[0], sample, 0.1)
     slow = time.perf_counter() - begin
-    found = accident_risk(one, published)
-    rates["speedup"] = slow * rates["scenes_per_s"]
-    rates["largest_difference"] = float(max(np.abs(found.r_to[0] - r_to).max(), abs(found.r_ind[0] - r_ind)))
-    rates["critical_objects"] = float((accident_risk(made).r_to > 0.0).sum(axis=1).mean())
+    found = accident_risk(one, COMPARED)
+    return {
+        "plain_s_per_scene": slow,
+        "speedup": slow * rate,
+        "largest_difference": float(max(np.abs(found.r_to[0] - r_to).max(), abs(found.r_ind[0] - r_ind))),
+    }
+
+
+def main() -> int:
+    made = scenes(MANY)
+    rates = {
+        "scenes_per_s": MANY / seconds(made, COMPARED),
+        "scenes_per_s_continuous": MANY / seconds(made, Parameters()),
+        "scenes_per_s_benign": MANY / seconds(benign(MANY), Parameters()),
+        "critical_objects": float((accident_risk(made).r_to > 0.0).sum(axis=1).mean()),
+    }
+    rates |= against_plain(rates["scenes_per_s"])
     rates["faster_than_real_time_at_10_hz"] = rates["scenes_per_s_continuous"] / 10.0
-    pairs = Pairs.of(made, 0.1)
-    for name, measure in MEASURES.items():
+    for name, some, network in real(Path(sys.argv[1] if len(sys.argv) > 1 else "../shared/data")):
+        span = 0.1 * len(some.state)
         begin = time.perf_counter()
-        measure(pairs)
-        rates[f"{name}_scenes_per_s"] = MANY / (time.perf_counter() - begin)
-    print(f"plain Python: {slow:.1f} s a scene of {OBJECTS} objects, 32 samples each")
+        lanes = ways(network, some.state, some.size, horizon=4.0)
+        rates[f"{name}_ways_s"] = time.perf_counter() - begin
+        rates[f"{name}_published"] = span / seconds(some, Parameters(mode="published"))
+        rates[f"{name}_continuous"] = span / seconds(some, Parameters())
+        rates[f"{name}_with_ways"] = span / seconds(replace(some, ways=lanes), Parameters())
+    print(
+        "of real drives: times faster than real time, 10 Hz with the 8 nearest objects; s to find their ways"
+    )
     for name, value in rates.items():
         print(f"{name:32} {value:12.4g}")
     print(json.dumps(rates))

@@ -28,6 +28,8 @@ Ints = NDArray[np.int64]
 
 STEP = 1.0
 """Distance [m] of a way's points."""
+LOOK = 10.0
+"""To how many metres behind and ahead of a place its heading and curvature are meant."""
 MOST = 8
 """Ways on from one lane; where it leads into more, the first that the file names."""
 HARDEST = 4.0
@@ -198,10 +200,21 @@ def _resampled(line: Sampled) -> Floats:
         heading, left, right = (np.repeat(column, 2) for column in (heading, left, right))
     along = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
     s = np.arange(0.0, max(along[-1], STEP) + 1e-9, STEP)
-    turn = np.interp(s, along, np.unwrap(heading))
-    columns = [np.interp(s, along, x), np.interp(s, along, y), np.cos(turn), np.sin(turn)]
-    columns += [np.gradient(turn, STEP), np.interp(s, along, left), np.interp(s, along, right)]
-    return np.stack(columns, axis=1)
+    px, py, turn = (np.interp(s, along, column) for column in (x, y, np.unwrap(heading)))
+    turn, bend = _smooth(px, py, turn)
+    room = [np.interp(s, along, column) for column in (left, right)]
+    return np.stack([px, py, np.cos(turn), np.sin(turn), bend, *room], axis=1)
+
+
+def _smooth(x: Floats, y: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    """Heading and curvature (K,) as a driver sees them, over LOOK [m] to either side; measured maps have noise."""
+    at, last = np.arange(len(x)), len(x) - 1
+    half = np.minimum(np.minimum(at, last - at), round(LOOK / STEP))
+    dx, dy = x[at + half] - x[at - half], y[at + half] - y[at - half]
+    chord = np.where(half > 0, np.arctan2(dy, dx), heading)
+    turn: Floats = np.asarray(np.unwrap(chord), dtype=np.float64)
+    low, high = np.maximum(at - round(LOOK / STEP), 0), np.minimum(at + round(LOOK / STEP), last)
+    return turn, (turn[high] - turn[low]) / (STEP * np.maximum(high - low, 1))
 
 
 def _as_path(points: Floats) -> Path:
