@@ -13,7 +13,7 @@ from resim.assess.criticality.measure import Measure, States, stated
 from resim.assess.criticality.pairs import Pair, Pairs
 from resim.assess.criticality.times import planned_contact
 from resim.assess.risk import DEFAULTS, Parameters
-from resim.core.geometry import Bools, Floats
+from resim.core.geometry import Bools, Floats, to_frame
 
 HALVINGS = 12
 COARSE, MOST = 1.0, 20.0  # m/s²; DRAC is looked for in steps of COARSE up to MOST, then bisected
@@ -128,7 +128,8 @@ def drac(pairs: Pairs) -> Measure:
     DRAC = (v_follow - v_lead)² / (2 d) (Cooper and Ferguson 1976) where one follows the other. In general: the EGO
     brakes from now along its plan's path, the object goes straight on at its present velocity; followed for two
     horizons, as a contact at d / v_rel is put off by braking to at most twice that. inf where no deceleration up to
-    20 m/s² avoids (oncoming, boxes that touch); NO_CONFLICT where TTC has none.
+    20 m/s² avoids (oncoming, boxes that touch), but NOT_DEFINED for who comes from behind: braking is no answer to
+    him. NO_CONFLICT where TTC has none.
     """
     return pairs.measured("DRAC", "m/s²", "high", _drac, columns=4)
 
@@ -155,4 +156,6 @@ def _drac(p: Pair) -> tuple[Floats, States]:
         good = avoids(rows, middle)
         low, high = np.where(good, low, middle), np.where(good, middle, high)
     need[rows] = high
-    return stated(need, conflict=conflict)
+    ahead, _ = to_frame(p.state[:, 0], p.state[:, 1], p.plan[:, 0, 0], p.plan[:, 0, 1], p.plan[:, 0, 2])
+    chased = (ahead < 0.0) & np.isinf(need) & (at > 0.0)
+    return stated(need, conflict=conflict, defined=~chased)
