@@ -1,0 +1,298 @@
+"""The perception model as a file: from true objects to perceived ones, by named parameters in SI units.
+
+Object level, fused lists. Errors are perceived minus true, in the EGO's frame (x forward, y left of its box centre):
+longitudinal and lateral position, speed over ground, heading, length, width. Features of an object: range [m] between
+box centres; bearing [rad], to the left positive; relative speed [m/s], the object's speed along the EGO's heading minus
+the EGO's; acceleration [m/s²] along the object's heading.
+"""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from resim.core.errors import InputError
+from resim.core.files import read_file
+
+QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
+"""What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
+FEATURES = ("range", "bearing", "relative_speed", "acceleration")
+MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
+
+Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
+Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+
+REMEDY = "`resim perception train` writes such files; adfunc/perception/ has some."
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class Latency(_Part):
+    """How late [s] what is perceived is: positions, speeds and headings of objects are those of so long ago."""
+
+    position: NotNegative = 0.0
+    speed: NotNegative = 0.0
+    heading: NotNegative = 0.0
+
+
+class Averaging(_Part):
+    """Time [s] over which a perceived value is the mean of the true one, centred at its latency.
+
+    At most twice the latency: nothing is known before it happens.
+    """
+
+    speed: NotNegative = 0.0
+    heading: NotNegative = 0.0
+
+
+class Response(_Part):
+    """A bias: constant + range r + bearing b + relative_speed dv + acceleration a, in the unit of the quantity."""
+
+    constant: float = 0.0
+    range: float = 0.0
+    bearing: float = 0.0
+    relative_speed: float = 0.0
+    acceleration: float = 0.0
+
+
+class Spread(_Part):
+    """A standard deviation: constant exp(range r + bearing |b| + relative_speed |dv| + acceleration |a|)."""
+
+    constant: NotNegative = 0.0
+    range: float = 0.0
+    bearing: float = 0.0
+    relative_speed: float = 0.0
+    acceleration: float = 0.0
+
+
+class Error(_Part):
+    """The error of one quantity: bias, plus a drift correlated over correlation_time [s], plus white noise."""
+
+    bias: Response = Response()
+    drift: Spread = Spread()
+    correlation_time: Positive = 1.0
+    noise: Spread = Spread()
+
+
+class Errors(_Part):
+    """The errors of all quantities. coupling: (6, 6) correlation of the drifts, in the order of QUANTITIES."""
+
+    longitudinal: Error = Error()
+    lateral: Error = Error()
+    speed: Error = Error()
+    heading: Error = Error()
+    length: Error = Error()
+    width: Error = Error()
+    coupling: tuple[tuple[float, ...], ...] | None = None
+
+
+class Objects(_Part):
+    """How objects are perceived that are detected."""
+
+    latency: Latency = Latency()
+    averaging: Averaging = Averaging()
+    errors: Errors = Errors()
+
+    @model_validator(mode="after")
+    def _causal(self) -> Objects:
+        for name in ("speed", "heading"):
+            if getattr(self.averaging, name) > 2.0 * getattr(self.latency, name) + 1e-9:
+                raise ValueError(f"averaging.{name}: expected at most twice latency.{name}")
+        return self
+
+
+class Detection(_Part):
+    """Loss and regain of objects: rates [1/s] of a Markov chain, by bins of range, |bearing| and occlusion.
+
+    Edges: increasing, one more than bins; the outer bins reach beyond them. occlusion: share of the object's angle,
+    seen from the EGO's centre, that nearer objects cover. loss, gain: [range][bearing][occlusion]. An object is
+    detected at first with the probability gain / (gain + loss). Without bins everything is always detected.
+    """
+
+    range_edges: tuple[float, ...] = ()
+    bearing_edges: tuple[float, ...] = ()
+    occlusion_edges: tuple[float, ...] = ()
+    loss: tuple[tuple[tuple[NotNegative, ...], ...], ...] = ()
+    gain: tuple[tuple[tuple[NotNegative, ...], ...], ...] = ()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Detection:
+        shape = [max(len(e) - 1, 0) for e in (self.range_edges, self.bearing_edges, self.occlusion_edges)]
+        for edges in (self.range_edges, self.bearing_edges, self.occlusion_edges):
+            if any(b <= a for a, b in pairwise(edges)):
+                raise ValueError("edges: expected increasing numbers")
+        for name in ("loss", "gain"):
+            table = getattr(self, name)
+            if len(table) != shape[0] or any(
+                len(row) != shape[1] or any(len(cell) != shape[2] for cell in row) for row in table
+            ):
+                raise ValueError(
+                    f"{name}: expected {shape[0]} x {shape[1]} x {shape[2]} rates, as the edges have bins"
+                )
+        return self
+
+
+class FieldOfView(_Part):
+    """What can be seen: range [m] and half the opening angle [rad] around straight ahead; None: no end to it."""
+
+    range: Positive | None = None
+    bearing: Positive | None = None
+
+
+class Update(_Part):
+    """Time [s] between two lists (0: one whenever the function asks), and the standard deviation of it.
+
+    Between two lists the last one stands, its objects where they were in the map.
+    """
+
+    period: NotNegative = 0.0
+    jitter: NotNegative = 0.0
+
+
+class FalseObjects(_Part):
+    """Objects that are not there: rate [1/s] at which they appear, mean lifetime [s], and where and how fast they are.
+
+    Range [m] and |bearing| [rad] are uniform up to their limits; speed over ground [m/s] is normal, along the EGO's
+    heading, and kept. length, width: m.
+    """
+
+    rate: NotNegative = 0.0
+    lifetime: Positive = 0.5
+    range: Positive = 80.0
+    bearing: Positive = 0.5
+    speed: float = 0.0
+    speed_spread: NotNegative = 0.0
+    length: Positive = 4.7
+    width: Positive = 1.9
+
+
+class Own(_Part):
+    """One error of the EGO's own state: bias, drift with its correlation_time [s], white noise; standard deviations."""
+
+    bias: float = 0.0
+    drift: NotNegative = 0.0
+    correlation_time: Positive = 1.0
+    noise: NotNegative = 0.0
+
+
+class Localisation(_Part):
+    """Errors of the EGO's own state: longitudinal and lateral [m] in its frame, heading [rad], speed [m/s]."""
+
+    longitudinal: Own = Own()
+    lateral: Own = Own()
+    heading: Own = Own()
+    speed: Own = Own()
+
+
+class Validity(_Part):
+    """The states that the model was trained on: least and largest of each feature, and of the EGO's speed [m/s]."""
+
+    range: tuple[float, float] | None = None
+    bearing: tuple[float, float] | None = None
+    relative_speed: tuple[float, float] | None = None
+    acceleration: tuple[float, float] | None = None
+    ego_speed: tuple[float, float] | None = None
+
+
+class Estimate(_Part):
+    """One trained parameter: its value, the confidence interval (95 %), and how many samples stand behind it."""
+
+    value: float
+    low: float
+    high: float
+    samples: int
+
+
+class Training(_Part):
+    """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter."""
+
+    sources: dict[str, str]
+    drives: int
+    matched: int
+    estimates: dict[str, Estimate]
+
+
+class PerceptionModel(_Part):
+    """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with data enough.
+
+    id_switch: 1/s, at which a detected object gets another id.
+    """
+
+    schema_: Literal["resim-perception-1"] = Field(default="resim-perception-1", alias="schema")
+    name: str = Field(min_length=1)
+    provenance: str = ""
+    latency: Latency = Latency()
+    averaging: Averaging = Averaging()
+    errors: Errors = Errors()
+    maneuvers: dict[Maneuver, Objects] = {}
+    detection: Detection = Detection()
+    field_of_view: FieldOfView = FieldOfView()
+    update: Update = Update()
+    id_switch: NotNegative = 0.0
+    false_objects: FalseObjects = FalseObjects()
+    ego: Localisation = Localisation()
+    validity: Validity = Validity()
+    training: Training | None = None
+
+    @property
+    def pooled(self) -> Objects:
+        """How objects are perceived in a maneuver that has no parameters of its own."""
+        return Objects(latency=self.latency, averaging=self.averaging, errors=self.errors)
+
+    @model_validator(mode="after")
+    def _causal(self) -> PerceptionModel:
+        assert self.pooled
+        return self
+
+
+def read_model(path: Path, overrides: tuple[str, ...] = ()) -> PerceptionModel:
+    """Read a model. overrides: "latency.speed=0.4" and the like. Raises InputError naming every fault."""
+    raw = read_file(path, REMEDY)
+    try:
+        data = json.loads(raw.decode("utf-8"))
+    except (ValueError, RecursionError) as e:
+        raise InputError(path, f"is not JSON ({e})", REMEDY) from e
+    for override in overrides:
+        _override(data, override)
+    try:
+        return PerceptionModel.model_validate(data)
+    except ValidationError as e:
+        faults = "; ".join(
+            f"{'.'.join(map(str, f['loc'])) or 'the whole'}: {f['msg']}, found {str(f['input'])[:60]!r}"
+            for f in e.errors()
+        )
+        raise InputError(path, faults, REMEDY) from e
+
+
+def write_model(model: PerceptionModel, path: Path) -> None:
+    """Write a model; the same model gives the same bytes."""
+    text = model.model_dump_json(by_alias=True, indent=2, exclude_defaults=False)
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def _override(data: Any, override: str) -> None:
+    """Set one parameter by its dotted name."""
+    name, sign, text = override.partition("=")
+    remedy = "Name a parameter and its number, such as latency.speed=0.4."
+    try:
+        value = json.loads(text)
+    except ValueError:
+        value = None
+    if not sign or not isinstance(value, int | float) or isinstance(value, bool):
+        raise InputError("--set", f"{override!r} sets no number", remedy)
+    *parents, last = name.strip().split(".")
+    for parent in parents:
+        if not isinstance(data, dict):
+            raise InputError("--set", f"there is no parameter {name!r}", remedy)
+        data = data.setdefault(parent, {})
+    if not isinstance(data, dict):
+        raise InputError("--set", f"there is no parameter {name!r}", remedy)
+    data[last] = value
