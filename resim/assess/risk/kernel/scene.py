@@ -72,7 +72,7 @@ def _begin(w, plan_in, n, radius, h, swept):
         paths[plan, X, j], paths[plan, Y, j], paths[plan, COS, j], paths[plan, SIN, j] = x, y, cos, sin
         paths[plan, VX, j], paths[plan, VY, j] = v * cos * h, v * sin * h
     if swept:
-        finish(paths, plan, 0, radius)
+        finish(paths, plan, np.int64(0), radius)
     w.made[:] = False
 
 
@@ -88,7 +88,7 @@ def _predict(w, state, walks, count, h, swept):
 
 
 @compiled
-def _predict_on(w, road, n, k, state, half, count, h):
+def _predict_on(w, road, n, k, state, half, count, h, swept):
     """The same for object k of scene n, which has ways; half: its half width [m]."""
     first, s, d = road.first[n, k], road.s[n, k], road.d[n, k]
     _, _, c, sn, bend, _, _ = at_way(road.points, road.begin[first], road.begin[first + 1], s)
@@ -96,7 +96,7 @@ def _predict_on(w, road, n, k, state, half, count, h):
     for i in range(count):
         w.b[i] -= bend * v / max(1.0 - bend * d, TIGHTEST)  # what the lane turns at this speed
     ctra_samples(
-        0.0, 0.0, math.cos(heading), math.sin(heading), v, w.a, w.b, count, h, True, w.scratch, w.samples
+        0.0, 0.0, math.cos(heading), math.sin(heading), v, w.a, w.b, count, h, swept, w.scratch, w.samples
     )  # fmt: skip
     bend_samples(road.points, road.begin, first, road.count[n, k], s, d, half, count, w.samples)
 
@@ -138,7 +138,7 @@ def _fastest(v, inputs, walks, horizon):
 def _out_of_reach(w, state, inputs, walks, h, swept, reach, fastest):
     """Whether no sample can touch: the mean path is farther off than samples stray from it and boxes reach."""
     w.a[0], w.b[0] = inputs[0], inputs[2]
-    _predict(w, state, walks, 1, h, swept)
+    _predict(w, state, walks, np.int64(1), h, swept)  # as a literal it would be compiled once more
     paths, samples, s, plan = w.paths, w.samples, w.s, len(w.made)
     spread = 1.5 * (inputs[1] + (inputs[3] if walks else fastest * inputs[3]))
     sway = 0.0
@@ -179,7 +179,7 @@ def _pick(samples, i, rows, paths, p):
 def _first_contact(paths, plan, one, near, radius, el, ew, tl, tw, swept):
     """When the plan and a sample first touch, in steps, -1 if never, and the corner that does."""
     if swept:
-        finish(paths, one, 0, radius)
+        finish(paths, one, np.int64(0), radius)
         return first_swept(paths, plan, one, near, el, ew, tl, tw), -1
     first, corner = first_at_times(paths, plan, one, near, el, ew, tl, tw)
     return float(first), corner
@@ -205,7 +205,7 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
         w.a[i] = inputs[0] + 3.0 * inputs[1] * sample[i, 0]
         w.b[i] = inputs[2] + 3.0 * inputs[3] * sample[i, 1]
     if on_way:
-        _predict_on(w, road, n, k, state, tw, len(weight), h)
+        _predict_on(w, road, n, k, state, tw, len(weight), h, swept)
     else:
         _predict(w, state, walks, len(weight), h, swept)
     paths, made, samples, near, hint, helped, s, speed = (
