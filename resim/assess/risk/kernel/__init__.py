@@ -43,7 +43,7 @@ def _entries(sources):
         path = np.empty((1, ROWS, steps + 1))
         for n in range(state.shape[0]):
             x, y, heading, v, a, rate = state[n]
-            ctra(x, y, math.cos(heading), math.sin(heading), v, a, rate, h, path, 0)
+            ctra(x, y, math.cos(heading), math.sin(heading), v, a, rate, h, bool(1), path, np.int64(0))
             for j in range(steps + 1):
                 cos, sin = path[0, COS, j], path[0, SIN, j]
                 out[n, j, 0], out[n, j, 1], out[n, j, 2] = path[0, X, j], path[0, Y, j], math.atan2(sin, cos)

@@ -65,7 +65,7 @@ def evade(paths, plan, s, speed, arc, j, option, limits, h, out):
         return
     if paths[arc, VX, 0] != v * h:
         rate = min(limits[0] / v, limits[3] * v) if v > 1e-6 else 0.0
-        ctra(0.0, 0.0, 1.0, 0.0, v, 0.0, rate, h, paths, arc)
+        ctra(0.0, 0.0, 1.0, 0.0, v, 0.0, rate, h, bool(1), paths, arc)
     _turn(paths, plan, arc, j, 1.0 if option == LEFT else -1.0, out)
 
 

@@ -66,11 +66,11 @@ def halt(v, a, h, last):
 
 
 @compiled
-def ctra(x, y, cos, sin, v, a, rate, h, paths, p):
-    """Fill rows X to VY of path p with constant turn rate and acceleration (Eq. 4.1) until it stops, if it does."""
+def ctra(x, y, cos, sin, v, a, rate, h, stops, paths, p):
+    """Fill rows X to VY of path p with constant turn rate and acceleration (Eq. 4.1); stops: as `ctra_samples`."""
     c, s, r0, i0, r1, i1 = turning(rate, h)
     last = paths.shape[2] - 1
-    stop, part = halt(v, a, h, last)
+    stop, part = halt(v, a, h, last) if stops else (last + 1, 0.0)
     for j in range(last + 1):
         paths[p, X, j], paths[p, Y, j], paths[p, COS, j], paths[p, SIN, j] = x, y, cos, sin
         paths[p, VX, j], paths[p, VY, j] = v * cos * h, v * sin * h

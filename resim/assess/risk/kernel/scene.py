@@ -21,6 +21,7 @@ from resim.assess.risk.kernel.motion import (
     VY,
     X,
     Y,
+    ctra,
     ctra_samples,
     finish,
     norm,
@@ -137,13 +138,19 @@ def _fastest(v, inputs, walks, horizon):
 @compiled
 def _out_of_reach(w, state, inputs, walks, h, swept, reach, fastest):
     """Whether no sample can touch: the mean path is farther off than samples stray from it and boxes reach."""
-    w.a[0], w.b[0] = inputs[0], inputs[2]
-    _predict(w, state, walks, np.int64(1), h, swept)  # as a literal it would be compiled once more
-    paths, samples, s, plan = w.paths, w.samples, w.s, len(w.made)
+    paths, s, plan = w.paths, w.s, len(w.made)
+    mean = plan + 1
+    if walks:
+        w.a[0], w.b[0] = inputs[0], inputs[2]
+        _predict(w, state, walks, np.int64(1), h, swept)  # as a literal it would be compiled once more
+        _pick(w.samples, 0, np.int64(VX), paths, mean)
+    else:
+        x, y, heading, v = state[0], state[1], state[2], state[3]
+        ctra(x, y, math.cos(heading), math.sin(heading), v, inputs[0], inputs[2], h, swept, paths, mean)
     spread = 1.5 * (inputs[1] + (inputs[3] if walks else fastest * inputs[3]))
     sway = 0.0
     for j in range(len(s)):
-        dx, dy = paths[plan, X, j] - samples[X, j, 0], paths[plan, Y, j] - samples[Y, j, 0]
+        dx, dy = paths[plan, X, j] - paths[mean, X, j], paths[plan, Y, j] - paths[mean, Y, j]
         if j > 0:  # how far both may have come nearer within the step
             sway = s[j] - s[j - 1] + fastest * h
         far = reach + spread * (j * h) ** 2 + sway
