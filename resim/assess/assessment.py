@@ -91,6 +91,7 @@ class Assessment:
             "t": drive.t.tolist(),
             "path": list(drive.path),
             "prediction": drive.prediction,
+            "road_aware": drive.scenes.ways is not None,
             "measures": {
                 name: {i: _numbers(value) for i, value, _, _ in self._columns(m)} for name, m in self.measures.items()
             },

@@ -10,9 +10,11 @@ import numpy as np
 
 from resim.assess.risk import DEFAULTS, Parameters, Risk, Scenes, accident_risk
 from resim.assess.risk.prediction import Prediction, prediction
+from resim.assess.risk.ways import ways
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.tracks import Tracks
+from resim.road.opendrive import RoadNetwork
 
 Path = Literal["plan", "state", "driven"]
 """Where the EGO's path comes from: its recorded plan, its state kept (CTRA), or where it drove later."""
@@ -68,13 +70,15 @@ def drive(
     path: Path | None = None,
     parameters: Parameters = DEFAULTS,
     predicted: Prediction | None = None,
+    road: RoadNetwork | None = None,
 ) -> Drive:
     """Make the scenes of tracks with acceleration and yaw rate, at all their times at which the EGO is there.
 
     The EGO's path is its plan where one was made within 0.5 s before the scene, put to where the EGO is, else what
     follows of its state (constant turn rate and acceleration); path="driven" takes where it went, after the end its
-    last state, path="state" never a plan. predicted: how the objects may go on, by default the published set. Raises
-    ResimError where the EGO is missing or tracks have no accelerations.
+    last state, path="state" never a plan. predicted: how the objects may go on, by default the published set. road:
+    they drive along its lanes and stay on them. Raises ResimError where the EGO is missing or tracks have no
+    accelerations.
     """
     if tracks.a is None or tracks.yaw_rate is None:
         raise ResimError(
@@ -98,7 +102,9 @@ def drive(
     expected, kinds = predicted or prediction(), tracks.kind[others]
     inputs = expected.inputs(kinds, state[..., 3], state[..., 4], state[..., 5])
     motion = np.tile(expected.motion(kinds), (len(t), 1))
-    scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, np.ascontiguousarray(size), inputs, motion)
+    size = np.ascontiguousarray(size)
+    lanes = None if road is None else ways(road, state, size, horizon=parameters.horizon)
+    scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, size, inputs, motion, lanes)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
     own = tracks.select([ego]).at(t)
     ids = tuple(tracks.ids[others].tolist())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, assess_app
+from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.assess.criteria import Criteria
@@ -62,6 +63,9 @@ def assess(
             metavar="SET|FILE", help="How objects may go on: a set that ships, or a file of fit-prediction."
         ),
     ] = "published",
+    road_aware: Annotated[
+        bool, typer.Option("--road-aware", help="Predict objects along their lanes, and none off the road.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
     accept: Accept = None,
 ) -> None:
@@ -78,9 +82,11 @@ def assess(
 
     if out is not None:
         check_output(out, ASSESSMENT)
+    if road_aware and mode is ModeChoice.published:
+        raise InputError("--road-aware", "the published mode knows no road", "Leave out one of both.")
     how = How(
         parameters=Parameters(mode=mode.value, seed=seed), path=path.value, prediction=named_prediction(prediction),
-        criteria=wanted(criteria),
+        road_aware=road_aware, criteria=wanted(criteria),
     )  # fmt: skip
     found = assess_folder(drive, how, accept or [])
     if out is not None:

@@ -50,12 +50,13 @@ DELAY = "CLOCK_OFFSET"
 class How:
     """How to assess. path: where the EGO's path comes from (None: its plan where there is one, else its state).
 
-    prediction: how objects may go on (None: as published).
+    prediction: how objects may go on (None: as published); road_aware: along their lanes.
     """
 
     parameters: Parameters = DEFAULTS
     path: EgoPath | None = None
     prediction: Prediction | None = None
+    road_aware: bool = False
     criteria: Criteria | None = None
 
 
@@ -211,8 +212,10 @@ def _assessed(name: str, network: RoadNetwork, run: bool, blocks: Mapping[str, _
 def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     scenario = block.scenario
     tracks = scenario.tracks(network, _times(scenario, RATE))
-    made = drive(tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
-                 predicted=how.prediction)  # fmt: skip
+    made = drive(
+        tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
+        predicted=how.prediction, road=network if how.road_aware else None,
+    )  # fmt: skip
     hits = touched(made, scenario.tracks(network, _times(scenario, FINE)), block.collisions)
     own = () if how.criteria is None else how.criteria.own
     return assess(Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria)

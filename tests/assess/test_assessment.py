@@ -49,6 +49,16 @@ def test_without_the_plan_its_state_is_kept(call, tmp_path):
     assert max(out["state"]["risk"]["r_ind"]) > max(out["driven"]["risk"]["r_ind"])  # it did brake, later
 
 
+def test_predictions_may_know_the_road_but_not_as_published(call, tmp_path):
+    drive = ROOT / "scenarios" / "overtake"
+    assert call("assess", drive, "--road-aware", "--out", tmp_path / "a")[0] == 0
+    found = written(tmp_path / "a")
+    assert (found["road_aware"], found["prediction"]) == (True, "published")
+    code, out, error = call("assess", drive, "--road-aware", "--mode", "published")
+    assert (code, out) == (2, "")
+    assert "--road-aware: the published mode knows no road" in error
+
+
 def test_the_rear_end_collision_is_full_risk_and_nothing_is_lost_in_json(call, tmp_path):
     code, out, error = call(
         "assess", ROOT / "scenarios" / "rear_end", "--out", tmp_path / "a", "--mode", "published"
