@@ -8,6 +8,7 @@ reference system, and whose perception is recorded as sensor data. Same source, 
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from collections.abc import Callable
@@ -32,7 +33,6 @@ from resim.sim.run import Run
 
 ROOT = Path(__file__).parents[1]
 MAP = ROOT / "networks" / "proving_ground.xodr"
-MAP_FROM_SCENARIO = "../../networks/proving_ground.xodr"
 STEP = 0.04
 LANE = 3.5
 REFERENCE_NOISE = {"x": 0.01, "v": 0.05 / 3.6, "heading": np.radians(0.1)}
@@ -226,9 +226,9 @@ def stage(drive: Drive, network: RoadNetwork) -> Scenario:
     return describe(tracks, network, ego="ego", map_name=MAP.name)
 
 
-def make(name: str) -> tuple[Drive, Run]:
-    """Drive and record."""
-    drive, network = DRIVES[name], load(MAP)
+def record(name: str, drive: Drive, folder: Path) -> Run:
+    """Drive, and write the recording into the folder, which is replaced."""
+    network = load(MAP)
     scenario = stage(drive, network)
     build = load_build(ROOT / "adfunc" / "builds" / f"{drive.build}.toml")
     sensor = Sensor(drive.sensor) if drive.sensor else None
@@ -257,10 +257,9 @@ def make(name: str) -> tuple[Drive, Run]:
             "sensor": str(drive.sensor),
         },
     )
-    folder = ROOT / "scenarios" / name
     shutil.rmtree(folder, ignore_errors=True)
-    write_recording(recording, folder, map_reference=MAP_FROM_SCENARIO)
-    return drive, run
+    write_recording(recording, folder, map_reference=os.path.relpath(MAP, folder))
+    return run
 
 
 def planned(run: Run) -> pd.DataFrame | None:
@@ -310,6 +309,6 @@ def sensed(run: Run) -> Tracks:
 
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or DRIVES:
-        _, result = make(wanted)
+        result = record(wanted, DRIVES[wanted], ROOT / "scenarios" / wanted)
         ended = f"ended by {result.end}, {len(result.collisions)} collisions"
         print(f"scenarios/{wanted}: {len(result.truth.t)} samples, {ended}")
