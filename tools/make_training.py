@@ -100,9 +100,8 @@ def main() -> None:
     for number in range(asked.count):
         name = f"drive_{number:02d}"
         run = record(name, training_drive(number), asked.out / name)
-        print(
-            f"{asked.out / name}: {len(run.truth) - 1} objects, {run.truth.t[-1]:.1f} s, {len(run.collisions)} collisions"
-        )
+        told = f"{len(run.truth) - 1} objects, {run.truth.t[-1]:.1f} s, {len(run.collisions)} collisions"
+        print(f"{asked.out / name}: {told}")
 
 
 if __name__ == "__main__":
