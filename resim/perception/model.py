@@ -13,7 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from resim.core.errors import InputError
 from resim.core.files import read_file
@@ -83,7 +84,11 @@ class Error(_Part):
 
 
 class Errors(_Part):
-    """The errors of all quantities. coupling: (6, 6) correlation of the drifts, in the order of QUANTITIES."""
+    """The errors of all quantities.
+
+    coupling: (6, 6) correlation of the noises that drive the drifts, in the order of QUANTITIES. Drifts of correlation
+    times T and T' correlate themselves by 2 sqrt(T T') / (T + T') of that.
+    """
 
     longitudinal: Error = Error()
     lateral: Error = Error()
@@ -92,6 +97,26 @@ class Errors(_Part):
     length: Error = Error()
     width: Error = Error()
     coupling: tuple[tuple[float, ...], ...] | None = None
+
+    @field_validator("coupling")
+    @classmethod
+    def _correlation(
+        cls, table: tuple[tuple[float, ...], ...] | None
+    ) -> tuple[tuple[float, ...], ...] | None:
+        if table is None:
+            return table
+        n = len(QUANTITIES)
+        if len(table) != n or any(len(row) != n for row in table):
+            raise ValueError(f"expected {n} x {n} correlations, of {', '.join(QUANTITIES)}")
+        c = np.array(table)
+        if np.abs(c - c.T).max() > 1e-9 or np.abs(np.diag(c) - 1.0).max() > 1e-9:
+            raise ValueError("expected a symmetric table with 1 on its diagonal")
+        least = float(np.linalg.eigvalsh(c)[0])
+        if least < -1e-9:
+            raise ValueError(
+                f"no correlations can be like that: the least eigenvalue is {least:.3g}, expected none below 0"
+            )
+        return table
 
 
 class Objects(_Part):

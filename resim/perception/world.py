@@ -7,6 +7,9 @@ objects, or objects and times; the frame is the EGO's (x forward, y left of its 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import groupby
+from operator import itemgetter
 from typing import Any, Protocol
 
 import numpy as np
@@ -71,35 +74,59 @@ def occlusion(
     if n < 2:
         return np.zeros(n)
     middle, half = _arcs(place, np.asarray(heading_ego), np.asarray(length), np.asarray(width))
-    reach = half[:, None]
     apart = middle - middle[:, None]  # row: who is covered; column: who may cover
-    apart -= 2.0 * math.pi * np.round(apart / (2.0 * math.pi))
+    apart -= 2.0 * math.pi * np.rint(apart / (2.0 * math.pi))
     cover = np.where(half > 0.5 * math.pi, 2.0 * math.pi, half)  # who stands on the EGO covers all
     distance = np.abs(place)
-    meets = (np.abs(apart) < reach + cover) & (distance < distance[:, None])
-    if not meets.any():
-        return np.zeros(n)
-    low = np.where(meets, np.maximum(apart - cover, -reach), math.inf)
-    high = np.where(meets, np.minimum(apart + cover, reach), -math.inf)
-    order = np.argsort(low, axis=1)
-    low, high = np.take_along_axis(low, order, axis=1), np.take_along_axis(high, order, axis=1)
-    before = np.maximum.accumulate(high, axis=1)[:, :-1]  # how far those further right cover already
-    low[:, 1:] = np.maximum(low[:, 1:], before)
-    covered = np.where(low < high, high - low, 0.0).sum(axis=1)
-    return np.asarray(np.minimum(covered / (2.0 * half), 1.0))
+    meets = np.abs(apart) < half[:, None] + cover
+    meets &= distance < distance[:, None]
+    rows, columns = meets.nonzero()
+    out = np.zeros(n)
+    if len(rows):
+        centre, reach = apart[meets], cover[columns]
+        low, high = centre - reach, centre + reach
+        for row, covered in _united(rows.tolist(), low.tolist(), high.tolist(), half.tolist()):
+            out[row] = covered
+    return out
+
+
+def _united(
+    rows: list[int], low: list[float], high: list[float], half: list[float]
+) -> Iterator[tuple[int, float]]:
+    """Give per row the share of -half..half that its intervals low..high cover together."""
+    for row, group in groupby(sorted(zip(rows, low, high, strict=True)), key=itemgetter(0)):
+        end = half[row]
+        covered, reached = 0.0, -end
+        for _, begin, finish in group:
+            if finish > reached:
+                begin = max(begin, reached)
+                reached = min(finish, end)
+                covered += max(reached - begin, 0.0)
+        yield row, min(0.5 * covered / end, 1.0)
 
 
 def _arcs(
     place: NDArray[np.complex128], heading: Floats, length: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
     """Give the middle and the half [rad] of the angle that each box takes; half of it pi where the EGO is inside."""
-    turn = np.exp(1j * heading) * place.conj()  # corners against the centre's bearing
-    along, across = 0.5 * length * turn, 0.5j * width * turn
-    corners = np.abs(place) ** 2 + np.stack(
-        [along + across, along - across, -along + across, -along - across]
-    )
-    angle = np.arctan2(corners.imag, corners.real)
-    low, high = angle.min(axis=0), angle.max(axis=0)
+    distance, bearing = np.abs(place), np.arctan2(place.imag, place.real)
+    turn = heading - bearing  # corners against the centre's bearing
+    c, s = np.cos(turn), np.sin(turn)
+    length, width = 0.5 * length, 0.5 * width
+    along, across = np.empty((2, 4, len(place)))
+    lc, ls, wc, ws = length * c, length * s, width * c, width * s
+    np.subtract(lc, ws, along[0])
+    np.add(lc, ws, along[1])
+    np.add(ls, wc, across[0])
+    np.subtract(ls, wc, across[1])
+    np.negative(along[:2], along[2:])
+    np.negative(across[:2], across[2:])
+    along += distance
+    angle = np.arctan2(across, along)
+    low, high = np.minimum.reduce(angle), np.maximum.reduce(angle)
     inside = high - low >= math.pi
-    middle = np.arctan2(place.imag, place.real) + np.where(inside, 0.0, 0.5 * (low + high))
-    return middle, np.where(inside, math.pi, 0.5 * (high - low))
+    if inside.any():
+        return bearing + np.where(inside, 0.0, 0.5 * (low + high)), np.where(
+            inside, math.pi, 0.5 * (high - low)
+        )
+    return bearing + 0.5 * (low + high), 0.5 * (high - low)
