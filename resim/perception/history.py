@@ -128,7 +128,7 @@ class History:
 
     def _make(self, n: int) -> None:
         size = len(self.t)
-        self.position, self.motion = np.empty((size, n), dtype=complex), np.empty((size, 2 * n))
+        self.position, self.motion = np.empty((size, n), dtype=complex), np.zeros((size, 2 * n))
         self.turned, self.set, self.sorted = np.empty((size, n)), np.zeros((size, n), dtype=np.intp), 1
         self.raw, self.turns = np.zeros(n), np.zeros(n)
         self._share(n)

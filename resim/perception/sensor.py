@@ -14,7 +14,7 @@ from resim.perception.chance import IDENTITY, SIGHT, Rows, Streams
 from resim.perception.clutter import Clutter
 from resim.perception.history import History
 from resim.perception.lists import Held, Limits, with_false
-from resim.perception.model import PerceptionModel
+from resim.perception.model import FieldOfView, PerceptionModel
 from resim.perception.own import OwnState, is_wrong
 from resim.perception.tables import (
     ABSOLUTE,
@@ -39,7 +39,10 @@ LEAST_SIZE = 0.1
 """m; no perceived box is shorter or narrower, if the model has errors of size."""
 LOOK = 0.2
 """s; so often it is looked again in which bin of detection objects are, and who hides whom."""
-_TURN = 2.0 * math.pi
+_TURN, _HALF_TURN = (
+    np.array(2.0 * math.pi),
+    np.array(math.pi),
+)  # as arrays: numpy takes them faster than floats
 _SAME = 1e-9  # s
 
 Columns = NDArray[np.intp]
@@ -58,8 +61,9 @@ class Sensor:
         self._maneuvers = Maneuvers(model) if model.maneuvers else None
         self._errors = ErrorTables([s.errors for s in sets])
         self._detection = DetectionTables(model.detection)
-        self._view = model.field_of_view
-        self._masks = self._detection.any or self._view.range is not None or self._view.bearing is not None
+        view = model.field_of_view
+        self._reach, self._opening = (None if c is None else np.array(c) for c in (view.range, view.bearing))
+        self._masks = self._detection.any or view != FieldOfView()
         self._switches = model.id_switch > 0.0
         self._limits = Limits(model.validity)
         self._draws = self._errors.any or self._masks or self._switches or self._limits.any
@@ -72,7 +76,7 @@ class Sensor:
         self._own = OwnState(model.ego, of) if is_wrong(model.ego) else None
         self._clutter = Clutter(model.false_objects, of("false")) if model.false_objects.rate > 0.0 else None
         self._timing = of("update")
-        self._t = self._listed = self._due = self._look = self._step = -math.inf
+        self._t = self._listed = self._due = self._look = self._chance_step = -math.inf
         self._held: Held | None = None
         self._names: list[str] = []
         self._ids: Strings | None = None
@@ -102,6 +106,7 @@ class Sensor:
         own = world.ego if self._own is None else self._own.perceive(world.ego, step)
         if self._held is not None and world.t < self._due - _SAME:
             return self._held.seen(world.t, own)
+        self._step = world.t - self._listed if self._listed > -math.inf else 0.0
         seen = self._list(world, own, turned)
         self._listed = world.t
         if self.model.update.period > 0.0:
@@ -155,7 +160,7 @@ class Sensor:
 
     def _choose(self, chosen: Columns) -> None:
         """Set which set of parameters each object has."""
-        self._errors_step = -math.inf
+        self._matrix_step = -math.inf
         self._chosen, self._picks = chosen.tobytes(), self._history.picks(chosen)
         self._used = tuple(sorted(set(chosen.tolist()))) or (0,)
         self._choice = None
@@ -203,16 +208,16 @@ class Sensor:
             table = self._wrong(row, world, (x, y, v, turned))
             x, y, v, heading, length, width = table if keep is None else table.take(self._few, 1)
         else:
-            heading, length, width = math.pi - np.mod(turned, _TURN), world.length, world.width
+            heading, length, width = _HALF_TURN - np.mod(turned, _TURN), world.length, world.width
             if keep is not None:
                 x, y, v, heading, length, width = (
                     c.take(self._few) for c in (x, y, v, heading, length, width)
                 )
         if self._switches:
-            self._switch(world.t, keep)
+            self._switch(keep)
         ids, kind = world.ids if self._shown is None else self._shown, world.kind
         if keep is not None:
-            ids, kind = ids.take(self._few), kind.take(self._few)
+            ids, kind = ids[self._few], kind[self._few]
         self._perceived += len(x)
         seen = Perceived(world.t, own, ids, kind, x, y, heading, v, length, width)
         if self._clutter is not None:
@@ -228,15 +233,10 @@ class Sensor:
             self._limits.begin(self._rows)
         return self._rows.take()
 
-    def _since(self, t: float) -> float:
-        """Give the time [s] since the last list, 0 for the first."""
-        return t - self._listed if self._listed > -math.inf else 0.0
-
     def _wrong(self, row: Floats, world: World, true: tuple[Floats, Floats, Floats, Floats]) -> Floats:
         """Give (Q, N) x, y, v, heading, length and width with errors; true: x, y, v, and pi less the heading."""
-        step = self._since(world.t)
-        if not abs(step - self._errors_step) < _SAME:
-            self._matrix, self._errors_step = self._errors.matrix(step, self._used), step
+        if not abs(self._step - self._matrix_step) < _SAME:
+            self._matrix, self._matrix_step = self._errors.matrix(self._step, self._used), self._step
         outcomes = self._matrix.dot(row[: CONDITIONS + Q])
         if self._choice is not None:
             outcomes = outcomes.take(self._choice)
@@ -253,7 +253,7 @@ class Sensor:
         out += errors[Q:]
         heading = out[3]
         np.mod(heading, _TURN, heading)
-        np.subtract(math.pi, heading, heading)
+        np.subtract(_HALF_TURN, heading, heading)
         if self._errors.sizes:
             sizes = out[4:]
             np.maximum(sizes, LEAST_SIZE, out=sizes)
@@ -263,22 +263,22 @@ class Sensor:
         """Say which objects are detected and in the field of view; None for all."""
         keep: Bools | None = None
         if self._detection.any:
-            step = self._since(world.t)
+            step = self._step
             if world.t >= self._look - _SAME:
                 self._watch(world, row, x, y, turned)
-            if not abs(step - self._step) < _SAME:
-                self._step, self._sight = step, b""
+            if not abs(step - self._chance_step) < _SAME:
+                self._chance_step, self._sight = step, b""
             if not self._sight:
                 self._chance = self._detection.probabilities(step).take(self._cell + self._state)
             keep = row[SIGHT] < self._chance
             if (key := keep.tobytes()) != self._sight:
                 self._state, self._sight = keep * self._detection.bins, key
                 self._chance = self._detection.probabilities(step).take(self._cell + self._state)
-        if self._view.range is not None:
-            near = row[1] <= self._view.range
+        if self._reach is not None:
+            near = row[1] <= self._reach
             keep = near if keep is None else keep & near
-        if self._view.bearing is not None:
-            ahead = row[ABSOLUTE.start] <= self._view.bearing
+        if self._opening is not None:
+            ahead = row[ABSOLUTE.start] <= self._opening
             keep = ahead if keep is None else keep & ahead
         if keep is None or b"\0" not in (key := keep.tobytes()):
             return None
@@ -294,9 +294,9 @@ class Sensor:
         self._cell = self._detection.cells(row[1], row[ABSOLUTE.start], hidden)
         self._look, self._sight = world.t + LOOK, b""
 
-    def _switch(self, t: float, keep: Bools | None) -> None:
+    def _switch(self, keep: Bools | None) -> None:
         """Give some of the detected objects another id."""
-        chance = -math.expm1(-self.model.id_switch * self._since(t))
+        chance = -math.expm1(-self.model.id_switch * self._step)
         if self._rows.least() >= chance:
             return
         now = self._rows.last()[IDENTITY] < chance

@@ -7,9 +7,6 @@ objects, or objects and times; the frame is the EGO's (x forward, y left of its 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from itertools import groupby
-from operator import itemgetter
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,6 +23,12 @@ LANE_CHANGE = 0.3
 _FOLLOW, _LEFT, _RIGHT, _BRAKES = (
     MANEUVERS.index(name) for name in ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 )
+
+_FULL = 2.0 * math.pi
+_ALONG = [(1, 0, 0, -1), (1, 0, 0, 1), (-1, 0, 0, 1), (-1, 0, 0, -1)]
+_ACROSS = [(0, 1, 1, 0), (0, 1, -1, 0), (0, -1, -1, 0), (0, -1, 1, 0)]
+_CORNERS = 0.5 * np.array([*_ALONG, *_ACROSS], dtype=float)
+"""Corners along and across the line of sight, of length and width each times cosine and sine of the box's turn."""
 
 
 class Moving(Protocol):
@@ -69,64 +72,63 @@ def occlusion(
 
     Nearer is whose box centre is; boxes are opaque. All arguments (N,): m and rad in the EGO's frame.
     """
-    place = np.asarray(x_ego) + 1j * np.asarray(y_ego)
-    n = len(place)
+    x, y = np.asarray(x_ego), np.asarray(y_ego)
+    n = len(x)
     if n < 2:
         return np.zeros(n)
-    middle, half = _arcs(place, np.asarray(heading_ego), np.asarray(length), np.asarray(width))
-    apart = middle - middle[:, None]  # row: who is covered; column: who may cover
-    apart -= 2.0 * math.pi * np.rint(apart / (2.0 * math.pi))
-    cover = np.where(half > 0.5 * math.pi, 2.0 * math.pi, half)  # who stands on the EGO covers all
-    distance = np.abs(place)
-    meets = np.abs(apart) < half[:, None] + cover
-    meets &= distance < distance[:, None]
-    rows, columns = meets.nonzero()
-    out = np.zeros(n)
-    if len(rows):
-        centre, reach = apart[meets], cover[columns]
-        low, high = centre - reach, centre + reach
-        for row, covered in _united(rows.tolist(), low.tolist(), high.tolist(), half.tolist()):
-            out[row] = covered
-    return out
+    distance, middle, half = (
+        c.tolist() for c in _arcs(x, y, np.asarray(heading_ego), np.asarray(length), np.asarray(width))
+    )
+    cover = [_FULL if h > 0.5 * math.pi else h for h in half]  # who stands on the EGO covers all
+    order = sorted(range(n), key=distance.__getitem__)
+    out = [0.0] * n
+    for k, who in enumerate(order):
+        here, reach = middle[who], half[who]
+        covering = []
+        for nearer in order[:k]:
+            apart = middle[nearer] - here
+            if apart > math.pi:
+                apart -= _FULL
+            elif apart < -math.pi:
+                apart += _FULL
+            if abs(apart) < reach + cover[nearer] and distance[nearer] < distance[who]:
+                covering.append((apart - cover[nearer], apart + cover[nearer]))
+        if covering:
+            out[who] = _covered(covering, reach)
+    return np.array(out)
 
 
-def _united(
-    rows: list[int], low: list[float], high: list[float], half: list[float]
-) -> Iterator[tuple[int, float]]:
-    """Give per row the share of -half..half that its intervals low..high cover together."""
-    for row, group in groupby(sorted(zip(rows, low, high, strict=True)), key=itemgetter(0)):
-        end = half[row]
-        covered, reached = 0.0, -end
-        for _, begin, finish in group:
-            if finish > reached:
-                begin = max(begin, reached)
-                reached = min(finish, end)
-                covered += max(reached - begin, 0.0)
-        yield row, min(0.5 * covered / end, 1.0)
+def _covered(intervals: list[tuple[float, float]], half: float) -> float:
+    """Give the share of -half..half that the intervals cover together."""
+    covered, reached = 0.0, -half
+    for low, high in sorted(intervals):
+        if high > reached:
+            low, reached = max(low, reached), min(high, half)
+            covered += max(reached - low, 0.0)
+    return min(0.5 * covered / half, 1.0)
 
 
 def _arcs(
-    place: NDArray[np.complex128], heading: Floats, length: Floats, width: Floats
-) -> tuple[Floats, Floats]:
-    """Give the middle and the half [rad] of the angle that each box takes; half of it pi where the EGO is inside."""
-    distance, bearing = np.abs(place), np.arctan2(place.imag, place.real)
+    x: Floats, y: Floats, heading: Floats, length: Floats, width: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Give distances [m], and the middle and the half [rad] of the angle that each box takes.
+
+    Half of it is pi where the EGO is inside.
+    """
+    distance, bearing = np.hypot(x, y), np.arctan2(y, x)
     turn = heading - bearing  # corners against the centre's bearing
     c, s = np.cos(turn), np.sin(turn)
-    length, width = 0.5 * length, 0.5 * width
-    along, across = np.empty((2, 4, len(place)))
-    lc, ls, wc, ws = length * c, length * s, width * c, width * s
-    np.subtract(lc, ws, along[0])
-    np.add(lc, ws, along[1])
-    np.add(ls, wc, across[0])
-    np.subtract(ls, wc, across[1])
-    np.negative(along[:2], along[2:])
-    np.negative(across[:2], across[2:])
-    along += distance
-    angle = np.arctan2(across, along)
+    parts = np.empty((4, len(x)))
+    np.multiply(length, c, parts[0])
+    np.multiply(length, s, parts[1])
+    np.multiply(width, c, parts[2])
+    np.multiply(width, s, parts[3])
+    corners = _CORNERS.dot(parts)
+    corners[:4] += distance
+    angle = np.arctan2(corners[4:], corners[:4])
     low, high = np.minimum.reduce(angle), np.maximum.reduce(angle)
-    inside = high - low >= math.pi
+    middle, half = bearing + 0.5 * (low + high), 0.5 * (high - low)
+    inside = half >= 0.5 * math.pi
     if inside.any():
-        return bearing + np.where(inside, 0.0, 0.5 * (low + high)), np.where(
-            inside, math.pi, 0.5 * (high - low)
-        )
-    return bearing + 0.5 * (low + high), 0.5 * (high - low)
+        middle, half = np.where(inside, bearing, middle), np.where(inside, math.pi, half)
+    return distance, middle, half
