@@ -1,0 +1,12 @@
+"""Training: matched drives in, a perception model out.
+
+drive     a recording as lists in the EGO's frame, with the truth as splines (truth)
+matching  which perceived object is which true one
+samples   the matched samples as arrays, the truth at any latency
+errors    latencies and biases (alignment), drift and noise (spread, by the filter in whiten), in turn
+coupling, maneuvers, localisation, detection, lists   the other parts of the model
+"""
+
+from resim.perception.training.train import train
+
+__all__ = ["train"]

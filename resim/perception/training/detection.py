@@ -1,0 +1,208 @@
+"""Loss and regain of objects: transitions counted by range, bearing and occlusion, and the field of view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta, chi2
+
+from resim.core.geometry import Bools, Floats
+from resim.perception.chain import rates
+from resim.perception.model import Detection, Estimate, FieldOfView
+from resim.perception.training.drive import Drive
+from resim.perception.training.matching import Matching
+from resim.perception.world import occlusion
+
+CHANCE = 1e-4
+"""Probability of a split by chance, above which it is not made."""
+SPLITS = (5, 3, 2)
+"""Most edges within range, |bearing| and occlusion."""
+BEYOND = 3.0
+"""Time [s] that objects have to be unseen beyond who was seen farthest, for that to be the field of view's end."""
+LIKELY = 0.3
+"""Share of detected samples just within it, that makes it an edge rather than the fading of detection."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Whether true objects were seen, list by list: S samples of range [m], |bearing| [rad], occlusion and seen, and
+    the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track (S,)."""
+
+    place: Floats
+    seen: Bools
+    pairs: NDArray[np.intp]
+    steps: Floats
+    track: NDArray[np.intp]
+
+
+def sightings_of(drives: Sequence[Drive], matchings: Sequence[Matching], late: float) -> Sightings:
+    """Gather them; places are those of `late` seconds ago in the EGO's frame of now."""
+    places, seen, pairs, steps, tracks = [], [], [], [], []
+    total = 0
+    some_lost = any(
+        (m.row[np.isfinite(d.states[:, 0])] < 0).any() for d, m in zip(drives, matchings, strict=True)
+    )
+    number = 0
+    for drive, matching in zip(drives, matchings, strict=True):
+        then = np.array([k.states(drive.t - late) for k in drive.truth]).reshape(
+            len(drive.truth), 5, len(drive.t)
+        )
+        x, y, heading = drive.in_frame(then)
+        hidden = _occlusions(drive, x, y, heading) if some_lost else np.zeros(x.shape)
+        place = np.stack([np.hypot(x, y), np.abs(np.arctan2(y, x)), hidden], axis=-1)
+        known = np.isfinite(x)
+        index = total + np.cumsum(known.ravel()).reshape(known.shape) - 1
+        both = known[:, 1:] & known[:, :-1]
+        places.append(place[known])
+        seen.append((matching.row >= 0)[known])
+        tracks.append(np.repeat(number + np.arange(len(x)), known.sum(axis=1)))
+        pairs.append(np.stack([index[:, :-1][both], index[:, 1:][both]], axis=1))
+        steps.append(np.broadcast_to(np.diff(drive.t), both.shape)[both])
+        total, number = total + int(known.sum()), number + len(x)
+    gathered = [np.concatenate(part) for part in (places, seen, pairs, steps, tracks)]
+    return Sightings(*gathered)
+
+
+def _occlusions(drive: Drive, x: Floats, y: Floats, heading: Floats) -> Floats:
+    out = np.zeros(x.shape)
+    if len(x) < 2:
+        return out
+    for k in range(x.shape[1]):
+        here = np.isfinite(x[:, k])
+        out[here, k] = occlusion(
+            x[here, k], y[here, k], heading[here, k], drive.gt_length[here], drive.gt_width[here]
+        )
+    return out
+
+
+def field_of_view(s: Sightings, step: float) -> tuple[FieldOfView, dict[str, Estimate]]:
+    """Give where the field of view ends: at who was seen farthest, if others were beyond for long and never seen.
+
+    The interval reaches from there to the nearest who was not seen.
+    """
+    found: dict[str, float] = {}
+    estimates = {}
+    inside = np.ones(len(s.seen), dtype=bool)
+    for column, name in ((0, "range"), (1, "bearing")):
+        value = s.place[:, column]
+        if not s.seen.any():
+            break
+        edge = float(value[s.seen].max())
+        beyond = inside & (value > edge)
+        rim = inside & (value > 0.9 * edge) & (value <= edge)
+        enough = beyond.sum() * step >= BEYOND and len(np.unique(s.track[beyond])) >= 3
+        if enough and s.seen[rim].mean() >= LIKELY:
+            found[name] = edge
+            estimates[f"field_of_view.{name}"] = Estimate(
+                value=edge, low=edge, high=float(value[beyond].min()), samples=int(rim.sum() + beyond.sum())
+            )
+            inside &= value <= edge
+    return FieldOfView(**found), estimates
+
+
+def fit_detection(s: Sightings, view: FieldOfView) -> tuple[Detection, dict[str, Estimate]]:
+    """Give rates by bins. Edges are put where losses or gains change, one after the other, as long as the likelihood
+    gains more than chance would; where nothing was ever lost everything is always detected."""
+    inside = np.ones(len(s.seen), dtype=bool)
+    if view.range is not None:
+        inside &= s.place[:, 0] <= view.range
+    if view.bearing is not None:
+        inside &= s.place[:, 1] <= view.bearing
+    kept = inside[s.pairs].all(axis=1)
+    before, after = s.pairs[kept].T
+    if not len(before) or s.seen[inside].all():
+        return Detection(), {}
+    place = s.place[after]
+    fine = [_candidates(place[:, c], most) for c, most in ((0, 20), (1, 10), (2, 6))]
+    counts = np.stack([
+        np.histogramdd(place[(s.seen[before] == was) & (s.seen[after] == now)], bins=fine)[0]
+        for was, now in ((True, True), (True, False), (False, False), (False, True))
+    ])  # fmt: skip
+    chosen = _edges(counts)
+    coarse = _merged(counts, chosen)
+    return _rates(
+        coarse, [f[np.array(c)] for f, c in zip(fine, chosen, strict=True)], float(s.steps[kept].mean())
+    )
+
+
+def _candidates(values: Floats, most: int) -> Floats:
+    """Give edges at quantiles, the outer ones at what there is."""
+    edges = np.unique(np.round(np.quantile(values, np.linspace(0.0, 1.0, most + 1)), 3))
+    edges[0], edges[-1] = np.floor(values.min() * 1e3) / 1e3, np.ceil(values.max() * 1e3) / 1e3
+    return edges if len(edges) > 1 and edges[-1] > edges[0] else np.array([edges[0], edges[0] + 1.0])
+
+
+def _merged(counts: Floats, chosen: list[list[int]]) -> Floats:
+    out = counts
+    for axis, edges in enumerate(chosen, start=1):
+        out = np.add.reduceat(out, edges[:-1], axis=axis)
+    return out
+
+
+def _loglik(counts: Floats) -> float:
+    total = 0.0
+    for stays, goes in (counts[:2], counts[2:]):
+        both = np.maximum(stays + goes, 1.0)
+        for n in (stays, goes):
+            total += float((n * np.log(np.maximum(n, 1e-300) / both)).sum())
+    return total
+
+
+def _edges(counts: Floats) -> list[list[int]]:
+    """Give, for each of the three, indices of the chosen edges among the candidates, the outer ones included."""
+    chosen = [[0, n] for n in counts.shape[1:]]
+    now = _loglik(_merged(counts, chosen))
+    while True:
+        best: tuple[float, list[list[int]], float] | None = None
+        for axis, most in enumerate(SPLITS):
+            if len(chosen[axis]) - 2 >= most:
+                continue
+            others = int(np.prod([len(c) - 1 for a, c in enumerate(chosen) if a != axis]))
+            for edge in range(1, counts.shape[axis + 1]):
+                if edge in chosen[axis]:
+                    continue
+                trial = [sorted([*c, edge]) if a == axis else c for a, c in enumerate(chosen)]
+                value = _loglik(_merged(counts, trial))
+                chance = float(chi2.logsf(2.0 * (value - now), 2 * others))
+                if best is None or chance < best[0]:
+                    best = chance, trial, value
+        if best is None or best[0] > np.log(CHANCE):
+            return chosen
+        _, chosen, now = best
+
+
+def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection, dict[str, Estimate]]:
+    """Probabilities of a step, smoothed by half an event at the rate of all bins; then rates."""
+    stays, lost, away, gained = counts
+    probabilities, limits = [], []
+    for n, rest in ((lost, stays), (gained, away)):
+        overall = (n.sum() + 0.5) / (n.sum() + rest.sum() + 1.0)
+        a, b = n + 0.5, rest + 0.5 / overall - 0.5
+        probabilities.append(a / (a + b))
+        limits.append([beta.ppf(q, a, b) for q in (0.025, 0.975)])
+    p_loss, p_gain = (np.minimum(p, 0.499) for p in probabilities)
+    loss, gain = rates(p_loss, p_gain, step)
+    estimates = {}
+    for name, value, p, (low, high), exposed in (
+        ("loss", loss, p_loss, limits[0], stays + lost), ("gain", gain, p_gain, limits[1], away + gained),
+    ):  # fmt: skip
+        for at in np.ndindex(value.shape):
+            factor = value[at] / p[at]
+            estimates[f"detection.{name}." + ".".join(map(str, at))] = Estimate(
+                value=float(value[at]),
+                low=float(low[at] * factor),
+                high=float(high[at] * factor),
+                samples=int(exposed[at]),
+            )
+    table = {"range_edges": edges[0], "bearing_edges": edges[1], "occlusion_edges": edges[2]}
+    fitted = Detection(
+        **{k: tuple(v.tolist()) for k, v in table.items()}, loss=_nested(loss), gain=_nested(gain)
+    )
+    return fitted, estimates
+
+
+def _nested(values: Floats) -> tuple[tuple[tuple[float, ...], ...], ...]:
+    return tuple(tuple(tuple(cell) for cell in row) for row in values.tolist())

@@ -1,0 +1,69 @@
+"""Errors of single maneuvers, where they are sure to differ from those of all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from resim.core.geometry import Bools
+from resim.perception.model import MANEUVERS, Error, Errors, Estimate, Maneuver, Objects
+from resim.perception.training.errors import (
+    MEASURED,
+    Fitted,
+    ObjectErrors,
+    error_of,
+    refit,
+    sizes_of,
+    surprises,
+)
+from resim.perception.training.estimates import error_estimates
+from resim.perception.training.samples import Samples
+
+SAMPLES, TRACKS = 300, 8
+"""Fewest matched samples, and fewest tracks that they are of, from which a maneuver has errors of its own."""
+SURE = 3.3
+"""Standard errors by which they differ from those of all."""
+
+
+def fit_maneuvers(
+    samples: Samples, objects: ObjectErrors, errors: Errors
+) -> tuple[dict[Maneuver, Objects], dict[str, Estimate]]:
+    """Give the maneuvers that differ. Latencies and averaging times are those of all: they are the sensors' own."""
+    does = samples.maneuvers(objects.latency.speed)
+    found: dict[Maneuver, Objects] = {}
+    estimates: dict[str, Estimate] = {}
+    for index, name in enumerate(MANEUVERS):
+        own: dict[str, Error] = {}
+        for quantity in MEASURED:
+            pooled = objects.fitted[quantity]
+            mask = pooled.known & (does == index)
+            if mask.sum() < SAMPLES or mask.any(axis=1).sum() < TRACKS or mask.sum() == pooled.known.sum():
+                continue
+            if not surprises(samples, objects, quantity, mask):
+                continue
+            fitted = refit(samples, objects, quantity, mask)
+            if _differs(pooled, fitted, mask, objects):
+                own[quantity] = error_of(fitted)
+                prefix = f"maneuvers.{name}.errors.{quantity}"
+                estimates |= error_estimates(prefix, fitted, samples.drive)
+        if own:
+            found[name] = Objects(  # type: ignore[index]
+                latency=objects.latency, averaging=objects.averaging, errors=errors.model_copy(update=own)
+            )
+    return found, estimates
+
+
+def _differs(pooled: Fitted, own: Fitted, mask: Bools, objects: ObjectErrors) -> bool:
+    """Whether bias, or a spread, where this maneuver is, differs surely from that of all."""
+    middle = np.concatenate([[1.0], objects.features[mask].mean(axis=0)])
+    off = float((own.aligned.biases[0] - pooled.aligned.biases[pooled.component]) @ middle)
+    if abs(off) > SURE * own.aligned.se_mean[0]:
+        return True
+    if (own.spreads is None) or (pooled.spreads is None):
+        return (own.spreads is None) != (pooled.spreads is None)
+    sizes = sizes_of(objects.features)
+    total = []
+    for spreads in (own.spreads, pooled.spreads):
+        drift, noise = spreads.levels(sizes)
+        total.append(np.log(np.mean((drift**2 + noise**2)[mask])) / 2.0)
+    name = "drift" if own.spreads.drift is not None else "noise"
+    return bool(abs(total[0] - total[1]) > SURE * own.spreads.se[name])
