@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from resim.assess.criteria import Criteria, Outcome, Verdict, judge, overall
 from resim.assess.criticality import Measure, State
 from resim.assess.criticality.measure import States
 from resim.assess.drive import Drive
-from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Subject
+from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Subject, scene_of
 from resim.assess.risk import Risk
 from resim.core.geometry import Floats
 
@@ -45,19 +45,25 @@ class Worst:
 class Assessment:
     """What a drive was like. measures by name, each (S, K), or (S,) of the EGO or the whole scene.
 
-    kinds: of each measure. verdicts: of each criterion that it was judged by.
+    kinds: of each measure. contacts: when [s] the EGO's box touches whose. verdicts: of each criterion that it was
+    judged by. flaw: why the drive cannot pass, whatever the criteria say, or "".
     """
 
     drive: Drive
     measures: Mapping[str, Measure]
     kinds: Mapping[str, Kind]
     risk: Risk
+    contacts: tuple[tuple[float, str], ...]
     verdicts: Mapping[str, Verdict]
+    flaw: str = ""
 
     @property
     def verdict(self) -> Outcome | None:
-        """The verdict over all criteria, None where there are none."""
-        return overall(self.verdicts) if self.verdicts else None
+        """The verdict over all criteria, None where there are none; INVALID at best where the drive has a flaw."""
+        if not self.verdicts:
+            return None
+        found = overall(self.verdicts)
+        return "INVALID" if self.flaw and found == "PASS" else found
 
     def worst(self) -> list[Worst]:
         """Give the worst of each measure that has a value."""
@@ -67,21 +73,23 @@ class Assessment:
             if (found := measure.worst()) is None:
                 continue
             value, (scene, *k) = found
-            whom = ids[k[0]] if k else self._riskiest(scene) if name == "risk" else ""
+            whom = ids[k[0]] if k else _whom(name, scene, self.drive, self.risk, self.contacts)
             out.append(Worst(name, self.kinds[name], measure.unit, value, float(t[scene]), whom))
         return out
 
     def notes(self) -> list[str]:
         """Give what one has to know to believe the risk: objects that its prediction was not fitted to."""
         drive = self.drive
+        flaw = [self.flaw] if self.flaw else []
         outside = drive.present & ~drive.covered
         if not outside.any():
-            return []
+            return flaw
         ids = [drive.ids[k] for k in np.flatnonzero(outside.any(axis=0))]
         who = ", ".join(ids[:NAMED]) + (f" and {len(ids) - NAMED} more" if len(ids) > NAMED else "")
         return [
+            *flaw,
             f"{int(outside.sum())} of {int(drive.present.sum())} states of objects lie outside of the range that the "
-            f"prediction {drive.prediction!r} was fitted to (objects {who}): their risk is extrapolated"
+            f"prediction {drive.prediction!r} was fitted to (objects {who}): their risk is extrapolated",
         ]
 
     def to_json(self) -> dict[str, Any]:
@@ -104,12 +112,23 @@ class Assessment:
                 "r_ind": _numbers(self.risk.r_ind),
                 "r_dep": _numbers(self.risk.r_dep),
                 "r_to": {i: _numbers(self.risk.r_to[:, k]) for k, i in enumerate(ids)},
+                "reasons": {
+                    "r_ind": [REASONS[State.NOT_COMPUTED] if np.isnan(r) else "" for r in self.risk.r_ind],
+                    "r_to": {
+                        i: [
+                            "" if np.isfinite(r) else REASONS[State.NOT_COMPUTED] if here else ABSENT
+                            for r, here in zip(self.risk.r_to[:, k], drive.present[:, k], strict=True)
+                        ]
+                        for k, i in enumerate(ids)
+                    },
+                },
                 "outside_fitted_range": {
                     i: (drive.present[:, k] & ~drive.covered[:, k]).tolist() for k, i in enumerate(ids)
                 },
             },
             "criteria": {name: _verdict(v) for name, v in self.verdicts.items()},
             "verdict": self.verdict,
+            "flaw": self.flaw or None,
             "notes": self.notes(),
         }  # fmt: skip
 
@@ -131,11 +150,6 @@ class Assessment:
                 "limit": v.limit, "weight": v.weight, "reason": v.reason,
             }  # fmt: skip
 
-    def _riskiest(self, scene: int) -> str:
-        """The object with the largest risk of a scene, "" where none has any."""
-        near = np.nan_to_num(self.risk.r_to[scene], nan=-1.0)
-        return self.drive.ids[int(near.argmax())] if near.max(initial=0.0) > 0.0 else ""
-
     def _columns(self, measure: Measure) -> Iterator[tuple[str, Floats, States, Any]]:
         """Each object's value, state and presence (S,), or the EGO's."""
         if measure.value.ndim == 1:
@@ -150,8 +164,11 @@ class Assessment:
                 yield i, measure.value[:, k], measure.state[:, k], self.drive.present[:, k]
 
 
-def assess(subject: Subject, criteria: Criteria | None = None) -> Assessment:
-    """Compute every objectification and the risk of a drive, and judge it by criteria if there are any."""
+def assess(subject: Subject, criteria: Criteria | None = None, flaw: str = "") -> Assessment:
+    """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
+
+    flaw: why it cannot pass, whatever the criteria say, or "".
+    """
     drive = subject.drive
     every = (*OBJECTIFICATIONS, *subject.own)
     measures = {o.name: subject.measure(o.name) for o in every}
@@ -159,7 +176,22 @@ def assess(subject: Subject, criteria: Criteria | None = None) -> Assessment:
         c.name: judge(c, measures[c.measure], drive.t, drive.ids, drive.present)
         for c in (criteria.criteria if criteria is not None else ())
     }
-    return Assessment(drive, measures, {o.name: o.kind for o in every}, subject.risk, verdicts)
+    for name, v in verdicts.items():
+        if v.t is not None and not v.object:
+            scene = int(np.argmin(np.abs(drive.t - v.t)))
+            verdicts[name] = replace(v, object=_whom(v.measure, scene, drive, subject.risk, subject.contacts))
+    kinds = {o.name: o.kind for o in every}
+    return Assessment(drive, measures, kinds, subject.risk, subject.contacts, verdicts, flaw)
+
+
+def _whom(name: str, scene: int, drive: Drive, risk: Risk, contacts: tuple[tuple[float, str], ...]) -> str:
+    """Because of whom a measure of the whole scene is what it is: the largest risk, the first that is touched."""
+    if name == "collision":
+        return next((who for t, who in contacts if scene_of(drive, t) == scene), "")
+    if name == "risk":
+        near = np.nan_to_num(risk.r_to[scene], nan=-1.0)
+        return drive.ids[int(near.argmax())] if near.max(initial=0.0) > 0.0 else ""
+    return ""
 
 
 def _why_none(measure: Measure) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,6 +21,8 @@ from resim.core.geometry import Bools, Floats
 from resim.core.plugin import load_named
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
+NAMED = 5
+"""Objects that a reason names."""
 EXAMPLE = "See scenarios/criteria/highway.toml."
 _SAME = 1e-9
 
@@ -35,13 +38,13 @@ class Criterion(BaseModel):
 
     name: str = Field(min_length=1)
     measure: str = Field(min_length=1)
-    below: float | None = None
-    above: float | None = None
-    beyond: float | None = Field(default=None, ge=0.0)
-    duration: float = Field(default=0.0, ge=0.0)
-    start: float = Field(default=0.0, ge=0.0)
-    end: float | None = Field(default=None, gt=0.0)
-    weight: float = Field(default=1.0, ge=0.0)
+    below: float | None = Field(default=None, strict=True)
+    above: float | None = Field(default=None, strict=True)
+    beyond: float | None = Field(default=None, ge=0.0, strict=True)
+    duration: float = Field(default=0.0, ge=0.0, strict=True)
+    start: float = Field(default=0.0, ge=0.0, strict=True)
+    end: float | None = Field(default=None, gt=0.0, strict=True)
+    weight: float = Field(default=1.0, ge=0.0, strict=True)
     source: str = ""
 
     @model_validator(mode="after")
@@ -126,7 +129,10 @@ def read_criteria(path: Path) -> Criteria:
     try:
         file = _CriteriaFile.model_validate(parse_toml(read_file(path, EXAMPLE), path, EXAMPLE))
     except ValidationError as e:
-        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in e.errors())
+        faults = [
+            p for p in e.errors() if p["type"] != "too_short"
+        ] or e.errors()  # what is too short lacks the faulty
+        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in faults)
         raise InputError(path, problems, EXAMPLE) from e
     own = tuple(_own(path, o) for o in file.objectification)
     known = [*names(OBJECTIFICATIONS), *names(own)]
@@ -144,17 +150,19 @@ def _own(path: Path, own: OwnObjectification) -> Objectification:
     def of(subject: Subject) -> Measure:
         drive = subject.drive
         try:
-            value = np.array(function(drive, subject.network), dtype=float)
+            value = np.array(function(deepcopy(drive), subject.network), dtype=float)
         except (Exception, SystemExit) as e:
             raise InputError(path, f"objectification {own.name!r}: {own.function} raised {e!r}") from e
-        if value.shape not in (drive.t.shape, drive.present.shape) or np.isinf(value).any():
-            problem = f"objectification {own.name!r}: {own.function} gave an array {value.shape}"
-            s, k = drive.present.shape
-            raise InputError(
-                path, problem, f"Give ({s},) or ({s}, {k}), numbers, NaN where it is not defined."
-            )
-        state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE).astype(np.uint8)
-        return Measure(own.name, own.unit, value, state, own.worst)
+        shapes = drive.t.shape, drive.present.shape
+        if value.shape not in shapes or np.isinf(value).any():
+            what = "inf" if value.shape in shapes else f"an array {value.shape}"
+            problem = f"objectification {own.name!r}: {own.function} gave {what}"
+            remedy = f"Give {shapes[0]} or {shapes[1]}, numbers, NaN where it is not defined."
+            raise InputError(path, problem, remedy)
+        there = drive.present if value.ndim == 2 else np.ones(value.shape, dtype=bool)
+        state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE)
+        state = np.where(there, state, State.NOT_COMPUTED).astype(np.uint8)
+        return Measure(own.name, own.unit, np.where(state == State.VALUE, value, np.nan), state, own.worst)
 
     return Objectification(own.name, own.kind, of)
 
@@ -177,7 +185,7 @@ def judge(
     counts = there & within[:, None]
     bad = criterion.badness(np.where(counts, columns, np.nan))
     times = np.array([_longest(bad[:, k] > 0.0, t) for k in range(bad.shape[1])])
-    failed = times >= max(criterion.duration, 0.0) - _SAME
+    failed = (times >= 0.0) & (times >= criterion.duration - _SAME)
     longest = float(times.max(initial=-1.0))
     lost = counts & (states == State.NOT_COMPUTED)
     meant = counts & (states != State.NOT_DEFINED) & ~lost
@@ -187,12 +195,20 @@ def judge(
     )  # fmt: skip
     broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {longest:.1f} s"
     outcome: Outcome = "PASS"
-    reason = "no conflict" if value is None else f"{broken} only" if longest >= 0.0 else "kept"
+    short = longest >= 0.0 and _longest(within, t) < criterion.duration - _SAME
+    reason = f"{broken} only" if longest >= 0.0 else "kept"
+    if value is None:
+        reason = "no conflict" if whose else "no object"
     if failed.any():
         outcome, reason = "FAIL", broken
+    elif short:
+        outcome, reason = (
+            "INVALID",
+            f"{broken}; the drive has less than {criterion.duration:g} s in this part",
+        )
     elif lost.any():
         scenes = f"{int(lost.any(axis=1).sum())} of {int(within.sum())} scenes"
-        outcome, reason = "INVALID", f"not computed in {scenes}"
+        outcome, reason = "INVALID", f"not computed in {scenes}{_names(lost, whose)}"
     elif not within.any():
         outcome, reason = "INVALID", "the drive has no scene in this part"
     elif not meant.any() and counts.any():
@@ -214,6 +230,13 @@ def overall(verdicts: Mapping[str, Verdict]) -> Outcome:
     """Give FAIL where one fails, else INVALID where one is, else PASS."""
     outcomes = {v.outcome for v in verdicts.values()}
     return "FAIL" if "FAIL" in outcomes else "INVALID" if "INVALID" in outcomes else "PASS"
+
+
+def _names(lost: Bools, whose: Sequence[str]) -> str:
+    """Of whom something is lost, in brackets; "" for the EGO."""
+    names = [name for k, name in enumerate(whose) if name and lost[:, k].any()]
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f" (objects {', '.join(names[:NAMED])}{more})" if names else ""
 
 
 def _worst(bad: Floats) -> tuple[int, int] | None:

@@ -67,7 +67,7 @@ def drive(
     *,
     ego: str,
     plans: Plans = (),
-    path: Path | None = None,
+    path: Path = "plan",
     parameters: Parameters = DEFAULTS,
     predicted: Prediction | None = None,
     road: RoadNetwork | None = None,
@@ -118,7 +118,7 @@ def _states(tracks: Tracks) -> Floats:
 
 
 def _paths(
-    t: Floats, ego: Floats, plans: Plans, path: Path | None, parameters: Parameters
+    t: Floats, ego: Floats, plans: Plans, path: Path, parameters: Parameters
 ) -> tuple[Floats, tuple[Path, ...]]:
     """The EGO's path (S, M + 1, 4) in each scene, and where it comes from."""
     from resim.assess.risk.kernel import ctra_plans
@@ -132,20 +132,28 @@ def _paths(
         for n, start in enumerate(t):
             out[n] = _sampled(times, way, start + ahead)
             chosen[n] = "driven"
-    elif path in (None, "plan"):
+    elif path == "plan":
         made = np.array([when for when, _ in plans])
         latest = np.searchsorted(made, t + _SAME, side="right") - 1
         for n in np.flatnonzero(latest >= 0).tolist():
-            if t[n] - made[latest[n]] <= FRESH:
-                out[n] = _planned(plans[latest[n]][1], ego[n, 2], t[n] + ahead)
+            plan = plans[latest[n]][1]
+            if t[n] - made[latest[n]] <= FRESH and plan[-1, 0] > t[n] + _SAME:
+                out[n] = _planned(plan, ego[n], t[n] + ahead)
                 out[n, :, :2] += ego[n, :2] - out[n, 0, :2]
+                out[n, 0] = ego[n, :4]
                 chosen[n] = "plan"
     return out, tuple(chosen)
 
 
-def _planned(plan: Floats, heading: float, at: Floats) -> Floats:
-    """A plan's way (4 columns: x, y, heading, v) at times; its heading is that of the way, `heading` if it has none."""
+def _planned(plan: Floats, ego: Floats, at: Floats) -> Floats:
+    """A plan's way (x, y, heading, v) at times, from the EGO's state on where it begins later.
+
+    Its heading is that of the way; the EGO's where it does not move.
+    """
+    if plan[0, 0] > at[0] + _SAME:
+        plan = np.concatenate([[[at[0], ego[0], ego[1], ego[3]]], plan])
     t, x, y, v = plan.T
+    heading = ego[2]
     if len(t) == 1:
         return _sampled(t, np.array([[x[0], y[0], heading, v[0]]]), at)
     dx, dy = np.gradient(x, t), np.gradient(y, t)

@@ -24,26 +24,29 @@ _SAME = 1e-9
 class Functioning:
     """When perception and function were at work.
 
-    lists: (L,) s, times of the object lists, also of empty ones; ids: (N,) of the true objects; seen: (N, L) which of
-    them stand in a list; period: s between two lists of one sensor. answers: (A,) s, when the function answered, None
-    where that was not recorded. delay: s that what a list says is older than the list.
+    lists: (L,) s, times of the object lists, also of empty ones as far as they are known, None where there is no sensor
+    data; ids: (N,) of the true objects; seen: (N, L) which of them stand in a list; period: s between two lists of one
+    sensor, inf if unknown. answers: (A,) s, when the function answered, None where that was not recorded. delay: s that
+    what a list says is older than the list. of_truth: whether the drive's objects are the true ones, that are to be
+    detected, and not those detected.
     """
 
-    lists: Floats
+    lists: Floats | None
     ids: Strings
     seen: Bools
     period: float
     answers: Floats | None
     delay: float = 0.0
+    of_truth: bool = True
 
 
 def function_availability(drive: Drive, functioning: Functioning | None) -> Measure:
     """Give 1 where the function's last answer is in force (S,), 0 where the next one is late by half a cycle or more.
 
-    NOT_DEFINED before the first answer; NOT_COMPUTED where answers were not recorded.
+    NOT_DEFINED before the first answer; NOT_COMPUTED where no two answers were recorded.
     """
-    answers = None if functioning is None else functioning.answers
-    cycle = float(np.median(np.diff(answers))) if answers is not None and len(answers) > 1 else np.inf
+    answers = _answers(functioning)
+    cycle = np.inf if answers is None else float(np.median(np.diff(answers)))
     age = _age(drive.t, answers)
     return _told(
         "function availability", "1", np.where(age <= LATE * cycle + _SAME, 1.0, 0.0), age, answers, "low"
@@ -53,9 +56,9 @@ def function_availability(drive: Drive, functioning: Functioning | None) -> Meas
 def perception_availability(drive: Drive, functioning: Functioning | None) -> Measure:
     """Give 1 where perception's last list is in force (S,), 0 where the next one is late by half a period or more.
 
-    NOT_DEFINED before the first list; NOT_COMPUTED where there is no sensor data.
+    NOT_DEFINED before the first list; NOT_COMPUTED where there are no two of them.
     """
-    lists = None if functioning is None else functioning.lists
+    lists = None if functioning is None or not np.isfinite(functioning.period) else functioning.lists
     late = np.inf if functioning is None else LATE * functioning.period
     age = _age(drive.t, lists)
     return _told("perception availability", "1", np.where(age <= late + _SAME, 1.0, 0.0), age, lists, "low")
@@ -63,9 +66,9 @@ def perception_availability(drive: Drive, functioning: Functioning | None) -> Me
 
 def cycle_time(drive: Drive, functioning: Functioning | None) -> Measure:
     """Give the time (S,) [s] between the function's last two answers. States as in `function_availability`."""
-    answers = None if functioning is None else functioning.answers
+    answers = _answers(functioning)
     value = np.full(len(drive.t), np.nan)
-    if answers is not None and len(answers) > 1:
+    if answers is not None:
         last = np.searchsorted(answers, drive.t + _SAME, side="right") - 1
         value = np.where(last > 0, np.diff(answers, prepend=np.nan)[last], np.nan)
     return _told("cycle time", "s", value, value, answers, "high")
@@ -85,10 +88,11 @@ def latency(drive: Drive, functioning: Functioning | None) -> Measure:
 def detection(drive: Drive, functioning: Functioning | None) -> Measure:
     """Give 1 where an object (S, K) stands in a list of the last period and a half, 0 where in none.
 
-    NOT_DEFINED for objects that are not there or over 100 m away; NOT_COMPUTED where there is no sensor data.
+    NOT_DEFINED for objects that are not there or over 100 m away, and of SD, whose objects are those detected;
+    NOT_COMPUTED where there is no sensor data.
     """
     shape = drive.present.shape
-    if functioning is None:
+    if functioning is None or functioning.lists is None:
         return _unknown("detection", "1", shape, "low")
     rows = {name: n for n, name in enumerate(functioning.ids.tolist())}
     age = np.full(shape, np.inf)
@@ -97,7 +101,7 @@ def detection(drive: Drive, functioning: Functioning | None) -> Measure:
         if row is not None:
             age[:, k] = np.nan_to_num(_age(drive.t, functioning.lists[functioning.seen[row]]), nan=np.inf)
     own, other = drive.scenes.plan[:, 0, None, :2], drive.scenes.state[..., :2]
-    near = drive.present & (np.hypot(*np.moveaxis(other - own, 2, 0)) <= RANGE)
+    near = drive.present & functioning.of_truth & (np.hypot(*np.moveaxis(other - own, 2, 0)) <= RANGE)
     state = np.where(near, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
     found = np.where(age <= LATE * functioning.period + _SAME, 1.0, 0.0)
     return Measure("detection", "1", np.where(near, found, np.nan), state, "low")
@@ -105,13 +109,20 @@ def detection(drive: Drive, functioning: Functioning | None) -> Measure:
 
 def detection_rate(drive: Drive, functioning: Functioning | None) -> Measure:
     """Give the share (S,) of the objects within 100 m that are detected (`detection`); NOT_DEFINED without any."""
-    if functioning is None:
+    if functioning is None or functioning.lists is None:
         return _unknown("detection rate", "1", drive.t.shape, "low")
     every = detection(drive, functioning)
     count = (every.state == State.VALUE).sum(axis=1)
     share = np.where(count > 0, np.nansum(every.value, axis=1) / np.maximum(count, 1), np.nan)
     state = np.where(count > 0, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
     return Measure("detection rate", "1", share, state, "low")
+
+
+def _answers(functioning: Functioning | None) -> Floats | None:
+    """When the function answered, if it did twice or more."""
+    if functioning is None or functioning.answers is None or len(functioning.answers) < 2:
+        return None
+    return functioning.answers
 
 
 def _age(t: Floats, events: Floats | None) -> Floats:

@@ -20,26 +20,28 @@ from resim.assess.criticality.measure import Bad
 from resim.assess.drive import Drive
 from resim.assess.functional import Functioning
 from resim.assess.risk import DEFAULTS, Parameters, Risk
-from resim.core.geometry import Bools, Floats, boxes_overlap
+from resim.core.geometry import Floats, boxes_overlap
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 
 _SAME = 1e-9
 Kind = Literal["functional", "quantitative", "legal"]
+KINDS: tuple[Kind, ...] = ("quantitative", "legal", "functional")
+"""In the order of tables."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
     """What objectifications are computed of: the drive, its road, and what function and perception did, if known.
 
-    hits: (S, K) whose boxes the EGO's touched between a scene and the next (`touched`), if known finer than by scenes.
+    hits: when [s] the EGO's box touched whose (`contacts`), if that is known finer than by scenes.
     """
 
     drive: Drive
     network: RoadNetwork
     parameters: Parameters = DEFAULTS
     functioning: Functioning | None = None
-    hits: Bools | None = None
+    hits: tuple[tuple[float, str], ...] | None = None
     own: tuple[Objectification, ...] = ()
     _known: dict[str, Measure] = field(default_factory=dict)
 
@@ -61,6 +63,13 @@ class Subject:
         return driven_pairs(
             drive.tracks, str(drive.own.ids[0]), drive.t, horizon=p.horizon, step=p.step, driven=True
         )
+
+    @cached_property
+    def contacts(self) -> tuple[tuple[float, str], ...]:
+        """When [s] the EGO's box touches whose."""
+        if self.hits is not None:
+            return self.hits
+        return tuple(contacts(self.drive.tracks, str(self.drive.own.ids[0])))
 
     @cached_property
     def risk(self) -> Risk:
@@ -146,30 +155,26 @@ def _whole(name: str, value: Floats, bad: Bad = "high") -> Measure:
 
 
 def _collision(subject: Subject) -> Measure:
-    """1 where the boxes of the EGO and an object touch, else 0 (S, K); 0 for who is not there."""
+    """1 where the EGO's box touches another between a scene and the next, else 0 (S,)."""
     drive = subject.drive
-    hits = touched(drive, drive.tracks) if subject.hits is None else subject.hits
-    known = subject.pairs.complete() | ~drive.present | hits
-    return _whole("collision", np.where(known, np.where(hits, 1.0, 0.0), np.nan))
+    value = np.where((subject.pairs.complete() | ~drive.present).all(axis=1), 0.0, np.nan)
+    value[[scene_of(drive, t) for t, _ in subject.contacts]] = 1.0
+    return _whole("collision", value)
 
 
-def touched(drive: Drive, tracks: Tracks, collisions: Iterable[tuple[float, str]] = ()) -> Bools:
-    """Say whose boxes (S, K) the EGO's touches between a scene and the next, or from the last scene on.
+def scene_of(drive: Drive, t: float) -> int:
+    """Give the scene that a time [s] belongs to: the last one that is not after it."""
+    return max(int(np.searchsorted(drive.t, t + _SAME, side="right")) - 1, 0)
 
-    tracks: of the drive, at finer times. collisions: time [s] and object of others that are known.
-    """
-    row = tracks.index(str(drive.own.ids[0]))
+
+def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:
+    """Give when [s] the EGO's box touches whose, for every sample."""
+    row = tracks.index(ego)
     hit = boxes_overlap(
         tracks.x[row], tracks.y[row], tracks.heading[row], tracks.length[row], tracks.width[row],
         tracks.x, tracks.y, tracks.heading, tracks.length[:, None], tracks.width[:, None],
     )  # fmt: skip
-    out = np.zeros(drive.present.shape, dtype=bool)
-    column = {name: k for k, name in enumerate(drive.ids)}
-    found = [(float(tracks.t[i]), str(tracks.ids[n])) for n, i in np.argwhere(hit) if n != row]
-    for t, name in (*found, *collisions):
-        if name in column:
-            out[max(int(np.searchsorted(drive.t, t + _SAME, side="right")) - 1, 0), column[name]] = True
-    return out
+    return sorted((float(tracks.t[i]), str(tracks.ids[n])) for n, i in np.argwhere(hit) if n != row)
 
 
 OBJECTIFICATIONS = _all()

@@ -109,7 +109,9 @@ def wanted(path: Path | None) -> Criteria | None:
 
 
 def refuse_bad(found: Assessed) -> None:
-    """Raise BadVerdictError where a criterion fails, or cannot be judged."""
+    """Raise BadVerdictError where a run failed, or a criterion fails or cannot be judged."""
+    if found.failures:
+        raise BadVerdictError("; ".join(f"{name}: {why}" for name, why in found.failures.items()))
     bad = {name: a.verdict for name, a in found.blocks.items() if a.verdict not in (None, "PASS")}
     if bad and found.criteria is not None:
         told = ", ".join(f"{name} {verdict}" for name, verdict in bad.items())

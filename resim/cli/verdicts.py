@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from resim.assess.criteria import Verdict
     from resim.pipeline import Assessed
 
-KINDS = ("quantitative", "legal", "functional")
-
 
 def console() -> Console:
-    """Give standard output, 120 wide where it is no terminal."""
-    return Console(width=None if sys.stdout.isatty() else 120)
+    """Give standard output, 120 wide where it is no terminal; square brackets in names are just that."""
+    return Console(width=None if sys.stdout.isatty() else 120, markup=False)
 
 
 def print_worst(found: Assessed) -> None:
     """Print the worst of every objectification: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
+    from resim.assess.objectifications import KINDS
+
     table = Table(title=f"{found.name}: the worst of each objectification, when, and because of whom")
     table.add_column("objectification")
     for name in found.blocks:
@@ -34,10 +34,7 @@ def print_worst(found: Assessed) -> None:
         for name in (n for n, k in kinds.items() if k == kind):
             cells = [worst[block].get(name) for block in found.blocks]
             if any(cell is not None for cell in cells):
-                table.add_row(
-                    name,
-                    *("–" if w is None else _told(w.name, w.value, w.unit, w.t, w.object) for w in cells),
-                )
+                table.add_row(name, *map(_worst, cells))
         table.add_section()
     console().print(table)
 

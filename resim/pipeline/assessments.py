@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ from resim.assess.assessment import Assessment, assess
 from resim.assess.criteria import Criteria
 from resim.assess.drive import Path as EgoPath
 from resim.assess.drive import Plans, drive
-from resim.assess.functional import Functioning
-from resim.assess.objectifications import Subject, touched
+from resim.assess.functional import RANGE, Functioning
+from resim.assess.objectifications import Subject, contacts
 from resim.assess.risk import DEFAULTS, Parameters
 from resim.assess.risk.prediction import Prediction
 from resim.core.errors import InputError
@@ -48,13 +48,13 @@ DELAY = "CLOCK_OFFSET"
 
 @dataclass(frozen=True, eq=False)
 class How:
-    """How to assess. path: where the EGO's path comes from (None: its plan where there is one, else its state).
+    """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
 
     prediction: how objects may go on (None: as published); road_aware: along their lanes.
     """
 
     parameters: Parameters = DEFAULTS
-    path: EgoPath | None = None
+    path: EgoPath = "plan"
     prediction: Prediction | None = None
     road_aware: bool = False
     criteria: Criteria | None = None
@@ -62,13 +62,17 @@ class How:
 
 @dataclass(frozen=True, eq=False)
 class Assessed:
-    """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation."""
+    """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation.
+
+    failures: of runs that failed, and why; also of those that have no assessment, as there was nothing to assess.
+    """
 
     name: str
     network: RoadNetwork
     run: bool
     blocks: Mapping[str, Assessment]
     criteria: Criteria | None
+    failures: Mapping[str, str]
 
     def notes(self) -> list[str]:
         """Give what one has to know to compare the blocks and to believe them."""
@@ -77,6 +81,7 @@ class Assessed:
         if len({tuple(k) for k in kinds.values()}) > 1:
             told = "; ".join(f"{name} by its {' and '.join(k)}" for name, k in kinds.items())
             out.append(f"the EGO's path differs: {told}; --path state makes them alike")
+        out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 
     def kpi_frame(self) -> pd.DataFrame:
@@ -90,7 +95,7 @@ class Assessed:
         """Give the blocks of a run by name; of a recording the block of GT, with that of SD in `SD`."""
         blocks = {name: a.to_json() for name, a in self.blocks.items()}
         if self.run:
-            return {**blocks, "notes": self.notes()}
+            return {**blocks, "failures": dict(self.failures), "notes": self.notes()}
         gt = blocks.pop("GT")
         return {**gt, **blocks, "notes": self.notes()}
 
@@ -101,8 +106,9 @@ class _Block:
 
     scenario: Scenario
     plans: Plans
-    functioning: Functioning | None
+    functioning: Functioning
     collisions: tuple[tuple[float, str], ...]
+    flaw: str = ""
 
 
 def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assessed:
@@ -128,18 +134,20 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     functioning = _measured(seen, plans, {f.code: f.value for f in recording.findings if not f.object})
     blocks = {
         str(basis): _Block(
-            scenario, plans, functioning, tuple(collisions(measured[basis], ego=recording.ego))
+            scenario, plans, replace(functioning, of_truth=basis == "GT"),
+            tuple(collisions(measured[basis], ego=recording.ego)), _left_out(measured[basis].to_frame(), scenario),
         )
         for basis, scenario in scenarios.items()
-    }
-    return _assessed(recording.name, network, False, blocks, how)
+    }  # fmt: skip
+    return _assessed(recording.name, network, False, blocks, how, {})
 
 
 def assess_resimulation(result: Resimulation, how: How) -> Assessed:
     """Assess a re-simulation: GT, SD, rGT, rSD."""
     tables = _Tables(result.tracks_frame(), result.answers_frame(), result.plans_frame())
-    blocks = _run_blocks(result.scenarios(), tables, result.report())
-    return _assessed(result.recording.name, result.network, True, blocks, how)
+    report = result.report()
+    blocks = _run_blocks(result.scenarios(), tables, report)
+    return _assessed(result.recording.name, result.network, True, blocks, how, _failures(report, blocks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,15 +171,38 @@ def _assess_results(folder: Path, how: How) -> Assessed:
     files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
     scenarios = {name: read_jscen(path) for name, path in files.items() if path.is_file()}
     tables = _Tables(
-        read_table(folder / "tracks.parquet", required=("source", "t", "id"), text=("source", "id")),
+        read_table(
+            folder / "tracks.parquet", required=("source", "t", "id", "x", "y"), text=("source", "id")
+        ),
         _table(folder / "answers.parquet", ("source", "t")),
         _table(folder / "plans.parquet", ("source", *PLAN_COLUMNS)),
     )
     try:
+        if lost := [basis for basis in ("GT", *_described(written)) if basis not in scenarios]:
+            raise InputError(folder, f"{lost[0]}.jscen.json is missing", remedy)
         blocks = _run_blocks(scenarios, tables, written)
+        failures = _failures(written, blocks)
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
-    return _assessed(name, network, True, blocks, how)
+    return _assessed(name, network, True, blocks, how, failures)
+
+
+def _described(report: Mapping[str, Any]) -> list[str]:
+    """The runs that lasted long enough to be described, as report.json has it."""
+    return [
+        f"r{basis}" for basis in ("GT", "SD") if report["errors"][f"FIT_r{basis}"]["ego"]["d"] is not None
+    ]
+
+
+def _failures(report: Mapping[str, Any], blocks: Mapping[str, _Block]) -> dict[str, str]:
+    """The runs that failed, or ended before there was anything to assess, and why."""
+    out = {}
+    for name, end in report["end"].items():
+        if (why := report["failure"].get(name)) is not None:
+            out[name] = str(why)
+        elif name not in blocks:
+            out[name] = f"ended by {end} before there was anything to assess"
+    return out
 
 
 def _table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
@@ -192,21 +223,35 @@ def _run_blocks(
     seen = tracks[tracks.source == "SD"]
     measured = _measured(seen if len(seen) else None, recorded, findings)
     out = {
-        name: _Block(scenarios[name], recorded, measured, hits[name])
+        name: _Block(
+            scenarios[name], recorded, replace(measured, of_truth=name == "GT"), hits[name],
+            _left_out(tracks[tracks.source == name], scenarios[name]),
+        )
         for name in ("GT", "SD")
         if name in scenarios
-    }
+    }  # fmt: skip
     for name in ("rGT", "rSD"):
         if name in scenarios:
             t = answers.t[answers.source == name].to_numpy(dtype=float)
             functioning = _functioning(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
-            out[name] = _Block(scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name])
+            failed = report["failure"].get(name)
+            flaw = f"the function failed: {failed}" if failed else ""
+            out[name] = _Block(
+                scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name], flaw
+            )
     return out
 
 
-def _assessed(name: str, network: RoadNetwork, run: bool, blocks: Mapping[str, _Block], how: How) -> Assessed:
+def _assessed(
+    name: str,
+    network: RoadNetwork,
+    run: bool,
+    blocks: Mapping[str, _Block],
+    how: How,
+    failures: Mapping[str, str],
+) -> Assessed:
     found = {key: _assess(block, network, how) for key, block in blocks.items()}
-    return Assessed(name, network, run, found, how.criteria)
+    return Assessed(name, network, run, found, how.criteria, failures)
 
 
 def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
@@ -216,9 +261,12 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
         tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
         predicted=how.prediction, road=network if how.road_aware else None,
     )  # fmt: skip
-    hits = touched(made, scenario.tracks(network, _times(scenario, FINE)), block.collisions)
+    fine = contacts(scenario.tracks(network, _times(scenario, FINE)), scenario.ego.id)
+    hits = tuple(sorted([*fine, *block.collisions]))
     own = () if how.criteria is None else how.criteria.own
-    return assess(Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria)
+    return assess(
+        Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria, block.flaw
+    )
 
 
 def _times(scenario: Scenario, rate: float) -> Floats:
@@ -238,13 +286,24 @@ def _plans(frame: pd.DataFrame | None) -> Plans:
     return tuple(zip(made.tolist(), np.split(values[:, 1:], first[1:]), strict=True))
 
 
-def _measured(
-    seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, float | None]
-) -> Functioning | None:
+def _left_out(tracks: pd.DataFrame, scenario: Scenario) -> str:
+    """Say which objects near the EGO have no motion that a scenario could describe: they were seen only once."""
+    ego = scenario.ego.id
+    lost = tracks[~tracks.id.isin([ego, *(o.id for o in scenario.objects)])]
+    both = lost.merge(tracks.loc[tracks.id == ego, ["t", "x", "y"]], on="t", suffixes=("", "_ego"))
+    near = both[np.hypot(both.x - both.x_ego, both.y - both.y_ego) <= RANGE]
+    if near.empty:
+        return ""
+    return (
+        f"seen only once, within {RANGE:g} m of the EGO, and not assessed: {', '.join(sorted(set(near.id)))}"
+    )
+
+
+def _measured(seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, float | None]) -> Functioning:
     """What perception and function did in the measured drive, as far as it was recorded."""
-    if seen is None:
-        return None
     answers = np.array([when for when, _ in plans]) if len(plans) else None
+    if seen is None:
+        return Functioning(None, np.empty(0, dtype=str), np.empty((0, 0), dtype=bool), np.inf, answers)
     return _functioning(seen, np.unique(seen.t.to_numpy(dtype=float)), answers, findings.get(DELAY) or 0.0)
 
 

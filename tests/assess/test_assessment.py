@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import duckdb
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import ROOT
 
@@ -140,6 +142,68 @@ def test_what_is_no_drive_is_refused(call, tmp_path, what):
     assert (code, out) == (2, "")
     assert error.count("\n") == 1
     assert str(path) in error
+
+
+FAILS = """from resim.sim.adfunction import Command
+
+
+class Fails:
+    def reset(self, setup): ...
+
+    def step(self, perceived):
+        if perceived.t >= {until}:
+            raise ValueError("it broke")
+        return Command(0.0, 0.0)
+
+    def close(self): ...
+"""
+
+
+@pytest.mark.parametrize("until", [-99.0, 2.0])
+def test_a_run_that_failed_passes_neither_now_nor_later(call, tmp_path, until):
+    (tmp_path / "fails.py").write_text(FAILS.format(until=until))
+    (tmp_path / "fails.toml").write_text('name = "fails"\nversion = "1"\nfactory = "fails:Fails"\n')
+    run, drive = tmp_path / "run", ROOT / "scenarios" / "overtake"
+    code, _, _ = call("run", drive, "--build", tmp_path / "fails.toml", "--criteria", HIGHWAY, "--out", run)
+    assert code == 1
+    code, out, error = call("assess", run, "--criteria", HIGHWAY, "--out", tmp_path / "again")
+    assert code == 1
+    assert "it broke" in error
+    assert "note: rGT: " in out
+    found = written(tmp_path / "again")
+    assert "it broke" in found["failures"]["rGT"]
+    if until > 0.0:
+        assert found["rGT"]["verdict"] == "INVALID"
+    else:
+        assert "rGT" not in found
+    assert (run / "assessment.json").read_bytes() == (tmp_path / "again" / "assessment.json").read_bytes()
+
+
+def test_a_run_that_lost_a_scenario_is_refused(call, tmp_path):
+    build = ROOT / "adfunc" / "builds" / "replay-1.0.toml"
+    run = tmp_path / "run"
+    assert call("run", ROOT / "scenarios" / "rear_end", "--build", build, "--out", run)[0] == 0
+    for name in ("rGT", "GT"):
+        (run / f"{name}.jscen.json").unlink()
+        code, _, error = call("assess", run)
+        assert (code, f"{name}.jscen.json is missing" in error) == (2, True)
+
+
+def test_an_object_that_was_seen_only_once_is_never_a_pass(call, tmp_path):
+    folder = tmp_path / "once"
+    shutil.copytree(ROOT / "scenarios" / "overtake", folder)
+    text = (folder / "recording.toml").read_text()
+    (folder / "recording.toml").write_text(text.replace("../../networks", str(ROOT / "networks")))
+    gt = pd.read_csv(folder / "gt.csv")
+    ego = gt[(gt.id == "ego") & (gt.t > 2.0)].iloc[0]
+    ghost = {**ego.to_dict(), "id": "ghost[/1]", "x": ego.x + 40.0}
+    pd.concat([gt, pd.DataFrame([ghost])]).sort_values(["t", "id"], kind="stable").to_csv(
+        folder / "gt.csv", index=False
+    )
+    code, out, error = call("assess", folder, "--criteria", HIGHWAY)
+    assert code == 1, error
+    assert "GT INVALID" in error
+    assert "seen only once, within 100 m of the EGO, and not assessed: ghost[/1]" in out
 
 
 def test_a_run_that_lost_a_file_is_refused(call, tmp_path):

@@ -72,7 +72,7 @@ def test_a_failure_names_who_broke_the_limit_for_long_not_who_was_worst_for_a_mo
 def test_without_objects_there_is_no_conflict():
     none = np.empty((50, 0))
     found = judge(Criterion(name="ttc", measure="TTC", below=1.5), measure(none), T, [], none.astype(bool))
-    assert (found.outcome, found.value, found.reason) == ("PASS", None, "no conflict")
+    assert (found.outcome, found.value, found.reason) == ("PASS", None, "no object")
 
 
 def test_one_sample_can_fail():
@@ -126,6 +126,14 @@ def test_what_ships_is_sound_and_says_where_its_limits_come_from():
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = 1\nfoo = 2", "foo"),
         ("name = 'x'\n" + 2 * "[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = 1\n", "stands twice"),
         ("name = ", "is not TOML"),
+        (
+            "name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = true",
+            "below: Input should be a valid number",
+        ),
+        (
+            "name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = '1'",
+            "below: Input should be a valid number",
+        ),
     ],
 )
 def test_files_that_mean_nothing_are_refused(tmp_path, text, says):

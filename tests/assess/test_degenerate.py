@@ -11,7 +11,7 @@ from conftest import ROOT
 from resim.assess.assessment import assess
 from resim.assess.criteria import Criteria, Criterion, read_criteria
 from resim.assess.drive import drive
-from resim.assess.objectifications import Subject, touched
+from resim.assess.objectifications import Subject, contacts
 from resim.assess.risk import accident_risk
 from resim.core.errors import ResimError
 
@@ -48,6 +48,8 @@ def test_an_unknown_value_of_an_object_that_is_there_is_invalid(overtaking, netw
     assert found.verdict == "INVALID"
     verdict = found.verdicts["accident risk"]
     assert (verdict.outcome, verdict.reason) == ("INVALID", "not computed in 1 of 50 scenes")
+    who = found.verdicts["time to collision"].reason
+    assert who == f"not computed in 1 of 50 scenes (objects {tracks.ids[other(tracks, ego)]})"
     assert np.isnan(found.risk.r_ind[7])
     assert np.isfinite(np.delete(found.risk.r_ind, 7)).all()
     assert found.to_json()["risk"]["r_ind"][7] is None
@@ -96,10 +98,10 @@ def test_who_never_meets_is_no_conflict_and_passes(overtaking, network):
     tracks, ego = overtaking
     alone = tracks.select([ego])
     far = replace(tracks, x=tracks.x + np.where(tracks.ids == ego, 0.0, 1e5)[:, None])
-    for some in (alone, far):
+    for some, why in ((alone, "no object"), (far, "no conflict")):
         found = judged(network, some, ego)
         verdict = found.verdicts["time to collision"]
-        assert (verdict.outcome, verdict.value, verdict.reason) == ("PASS", None, "no conflict")
+        assert (verdict.outcome, verdict.value, verdict.reason) == ("PASS", None, why)
         assert (found.risk.r_ind == 0.0).all()
         assert found.verdict == "PASS"
 
@@ -114,13 +116,32 @@ def test_a_collision_between_two_scenes_or_after_the_last_is_none_the_less_one(o
         int(np.flatnonzero(np.isclose(fine.t - fine.t[0], 2.05))[0]),
     )
     fine.x[n, at], fine.y[n, at] = fine.x[row, at], fine.y[row, at]
-    k = made.ids.index(str(tracks.ids[n]))
-    assert np.argwhere(touched(made, fine)).tolist() == [[20, k]]
-    late = touched(made, made.tracks, [(float(made.t[-1]) + 0.03, made.ids[0])])
-    assert np.argwhere(late).tolist() == [[49, 0]]
-    found = assess(Subject(made, network, hits=late), HIGHWAY)
-    verdict = found.verdicts["no collision"]
-    assert (verdict.outcome, verdict.t, verdict.object) == ("FAIL", made.t[-1], made.ids[0])
+    hits = tuple(contacts(fine, ego))
+    assert hits == ((float(fine.t[at]), str(tracks.ids[n])),)
+    late = ((float(made.t[-1]) + 0.03, "who has no track"),)
+    for some, scene in ((hits, 20), (late, 49)):
+        found = assess(Subject(made, network, hits=some), HIGHWAY)
+        verdict = found.verdicts["no collision"]
+        assert (verdict.outcome, verdict.t, verdict.object) == ("FAIL", made.t[scene], some[0][1])
+        worst = next(w for w in found.worst() if w.name == "collision")
+        assert (worst.t, worst.object) == (made.t[scene], some[0][1])
+
+
+def test_a_flaw_of_the_drive_is_never_a_pass(overtaking, network):
+    tracks, ego = overtaking
+    found = assess(Subject(drive(tracks, ego=ego), network), HIGHWAY, flaw="the function failed")
+    assert (found.verdict, found.to_json()["flaw"]) == ("INVALID", "the function failed")
+    assert "the function failed" in found.notes()
+
+
+def test_a_duration_that_the_drive_does_not_last_is_invalid_where_the_limit_is_broken(overtaking, network):
+    tracks, ego = overtaking
+    long = Criterion(name="long", measure="speed over limit", above=-100.0, duration=1000.0)
+    kept = Criterion(name="kept", measure="speed over limit", above=100.0, duration=1000.0)
+    found = assess(Subject(drive(tracks, ego=ego), network), Criteria("long", (long, kept)))
+    assert found.verdicts["long"].outcome == "INVALID"
+    assert found.verdicts["long"].reason.endswith("the drive has less than 1000 s in this part")
+    assert found.verdicts["kept"].outcome == "PASS"
 
 
 def test_a_missing_ego_is_a_clear_error(overtaking):

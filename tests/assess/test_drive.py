@@ -64,6 +64,23 @@ def test_a_plan_goes_before_the_state_while_it_is_fresh(tracks):
     np.testing.assert_allclose(made.scenes.plan[20, :, 0], motion.x[row, 20], atol=0.01)
 
 
+def test_a_plan_begins_at_the_present_state_however_it_was_made(tracks):
+    """At present speed, where the EGO is; a plan that begins later is reached, one that is over is none."""
+    motion, ego = tracks("cut_in_brake")
+    row, start = motion.index(ego), float(motion.t[20])
+    x, y, v = (float(c[row, 20]) for c in (motion.x, motion.y, motion.v))
+    ahead = np.arange(1.0, 5.0, 0.5)
+    late = np.column_stack([start + ahead, x + 0.5 * v * ahead, y + 0.0 * ahead, 0.5 * v + 0.0 * ahead])
+    made = drive(motion, ego=ego, plans=[(start, late)])
+    assert made.path[20] == "plan"
+    pose = made.scenes.plan[20]
+    np.testing.assert_allclose(pose[0], [x, y, motion.heading[row, 20], v])
+    np.testing.assert_allclose(pose[10:, 0], x + 0.5 * v * np.arange(1.0, 4.05, 0.1), atol=0.01)
+    assert (np.diff(pose[:, 0]) > 0.4 * v * 0.1).all()  # it does not wait for the plan to begin
+    over = np.column_stack([start - ahead[::-1], x + v * ahead, y + 0.0 * ahead, v + 0.0 * ahead])
+    assert drive(motion, ego=ego, plans=[(start, over)]).path[20] == "state"
+
+
 def test_objects_that_are_not_there_have_no_risk(tracks):
     motion, ego = tracks("overtake")
     gone = motion.valid.copy()

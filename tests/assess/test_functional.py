@@ -71,10 +71,22 @@ def test_far_objects_need_not_be_seen_and_parts_of_one_are_that_one(overtaking):
     assert (f.detection(parted, at_work(overtaking)).value[:, 0] == 1.0).all()
 
 
+def test_what_perception_saw_is_not_held_against_itself(overtaking):
+    seen = replace(at_work(overtaking), of_truth=False)
+    assert (f.detection(overtaking, seen).state == State.NOT_DEFINED).all()
+    assert (f.detection_rate(overtaking, seen).state == State.NOT_DEFINED).all()
+
+
 def test_what_was_not_recorded_is_not_computed(overtaking):
     for of in (f.function_availability, f.perception_availability, f.cycle_time, f.latency, f.detection,
                f.detection_rate):  # fmt: skip
         assert (of(overtaking, None).state == State.NOT_COMPUTED).all()
+    once = replace(at_work(overtaking), answers=np.array([0.3]), lists=np.array([0.3]), period=np.inf)
+    for of in (f.function_availability, f.perception_availability, f.cycle_time):
+        assert (of(overtaking, once).state == State.NOT_COMPUTED).all()  # nobody knows when the next is late
+    driven = replace(at_work(overtaking), lists=None, period=np.inf)
+    assert (f.function_availability(overtaking, driven).value == 1.0).all()
+    assert (f.detection(overtaking, driven).state == State.NOT_COMPUTED).all()
     silent = replace(at_work(overtaking), answers=None)
     assert (f.cycle_time(overtaking, silent).state == State.NOT_COMPUTED).all()
     assert (f.perception_availability(overtaking, silent).value == 1.0).all()

@@ -55,12 +55,23 @@ def test_it_is_assessed_and_judged_like_any_other(judged, tmp_path):
     assert verdict["value"] == min(min(v) for v in found["measures"]["gap to the side"].values())
 
 
+def test_it_has_no_number_for_who_is_not_there_and_cannot_change_the_drive(judged, tmp_path):
+    module = MODULE.replace(
+        "    return", "    drive.scenes.state[...] = 0.0\n    drive.own.x[...] = 0.0\n    return"
+    )
+    assert judged(module, limit=8.0)[0] == 1
+    whole = json.loads((tmp_path / "out" / "assessment.json").read_text())
+    assert whole["criteria"]["keeps clear"]["value"] < 8.0  # the EGO's y, as it left it
+    assert min(x for x in whole["measures"]["gap ahead"]["2"] if x is not None) > 50.0
+
+
 @pytest.mark.parametrize(
     ("module", "says"),
     [
         ("def beside(drive, network):\n    return 1 / 0\n", "my_measures:beside raised ZeroDivisionError"),
         ("def beside(drive, network):\n    return [1.0, 2.0]\n", r"gave an array (2,)"),
         ("def beside(drive, network):\n    return 'no'\n", "raised ValueError"),
+        ("def beside(drive, network):\n    return drive.t + float('inf')\n", "my_measures:beside gave inf"),
         ("import nothing_of_this_name\n", "cannot be imported"),
         ("other = 1\n", "has no beside"),
     ],

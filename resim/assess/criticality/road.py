@@ -27,8 +27,8 @@ def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
     """Give how far (N, T) [m] the box reaches over the border of its lane; negative is room left.
 
     |t| + ½ (length |sin| + width |cos|) - ½ lane width, for the lane the centre is in, taken as straight over the
-    length of the box, angles against the lane's direction. NOT_DEFINED where the centre is on no lane or the size is
-    unknown; NOT_COMPUTED where there is no sample.
+    length of the box, angles against the lane's direction; off all lanes, of the nearest one that vehicles drive on.
+    NOT_DEFINED where the size is unknown; NOT_COMPUTED where there is no sample.
     """
     where = np.nonzero(tracks.valid)
     heading = tracks.heading[where]
@@ -37,7 +37,7 @@ def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
     length, width = _sizes(tracks, where[0])
     half = 0.5 * (length * np.abs(np.sin(turn)) + width * np.abs(np.cos(turn)))
     over = np.abs(place.t) + half - 0.5 * network.lane_width(place.road, place.lane, place.s)
-    return _told("lane overhang", "m", np.where(place.on_road, over, np.nan), tracks.valid)
+    return _told("lane overhang", "m", over, tracks.valid)
 
 
 def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:

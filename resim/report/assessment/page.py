@@ -10,6 +10,7 @@ from plotly.offline import get_plotlyjs
 
 from resim.assess.assessment import Worst
 from resim.assess.criteria import Verdict
+from resim.assess.objectifications import KINDS
 from resim.pipeline import Assessed
 from resim.report.assessment.figures import amount_words, drive_figure, risk_figure
 from resim.report.assessment.marks import RISK, TIMES, block_color
@@ -18,7 +19,6 @@ from resim.report.tables import NONE, table
 
 DASHES = ' stroke-dasharray="6 4"'
 SIGNS = {"PASS": "✓", "FAIL": "✕", "INVALID": "?"}
-KINDS = ("quantitative", "legal", "functional")
 
 
 def section(assessed: Assessed) -> str:
