@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
 from resim.cli.assess import CriteriaFile, refuse_bad, wanted
-from resim.core.errors import ResimError
+from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from resim.ingest import Recording
-    from resim.pipeline import Assessed, Options, Resimulation
+    from resim.pipeline import Assessed, Options, Perceiving, Resimulation
     from resim.sim.adfunction import Build
     from resim.sim.dynamics import VehicleModel
 
@@ -54,6 +56,19 @@ def run(
         bool, typer.Option(help="Whether a collision of the EGO ends the run.")
     ] = True,
     criteria: CriteriaFile = None,
+    perception: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL", help="Perception model (JSON): re-simulates GT with what it lets be seen, too."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="A parameter of the model, such as latency.speed=0.4."
+        ),
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Runs with the perception model.")] = 20,
     accept: Accept = None,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
@@ -85,7 +100,8 @@ def run(
         gui=gui,
     )
     model = SingleTrack() if vehicle is VehicleChoice.single_track else Kinematic()
-    result = _with_progress(measured, pinned, options, model, accept or [])
+    seen = _perceiving(perception, settings or [], range(seed, seed + seeds), bases[basis.value])
+    result = _with_progress(measured, pinned, options, model, accept or [], seen)
     assessed = assess_resimulation(result, how)
     with whole_folder(out) as folder:
         write_resimulation(result, folder)
@@ -98,12 +114,30 @@ def run(
     typer.echo(f"\nreport: {out / 'report.html'}")
     if result.failure:
         raise BadVerdictError(result.failure)
-    refuse_bad(assessed)
+    if assessed.criteria is not None:
+        refuse_bad(assessed)
+
+
+def _perceiving(
+    path: Path | None, settings: list[str], seeds: range, bases: tuple[str, ...]
+) -> Perceiving | None:
+    """The perception model that the user asks for, if any."""
+    from resim.perception.model import read_model
+    from resim.pipeline import Perceiving, file_hash
+
+    if path is None:
+        if settings:
+            raise InputError("--set", f"{settings[0]!r} without a model", "Name one with --perception.")
+        return None
+    if "GT" not in bases:
+        raise InputError("--perception", "is for re-simulation on GT", "Leave out --basis sd.")
+    return Perceiving(read_model(path, tuple(settings)), tuple(seeds), tuple(settings), file_hash(path))
 
 
 def _with_progress(
-    recording: Recording, build: Build, options: Options, model: VehicleModel, accept: list[str]
-) -> Resimulation:
+    recording: Recording, build: Build, options: Options, model: VehicleModel, accept: list[str],
+    perceiving: Perceiving | None,
+) -> Resimulation:  # fmt: skip
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -111,6 +145,7 @@ def _with_progress(
 
     bases = [b for b in options.bases if b == "GT" or recording.sd is not None]
     stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s == "fit GT" or s[-2:] in bases]
+    stages = [s for s in stages if s != "run GT+M" or perceiving is not None]
     console = Console(stderr=True)
     bar = Progress(
         TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
@@ -122,7 +157,9 @@ def _with_progress(
         def tell(stage: str) -> None:
             bar.update(task, description=stage, completed=stages.index(stage))
 
-        return resimulate(recording, build, options, model=model, accept=accept, progress=tell)
+        return resimulate(
+            recording, build, options, model=model, perceiving=perceiving, accept=accept, progress=tell
+        )
 
 
 def _print_table(result: Resimulation) -> None:
@@ -135,7 +172,7 @@ def _print_table(result: Resimulation) -> None:
     table.add_column("step")
     for who in ("EGO", "TO"):
         for quantity, unit in (("d", "m"), ("Δv", "m/s"), ("Δheading", "rad")):
-            table.add_column(f"{who} {quantity} \\[{unit}]", justify="right")
+            table.add_column(f"{who} {quantity} [{unit}]", justify="right")
     for name, errors in report["errors"].items():
         cells = [errors[who][q] for who in ("ego", "to") for q in ("d", "v", "heading")]
         if any(cell is not None for cell in cells):
@@ -150,8 +187,31 @@ def _print_table(result: Resimulation) -> None:
             out.print(
                 f"{base:>4}: {', '.join(did) or 'no decision'}; {when}{f'; ended by {end}' if end else ''}"
             )
+    if report["perception"] is not None:
+        _print_perception(report, out)
     for warning in report["warnings"]:
         out.print(f"note: {warning}", highlight=False)
+
+
+def _print_perception(report: dict[str, Any], out: Console) -> None:
+    """How often the runs with the model decide as the measured drive, and how far they are from it."""
+    import numpy as np
+
+    seeds = report["perception"]["seeds"]
+    same = sum(s["decision"] == report["decision"]["GT"] for s in seeds)
+    late = [s["reaction_difference"] for s in seeds if s["reaction_difference"] is not None]
+    off = [s["end_position_error"] for s in seeds if s["end_position_error"] is not None]
+    told = (
+        f"rGT with {report['perception']['model']['name']}: {same} of {len(seeds)} seeds decide as measured"
+    )
+    told += (
+        f"; first braking {np.median(late):+.2f} s against GT in the median"
+        if late
+        else "; no braking to compare"
+    )
+    told += f"; at the end {np.median(off):.2f} m off" if off else ""
+    without = report["end_position_error"].get("rGT")
+    out.print(told + (f" (without {without:.2f} m)" if without is not None and off else ""), highlight=False)
 
 
 def _print_risk(found: Assessed) -> None:

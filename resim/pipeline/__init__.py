@@ -3,7 +3,15 @@
 from resim.pipeline.assessments import Assessed, How, assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
 from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
-from resim.pipeline.result import Basis, Branch, Options, Resimulation, perceived_frame
+from resim.pipeline.result import (
+    Basis,
+    Branch,
+    Options,
+    PerceivedRun,
+    Perceiving,
+    Resimulation,
+    perceived_frame,
+)
 from resim.pipeline.run import STAGES, file_hash, map_name, resimulate
 
 __all__ = [
@@ -14,6 +22,8 @@ __all__ = [
     "How",
     "MapCheck",
     "Options",
+    "PerceivedRun",
+    "Perceiving",
     "Resimulation",
     "assess_folder",
     "assess_recording",

@@ -21,6 +21,7 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
 from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
+from resim.perception.model import PerceptionModel
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Perceived
@@ -60,6 +61,29 @@ class Branch:
 
 
 @dataclass(frozen=True, eq=False)
+class PerceivedRun:
+    """A run on GT in which a perception model showed the function what it saw.
+
+    seed: of the model's draws. outside, shown: objects in lists that were outside of the model's validity, and all.
+    """
+
+    seed: int
+    run: Run
+    outside: int
+    shown: int
+
+
+@dataclass(frozen=True, eq=False)
+class Perceiving:
+    """A perception model, the seeds to run it with, and the parameters that were set by hand ("latency.speed=0.4")."""
+
+    model: PerceptionModel
+    seeds: tuple[int, ...]
+    overrides: tuple[str, ...] = ()
+    hash: str = ""
+
+
+@dataclass(frozen=True, eq=False)
 class Resimulation:
     """A re-simulated recording: what was measured and described, the branches that were run, and the errors.
 
@@ -78,6 +102,8 @@ class Resimulation:
     warnings: tuple[str, ...]
     times: Mapping[str, float]
     hashes: Mapping[str, str]
+    perceiving: Perceiving | None = None
+    perceived_runs: tuple[PerceivedRun, ...] = ()
 
     @property
     def ego(self) -> str:
@@ -88,6 +114,7 @@ class Resimulation:
     def failure(self) -> str:
         """Why the function failed, and in which run, or ""."""
         whys = {f"r{basis}": b.run.failure for basis, b in self.branches.items() if b.run.failure}
+        whys |= {f"rGT+M, seed {p.seed}": p.run.failure for p in self.perceived_runs if p.run.failure}
         return "; ".join(f"{name}: {why}" for name, why in whys.items())
 
     def scenarios(self) -> dict[str, Scenario]:
@@ -114,6 +141,9 @@ class Resimulation:
             perceived_frame(branch.run.perceived).assign(source=f"perceived_r{basis}")
             for basis, branch in self.branches.items()
         ]
+        for p in self.perceived_runs:  # the traffic is that of rGT
+            parts.append(p.run.truth.select([self.ego]).to_frame().assign(source=f"rGT+M{p.seed}"))
+            parts.append(perceived_frame(p.run.perceived).assign(source=f"perceived_rGT+M{p.seed}"))
         table = pd.concat(parts, ignore_index=True)
         return table[["source", *(c for c in table.columns if c != "source")]]
 
@@ -171,10 +201,46 @@ class Resimulation:
             "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},
             "end": {name: run.end for name, run in runs.items()},
             "failure": {name: run.failure or None for name, run in runs.items()},
+            "end_position_error": {name: self.end_error(run) for name, run in runs.items()},
+            "perception": self._perception(reaction["GT"]),
             "warnings": list(self.warnings),
             "findings": [finding_json(f) for f in self.recording.findings],
             "repaired": self.recording.repaired,
         }
+
+    def end_error(self, run: Run) -> float | None:
+        """Give the distance [m] of a run's EGO from the measured one at the last time that both are there."""
+        truth, gt = run.truth.select([self.ego]), self.measured["GT"].select([self.ego])
+        t = truth.t[truth.valid[0] & (truth.t <= gt.t[-1] + 1e-9)]
+        if not len(t):
+            return None
+        both = [tracks.at(t[-1:]) for tracks in (truth, gt)]
+        apart = float(np.hypot(both[0].x[0, 0] - both[1].x[0, 0], both[0].y[0, 0] - both[1].y[0, 0]))
+        return apart if math.isfinite(apart) else None
+
+    def _perception(self, measured: float | None) -> dict[str, Any] | None:
+        """What the runs with a perception model gave, seed by seed; `measured` reaction [s]."""
+        if self.perceiving is None:
+            return None
+        model = self.perceiving.model
+        seeds = []
+        for p in self.perceived_runs:
+            reaction = fidelity.reaction_time(p.run.truth, ego=self.ego)
+            seeds.append(
+                {
+                    "seed": p.seed,
+                    "decision": fidelity.decision(p.run.truth, self.network, ego=self.ego),
+                    "reaction": reaction,
+                    "reaction_difference": _minus(reaction, measured),
+                    "end_position_error": self.end_error(p.run),
+                    "end": p.run.end,
+                    "collision": bool(p.run.collisions),
+                    "outside_validity": p.outside,
+                    "shown": p.shown,
+                }
+            )
+        told = {"name": model.name, "hash": self.perceiving.hash, "set": list(self.perceiving.overrides)}
+        return {"model": told, "seeds": seeds}
 
     def provenance(self) -> dict[str, Any]:
         """Give what run.json holds: versions, hashes, seeds, times."""

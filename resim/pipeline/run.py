@@ -19,7 +19,7 @@ from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import check_map, refuse_flaws
 from resim.pipeline.notes import GAP, notes
-from resim.pipeline.result import Basis, Branch, Options, Resimulation
+from resim.pipeline.result import Basis, Branch, Options, PerceivedRun, Perceiving, Resimulation
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, describe
@@ -35,7 +35,7 @@ LONGEST = 600.0
 
 Progress = Callable[[str], None]
 
-STAGES = ("map", "fit GT", "fit SD", "run GT", "fit rGT", "run SD", "fit rSD", "errors")
+STAGES = ("map", "fit GT", "fit SD", "run GT", "fit rGT", "run SD", "fit rSD", "run GT+M", "errors")
 """What `resimulate` tells its progress, in order, as far as the bases ask for it."""
 
 
@@ -60,12 +60,14 @@ def resimulate(
     options: Options = Options(),
     *,
     model: VehicleModel | None = None,
+    perceiving: Perceiving | None = None,
     accept: Collection[str] = (),
     progress: Progress = lambda stage: None,
 ) -> Resimulation:
     """Re-simulate a recording with a build, on each basis that the recording has, and compare every step.
 
-    accept: codes of errors in the map in spite of which to go on; InputError for any other.
+    perceiving: a perception model to run GT with as well, once a seed. accept: codes of errors in the map in spite of
+    which to go on; InputError for any other.
     """
     clock = _Clock(progress)
     with clock.stage("map"):
@@ -95,6 +97,13 @@ def resimulate(
                 model,
                 clock,
             )
+    perceived: tuple[PerceivedRun, ...] = ()
+    if perceiving is not None:
+        with clock.stage("run GT+M"):
+            perceived = tuple(
+                _perceived_run(perceiving, seed, described["GT"], build, network, net, options, model)
+                for seed in perceiving.seeds
+            )
     with clock.stage("errors"):
         errors = _errors(recording, branches, whole, measured, described, network)
     return Resimulation(
@@ -113,7 +122,10 @@ def resimulate(
             "map": file_hash(recording.map),
             "net": net.hash,
             **_recording_hashes(recording),
+            **({} if perceiving is None else {"perception": perceiving.hash}),
         },
+        perceiving=perceiving,
+        perceived_runs=perceived,
     )
 
 
@@ -207,6 +219,26 @@ def _branch(
     return Branch(run, refit)
 
 
+def _perceived_run(
+    perceiving: Perceiving,
+    seed: int,
+    scenario: Scenario,
+    build: Build,
+    network: RoadNetwork,
+    net: SumoNet,
+    options: Options,
+    model: VehicleModel | None,
+) -> PerceivedRun:
+    from resim.perception.sensor import Sensor
+
+    sensor = Sensor(perceiving.model)
+    run = simulate(
+        scenario, network, net.path, build, step=options.step, relaxation=options.relaxation, seed=seed,
+        perception=sensor, model=model, stop_at_collision=options.stop_at_collision,
+    )  # fmt: skip
+    return PerceivedRun(seed, run, sensor.outside, sensor.perceived)
+
+
 def _errors(
     recording: Recording,
     branches: Mapping[Basis, Branch],
@@ -239,5 +271,8 @@ def file_hash(path: Path) -> str:
 def _recording_hashes(recording: Recording) -> dict[str, str]:
     if recording.folder is None:
         return {}
-    names = ("recording.toml", "gt.csv", "gt.parquet", "sd.csv", "sd.parquet")
+    names = (
+        "recording.toml",
+        *(f"{table}.{end}" for table in ("gt", "sd", "plan") for end in ("csv", "parquet")),
+    )
     return {name: file_hash(recording.folder / name) for name in names if (recording.folder / name).is_file()}

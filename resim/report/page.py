@@ -11,7 +11,7 @@ from plotly.offline import get_plotlyjs
 
 from resim.fidelity import BRAKING
 from resim.pipeline import Assessed, Resimulation
-from resim.report import assessment, tables
+from resim.report import assessment, seeds, tables
 from resim.report.boxes import box_figure, reaction_figure
 from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
@@ -50,6 +50,11 @@ def page(look: View, assessed: Assessed) -> str:
         _section("errors", "Errors of every step", _errors(look)),
         _section("reaction", "Reaction time", _reaction(look)),
         _section("assessment", "Criticality, accident risk, criteria", assessment.section(assessed)),
+        *(
+            [_section("seeds-section", "With the perception model", seeds.section(look))]
+            if look.result.perceiving
+            else []
+        ),
         _section("perceived", "What the AD function perceived", _perceived(look)),
         _section("recording", "Findings in the recording", tables.findings(look)),
         _section("provenance", "Provenance", tables.provenance(look)),
