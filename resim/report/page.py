@@ -49,12 +49,8 @@ def page(look: View, assessed: Assessed) -> str:
         _section("steps", "Step by step: place, speed and heading over time", _steps(look)),
         _section("errors", "Errors of every step", _errors(look)),
         _section("reaction", "Reaction time", _reaction(look)),
+        *_seeds(look),
         _section("assessment", "Criticality, accident risk, criteria", assessment.section(assessed)),
-        *(
-            [_section("seeds-section", "With the perception model", seeds.section(look))]
-            if look.result.perceiving
-            else []
-        ),
         _section("perceived", "What the AD function perceived", _perceived(look)),
         _section("recording", "Findings in the recording", tables.findings(look)),
         _section("provenance", "Provenance", tables.provenance(look)),
@@ -73,6 +69,13 @@ def page(look: View, assessed: Assessed) -> str:
 
 def _section(name: str, title: str, body: str) -> str:
     return f'<section id="{name}"><h2>{title}</h2>\n{body}</section>'
+
+
+def _seeds(look: View) -> list[str]:
+    """What a perception model did, where one was run."""
+    if look.result.perceiving is None:
+        return []
+    return [_section("seeds-section", "With the perception model", seeds.section(look))]
 
 
 def _figure(figure: go.Figure, name: str, title: str, note: str = "") -> str:
