@@ -79,22 +79,23 @@ def occlusion(
     distance, middle, half = (
         c.tolist() for c in _arcs(x, y, np.asarray(heading_ego), np.asarray(length), np.asarray(width))
     )
-    cover = [_FULL if h > 0.5 * math.pi else h for h in half]  # who stands on the EGO covers all
     order = sorted(range(n), key=distance.__getitem__)
     out = [0.0] * n
-    for k, who in enumerate(order):
-        here, reach = middle[who], half[who]
+    nearer: list[tuple[float, float, float]] = []  # who may cover: distance, middle, half
+    for who in order:
+        far, here, reach = distance[who], middle[who], half[who]
         covering = []
-        for nearer in order[:k]:
-            apart = middle[nearer] - here
+        for near, there, cover in nearer:
+            apart = there - here
             if apart > math.pi:
                 apart -= _FULL
             elif apart < -math.pi:
                 apart += _FULL
-            if abs(apart) < reach + cover[nearer] and distance[nearer] < distance[who]:
-                covering.append((apart - cover[nearer], apart + cover[nearer]))
+            if abs(apart) < reach + cover and near < far:
+                covering.append((apart - cover, apart + cover))
         if covering:
             out[who] = _covered(covering, reach)
+        nearer.append((far, here, reach if reach < math.pi else _FULL))  # who stands on the EGO covers all
     return np.array(out)
 
 

@@ -530,6 +530,15 @@ def test_coming_and_going_of_others_changes_nothing() -> None:
         assert one.perceive(busy).v[0] == pytest.approx(two.perceive(alone).v[0], abs=1e-12)
 
 
+def test_an_empty_road() -> None:
+    sensor = Sensor(everything())
+    nothing = np.zeros(0)
+    for t in steps(4.0):
+        empty = World(t, ego_at(t), nothing.astype(str), nothing.astype(str), nothing + 0j, *[nothing] * 4)
+        assert all(str(name).startswith("false") for name in sensor.perceive(empty).ids)
+    assert len(sensor.perceive(world(5.0, *traffic(2)(5.0), ego_at(5.0))).v) <= 3
+
+
 def test_samples_outside_of_the_models_range_are_counted() -> None:
     place = np.array([10.0, 50.0, 120.0])
 
