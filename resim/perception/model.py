@@ -3,7 +3,9 @@
 Object level, fused lists. Errors are perceived minus true, in the EGO's frame (x forward, y left of its box centre):
 longitudinal and lateral position, speed over ground, heading, length, width. Features of an object: range [m] between
 box centres; bearing [rad], to the left positive; relative speed [m/s], the object's speed along the EGO's heading minus
-the EGO's; acceleration [m/s²] along the object's heading.
+the EGO's; acceleration [m/s²] along the object's heading. They are those of the object as it would be perceived without
+errors, late and averaged, against the EGO as it is; the acceleration is as late as the speed. What an object's maneuver
+is was settled the pooled latency of speed ago.
 """
 
 from __future__ import annotations
@@ -139,7 +141,8 @@ class Detection(_Part):
 
     Edges: increasing, one more than bins; the outer bins reach beyond them. occlusion: share of the object's angle,
     seen from the EGO's centre, that nearer objects cover. loss, gain: [range][bearing][occlusion]. An object is
-    detected at first with the probability gain / (gain + loss). Without bins everything is always detected.
+    detected at first with the probability gain / (gain + loss). Without bins everything is always detected. What the
+    rates make of a time step, whatever its length, is in `chain`.
     """
 
     range_edges: tuple[float, ...] = ()
@@ -173,7 +176,7 @@ class FieldOfView(_Part):
 
 
 class Update(_Part):
-    """Time [s] between two lists (0: one whenever the function asks), and the standard deviation of it.
+    """Time [s] between two lists (0: one whenever the function asks), and the standard deviation of it, each by itself.
 
     Between two lists the last one stands, its objects where they were in the map.
     """
