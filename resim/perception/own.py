@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -19,47 +18,40 @@ def is_wrong(localisation: Localisation) -> bool:
     return any(own.bias or own.drift or own.noise for own in (getattr(localisation, p) for p in _PARTS))
 
 
-class _OwnError:
-    """One error as it goes on in time; draws its normals by twos: for the drift, for the noise."""
-
-    def __init__(self, own: Own, rng: np.random.Generator) -> None:
-        self.bias, self.noise, self.spread, self.time = own.bias, own.noise, own.drift, own.correlation_time
-        self.steady, self.rng = own.drift == 0.0 and own.noise == 0.0, rng
-        self.normals: list[float] = []
-        self.drift, self.keep, self.push = 0.0, 0.0, own.drift
-
-    def step(self, dt: float) -> None:
-        """Take steps of dt [s] from now on; infinite before the first."""
-        self.keep = math.exp(-dt / self.time)
-        self.push = self.spread * math.sqrt(1.0 - self.keep * self.keep)
-
-    def next(self) -> float:
-        """Give the error a step after the last."""
-        if self.steady:
-            return self.bias
-        if not self.normals:
-            self.normals = self.rng.standard_normal(_BLOCK)[::-1].tolist()
-        self.drift = drift = self.keep * self.drift + self.push * self.normals.pop()
-        return self.bias + drift + self.noise * self.normals.pop()
-
-
 class OwnState:
-    """The EGO's state as the EGO has it."""
+    """The EGO's state as the EGO has it; its errors are made for many steps ahead, again if the steps change."""
 
-    def __init__(self, localisation: Localisation, stream: Callable[[str, str], np.random.Generator]) -> None:
-        self.errors = [_OwnError(getattr(localisation, part), stream("ego", part)) for part in _PARTS]
-        self.dt = math.inf
+    def __init__(self, localisation: Localisation, rng: np.random.Generator) -> None:
+        self.parts: list[Own] = [getattr(localisation, part) for part in _PARTS]
+        self.rng, self.dt, self.next = rng, math.inf, 0
+        self.normals: list[list[float]] = []
+        self.errors: list[list[float]] = []
+        self.drifts: list[list[float]] = [[0.0] * len(_PARTS)]
 
     def perceive(self, ego: EgoState, dt: float) -> EgoState:
         """Give the state with the errors dt [s] after the last; infinite for the first."""
-        one, two, three, four = self.errors
-        if not abs(dt - self.dt) < 1e-9:
-            self.dt = dt
-            for error in self.errors:
-                error.step(dt)
-        forward, left, turn, faster = one.next(), two.next(), three.next(), four.next()
+        if self.next == len(self.errors) or not abs(dt - self.dt) < 1e-9:
+            self._go_on(dt)
+        forward, left, turn, faster = self.errors[self.next]
+        self.next += 1
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         return EgoState(
             ego.x + c * forward - s * left, ego.y + s * forward + c * left, ego.heading + turn, ego.v + faster,
             ego.a, ego.yaw_rate,
         )  # fmt: skip
+
+    def _go_on(self, dt: float) -> None:
+        """Make errors for steps of dt [s], from the last that was used on."""
+        drift, self.normals = self.drifts[self.next], self.normals[self.next :]
+        if not self.normals:
+            self.normals = self.rng.standard_normal((_BLOCK, 2 * len(_PARTS))).tolist()
+        self.dt, self.next, self.drifts, self.errors = dt, 0, [drift], []
+        keep = [math.exp(-dt / own.correlation_time) for own in self.parts]
+        push = [own.drift * math.sqrt(1.0 - k * k) for own, k in zip(self.parts, keep, strict=True)]
+        bias, noise = [own.bias for own in self.parts], [own.noise for own in self.parts]
+        for normals in self.normals:
+            drift = [k * d + p * n for k, d, p, n in zip(keep, drift, push, normals[:4], strict=True)]
+            self.drifts.append(drift)
+            self.errors.append(
+                [b + d + s * n for b, d, s, n in zip(bias, drift, noise, normals[4:], strict=True)]
+            )

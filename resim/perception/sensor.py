@@ -49,7 +49,7 @@ class Sensor:
         """Forget the last run; every random draw of the next comes from `rng`."""
         model, self._streams = self.model, Streams(rng)
         of = self._streams.of
-        self._own = OwnState(model.ego, of) if is_wrong(model.ego) else None
+        self._own = OwnState(model.ego, of("ego")) if is_wrong(model.ego) else None
         self._clutter = Clutter(model.false_objects, of("false")) if model.false_objects.rate > 0.0 else None
         self._timing = of("update")
         self._t = self._listed = self._due = -math.inf

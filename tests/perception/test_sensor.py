@@ -460,6 +460,16 @@ def test_localisation() -> None:
     assert np.ptp(column(seen, "x_ego")) == 0.0  # objects are where they are from the true EGO
 
 
+def test_localisation_with_uneven_steps() -> None:
+    times = np.tile([0.02, 0.02, 0.1], 6000).cumsum().tolist()
+    own = {"drift": 0.2, "correlation_time": 0.5}
+    x = np.array([p.ego.x for p in look(Sensor(model(ego={"longitudinal": own})), ring(0), times, standing)])[
+        :, None
+    ]
+    assert x.std() == pytest.approx(0.2, rel=0.05)
+    assert correlation(x[2::3], x[2::3], 1) == pytest.approx(np.exp(-0.14 / 0.5), abs=0.04)
+
+
 # the whole
 
 
