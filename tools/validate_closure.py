@@ -37,7 +37,9 @@ def main() -> None:
     measured, decided = report["reaction"]["GT"], report["decision"]["GT"]
     print(f"measured: {', '.join(decided)}; first braking at {measured:.2f} s\n")
     print(
-        "| re-simulated with | same decision | first braking against GT: median, 5 to 95 % | position error at the end |"
+        print(
+            "| re-simulated with | same decision | first braking against GT: median, 5 to 95 % | end error |"
+        )
     )
     print("|---|---|---|---|")
     without = report["reaction_difference"]["rGT"]
