@@ -36,11 +36,7 @@ def main() -> None:
     report, model = result.report(), read_model(asked.model)
     measured, decided = report["reaction"]["GT"], report["decision"]["GT"]
     print(f"measured: {', '.join(decided)}; first braking at {measured:.2f} s\n")
-    print(
-        print(
-            "| re-simulated with | same decision | first braking against GT: median, 5 to 95 % | end error |"
-        )
-    )
+    print("| re-simulated with | same decision | first braking against GT: median, 5 to 95 % | end error |")
     print("|---|---|---|---|")
     without = report["reaction_difference"]["rGT"]
     print(f"| ideal perception | {int(report['decision']['rGT'] == decided)} of 1 | {without:+.2f} s | "
