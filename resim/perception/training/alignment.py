@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats
 from resim.perception.training.whiten import whiten
 
-SURE = 3.0
-"""Standard errors by which a bias differs from none to depend on a feature, or an averaging to be one."""
+SURE, SOME = 3.0, 2.0
+"""Standard errors by which a bias differs from none to depend on a feature, and an averaging time to be one."""
 PRIOR = 1.0
 """Latency [s] that is usual, as standard deviation: it decides where the data say nothing."""
 LATEST, GRID = 2.0, 0.1
@@ -49,7 +49,7 @@ class Aligned:
     late: float
     over: float
     se_late: float
-    se_over: float
+    over_limits: tuple[float, float]
     biases: tuple[Floats, ...]
     se: tuple[Floats, ...]
     se_mean: tuple[float, ...]
@@ -146,6 +146,7 @@ class _Solver:
             self.columns += [_Column(c, 0)] + [
                 _Column(c, f + 1) for f in np.flatnonzero(self.width[c]).tolist()
             ]
+        self.unsure_square: tuple[float, float] | None = None
         self.clusters = np.unique(task.group, return_inverse=True)[1]
 
     @property
@@ -236,6 +237,14 @@ class _Solver:
         larger = np.sqrt(np.maximum(np.diag(robust) / np.diag(model), 1.0))
         return np.asarray(model * larger[:, None] * larger[None, :])
 
+    def over_limits(self, se: Floats) -> tuple[float, float]:
+        """Give where the averaging time is, 95 %; found too unsure to be one, it may still be one."""
+        square, spread = self.square, float(se[1]) if _Column(-1, 1) in self.columns else 0.0
+        if self.unsure_square is not None:
+            square, spread = self.unsure_square
+        low, high = (float(np.sqrt(max(square + k * spread, 0.0))) for k in (-2.0, 2.0))
+        return (0.0 if self.unsure_square else low), high
+
     def unsure(self) -> list[_Column]:
         """Give what is to go: the feature, or the averaging, that tells least, with all that tell next to nothing."""
         se = np.sqrt(np.diag(self.covariance))
@@ -244,7 +253,7 @@ class _Solver:
             if column.component >= 0 and column.column > 0:
                 unsure[column] = abs(float(self.solution[k])) / se[k]
             elif column.component < 0 and column.column == 1:
-                unsure[column] = self.square / se[k]
+                unsure[column] = self.square / se[k] * SURE / SOME
         nothing = [c for c, z in unsure.items() if z < 1.0]
         worst = min(unsure, key=lambda c: unsure[c], default=None)
         return nothing or ([worst] if worst is not None and unsure[worst] < SURE else [])
@@ -253,14 +262,12 @@ class _Solver:
         """Take a feature or the averaging out."""
         self.columns.remove(column)
         if column == _Column(-1, 1):
+            self.unsure_square = self.square, float(np.sqrt(self.covariance[1, 1]))
             self.square = 0.0
 
     def result(self) -> Aligned:
         """Give all in the units of quantities and features."""
         se = np.sqrt(np.diag(self.covariance))
-        se_over = 0.0
-        if _Column(-1, 1) in self.columns and self.square > 0.0:
-            se_over = float(se[1] / (2.0 * max(self.over, 0.05)))
         biases, errors, residuals, means = [], [], [], []
         now, features = self.task.errors(self.late, self.over), self.task.features
         for c in range(len(now)):
@@ -287,7 +294,7 @@ class _Solver:
             self.late,
             self.over,
             float(se[0]),
-            se_over,
+            self.over_limits(se),
             tuple(biases),
             tuple(errors),
             tuple(means),

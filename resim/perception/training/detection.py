@@ -26,6 +26,9 @@ LIKELY = 0.3
 """Share of detected samples just within it, that makes it an edge rather than the fading of detection."""
 
 
+Chosen = list[list[int]]
+
+
 @dataclass(frozen=True, eq=False)
 class Sightings:
     """Whether true objects were seen, list by list: S samples of range [m], |bearing| [rad], occlusion and seen, and
@@ -116,7 +119,7 @@ def fit_detection(s: Sightings, view: FieldOfView) -> tuple[Detection, dict[str,
     if not len(before) or s.seen[inside].all():
         return Detection(), {}
     place = s.place[after]
-    fine = [_candidates(place[:, c], most) for c, most in ((0, 20), (1, 10), (2, 6))]
+    fine = [_candidates(place[:, c], most) for c, most in ((0, 60), (1, 20), (2, 10))]
     counts = np.stack([
         np.histogramdd(place[(s.seen[before] == was) & (s.seen[after] == now)], bins=fine)[0]
         for was, now in ((True, True), (True, False), (False, False), (False, True))
@@ -135,7 +138,7 @@ def _candidates(values: Floats, most: int) -> Floats:
     return edges if len(edges) > 1 and edges[-1] > edges[0] else np.array([edges[0], edges[0] + 1.0])
 
 
-def _merged(counts: Floats, chosen: list[list[int]]) -> Floats:
+def _merged(counts: Floats, chosen: Chosen) -> Floats:
     out = counts
     for axis, edges in enumerate(chosen, start=1):
         out = np.add.reduceat(out, edges[:-1], axis=axis)
@@ -151,27 +154,57 @@ def _loglik(counts: Floats) -> float:
     return total
 
 
-def _edges(counts: Floats) -> list[list[int]]:
-    """Give, for each of the three, indices of the chosen edges among the candidates, the outer ones included."""
+def _edges(counts: Floats) -> Chosen:
+    """Give, for each of the three, indices of the chosen edges among the candidates, the outer ones included.
+
+    The one that tells most comes next; then each moves to its best place, and who tells nothing any more goes.
+    """
     chosen = [[0, n] for n in counts.shape[1:]]
-    now = _loglik(_merged(counts, chosen))
     while True:
-        best: tuple[float, list[list[int]], float] | None = None
-        for axis, most in enumerate(SPLITS):
-            if len(chosen[axis]) - 2 >= most:
-                continue
-            others = int(np.prod([len(c) - 1 for a, c in enumerate(chosen) if a != axis]))
-            for edge in range(1, counts.shape[axis + 1]):
-                if edge in chosen[axis]:
-                    continue
-                trial = [sorted([*c, edge]) if a == axis else c for a, c in enumerate(chosen)]
-                value = _loglik(_merged(counts, trial))
-                chance = float(chi2.logsf(2.0 * (value - now), 2 * others))
-                if best is None or chance < best[0]:
-                    best = chance, trial, value
-        if best is None or best[0] > np.log(CHANCE):
+        trials = [
+            (axis, sorted([*chosen[axis], edge]))
+            for axis, most in enumerate(SPLITS)
+            if len(chosen[axis]) - 2 < most
+            for edge in range(1, counts.shape[axis + 1])
+            if edge not in chosen[axis]
+        ]
+        made = [_with(chosen, axis, edges) for axis, edges in trials]
+        best = min(made, key=lambda trial: _chance(counts, chosen, trial), default=chosen)
+        if best is chosen or _chance(counts, chosen, best) > np.log(CHANCE):
             return chosen
-        _, chosen, now = best
+        chosen = _pruned(counts, _moved(counts, best))
+
+
+def _with(chosen: Chosen, axis: int, edges: list[int]) -> Chosen:
+    return [edges if a == axis else c for a, c in enumerate(chosen)]
+
+
+def _chance(counts: Floats, less: Chosen, more: Chosen) -> float:
+    """Give the logarithm of the probability that so much likelihood is gained by chance."""
+    bins = [int(np.prod([len(c) - 1 for c in chosen])) for chosen in (less, more)]
+    gained = _loglik(_merged(counts, more)) - _loglik(_merged(counts, less))
+    return float(chi2.logsf(2.0 * gained, 2 * (bins[1] - bins[0])))
+
+
+def _moved(counts: Floats, chosen: Chosen) -> Chosen:
+    """Give the edges, each moved to its best place between its neighbours."""
+    for axis in range(3):
+        for k in range(1, len(chosen[axis]) - 1):
+            edges = chosen[axis]
+            places = [[*edges[:k], e, *edges[k + 1 :]] for e in range(edges[k - 1] + 1, edges[k + 1])]
+            trials = [_with(chosen, axis, place) for place in places]
+            chosen = max(trials, key=lambda trial: _loglik(_merged(counts, trial)))
+    return chosen
+
+
+def _pruned(counts: Floats, chosen: Chosen) -> Chosen:
+    """Give the edges without those that tell nothing."""
+    for axis in range(3):
+        for edge in chosen[axis][1:-1]:
+            less = _with(chosen, axis, [e for e in chosen[axis] if e != edge])
+            if _chance(counts, less, chosen) > np.log(CHANCE):
+                chosen = less
+    return chosen
 
 
 def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection, dict[str, Estimate]]:

@@ -12,6 +12,7 @@ from resim.perception.model import FEATURES, Averaging, Error, Latency, Response
 from resim.perception.training.alignment import Aligned, Component, Task, align, first_guess, trusted, without
 from resim.perception.training.samples import Samples
 from resim.perception.training.spread import Problem, Spreads, fit_spreads
+from resim.perception.training.variogram import reconsidered
 from resim.perception.training.whiten import whiten
 
 NEGLIGIBLE = {"longitudinal": 0.005, "lateral": 0.005, "speed": 0.005, "heading": 5e-4}
@@ -150,7 +151,8 @@ def _spreads(name: str, problem: Problem, *, final: bool) -> Spreads | None:
     used = problem.residual[problem.known]
     if not len(used) or float(np.std(used)) < NEGLIGIBLE[name]:
         return None
-    return fit_spreads(problem, select=final, final=final)
+    found = fit_spreads(problem, select=final, final=final)
+    return reconsidered(found, problem) if final and found is not None else found
 
 
 def sizes_of(features: Floats) -> Floats:

@@ -24,7 +24,8 @@ def lag_estimates(objects: ObjectErrors, drive: NDArray[np.intp]) -> dict[str, E
         n, aligned = int(fitted.known.sum()), fitted.aligned
         out[f"latency.{name}"] = around(aligned.late, aligned.se_late, n, groups, least=0.0)
         if name != "position":
-            out[f"averaging.{name}"] = around(aligned.over, aligned.se_over, n, groups, least=0.0)
+            low, high = aligned.over_limits
+            out[f"averaging.{name}"] = Estimate(value=aligned.over, low=low, high=high, samples=n)
     return out
 
 

@@ -70,7 +70,8 @@ def _matched(drive: Drive, expected: _Expected) -> Matching:
     known[row[row >= 0]] = True
     here = np.isfinite(drive.states[:, 0])
     unknown = np.array(
-        [(here | (drive.gt_ids != name)[:, None]).all(axis=0) for name in drive.gt_id.tolist()]
+        [(here | (drive.gt_ids != name)[:, None]).all(axis=0) for name in drive.gt_id.tolist()],
+        dtype=bool,
     )
     stranger = drive.seen & ~known[:, None] & unknown.reshape(drive.seen.shape)
     return Matching(row, stranger, _switches(row))
