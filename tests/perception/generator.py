@@ -10,7 +10,22 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
 from resim.ingest import Recording
-from resim.perception.model import QUANTITIES, PerceptionModel, Response, Spread
+from resim.perception.model import (
+    QUANTITIES,
+    Averaging,
+    Detection,
+    Error,
+    Errors,
+    FalseObjects,
+    FieldOfView,
+    Latency,
+    Localisation,
+    Own,
+    PerceptionModel,
+    Response,
+    Spread,
+    Update,
+)  # fmt: skip
 
 BEFORE = 4.0
 FINE = 0.01
@@ -67,7 +82,7 @@ def drive_about(rng: np.random.Generator, duration: float, objects: int) -> Moti
     rate = np.gradient(y, FINE, axis=1)
     heading = np.arcsin(np.clip(rate / v, -0.9, 0.9))
     steps = np.cumsum(v * np.cos(heading) * FINE, axis=1)
-    now = int(round(BEFORE / FINE))
+    now = round(BEFORE / FINE)
     x = start[:, None] + steps - steps[:, now : now + 1]
     return Motion(t, x, y, heading, v, np.gradient(v, FINE, axis=1))
 
@@ -85,9 +100,7 @@ def tracks_of(motion: Motion, t: Floats, noise: float, rng: np.random.Generator)
 
 
 def response(r: Response, f: Floats) -> Floats:
-    return (
-        r.constant + r.range * f[0] + r.bearing * f[1] + r.relative_speed * f[2] + r.acceleration * f[3]
-    )
+    return r.constant + r.range * f[0] + r.bearing * f[1] + r.relative_speed * f[2] + r.acceleration * f[3]
 
 
 def spread(s: Spread, f: Floats) -> Floats:
@@ -97,7 +110,9 @@ def spread(s: Spread, f: Floats) -> Floats:
     )
 
 
-def wander(tau: Floats, coupling: Floats, shape: tuple[int, int], dt: float, rng: np.random.Generator) -> Floats:
+def wander(
+    tau: Floats, coupling: Floats, shape: tuple[int, int], dt: float, rng: np.random.Generator
+) -> Floats:
     """Unit drifts (6, N, K) whose driving noises have this correlation."""
     both = 2.0 * np.sqrt(np.outer(tau, tau)) / (tau[:, None] + tau[None, :])
     stationary = coupling * both
@@ -143,7 +158,9 @@ def make_recording(
     gt = tracks_of(motion, t, noise, rng)
     lists = t
     if model.update.period > 0.0:
-        due = np.cumsum(np.maximum(model.update.period + model.update.jitter * rng.standard_normal(len(t)), 1e-3))
+        due = np.cumsum(
+            np.maximum(model.update.period + model.update.jitter * rng.standard_normal(len(t)), 1e-3)
+        )
         lists = np.round(due[due < duration], 6)
     dt = float(np.diff(lists).mean())
     ego = {k: motion.at(k, lists)[0] for k in ("x", "y", "heading", "v")}
@@ -160,7 +177,10 @@ def make_recording(
     coupling = np.eye(6) if model.errors.coupling is None else np.array(model.errors.coupling)
     z = wander(np.array([e.correlation_time for e in each]), coupling, x.shape, dt, rng)
     w = rng.standard_normal((6, *x.shape))
-    errors = [response(e.bias, f) + spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q] for q, e in enumerate(each)]
+    errors = [
+        response(e.bias, f) + spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q]
+        for q, e in enumerate(each)
+    ]
     x, y, v, heading = x + errors[0], y + errors[1], v + errors[2], heading + errors[3]
     own = _own(model, len(lists), dt, rng)
     px, py = ego["x"] + c * own[0] - s * own[1], ego["y"] + s * own[0] + c * own[1]
@@ -207,10 +227,16 @@ def _false(
     for number in range(rng.poisson(f.rate * (t[-1] + 5.0 * f.lifetime)) if f.rate else 0):
         since = rng.uniform(-5.0 * f.lifetime, t[-1])
         here = (t >= since) & (t < since + rng.exponential(f.lifetime))
-        r, b, v = rng.uniform(0, f.range), rng.uniform(-f.bearing, f.bearing), rng.normal(f.speed, f.speed_spread)
+        r, b, v = (
+            rng.uniform(0, f.range),
+            rng.uniform(-f.bearing, f.bearing),
+            rng.normal(f.speed, f.speed_spread),
+        )
         if here.any():
             k = int(np.argmax(here))
-            x, y = (p[k] + r * g(ph[k] + b) + v * g(ph[k]) * (t - t[k]) for p, g in ((px, np.cos), (py, np.sin)))
+            x, y = (
+                p[k] + r * g(ph[k] + b) + v * g(ph[k]) * (t - t[k]) for p, g in ((px, np.cos), (py, np.sin))
+            )
             out.append((f"false{number}", x, y, np.full(len(t), ph[k]), np.full(len(t), v), here, ""))
     return out
 
@@ -218,3 +244,85 @@ def _false(
 def drives(model: PerceptionModel, seed: int, count: int = 20, **how: float) -> list[Recording]:
     """`count` drives of 10 s at 25 Hz."""
     return [make_recording(model, 1000 * seed + k, **how) for k in range(count)]  # type: ignore[arg-type]
+
+
+CORRELATED = np.eye(6)
+CORRELATED[0, 1] = CORRELATED[1, 0] = 0.4
+CORRELATED[0, 2] = CORRELATED[2, 0] = 0.6
+
+DETECTION = Detection(
+    range_edges=(0.0, 30.0, 60.0, 150.0), bearing_edges=(0.0, 3.2), occlusion_edges=(0.0, 1.0),
+    loss=(((0.2,),), ((1.0,),), ((4.0,),)), gain=(((20.0,),), ((16.0,),), ((12.0,),)),
+)  # fmt: skip
+
+KNOWN = {
+    "latency": PerceptionModel(name="latency", latency=Latency(position=0.1, speed=0.35, heading=0.5)),
+    "noise": PerceptionModel(
+        name="noise",
+        latency=Latency(position=0.05, speed=0.3, heading=0.2),
+        errors=Errors(
+            longitudinal=Error(
+                bias=Response(constant=0.5, range=0.01), noise=Spread(constant=0.1, range=0.01)
+            ),
+            lateral=Error(bias=Response(bearing=0.2), noise=Spread(constant=0.1)),
+            speed=Error(bias=Response(constant=-0.3), noise=Spread(constant=0.2, relative_speed=0.05)),
+            heading=Error(noise=Spread(constant=0.01)),
+        ),
+    ),
+    "drift": PerceptionModel(
+        name="drift",
+        latency=Latency(position=0.1, speed=0.8, heading=0.8),
+        averaging=Averaging(speed=1.2, heading=1.2),
+        errors=Errors(
+            longitudinal=Error(
+                bias=Response(constant=1.5), drift=Spread(constant=0.25), correlation_time=0.5,
+                noise=Spread(constant=0.03),
+            ),
+            lateral=Error(drift=Spread(constant=0.1), correlation_time=0.3, noise=Spread(constant=0.03)),
+            speed=Error(drift=Spread(constant=0.15), correlation_time=0.3, noise=Spread(constant=0.05)),
+            heading=Error(drift=Spread(constant=0.005), correlation_time=0.4, noise=Spread(constant=0.002)),
+            coupling=tuple(map(tuple, CORRELATED.tolist())),
+        ),
+    ),
+    "detection": PerceptionModel(name="detection", detection=DETECTION),
+    "everything": PerceptionModel(
+        name="everything",
+        latency=Latency(position=0.08, speed=0.6, heading=0.4),
+        averaging=Averaging(speed=0.8, heading=0.5),
+        errors=Errors(
+            longitudinal=Error(
+                bias=Response(constant=1.0, range=0.005), drift=Spread(constant=0.2, range=0.005),
+                correlation_time=0.6, noise=Spread(constant=0.05),
+            ),
+            lateral=Error(
+                bias=Response(constant=0.1, bearing=0.05), drift=Spread(constant=0.1), correlation_time=0.8,
+                noise=Spread(constant=0.03),
+            ),
+            speed=Error(
+                bias=Response(constant=-0.2), drift=Spread(constant=0.3), correlation_time=0.5,
+                noise=Spread(constant=0.05),
+            ),
+            heading=Error(drift=Spread(constant=0.01), correlation_time=0.4, noise=Spread(constant=0.003)),
+            coupling=tuple(map(tuple, CORRELATED.tolist())),
+        ),
+        detection=DETECTION,
+        field_of_view=FieldOfView(range=90.0),
+        update=Update(period=0.05, jitter=0.004),
+        id_switch=0.2,
+        false_objects=FalseObjects(rate=0.5, lifetime=0.6, range=70.0, bearing=0.4, speed=20.0, speed_spread=4.0),
+        ego=Localisation(
+            longitudinal=Own(bias=-0.1, noise=0.05),
+            lateral=Own(bias=0.19, drift=0.05, correlation_time=1.0, noise=0.02),
+            speed=Own(bias=0.04, noise=0.04),
+        ),
+    ),
+}  # fmt: skip
+"""Models to recover."""
+
+
+def parameter(model: PerceptionModel, name: str) -> float:
+    """A parameter by its dotted name."""
+    value: object = model
+    for part in name.split("."):
+        value = value[int(part)] if part.isdigit() else getattr(value, part)  # type: ignore[index]
+    return float(value)  # type: ignore[arg-type]
