@@ -31,6 +31,7 @@ NEAR = 6.0  # m
 PART = 10.0  # s
 BEHIND = 20.0  # m
 STATION = "station"
+SEEDS = 100
 SHOWN = (0.2, 0.8, 2.0)  # s, lags of the table
 
 
@@ -51,7 +52,8 @@ def main() -> None:
     print(f"trained on {len(parts['3']) + len(parts['4'])} parts in {took:.1f} s\n")
     if asked.model:
         write_model(model, asked.model)
-    print(table(judge(model, parts["5"])))
+    none = judge(PerceptionModel(name="none"), parts["5"], seeds=1)
+    print(table(judge(model, parts["5"], seeds=SEEDS), none))
     print()
     print(parameters(model))
 
@@ -93,26 +95,34 @@ def cut(recording: Recording) -> list[Recording]:
     return out
 
 
-def table(report: Report) -> str:
-    """The error statistics of the held-out trial, measured / of the model."""
+def table(report: Report, none: Report) -> str:
+    """The error statistics of the held-out trial, measured / of the model; distances: of the model, of no model."""
     lags = [report.lags.index(lag) for lag in SHOWN]
-    head = ["error", "mean", "standard deviation", "2.5 %", "median", "97.5 %", "Wasserstein (halves)"]
+    head = [
+        "error",
+        "mean",
+        "standard deviation",
+        "2.5 %",
+        "median",
+        "97.5 %",
+        "Wasserstein, model / none",
+        "between halves",
+    ]
     head += [f"correlation at {lag:g} s" for lag in SHOWN]
     rows = [head, ["---"] * len(head)]
     for name, a in report.quantities.items():
         one, other = a.quantiles_measured, a.quantiles_model
         row = [f"{name} [{a.unit}]", _both(*a.mean), _both(*a.deviation)]
         row += [_both(one[k], other[k]) for k in (0, 2, 4)]
-        row.append(
-            f"{a.wasserstein:.3g} ({a.yardstick:.3g})" if a.yardstick is not None else f"{a.wasserstein:.3g}"
-        )
+        row.append(_both(a.wasserstein, none.quantities[name].wasserstein))
+        row.append("–" if a.yardstick is None else f"{a.yardstick:.3g}")
         row += [_both(a.autocorrelation_measured[k], a.autocorrelation_model[k]) for k in lags]
         rows.append(row)
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     lines.append("")
     lines.append(
         f"Detected {_both(*report.detected)} of the time; drop-outs: {_dropouts(report.dropouts_measured)} measured, "
-        f"{_dropouts(report.dropouts_model)} of the model (10 seeds)."
+        f"{_dropouts(report.dropouts_model)} of the model ({SEEDS} seeds)."
     )
     return "\n".join(lines)
 
