@@ -113,7 +113,7 @@ def table(report: Report, none: Report) -> str:
     for name, a in report.quantities.items():
         one, other = a.quantiles_measured, a.quantiles_model
         row = [f"{name} [{a.unit}]", _both(*a.mean), _both(*a.deviation)]
-        row += [_both(one[k], other[k]) for k in (0, 2, 4)]
+        row += [_both(one[k], other[k]) for k in (0, len(one) // 2, -1)]
         row.append(_both(a.wasserstein, none.quantities[name].wasserstein))
         row.append("–" if a.yardstick is None else f"{a.yardstick:.3g}")
         row += [_both(a.autocorrelation_measured[k], a.autocorrelation_model[k]) for k in lags]

@@ -10,6 +10,7 @@ import typer
 from resim.cli.app import Accept, app
 
 if TYPE_CHECKING:
+    from resim.ingest import Recording
     from resim.perception.model import PerceptionModel
 
 perception_app = typer.Typer(rich_markup_mode=None, no_args_is_help=True)
@@ -22,6 +23,10 @@ app.add_typer(
 def train(
     recordings: Annotated[list[Path], typer.Argument(help="Recording folders with GT and SD.")],
     out: Annotated[Path, typer.Option(help="File (JSON) for the model; its name names the model.")],
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Page (HTML) of how well it does on drives that it was not trained on."),
+    ] = None,
     accept: Accept = None,
 ) -> None:
     """Learn a perception model: latencies, biases, noise, detection, each with its confidence interval."""
@@ -36,6 +41,9 @@ def train(
         write_model(model, file)
     print_model(model)
     typer.echo(f"\nmodel: {out}")
+    if report is not None:
+        _validate(measured, model, report)
+        typer.echo(f"report: {report}")
 
 
 @perception_app.command("show")
@@ -52,6 +60,15 @@ def show(
     from resim.perception.model import read_model
 
     print_model(read_model(model, tuple(settings or ())))
+
+
+def _validate(measured: list[Recording], model: PerceptionModel, report: Path) -> None:
+    from resim.perception.validation import cross_validate
+    from resim.report import write_perception_page
+    from resim.store import whole_file
+
+    with whole_file(report) as file:
+        write_perception_page(model, cross_validate(measured), file)
 
 
 def print_model(model: PerceptionModel) -> None:

@@ -29,6 +29,8 @@ QUANTITIES = ("longitudinal", "lateral", "speed", "heading")
 UNITS = ("m", "m", "m/s", "rad")
 LAGS = (0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 2.0, 3.0)
 """Lags [s] of the autocorrelation."""
+SHARES = tuple(round(0.025 * k, 3) for k in range(1, 40))
+"""Of the errors, of which the quantiles are told."""
 WARM = 1.5
 """Time [s] after an object's first truth, or the first list, in which it is not judged: the model does not know what
 was before."""
@@ -187,14 +189,13 @@ def _agreement(unit: str, measured: list[Floats], model: list[Floats], step: flo
             "validation", "no object is perceived long enough to be judged", "Give longer drives."
         )
     halves = [np.concatenate([e[np.isfinite(e)] for e in measured[k::2]] or [one[:0]]) for k in (0, 1)]
-    at = (0.025, 0.25, 0.5, 0.75, 0.975)
     return Agreement(
         unit=unit,
         samples=len(one),
         mean=(float(one.mean()), float(other.mean())),
         deviation=(float(one.std()), float(other.std())),
-        quantiles_measured=tuple(np.quantile(one, at).tolist()),
-        quantiles_model=tuple(np.quantile(other, at).tolist()),
+        quantiles_measured=tuple(np.quantile(one, SHARES).tolist()),
+        quantiles_model=tuple(np.quantile(other, SHARES).tolist()),
         wasserstein=float(wasserstein_distance(one, other)),
         yardstick=float(wasserstein_distance(*halves)) if all(len(h) for h in halves) else None,
         autocorrelation_measured=_autocorrelation(measured, step),

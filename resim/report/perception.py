@@ -1,0 +1,144 @@
+"""The page of a perception model: how well it tells what the sensors do in drives that it was not trained on."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from resim.perception.model import PerceptionModel
+from resim.perception.parameters import parameters
+from resim.perception.validation import SHARES, Report
+from resim.report.plots import number, sample, style, to_html
+from resim.report.tables import NONE, table
+
+MEASURED, MODEL = "#0072B2", "#D55E00"
+
+
+def write_perception_page(model: PerceptionModel, report: Report, path: Path) -> None:
+    """Write the page: one HTML file; the same model and report give the same bytes."""
+    css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")
+    key = sample("measured", MEASURED) + sample("model", MODEL)
+    path.write_text(
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(model.name)} · perception model</title>\n<style>{css}</style>\n"
+        f"<script>{get_plotlyjs()}</script></head>\n<body><main>\n"
+        f'<header><p class="kind">Perception model</p><h1>{escape(model.name)}</h1>'
+        f"<p>{escape(model.provenance)}</p></header>\n"
+        "<section><h2>On drives that it was not trained on</h2>"
+        f"<p>{report.drives} drives in {report.folds} folds: each fold's errors against those of a model that was "
+        "trained on the others. Errors are perceived less true, latency and all. The Wasserstein distance is that "
+        "between measured and model; beside it, as a yardstick, that between two halves of the measured drives.</p>"
+        f"{_agreement(report)}"
+        f'<div class="key-here">{key}</div>'
+        f"<figure><figcaption><b>Distribution of the errors</b></figcaption>{to_html(_distributions(report), 'errors')}"
+        f"</figure><figure><figcaption><b>Autocorrelation of the errors</b></figcaption>"
+        f"{to_html(_autocorrelations(report), 'correlation')}</figure>"
+        f"<figure><figcaption><b>Lengths of drop-outs</b> <span class=\"note\">{_detected(report)}</span></figcaption>"
+        f"{to_html(_dropouts(report), 'dropouts')}</figure>{_latencies(report)}</section>\n"
+        f"<section><h2>Parameters</h2>{_parameters(model)}</section></main></body></html>\n",
+        encoding="utf-8", newline="\n",
+    )  # fmt: skip
+
+
+def _agreement(report: Report) -> str:
+    rows = []
+    for name, a in report.quantities.items():
+        cells = [f"{number(pair[0], 4)} | {number(pair[1], 4)}" for pair in (a.mean, a.deviation)]
+        yardstick = NONE if a.yardstick is None else number(a.yardstick, 4)
+        rows.append([f"{name} [{a.unit}]", str(a.samples), *cells, number(a.wasserstein, 4), yardstick])
+    head = ["error", "samples", "mean<br>measured | model", "standard deviation<br>measured | model",
+            "Wasserstein<br>distance", "yardstick"]  # fmt: skip
+    return table(head, rows, "sums")
+
+
+def _distributions(report: Report) -> go.Figure:
+    """Quantiles of both, as distribution functions."""
+    names = list(report.quantities)
+    figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
+    for column, name in enumerate(names, start=1):
+        a = report.quantities[name]
+        for values, color, who in (
+            (a.quantiles_measured, MEASURED, "measured"), (a.quantiles_model, MODEL, "model"),
+        ):  # fmt: skip
+            share = [100.0 * s for s in SHARES]
+            trace = go.Scatter(x=list(values), y=share, mode="lines", line={"color": color, "width": 2}, name=who,
+                               hovertemplate="%{y:.0f} % are under %{x:.3g}")  # fmt: skip
+            figure.add_trace(trace, row=1, col=column)
+        figure.update_xaxes(title_text=f"{name} [{a.unit}]", row=1, col=column)
+    style(figure, 300.0, margin={"l": 62, "r": 14, "t": 10, "b": 46})
+    figure.update_yaxes(title_text="share [%]", col=1)
+    return figure
+
+
+def _autocorrelations(report: Report) -> go.Figure:
+    names = list(report.quantities)
+    figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
+    for column, name in enumerate(names, start=1):
+        a = report.quantities[name]
+        for values, color, who in (
+            (a.autocorrelation_measured, MEASURED, "measured"), (a.autocorrelation_model, MODEL, "model"),
+        ):  # fmt: skip
+            known = [(lag, v) for lag, v in zip(report.lags, values, strict=True) if v is not None]
+            trace = go.Scatter(
+                x=[lag for lag, _ in known], y=[v for _, v in known], mode="lines+markers", name=who,
+                line={"color": color, "width": 2}, marker={"size": 6}, hovertemplate="%{x:.1f} s: %{y:.2f}",
+            )  # fmt: skip
+            figure.add_trace(trace, row=1, col=column)
+        figure.update_xaxes(title_text=f"lag of {name} [s]", rangemode="tozero", row=1, col=column)
+    style(figure, 280.0, margin={"l": 62, "r": 14, "t": 10, "b": 46})
+    figure.update_yaxes(title_text="correlation", range=[-0.8, 1.05], col=1)
+    return figure
+
+
+def _dropouts(report: Report) -> go.Figure:
+    figure = go.Figure()
+    both = ((report.dropouts_measured, MEASURED, "measured"), (report.dropouts_model, MODEL, "model"))
+    for values, color, who in both:
+        lengths = np.sort(np.array(values, dtype=float))
+        share = 100.0 * np.arange(1, len(lengths) + 1) / max(len(lengths), 1)
+        figure.add_trace(
+            go.Scatter(
+                x=lengths, y=share, mode="lines", line={"color": color, "width": 2, "shape": "hv"}, name=who,
+                hovertemplate="%{y:.0f} % last up to %{x:.2f} s",
+            )
+        )  # fmt: skip
+    if not report.dropouts_measured and not report.dropouts_model:
+        words = "nothing was lost, measured or in the model"
+        figure.add_annotation(text=words, x=0.5, y=0.5, xref="paper", yref="paper", showarrow=False)
+    style(figure, 240.0, margin={"l": 62, "r": 14, "t": 10, "b": 46})
+    figure.update_xaxes(title_text="length [s]", rangemode="tozero")
+    figure.update_yaxes(title_text="share [%]", range=[0.0, 103.0])
+    return figure
+
+
+def _detected(report: Report) -> str:
+    measured, model = (f"{100.0 * share:.1f} %" for share in report.detected)
+    return (
+        f"objects are detected {measured} of the time, in the model {model}; {len(report.dropouts_measured)} "
+        f"drop-outs, in the model {len(report.dropouts_model)} (over its seeds)"
+    )
+
+
+def _latencies(report: Report) -> str:
+    rows = [[name, *(f"{value:.3f} s" for value in values)] for name, values in report.latencies.items()]
+    folds = max((len(values) for values in report.latencies.values()), default=0)
+    head = ["latency", *(f"fold {n}" for n in range(1, 1 + folds))]
+    return "<h3>Latencies, trained without each fold</h3>" + table(head, rows, "sums")
+
+
+def _parameters(model: PerceptionModel) -> str:
+    known = model.training.estimates if model.training is not None else {}
+    rows = []
+    for name, value, unit in parameters(model):
+        found = known.get(name)
+        span = NONE if found is None else f"{found.low:.4g} to {found.high:.4g}"
+        samples = NONE if found is None else str(found.samples)
+        rows.append([escape(name), f"{value:.4g}", unit, span, samples])
+    return table(["parameter", "value", "unit", "95 % interval", "samples"], rows, "sums")
