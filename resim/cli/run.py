@@ -76,7 +76,6 @@ def run(
 
     Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged.
     """
-    from resim.cli.verdicts import print_notes, print_verdicts
     from resim.pipeline import Basis, How, Options, assess_resimulation, examined
     from resim.report import write_report
     from resim.sim.adfunction import load_build
@@ -92,13 +91,9 @@ def run(
         )
     bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
     options = Options(
-        bases=bases[basis.value],
-        step=step,
-        relaxation=relaxation,
-        seed=seed,
-        stop_at_collision=stop_at_collision,
-        gui=gui,
-    )
+        bases=bases[basis.value], step=step, relaxation=relaxation, seed=seed,
+        stop_at_collision=stop_at_collision, gui=gui,
+    )  # fmt: skip
     model = SingleTrack() if vehicle is VehicleChoice.single_track else Kinematic()
     seen = _perceiving(perception, settings or [], range(seed, seed + seeds), bases[basis.value])
     result = _with_progress(measured, pinned, options, model, accept or [], seen)
@@ -107,15 +102,21 @@ def run(
         write_resimulation(result, folder)
         write_assessment(assessed, folder)
         write_report(result, assessed, folder / "report.html")
-    _print_table(result)
-    _print_risk(assessed)
-    print_verdicts(assessed)
-    print_notes(assessed)
+    _print(result, assessed)
     typer.echo(f"\nreport: {out / 'report.html'}")
     if result.failure:
         raise BadVerdictError(result.failure)
     if assessed.criteria is not None:
         refuse_bad(assessed)
+
+
+def _print(result: Resimulation, assessed: Assessed) -> None:
+    from resim.cli.verdicts import print_notes, print_verdicts
+
+    _print_table(result)
+    _print_risk(assessed)
+    print_verdicts(assessed)
+    print_notes(assessed)
 
 
 def _perceiving(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -58,43 +59,52 @@ def _agreement(report: Report) -> str:
     return table(head, rows, "sums")
 
 
+Curve = tuple[Sequence[float], Sequence[float]]
+
+
 def _distributions(report: Report) -> go.Figure:
-    """Quantiles of both, as distribution functions."""
-    names = list(report.quantities)
-    figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
-    for column, name in enumerate(names, start=1):
-        a = report.quantities[name]
-        for values, color, who in (
-            (a.quantiles_measured, MEASURED, "measured"), (a.quantiles_model, MODEL, "model"),
-        ):  # fmt: skip
-            share = [100.0 * s for s in SHARES]
-            trace = go.Scatter(x=list(values), y=share, mode="lines", line={"color": color, "width": 2}, name=who,
-                               hovertemplate="%{y:.0f} % are under %{x:.3g}")  # fmt: skip
-            figure.add_trace(trace, row=1, col=column)
-        figure.update_xaxes(title_text=f"{name} [{a.unit}]", row=1, col=column)
-    style(figure, 300.0, margin={"l": 62, "r": 14, "t": 10, "b": 46})
+    """Draw quantiles of both, as distribution functions."""
+    share = [100.0 * s for s in SHARES]
+    curves = {
+        f"{name} [{a.unit}]": ((a.quantiles_measured, share), (a.quantiles_model, share))
+        for name, a in report.quantities.items()
+    }
+    figure = _panels(curves, "%{y:.0f} % are under %{x:.3g}", 300.0)
     figure.update_yaxes(title_text="share [%]", col=1)
     return figure
 
 
 def _autocorrelations(report: Report) -> go.Figure:
-    names = list(report.quantities)
-    figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
-    for column, name in enumerate(names, start=1):
-        a = report.quantities[name]
-        for values, color, who in (
-            (a.autocorrelation_measured, MEASURED, "measured"), (a.autocorrelation_model, MODEL, "model"),
-        ):  # fmt: skip
-            known = [(lag, v) for lag, v in zip(report.lags, values, strict=True) if v is not None]
-            trace = go.Scatter(
-                x=[lag for lag, _ in known], y=[v for _, v in known], mode="lines+markers", name=who,
-                line={"color": color, "width": 2}, marker={"size": 6}, hovertemplate="%{x:.1f} s: %{y:.2f}",
-            )  # fmt: skip
-            figure.add_trace(trace, row=1, col=column)
-        figure.update_xaxes(title_text=f"lag of {name} [s]", rangemode="tozero", row=1, col=column)
-    style(figure, 280.0, margin={"l": 62, "r": 14, "t": 10, "b": 46})
+    """Draw the correlation of errors a lag apart, of both."""
+
+    def known(values: Sequence[float | None]) -> Curve:
+        pairs = [(lag, v) for lag, v in zip(report.lags, values, strict=True) if v is not None]
+        return [lag for lag, _ in pairs], [v for _, v in pairs]
+
+    curves = {
+        f"lag of {name} [s]": (known(a.autocorrelation_measured), known(a.autocorrelation_model))
+        for name, a in report.quantities.items()
+    }
+    figure = _panels(curves, "%{x:.1f} s: %{y:.2f}", 280.0, mode="lines+markers")
+    figure.update_xaxes(rangemode="tozero")
     figure.update_yaxes(title_text="correlation", range=[-0.8, 1.05], col=1)
     return figure
+
+
+def _panels(
+    curves: Mapping[str, tuple[Curve, Curve]], hover: str, height: float, mode: str = "lines"
+) -> go.Figure:
+    """Draw a panel for each title on its x axis, with the measured curve and the model's."""
+    figure = make_subplots(rows=1, cols=len(curves), shared_yaxes=True, horizontal_spacing=0.03)
+    for column, (title, both) in enumerate(curves.items(), start=1):
+        for (x, y), color, who in zip(both, (MEASURED, MODEL), ("measured", "model"), strict=True):
+            trace = go.Scatter(
+                x=list(x), y=list(y), mode=mode, name=who, line={"color": color, "width": 2}, marker={"size": 6},
+                hovertemplate=hover,
+            )  # fmt: skip
+            figure.add_trace(trace, row=1, col=column)
+        figure.update_xaxes(title_text=title, row=1, col=column)
+    return style(figure, height, margin={"l": 62, "r": 14, "t": 10, "b": 46})
 
 
 def _dropouts(report: Report) -> go.Figure:
