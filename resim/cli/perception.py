@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from resim.cli.app import Accept, app
+from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    from resim.ingest import Recording
     from resim.perception.model import PerceptionModel
 
 perception_app = typer.Typer(rich_markup_mode=None, no_args_is_help=True)
@@ -32,17 +33,28 @@ def train(
     """Learn a perception model: latencies, biases, noise, detection, each with its confidence interval."""
     from resim.perception.model import write_model
     from resim.perception.training.train import train
+    from resim.perception.validation import cross_validate
     from resim.pipeline import examined
+    from resim.report import write_perception_page
     from resim.store import whole_file
 
+    if report is not None and len(recordings) < 2:
+        raise InputError(
+            "--report", "one drive cannot judge what was trained on it", "Give two drives or more."
+        )
+    if out.suffix != ".json":
+        raise InputError(out, "is no .json file", "Name a file that ends in .json with --out.")
     measured = [examined(folder, accept=accept or []) for folder in recordings]
-    with whole_file(out, (".json",)) as file:
+    with contextlib.ExitStack() as files:
+        file = files.enter_context(whole_file(out, (".json",)))
+        page = None if report is None else files.enter_context(whole_file(report))
         model = train(measured, name=out.stem)
+        if page is not None:
+            write_perception_page(model, cross_validate(measured), page)
         write_model(model, file)
     print_model(model)
     typer.echo(f"\nmodel: {out}")
     if report is not None:
-        _validate(measured, model, report)
         typer.echo(f"report: {report}")
 
 
@@ -60,15 +72,6 @@ def show(
     from resim.perception.model import read_model
 
     print_model(read_model(model, tuple(settings or ())))
-
-
-def _validate(measured: list[Recording], model: PerceptionModel, report: Path) -> None:
-    from resim.perception.validation import cross_validate
-    from resim.report import write_perception_page
-    from resim.store import whole_file
-
-    with whole_file(report) as file:
-        write_perception_page(model, cross_validate(measured), file)
 
 
 def print_model(model: PerceptionModel) -> None:
@@ -89,7 +92,7 @@ def print_model(model: PerceptionModel) -> None:
     console().print(table)
     if model.provenance:
         typer.echo(model.provenance)
-    if model.training is not None:
-        typer.echo(
-            f"learned from {model.training.drives} drives, {model.training.matched} pairs of perceived and true objects"
-        )
+    spans = {name: span for name, span in model.validity.model_dump().items() if span is not None}
+    if spans:
+        told = (f"{name.replace('_', ' ')} {low:.4g} to {high:.4g}" for name, (low, high) in spans.items())
+        typer.echo(f"valid for {', '.join(told)}")

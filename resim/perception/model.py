@@ -28,9 +28,14 @@ MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
 Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Positive = Annotated[float, Field(gt=0.0)]
+Number = Annotated[float, Field(ge=-1e4, le=1e4)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
+Positive = Annotated[float, Field(gt=0.0, le=1e4)]
+Late = Annotated[float, Field(ge=0.0, le=10.0)]
+"""Time [s] that a perception remembers."""
+Rate = Annotated[float, Field(ge=0.0, le=1e3)]
 
+ONE = "Name a parameter and its number, such as latency.speed=0.4."
 REMEDY = "`resim perception train` writes such files; adfunc/perception/ has some."
 
 
@@ -41,9 +46,9 @@ class _Part(BaseModel):
 class Latency(_Part):
     """How late [s] what is perceived is: positions, speeds and headings of objects are those of so long ago."""
 
-    position: NotNegative = 0.0
-    speed: NotNegative = 0.0
-    heading: NotNegative = 0.0
+    position: Late = 0.0
+    speed: Late = 0.0
+    heading: Late = 0.0
 
 
 class Averaging(_Part):
@@ -52,28 +57,28 @@ class Averaging(_Part):
     At most twice the latency: nothing is known before it happens.
     """
 
-    speed: NotNegative = 0.0
-    heading: NotNegative = 0.0
+    speed: Late = 0.0
+    heading: Late = 0.0
 
 
 class Response(_Part):
     """A bias: constant + range r + bearing b + relative_speed dv + acceleration a, in the unit of the quantity."""
 
-    constant: float = 0.0
-    range: float = 0.0
-    bearing: float = 0.0
-    relative_speed: float = 0.0
-    acceleration: float = 0.0
+    constant: Number = 0.0
+    range: Number = 0.0
+    bearing: Number = 0.0
+    relative_speed: Number = 0.0
+    acceleration: Number = 0.0
 
 
 class Spread(_Part):
     """A standard deviation: constant exp(range r + bearing |b| + relative_speed |dv| + acceleration |a|)."""
 
     constant: NotNegative = 0.0
-    range: float = 0.0
-    bearing: float = 0.0
-    relative_speed: float = 0.0
-    acceleration: float = 0.0
+    range: Number = 0.0
+    bearing: Number = 0.0
+    relative_speed: Number = 0.0
+    acceleration: Number = 0.0
 
 
 class Error(_Part):
@@ -148,8 +153,8 @@ class Detection(_Part):
     range_edges: tuple[float, ...] = ()
     bearing_edges: tuple[float, ...] = ()
     occlusion_edges: tuple[float, ...] = ()
-    loss: tuple[tuple[tuple[NotNegative, ...], ...], ...] = ()
-    gain: tuple[tuple[tuple[NotNegative, ...], ...], ...] = ()
+    loss: tuple[tuple[tuple[Rate, ...], ...], ...] = ()
+    gain: tuple[tuple[tuple[Rate, ...], ...], ...] = ()
 
     @model_validator(mode="after")
     def _fits(self) -> Detection:
@@ -181,8 +186,14 @@ class Update(_Part):
     Between two lists the last one stands, its objects where they were in the map.
     """
 
-    period: NotNegative = 0.0
-    jitter: NotNegative = 0.0
+    period: Late = 0.0
+    jitter: Late = 0.0
+
+    @model_validator(mode="after")
+    def _has_a_period(self) -> Update:
+        if self.jitter > 0.0 and not self.period > 0.0:
+            raise ValueError("jitter: expected a period above 0 to go with it")
+        return self
 
 
 class FalseObjects(_Part):
@@ -192,11 +203,11 @@ class FalseObjects(_Part):
     heading, and kept. length, width: m.
     """
 
-    rate: NotNegative = 0.0
-    lifetime: Positive = 0.5
+    rate: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    lifetime: Annotated[float, Field(gt=0.0, le=100.0)] = 0.5
     range: Positive = 80.0
     bearing: Positive = 0.5
-    speed: float = 0.0
+    speed: Number = 0.0
     speed_spread: NotNegative = 0.0
     length: Positive = 4.7
     width: Positive = 1.9
@@ -205,7 +216,7 @@ class FalseObjects(_Part):
 class Own(_Part):
     """One error of the EGO's own state: bias, drift with its correlation_time [s], white noise; standard deviations."""
 
-    bias: float = 0.0
+    bias: Number = 0.0
     drift: NotNegative = 0.0
     correlation_time: Positive = 1.0
     noise: NotNegative = 0.0
@@ -228,6 +239,14 @@ class Validity(_Part):
     relative_speed: tuple[float, float] | None = None
     acceleration: tuple[float, float] | None = None
     ego_speed: tuple[float, float] | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Validity:
+        for name in type(self).model_fields:
+            span = getattr(self, name)
+            if span is not None and span[0] > span[1]:
+                raise ValueError(f"{name}: expected the least first")
+        return self
 
 
 class Estimate(_Part):
@@ -264,7 +283,7 @@ class PerceptionModel(_Part):
     detection: Detection = Detection()
     field_of_view: FieldOfView = FieldOfView()
     update: Update = Update()
-    id_switch: NotNegative = 0.0
+    id_switch: Rate = 0.0
     false_objects: FalseObjects = FalseObjects()
     ego: Localisation = Localisation()
     validity: Validity = Validity()
@@ -282,7 +301,11 @@ class PerceptionModel(_Part):
 
 
 def read_model(path: Path, overrides: tuple[str, ...] = ()) -> PerceptionModel:
-    """Read a model. overrides: "latency.speed=0.4" and the like. Raises InputError naming every fault."""
+    """Read a model. overrides: "latency.speed=0.4" and the like, indices of tables dotted too.
+
+    What is set of latency, averaging or errors is set of every maneuver. With a latency that was set, averaging is at
+    most twice that, if it was not set as well. Raises InputError naming every fault.
+    """
     raw = read_file(path, REMEDY)
     try:
         data = json.loads(raw.decode("utf-8"))
@@ -290,14 +313,22 @@ def read_model(path: Path, overrides: tuple[str, ...] = ()) -> PerceptionModel:
         raise InputError(path, f"is not JSON ({e})", REMEDY) from e
     for override in overrides:
         _override(data, override)
+    if overrides:
+        _keep_causal(data, {override.partition("=")[0].strip() for override in overrides})
     try:
         return PerceptionModel.model_validate(data)
     except ValidationError as e:
-        faults = "; ".join(
-            f"{'.'.join(map(str, f['loc'])) or 'the whole'}: {f['msg']}, found {str(f['input'])[:60]!r}"
-            for f in e.errors()
-        )
-        raise InputError(path, faults, REMEDY) from e
+        faults = "; ".join(_fault(f["loc"], f["msg"], f["input"]) for f in e.errors())
+        told = f" (with --set {' --set '.join(overrides)})" if overrides else ""
+        raise InputError(path, f"{faults}{told}", REMEDY) from e
+
+
+def _fault(place: tuple[int | str, ...], message: str, found: Any) -> str:
+    """One fault: of the whole or of a part by its own words, of a field with what stands there."""
+    words = message.removeprefix("Value error, ")
+    where = ".".join(map(str, place))
+    told = "" if isinstance(found, dict) else f", found {str(found)[:60]!r}"
+    return f"{where}: {words}{told}" if where else words
 
 
 def write_model(model: PerceptionModel, path: Path) -> None:
@@ -307,20 +338,50 @@ def write_model(model: PerceptionModel, path: Path) -> None:
 
 
 def _override(data: Any, override: str) -> None:
-    """Set one parameter by its dotted name."""
+    """Set one parameter by its dotted name; of latency, averaging and errors that of every maneuver, too."""
     name, sign, text = override.partition("=")
-    remedy = "Name a parameter and its number, such as latency.speed=0.4."
+    name = name.strip()
     try:
         value = json.loads(text)
     except ValueError:
         value = None
     if not sign or not isinstance(value, int | float) or isinstance(value, bool):
-        raise InputError("--set", f"{override!r} sets no number", remedy)
-    *parents, last = name.strip().split(".")
+        raise InputError("--set", f"{override!r} sets no number", ONE)
+    _set(data, name, value)
+    if (parts := name.split("."))[:2] == ["errors", "coupling"] and len(parts) == 4:
+        _set(data, f"errors.coupling.{parts[3]}.{parts[2]}", value)
+    if name.split(".")[0] in ("latency", "averaging", "errors"):
+        for part in data.get("maneuvers") or {}:
+            _set(data["maneuvers"][part], name, value)
+
+
+def _set(data: Any, name: str, value: float) -> None:
+    *parents, last = name.split(".")
     for parent in parents:
-        if not isinstance(data, dict):
-            raise InputError("--set", f"there is no parameter {name!r}", remedy)
-        data = data.setdefault(parent, {})
-    if not isinstance(data, dict):
-        raise InputError("--set", f"there is no parameter {name!r}", remedy)
-    data[last] = value
+        data = _inner(data, parent, name)
+    if isinstance(data, list):
+        _inner(data, last, name)
+        data[int(last)] = value
+    elif isinstance(data, dict):
+        data[last] = value
+    else:
+        raise InputError("--set", f"there is no parameter {name!r}", ONE)
+
+
+def _inner(data: Any, part: str, name: str) -> Any:
+    """The part of a table or group of parameters; a group that is not written is made."""
+    if isinstance(data, dict):
+        return data.setdefault(part, {})
+    if isinstance(data, list) and part.isdigit() and int(part) < len(data):
+        return data[int(part)]
+    raise InputError("--set", f"there is no parameter {name!r}", ONE)
+
+
+def _keep_causal(data: Any, named: set[str]) -> None:
+    """Shorten averaging to twice a latency that was set."""
+    for part in (data, *(data.get("maneuvers") or {}).values()):
+        for quantity in ("speed", "heading"):
+            latency, averaging = (part.get(of, {}).get(quantity, 0.0) for of in ("latency", "averaging"))
+            free = f"latency.{quantity}" in named and f"averaging.{quantity}" not in named
+            if free and averaging > 0.0:
+                part["averaging"][quantity] = min(averaging, max(2.0 * latency, 0.0))

@@ -19,17 +19,9 @@ PER = {
 """A unit per unit of a feature."""
 TIMES = ("latency", "averaging", "update")
 RATES = ("loss", "gain", "rate", "id_switch")
-NAMES = (
-    "schema",
-    "name",
-    "provenance",
-    "training",
-    "validity",
-    "range_edges",
-    "bearing_edges",
-    "occlusion_edges",
-)
-"""What is no parameter."""
+NAMES = ("schema", "name", "provenance", "training", "validity")
+EDGES = ("range_edges", "bearing_edges", "occlusion_edges")
+"""What is no parameter; edges say where the rates of detection hold."""
 
 
 def parameters(model: PerceptionModel) -> Iterator[tuple[str, float, str]]:
@@ -41,12 +33,12 @@ def parameters(model: PerceptionModel) -> Iterator[tuple[str, float, str]]:
     for i, row in enumerate(coupling):
         for j, value in enumerate(row[:i]):
             if value != 0.0:
-                yield f"errors.coupling[{j}][{i}]", float(value), ""
+                yield f"errors.coupling.{i}.{j}", float(value), ""
 
 
 def unit(name: str) -> str:
     """Give the unit of a parameter, "" where it has none."""
-    parts = [part.split("[")[0] for part in name.split(".")]
+    parts = [part for part in name.split(".") if not part.isdigit()]
     last = parts[-1]
     if (
         parts[0] in TIMES
@@ -72,9 +64,11 @@ def unit(name: str) -> str:
 def _flat(data: Any, name: str) -> Iterator[tuple[str, float]]:
     if isinstance(data, dict):
         for key, value in data.items():
+            if key in EDGES:
+                continue
             yield from _flat(value, f"{name}.{key}" if name else str(key))
     elif isinstance(data, list | tuple):
         for number, value in enumerate(data):
-            yield from _flat(value, f"{name}[{number}]")
+            yield from _flat(value, f"{name}.{number}")
     elif isinstance(data, int | float) and not isinstance(data, bool):
         yield name, float(data)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import MapCheck
 from resim.pipeline.recordings import finding_line
-from resim.pipeline.result import Basis, Branch, drove
+from resim.pipeline.result import Basis, Branch, PerceivedRun, Perceiving, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
@@ -54,6 +54,22 @@ def notes(
             yield f"r{basis}: AD function failed: {branch.run.failure}"
     if "SD" in measured:
         yield from _sensed(recording, measured, errors)
+
+
+def perception_notes(perceiving: Perceiving | None, runs: Sequence[PerceivedRun]) -> Iterator[str]:
+    """Give what qualifies the runs with a perception model."""
+    if perceiving is None:
+        return
+    outside, shown = sum(p.outside for p in runs), sum(p.shown for p in runs)
+    if outside:
+        yield (
+            f"perception model {perceiving.model.name!r}: {outside} of {shown} perceived states lie outside of what it "
+            "was trained on; what it lets be seen there is extrapolated"
+        )
+    words = {"collision": "ended by a collision", "off_road": "left the road", "function_failed": "failed"}
+    for end, what in words.items():
+        if count := sum(p.run.end == end for p in runs):
+            yield f"perception model {perceiving.model.name!r}: {count} of {len(runs)} runs {what}"
 
 
 def _repaired(recording: Recording) -> Iterator[str]:

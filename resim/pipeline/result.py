@@ -209,7 +209,9 @@ class Resimulation:
         }
 
     def end_error(self, run: Run) -> float | None:
-        """Give the distance [m] of a run's EGO from the measured one at the last time that both are there."""
+        """Give the distance [m] of a run's EGO from the measured one at the end; None for a run that ended before."""
+        if run.end != "duration":
+            return None
         truth, gt = run.truth.select([self.ego]), self.measured["GT"].select([self.ego])
         t = truth.t[truth.valid[0] & (truth.t <= gt.t[-1] + 1e-9)]
         if not len(t):
@@ -256,6 +258,9 @@ class Resimulation:
             "step": self.options.step,
             "relaxation": self.options.relaxation,
             "stop_at_collision": self.options.stop_at_collision,
+            "perception": None
+            if self.perceiving is None
+            else {"seeds": list(self.perceiving.seeds), "set": list(self.perceiving.overrides)},
             "control_error": {f"r{basis}": b.run.control_error for basis, b in self.branches.items()},
             "times": dict(self.times),
         }

@@ -18,7 +18,7 @@ from resim.core.tracks import Tracks
 from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import check_map, refuse_flaws
-from resim.pipeline.notes import GAP, notes
+from resim.pipeline.notes import GAP, notes, perception_notes
 from resim.pipeline.result import Basis, Branch, Options, PerceivedRun, Perceiving, Resimulation
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
@@ -115,7 +115,10 @@ def resimulate(
         described=described,
         branches=branches,
         errors=errors,
-        warnings=tuple(notes(recording, build, checked, measured, described, branches, errors)),
+        warnings=(
+            *notes(recording, build, checked, measured, described, branches, errors),
+            *perception_notes(perceiving, perceived),
+        ),
         times=clock.times,
         hashes={
             "build": build.hash,

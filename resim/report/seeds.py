@@ -25,7 +25,7 @@ def section(look: View) -> str:
     if found is None:
         return ""
     model, seeds = found["model"], found["seeds"]
-    same = sum(s["decision"] == look.report["decision"]["GT"] for s in seeds)
+    same = sum(s["decision"] == look.report["decision"]["GT"] for s in seeds if s["end"] != "function_failed")
     settings = f", with {escape(', '.join(model['set']))}" if model["set"] else ""
     key = "".join(
         sample(name, color, dashes)
@@ -125,34 +125,29 @@ def _reactions(figure: go.Figure, look: View) -> None:
 
 def _table(look: View) -> str:
     report = look.report
-    rows = [_row("GT, measured", report["decision"]["GT"], report["reaction"]["GT"], None, None)]
+    rows = [_row("GT, measured", report["decision"]["GT"], report["reaction"]["GT"], None, None, "measured")]
     for run in ("rGT", "rSD"):
         if run in report["end"]:
             cells = (report["decision"][run], report["reaction"][run], report["reaction_difference"][run])
-            rows.append(_row(run, *cells, report["end_position_error"][run]))
-    seeds = report["perception"]["seeds"]
-    rows += [
-        _row(
-            f"seed {s['seed']}",
-            s["decision"],
-            s["reaction"],
-            s["reaction_difference"],
-            s["end_position_error"],
-        )
-        for s in seeds
-    ]
-    rows.append(_middle(seeds))
-    return table(
-        ["run", "decision", "first braking", "against GT", "position error at the end"], rows, "sums"
-    )
+            rows.append(_row(run, *cells, report["end_position_error"][run], report["end"][run]))
+    for s in report["perception"]["seeds"]:
+        told = (s["decision"], s["reaction"], s["reaction_difference"], s["end_position_error"], s["end"])
+        rows.append(_row(f"seed {s['seed']}", *told))
+    rows.append(_middle(report["perception"]["seeds"]))
+    head = ["run", "decision", "end", "first braking", "against GT", "position error at the end"]
+    return table(head, rows, "sums")
 
 
 def _row(
-    name: str, decision: list[str] | None, reaction: float | None, difference: float | None, end: float | None
-) -> list[str]:
+    name: str, decision: list[str] | None, reaction: float | None, difference: float | None,
+    off: float | None, end: str,
+) -> list[str]:  # fmt: skip
     against = NONE if difference is None else f"{difference:+.2f} s".replace("-", "−")
     braking = NONE if reaction is None else f"{reaction:.2f} s"
-    return [name, decision_words(decision), braking, against, NONE if end is None else f"{end:.2f} m"]
+    ended = {"duration": "whole duration", "measured": "last sample"}.get(
+        end, f"<b>{end.replace('_', ' ')}</b>"
+    )
+    return [name, decision_words(decision), ended, braking, against, NONE if off is None else f"{off:.2f} m"]
 
 
 def _middle(seeds: list[dict[str, float | None]]) -> list[str]:
@@ -166,6 +161,6 @@ def _middle(seeds: list[dict[str, float | None]]) -> list[str]:
         return f"<b>{middle:{sign}.2f} {unit}</b> ({low:{sign}.2f} to {high:{sign}.2f})".replace("-", "−")
 
     return [
-        "<b>median of seeds</b>", "", told("reaction", "s", ""), told("reaction_difference", "s", "+"),
+        "<b>median of seeds</b>", "", "", told("reaction", "s", ""), told("reaction_difference", "s", "+"),
         told("end_position_error", "m", ""),
     ]  # fmt: skip

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from resim.perception.model import read_model
+
 SHIPPED = ROOT / "adfunc" / "perception"
 PILOT = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
 CORNER_CASE = ROOT / "scenarios" / "cut_in_brake"
@@ -79,10 +81,52 @@ def test_a_parameter_set_by_hand_counts_and_is_told(seen):
     assert first[1] > first[0] + 0.3
 
 
+def test_what_the_readme_sets_can_be_set_of_the_shipped_model(call):
+    code, out, error = call(
+        "perception", "show", SHIPPED / "proving_ground.json", "--set", "latency.speed=0.4"
+    )
+    assert code == 0, error
+    lines = {line.split("│")[1].strip(): line for line in out.splitlines() if line.startswith("│")}
+    assert "0.4 " in lines["latency.speed"]
+    assert "0.8 " in lines["averaging.speed"]  # never over what is known by then
+    for name in ("errors.coupling.2.0", "ego.lateral.bias", "update.period"):
+        assert name in lines
+        assert call("perception", "show", SHIPPED / "proving_ground.json", "--set", f"{name}=0.1")[0] == 0
+
+
+def test_what_is_set_is_set_of_every_maneuver(tmp_path):
+    late = {"latency": {"speed": 0.8}, "averaging": {"speed": 1.6}}
+    path = tmp_path / "m.json"
+    path.write_text(
+        json.dumps({"schema": "resim-perception-1", "name": "m", **late, "maneuvers": {"braking": late}})
+    )
+    model = read_model(path, ("latency.speed=0.3",))
+    for part in (model, model.maneuvers["braking"]):
+        assert (part.latency.speed, part.averaging.speed) == (0.3, 0.6)
+
+
+def test_a_run_beyond_what_was_trained_and_one_that_collides_say_so(seen):
+    _, out, _, report = seen(
+        SHIPPED / "proving_ground.json", "--seeds", 2, "--basis", "gt", "--set", "latency.position=5"
+    )
+    assert any("outside of what it was trained on" in " ".join(w.split()) for w in report["warnings"])
+    assert "outside of what it was trained on" in " ".join(out.split())
+    blind = ("--seeds", 2, "--basis", "gt", "--set", "field_of_view.range=0.1")
+    _, out, _, report = seen(
+        SHIPPED / "latency.json", *blind, name="blind", recording=ROOT / "scenarios" / "rear_end"
+    )
+    assert [s["end"] for s in report["perception"]["seeds"]] == ["collision", "collision"]
+    assert [s["end_position_error"] for s in report["perception"]["seeds"]] == [None, None]
+    assert "2 of 2 runs ended by a collision" in " ".join(out.split())
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [
         (("--set", "latency.sped=1"), "latency.sped: Extra inputs are not permitted"),
+        (("--set", "latency.position=1e30"), "latency.position: Input should be less than or equal to 10"),
+        (("--set", "update.jitter=0.1"), "update: jitter: expected a period above 0"),
+        (("--set", "errors.coupling.9.0=0.1"), "errors.coupling: Input should be a valid tuple"),
         (("--set", "latency.speed"), "--set: 'latency.speed' sets no number"),
         (("--set", "latency.speed=-1"), "latency.speed: Input should be greater than or equal to 0"),
         (("--basis", "sd"), "--perception: is for re-simulation on GT"),
@@ -120,8 +164,17 @@ def test_train_learns_shows_and_repeats_itself(call, tmp_path):
     assert set(model["training"]["sources"])
     code, out, _ = call("perception", "show", tmp_path / "a" / "m.json", "--set", "latency.position=0.25")
     assert code == 0
-    assert "learned from 3 drives" in out
+    assert "trained on 3 drives" in out
     assert "0.25" in out
+
+
+def test_the_same_drive_twice_and_one_drive_to_judge_itself_are_refused(call, tmp_path):
+    code, _, error = call("perception", "train", CORNER_CASE, CORNER_CASE, "--out", tmp_path / "m.json")
+    assert (code, "is the same drive as another one" in error) == (2, True)
+    page = ("--report", tmp_path / "m.html")
+    code, _, error = call("perception", "train", CORNER_CASE, "--out", tmp_path / "m.json", *page)
+    assert (code, "one drive cannot judge" in error) == (2, True)
+    assert not any(tmp_path.iterdir())
 
 
 def test_drives_without_sensor_data_teach_nothing(call, tmp_path):

@@ -217,7 +217,7 @@ class _Solver:
         total = self.normal.sum(axis=0)
         held, pull = np.zeros(n), np.zeros(n)
         held[0], pull[0] = (1e12, 0.0) if self.task.fixed else (PRIOR**-2.0, -self.late * PRIOR**-2.0)
-        scale = [max(float(np.nanstd(e)), 1e-9) for e in now]
+        scale = [max(float(np.sqrt(np.nanmean(e**2))), 1e-9) for e in now]
         for k, column in enumerate(self.columns):
             if column.component >= 0:
                 held[k] = (100.0 * scale[column.component]) ** -2.0

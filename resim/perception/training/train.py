@@ -125,7 +125,10 @@ def _sources(recordings: Sequence[Recording]) -> dict[str, str]:
         for tracks in (recording.gt, recording.sd):
             if tracks is not None:
                 _digest(digest, tracks)
-        out[name] = digest.hexdigest()
+        if (same := digest.hexdigest()) in out.values():
+            problem = "is the same drive as another one: it would count twice, and judge what was trained on it"
+            raise InputError(recording.folder or name, problem, "Give each drive once.")
+        out[name] = same
     return out
 
 
