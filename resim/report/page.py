@@ -119,6 +119,12 @@ def _line(look: View) -> str:
             change = look.report["reaction_difference"][run]
             said += f"; braking {tables.difference_words(change)})" if change is not None else ")"
         out.append(said + ".")
+    if (found := look.report["perception"]) is not None:
+        same = seeds.same_decision(look.report)
+        model = escape(found["model"]["name"])
+        out.append(
+            f"rGT with the perception model {model}: <b>{same} of {len(found['seeds'])} seeds</b> as measured."
+        )
     return " ".join(out)
 
 

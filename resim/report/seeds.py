@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -25,7 +27,7 @@ def section(look: View) -> str:
     if found is None:
         return ""
     model, seeds = found["model"], found["seeds"]
-    same = sum(s["decision"] == look.report["decision"]["GT"] for s in seeds if s["end"] != "function_failed")
+    same = same_decision(look.report)
     settings = f", with {escape(', '.join(model['set']))}" if model["set"] else ""
     key = "".join(
         sample(name, color, dashes)
@@ -41,6 +43,14 @@ def section(look: View) -> str:
         f'{_outside(look)}</p><div class="key-here">{key}</div>'
         f'<figure><figcaption><b>The EGO with the model</b> <span class="note">vertical: first braking of the measured '
         f"drive</span></figcaption>{to_html(drive_figure(look), 'seeds')}</figure>" + _table(look)
+    )
+
+
+def same_decision(report: Mapping[str, Any]) -> int:
+    """Give how many seeds decide as the measured drive; a run that failed decides nothing."""
+    measured = report["decision"]["GT"]
+    return sum(
+        s["decision"] == measured and s["end"] != "function_failed" for s in report["perception"]["seeds"]
     )
 
 

@@ -28,19 +28,29 @@ def corners(pose, size):
         yield x + c * i * size[0] - s * j * size[1], y + s * i * size[0] + c * j * size[1]
 
 
-def inside(point, pose, size):
-    dx, dy = point[0] - pose[0], point[1] - pose[1]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return abs(c * dx + s * dy) <= 0.5 * size[0] and abs(c * dy - s * dx) <= 0.5 * size[1]
+def ray_cast(point, pose, size):
+    """Whether a ray from the point crosses the box's outline an odd number of times: the point lies inside."""
+    px, py = point
+    a, b, c, d = corners(pose, size)
+    inside = False
+    for (x0, y0), (x1, y1) in ((a, b), (b, d), (d, c), (c, a)):
+        if (y0 > py) != (y1 > py) and px < (x1 - x0) * (py - y0) / (y1 - y0) + x0:
+            inside = not inside
+    return inside
 
 
 def intersect(one, other, size_one, size_other):
+    """Algorithm 4.1, vehicle_intersection: circles, then every corner of either in the other."""
     apart = math.hypot(one[0] - other[0], one[1] - other[1])
-    if apart > 0.5 * math.hypot(*size_one) + 0.5 * math.hypot(*size_other):
-        return False
-    return any(inside(p, one, size_one) for p in corners(other, size_other)) or any(
-        inside(p, other, size_other) for p in corners(one, size_one)
-    )
+    collided = False
+    if apart <= 0.5 * math.hypot(*size_one) + 0.5 * math.hypot(*size_other):
+        for corner in corners(other, size_other):
+            if ray_cast(corner, one, size_one):
+                collided = True
+        for corner in corners(one, size_one):
+            if ray_cast(corner, other, size_other):
+                collided = True
+    return collided
 
 
 def along(plan, start, a, h):

@@ -17,6 +17,8 @@ from resim.perception.training.whiten import whiten
 
 SURE, SOME = 3.0, 2.0
 """Standard errors by which a bias differs from none to depend on a feature, and an averaging time to be one."""
+TINY = 1e-30
+"""Variance where there is none: without noise rounding may leave less than 0."""
 PRIOR = 1.0
 """Latency [s] that is usual, as standard deviation: it decides where the data say nothing."""
 LATEST, GRID = 2.0, 0.1
@@ -247,7 +249,7 @@ class _Solver:
 
     def unsure(self) -> list[_Column]:
         """Give what is to go: the feature, or the averaging, that tells least, with all that tell next to nothing."""
-        se = np.sqrt(np.diag(self.covariance))
+        se = np.sqrt(np.maximum(np.diag(self.covariance), TINY))
         unsure: dict[_Column, float] = {}
         for k, column in enumerate(self.columns):
             if column.component >= 0 and column.column > 0:
@@ -267,7 +269,7 @@ class _Solver:
 
     def result(self) -> Aligned:
         """Give all in the units of quantities and features."""
-        se = np.sqrt(np.diag(self.covariance))
+        se = np.sqrt(np.maximum(np.diag(self.covariance), TINY))
         biases, errors, residuals, means = [], [], [], []
         now, features = self.task.errors(self.late, self.over), self.task.features
         for c in range(len(now)):
@@ -286,7 +288,7 @@ class _Solver:
                 error[f + 1] = se[k] / self.width[c][f]
                 bias[0] -= bias[f + 1] * self.middle[c][f]
                 constant[k] = -self.middle[c][f] / self.width[c][f]
-            error[0] = np.sqrt(constant @ self.covariance @ constant)
+            error[0] = np.sqrt(max(float(constant @ self.covariance @ constant), TINY))
             residuals.append(now[c] - bias[0] - (features @ bias[1:] if bias[1:].any() else 0.0))
             biases.append(bias)
             errors.append(error)

@@ -126,7 +126,9 @@ def _sources(recordings: Sequence[Recording]) -> dict[str, str]:
             if tracks is not None:
                 _digest(digest, tracks)
         if (same := digest.hexdigest()) in out.values():
-            problem = "is the same drive as another one: it would count twice, and judge what was trained on it"
+            problem = (
+                "is the same drive as another one: it would count twice, and judge what was trained on it"
+            )
             raise InputError(recording.folder or name, problem, "Give each drive once.")
         out[name] = same
     return out
