@@ -176,7 +176,7 @@ class Detection(_Part):
 class FieldOfView(_Part):
     """What can be seen: range [m] and half the opening angle [rad] around straight ahead; None: no end to it."""
 
-    range: Positive | None = None
+    range: Annotated[float, Field(gt=0.0)] | None = None
     bearing: Positive | None = None
 
 
@@ -189,12 +189,6 @@ class Update(_Part):
     period: Late = 0.0
     jitter: Late = 0.0
 
-    @model_validator(mode="after")
-    def _has_a_period(self) -> Update:
-        if self.jitter > 0.0 and not self.period > 0.0:
-            raise ValueError("jitter: expected a period above 0 to go with it")
-        return self
-
 
 class FalseObjects(_Part):
     """Objects that are not there: rate [1/s] at which they appear, mean lifetime [s], and where and how fast they are.
@@ -204,7 +198,7 @@ class FalseObjects(_Part):
     """
 
     rate: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    lifetime: Annotated[float, Field(gt=0.0, le=100.0)] = 0.5
+    lifetime: Positive = 0.5
     range: Positive = 80.0
     bearing: Positive = 0.5
     speed: Number = 0.0

@@ -125,7 +125,6 @@ def test_a_run_beyond_what_was_trained_and_one_that_collides_say_so(seen):
     [
         (("--set", "latency.sped=1"), "latency.sped: Extra inputs are not permitted"),
         (("--set", "latency.position=1e30"), "latency.position: Input should be less than or equal to 10"),
-        (("--set", "update.jitter=0.1"), "update: jitter: expected a period above 0"),
         (("--set", "errors.coupling.9.0=0.1"), "errors.coupling: Input should be a valid tuple"),
         (("--set", "latency.speed"), "--set: 'latency.speed' sets no number"),
         (("--set", "latency.speed=-1"), "latency.speed: Input should be greater than or equal to 0"),
