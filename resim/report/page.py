@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
 from resim.fidelity import BRAKING
 from resim.pipeline import Assessed, Resimulation
 from resim.report import assessment, seeds, tables
 from resim.report.boxes import box_figure, reaction_figure
+from resim.report.document import document
 from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
@@ -55,16 +54,9 @@ def page(look: View, assessed: Assessed) -> str:
         _section("recording", "Findings in the recording", tables.findings(look)),
         _section("provenance", "Provenance", tables.provenance(look)),
     ]
-    css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")
     title = f"{look.result.recording.name} · {look.result.build.label}"
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title>\n<style>{css}</style>\n"
-        f"<script>{get_plotlyjs()}</script></head>\n<body><main>\n"
-        + "\n".join(parts)
-        + f"</main>\n<script>{SCRIPT}</script></body></html>\n"
-    )
+    body = "\n".join(parts)
+    return document(title, f"<main>\n{body}</main>\n<script>{SCRIPT}</script>")
 
 
 def _section(name: str, title: str, body: str) -> str:

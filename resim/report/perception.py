@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from resim.perception.model import PerceptionModel
 from resim.perception.parameters import parameters
 from resim.perception.validation import SHARES, Report
+from resim.report.document import document
 from resim.report.plots import number, sample, style, to_html
 from resim.report.tables import NONE, table
 
@@ -23,13 +22,9 @@ MEASURED, MODEL = "#0072B2", "#D55E00"
 
 def write_perception_page(model: PerceptionModel, report: Report, path: Path) -> None:
     """Write the page: one HTML file; the same model and report give the same bytes."""
-    css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")
     key = sample("measured", MEASURED) + sample("model", MODEL)
-    path.write_text(
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(model.name)} · perception model</title>\n<style>{css}</style>\n"
-        f"<script>{get_plotlyjs()}</script></head>\n<body><main>\n"
+    body = (
+        "<main>\n"
         f'<header><p class="kind">Perception model</p><h1>{escape(model.name)}</h1>'
         f"<p>{escape(model.provenance)}</p></header>\n"
         "<section><h2>On drives that it was not trained on</h2>"
@@ -41,11 +36,11 @@ def write_perception_page(model: PerceptionModel, report: Report, path: Path) ->
         f"<figure><figcaption><b>Distribution of the errors</b></figcaption>{to_html(_distributions(report), 'errors')}"
         f"</figure><figure><figcaption><b>Autocorrelation of the errors</b></figcaption>"
         f"{to_html(_autocorrelations(report), 'correlation')}</figure>"
-        f"<figure><figcaption><b>Lengths of drop-outs</b> <span class=\"note\">{_detected(report)}</span></figcaption>"
+        f'<figure><figcaption><b>Lengths of drop-outs</b> <span class="note">{_detected(report)}</span></figcaption>'
         f"{to_html(_dropouts(report), 'dropouts')}</figure>{_latencies(report)}</section>\n"
-        f"<section><h2>Parameters</h2>{_parameters(model)}</section></main></body></html>\n",
-        encoding="utf-8", newline="\n",
-    )  # fmt: skip
+        f"<section><h2>Parameters</h2>{_parameters(model)}</section></main>"
+    )
+    path.write_text(document(f"{model.name} · perception model", body), encoding="utf-8", newline="\n")
 
 
 def _agreement(report: Report) -> str:

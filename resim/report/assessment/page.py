@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-
-from plotly.offline import get_plotlyjs
 
 from resim.assess.assessment import Worst
 from resim.assess.criteria import Verdict
@@ -14,6 +11,7 @@ from resim.assess.objectifications import KINDS
 from resim.pipeline import Assessed
 from resim.report.assessment.figures import amount_words, drive_figure, risk_figure
 from resim.report.assessment.marks import RISK, TIMES, block_color
+from resim.report.document import document
 from resim.report.plots import sample, to_html
 from resim.report.tables import NONE, table
 
@@ -41,16 +39,12 @@ def section(assessed: Assessed) -> str:
 
 def write_assessment_page(assessed: Assessed, path: Path) -> None:
     """Write the section as a page of its own: one HTML file; the same assessment gives the same bytes."""
-    css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")
-    path.write_text(
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(assessed.name)} · assessment</title>\n<style>{css}</style>\n"
-        f"<script>{get_plotlyjs()}</script></head>\n<body><main>\n"
+    body = (
+        "<main>\n"
         f'<header><p class="kind">Assessment</p><h1>{escape(assessed.name)}</h1></header>\n'
-        f'<section id="assessment">{section(assessed)}</section></main></body></html>\n',
-        encoding="utf-8", newline="\n",
-    )  # fmt: skip
+        f'<section id="assessment">{section(assessed)}</section></main>'
+    )
+    path.write_text(document(f"{assessed.name} · assessment", body), encoding="utf-8", newline="\n")
 
 
 def _notes(assessed: Assessed) -> str:
