@@ -199,7 +199,7 @@ def _print_perception(report: dict[str, Any], out: Console) -> None:
     import numpy as np
 
     seeds = report["perception"]["seeds"]
-    same = sum(s["decision"] == report["decision"]["GT"] for s in seeds if s["end"] != "function_failed")
+    same = report["perception"]["same_decision"]
     late = [s["reaction_difference"] for s in seeds if s["reaction_difference"] is not None]
     off = [s["end_position_error"] for s in seeds if s["end_position_error"] is not None]
     told = (

@@ -2,13 +2,12 @@
 
 from resim.pipeline.assessments import Assessed, How, assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
+from resim.pipeline.perceived import PerceivedRun, Perceiving, end_error, same_decision
 from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
 from resim.pipeline.result import (
     Basis,
     Branch,
     Options,
-    PerceivedRun,
-    Perceiving,
     Resimulation,
     perceived_frame,
 )
@@ -30,6 +29,7 @@ __all__ = [
     "assess_resimulation",
     "check_codes",
     "check_map",
+    "end_error",
     "examined",
     "file_hash",
     "finding_line",
@@ -39,4 +39,5 @@ __all__ = [
     "refuse_flaws",
     "repair_recording",
     "resimulate",
+    "same_decision",
 ]

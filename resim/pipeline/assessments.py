@@ -80,7 +80,10 @@ class Assessed:
         out = []
         if len({tuple(k) for k in kinds.values()}) > 1:
             told = "; ".join(f"{name} by its {' and '.join(k)}" for name, k in kinds.items())
-            out.append(f"the EGO's path differs: {told}; --path state makes them alike")
+            folder = "RESULTS" if self.run else "RECORDING"
+            out.append(
+                f"the EGO's path differs: {told}; `resim assess {folder} --path state` makes them alike"
+            )
         out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 

@@ -10,8 +10,9 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import MapCheck
+from resim.pipeline.perceived import PerceivedRun, Perceiving
 from resim.pipeline.recordings import finding_line
-from resim.pipeline.result import Basis, Branch, PerceivedRun, Perceiving, drove
+from resim.pipeline.result import Basis, Branch, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError

@@ -21,7 +21,14 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
 from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
-from resim.perception.model import PerceptionModel
+from resim.pipeline.perceived import (
+    PerceivedRun,
+    Perceiving,
+    difference,
+    end_error,
+    same_decision,
+    seed_reports,
+)
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Perceived
@@ -58,29 +65,6 @@ class Branch:
 
     run: Run
     refit: Scenario | None
-
-
-@dataclass(frozen=True, eq=False)
-class PerceivedRun:
-    """A run on GT in which a perception model showed the function what it saw.
-
-    seed: of the model's draws. outside, shown: objects in lists that were outside of the model's validity, and all.
-    """
-
-    seed: int
-    run: Run
-    outside: int
-    shown: int
-
-
-@dataclass(frozen=True, eq=False)
-class Perceiving:
-    """A perception model, the seeds to run it with, and the parameters that were set by hand ("latency.speed=0.4")."""
-
-    model: PerceptionModel
-    seeds: tuple[int, ...]
-    overrides: tuple[str, ...] = ()
-    hash: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +163,10 @@ class Resimulation:
         reaction = {
             b: None if t is None else fidelity.reaction_time(t, ego=self.ego) for b, t in driven.items()
         }
+        decision = {
+            b: None if t is None else fidelity.decision(t, self.network, ego=self.ego)
+            for b, t in driven.items()
+        }
         hits = {name: fidelity.collisions(tracks, ego=self.ego) for name, tracks in self.tracks().items()}
         return {
             "recording": self.recording.name,
@@ -192,57 +180,37 @@ class Resimulation:
             "errors": {step: self._statistics(step) for step in STEPS},
             "sums": fidelity.sums(self.errors),
             "reaction": reaction,
-            "reaction_difference": {b: _minus(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
-            "decision": {
-                b: None if t is None else fidelity.decision(t, self.network, ego=self.ego)
-                for b, t in driven.items()
-            },
+            "reaction_difference": {b: difference(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
+            "decision": decision,
             "collision": {name: bool(h) for name, h in hits.items()},
             "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},
             "end": {name: run.end for name, run in runs.items()},
             "failure": {name: run.failure or None for name, run in runs.items()},
-            "end_position_error": {name: self.end_error(run) for name, run in runs.items()},
-            "perception": self._perception(reaction["GT"]),
+            "end_position_error": {
+                f"r{basis}": end_error(b.run.end, self.errors.get(f"PIPE_{basis}"))
+                for basis, b in self.branches.items()
+            },
+            "perception": self._perception(decision["GT"], reaction["GT"]),
             "warnings": list(self.warnings),
             "findings": [finding_json(f) for f in self.recording.findings],
             "repaired": self.recording.repaired,
         }
 
-    def end_error(self, run: Run) -> float | None:
-        """Give the distance [m] of a run's EGO from the measured one at the end; None for a run that ended before."""
-        if run.end != "duration":
-            return None
-        truth, gt = run.truth.select([self.ego]), self.measured["GT"].select([self.ego])
-        t = truth.t[truth.valid[0] & (truth.t <= gt.t[-1] + 1e-9)]
-        if not len(t):
-            return None
-        both = [tracks.at(t[-1:]) for tracks in (truth, gt)]
-        apart = float(np.hypot(both[0].x[0, 0] - both[1].x[0, 0], both[0].y[0, 0] - both[1].y[0, 0]))
-        return apart if math.isfinite(apart) else None
-
-    def _perception(self, measured: float | None) -> dict[str, Any] | None:
-        """What the runs with a perception model gave, seed by seed; `measured` reaction [s]."""
+    def _perception(self, decision: list[str] | None, reaction: float | None) -> dict[str, Any] | None:
+        """What the runs with a perception model gave; `decision` and `reaction` [s] of the measured drive."""
         if self.perceiving is None:
             return None
         model = self.perceiving.model
-        seeds = []
-        for p in self.perceived_runs:
-            reaction = fidelity.reaction_time(p.run.truth, ego=self.ego)
-            seeds.append(
-                {
-                    "seed": p.seed,
-                    "decision": fidelity.decision(p.run.truth, self.network, ego=self.ego),
-                    "reaction": reaction,
-                    "reaction_difference": _minus(reaction, measured),
-                    "end_position_error": self.end_error(p.run),
-                    "end": p.run.end,
-                    "collision": bool(p.run.collisions),
-                    "outside_validity": p.outside,
-                    "shown": p.shown,
-                }
-            )
-        told = {"name": model.name, "hash": self.perceiving.hash, "set": list(self.perceiving.overrides)}
-        return {"model": told, "seeds": seeds}
+        seeds = seed_reports(self.perceived_runs, self.network, ego=self.ego, measured=reaction)
+        return {
+            "model": {
+                "name": model.name,
+                "hash": self.perceiving.hash,
+                "set": list(self.perceiving.overrides),
+            },
+            "same_decision": same_decision(seeds, decision),
+            "seeds": seeds,
+        }
 
     def provenance(self) -> dict[str, Any]:
         """Give what run.json holds: versions, hashes, seeds, times."""
@@ -258,12 +226,18 @@ class Resimulation:
             "step": self.options.step,
             "relaxation": self.options.relaxation,
             "stop_at_collision": self.options.stop_at_collision,
-            "perception": None
-            if self.perceiving is None
-            else {"seeds": list(self.perceiving.seeds), "set": list(self.perceiving.overrides)},
+            "perception": self._perception_provenance(),
             "control_error": {f"r{basis}": b.run.control_error for basis, b in self.branches.items()},
             "times": dict(self.times),
         }
+
+    def _perception_provenance(self) -> dict[str, Any] | None:
+        if self.perceiving is None:
+            return None
+        seeds = [
+            {"seed": p.seed, "time": p.time, "failure": p.run.failure or None} for p in self.perceived_runs
+        ]
+        return {"set": list(self.perceiving.overrides), "seeds": seeds}
 
     def _statistics(self, step: str) -> dict[str, dict[str, fidelity.Statistics | None]]:
         errors = self.errors.get(step)
@@ -302,10 +276,6 @@ def _without_nan(fields: Mapping[str, Any]) -> dict[str, Any]:
         else None if isinstance(value, float) and math.isnan(value) else value
         for name, value in fields.items()
     }  # fmt: skip
-
-
-def _minus(later: float | None, earlier: float | None) -> float | None:
-    return None if later is None or earlier is None else round(later - earlier, 9)
 
 
 def perceived_frame(perceived: tuple[Perceived, ...]) -> pd.DataFrame:

@@ -19,7 +19,8 @@ from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import check_map, refuse_flaws
 from resim.pipeline.notes import GAP, notes, perception_notes
-from resim.pipeline.result import Basis, Branch, Options, PerceivedRun, Perceiving, Resimulation
+from resim.pipeline.perceived import PerceivedRun, Perceiving
+from resim.pipeline.result import Basis, Branch, Options, Resimulation
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, describe
@@ -101,7 +102,18 @@ def resimulate(
     if perceiving is not None:
         with clock.stage("run GT+M"):
             perceived = tuple(
-                _perceived_run(perceiving, seed, described["GT"], build, network, net, options, model)
+                _perceived_run(
+                    perceiving,
+                    seed,
+                    described["GT"],
+                    recording,
+                    whole["GT"],
+                    build,
+                    network,
+                    net,
+                    options,
+                    model,
+                )
                 for seed in perceiving.seeds
             )
     with clock.stage("errors"):
@@ -226,20 +238,28 @@ def _perceived_run(
     perceiving: Perceiving,
     seed: int,
     scenario: Scenario,
+    recording: Recording,
+    gt: Tracks,
     build: Build,
     network: RoadNetwork,
     net: SumoNet,
     options: Options,
     model: VehicleModel | None,
 ) -> PerceivedRun:
+    """Run with the model, and describe the EGO alone: traffic is that of rGT, and its fit with it."""
     from resim.perception.sensor import Sensor
 
-    sensor = Sensor(perceiving.model)
+    begin, sensor = time.perf_counter(), Sensor(perceiving.model)
     run = simulate(
         scenario, network, net.path, build, step=options.step, relaxation=options.relaxation, seed=seed,
         perception=sensor, model=model, stop_at_collision=options.stop_at_collision,
     )  # fmt: skip
-    return PerceivedRun(seed, run, sensor.outside, sensor.perceived)
+    pipe = None
+    if run.truth.valid[0].sum() >= 2:
+        refit = _describe(run.truth.select([recording.ego]), recording, network, f"rGT+M{seed}")
+        pipe = fidelity.pipeline_error(refit, gt, network)
+    took = time.perf_counter() - begin
+    return PerceivedRun(seed, run, pipe, sensor.outside, sensor.perceived, took)
 
 
 def _errors(

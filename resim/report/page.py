@@ -12,10 +12,11 @@ from resim.pipeline import Assessed, Resimulation
 from resim.report import assessment, seeds, tables
 from resim.report.boxes import box_figure, reaction_figure
 from resim.report.document import document
+from resim.report.outcome import outcome, verdict
 from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
-from resim.report.view import OTHERS, View, view
+from resim.report.view import OTHERS, SEEDS, View, view
 
 PRINT_WIDTH = 980
 """Width [px] that figures are laid out for on paper."""
@@ -94,7 +95,7 @@ def _header(look: View) -> str:
     warnings = "".join(f"<li>{escape(w)}</li>" for w in report["warnings"])
     return (
         f'<header><p class="kind">Re-simulation report</p><h1>{escape(report["recording"])}</h1>'
-        f'<dl class="facts">{listed}</dl>\n<p class="line">{_line(look)}</p>\n{tables.outcome(look)}'
+        f'<dl class="facts">{listed}</dl>\n<p class="line">{_line(look)}</p>\n{outcome(look)}'
         + (f'<div class="warnings"><b>Note</b><ul>{warnings}</ul></div>' if warnings else "")
         + "</header>"
     )
@@ -104,7 +105,7 @@ def _line(look: View) -> str:
     """The outcome in one sentence per run."""
     out = [f"Measured drive: {tables.decision_words(look.report['decision']['GT'])}."]
     for run in look.report["end"]:
-        css, words = tables.verdict(look, run)
+        css, words = verdict(look, run)
         said = f"{run}: <b>{words.lstrip('=≠✕ ')}</b>"
         if css != "failed":
             said += f" ({tables.decision_words(look.report['decision'][run])}"
@@ -112,10 +113,9 @@ def _line(look: View) -> str:
             said += f"; braking {tables.difference_words(change)})" if change is not None else ")"
         out.append(said + ".")
     if (found := look.report["perception"]) is not None:
-        same = seeds.same_decision(look.report)
-        model = escape(found["model"]["name"])
+        of = f"{found['same_decision']} of {len(found['seeds'])} seeds"
         out.append(
-            f"rGT with the perception model {model}: <b>{same} of {len(found['seeds'])} seeds</b> as measured."
+            f"rGT with the perception model {escape(found['model']['name'])}: <b>{of}</b> as measured."
         )
     return " ".join(out)
 
@@ -129,6 +129,8 @@ def _key(look: View) -> str:
         entries += [
             sample(f"{look.label(i)} {source}", look.color(i, source), dash) for i in look.shown if i in here
         ]
+    if look.result.perceived_runs:
+        entries.append(sample("EGO rGT+M, with the perception model", SEEDS))
     if look.others:
         entries.append(sample(f"{len(look.others)} other TOs", OTHERS, ""))
     return (
@@ -146,7 +148,12 @@ def _road(look: View) -> str:
     ]  # fmt: skip
     if (figure := distance_figure(look)) is not None:
         title = "Distance of the re-simulation from the drive"
-        out.append(_figure(figure, "distance", title, "PIPE_X = JSCEN of rX − GT; ribbon: mean ± std"))
+        note = "PIPE_X = JSCEN of rX − GT; ribbon: mean ± std"
+        if look.result.perceived_runs:
+            note += (
+                "; with the perception model (+M): median and whole range of the seeds, beside rGT without"
+            )
+        out.append(_figure(figure, "distance", title, note))
     return "".join(out)
 
 

@@ -12,6 +12,7 @@ from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
 from resim.report.lanes import Box, clip, lane_traces
 from resim.report.plots import fade, joined, line, style
+from resim.report.seeds import seeds_panel
 from resim.report.steps import FROM_ZERO, error_panel
 from resim.report.view import OTHERS, View
 
@@ -55,14 +56,19 @@ def lateral_figure(view: View) -> go.Figure:
 
 
 def distance_figure(view: View) -> go.Figure | None:
-    """Draw the distance of each basis' re-simulation from the drive over time, with its ribbon."""
+    """Draw the distance of each basis' re-simulation from the drive over time, with its ribbon; and with a model."""
     steps = [s for s in (f"PIPE_{basis}" for basis in view.result.branches) if s in view.result.errors]
     if not steps:
         return None
-    figure = make_subplots(rows=1, cols=len(steps), shared_yaxes=True, horizontal_spacing=0.03)
+    seen = any(p.pipe is not None for p in view.result.perceived_runs)
+    figure = make_subplots(rows=1, cols=len(steps) + seen, shared_yaxes=True, horizontal_spacing=0.03)
     for column, step in enumerate(steps, start=1):
         error_panel(figure, view, step, "d", {"row": 1, "col": column})
         figure.update_xaxes(title_text=f"{step} over t [s]", row=1, col=column)
+    if seen:
+        cell = {"row": 1, "col": len(steps) + 1}
+        seeds_panel(figure, view, cell)
+        figure.update_xaxes(title_text="PIPE_GT+M over t [s]", **cell)
     style(figure, 250.0, margin={"l": 62, "r": 14, "t": 22, "b": 42})
     figure.update_xaxes(range=view.span)
     figure.update_yaxes(**FROM_ZERO)

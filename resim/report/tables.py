@@ -1,4 +1,4 @@
-"""The page's tables: outcome, numbers of the errors, sums, what was perceived, provenance."""
+"""The page's tables: numbers of the errors, sums, what was perceived, provenance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from resim.report.plots import number
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
 
-RUNS = ("rGT", "rSD")
 DIGITS: Mapping[str, int] = {"d": 3, "v": 3, "heading": 4}
 NONE = '<span class="none">–</span>'
 HEADS = {
@@ -45,25 +44,6 @@ def decision_words(decision: Sequence[str] | None) -> str:
     return escape(", then ".join(word.replace("_", " ") for word in decision)) or "no braking, no lane change"
 
 
-def verdict(view: View, run: str) -> tuple[str, str]:
-    """Give the class and the words of the badge: whether a run decided as the measured drive did."""
-    report = view.report
-    if run not in report["end"]:
-        return "none", "not run"
-    if report["failure"][run]:
-        return "failed", "✕ run failed: not comparable"
-    early = report["end"][run] != "duration"
-    until = f", up to its end at {_end(view, run):.2f} s" if early else ""
-    same = report["decision"][run] == report["decision"]["GT"]
-    return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
-
-
-def badge(view: View, run: str) -> str:
-    """Give the verdict as a badge: colour, sign and words."""
-    css, words = verdict(view, run)
-    return f'<span class="badge {css}">{words}</span>'
-
-
 def difference_words(seconds: float | None) -> str:
     """Give a difference of reaction times in words, later minus earlier."""
     if seconds is None:
@@ -73,50 +53,9 @@ def difference_words(seconds: float | None) -> str:
     return f"<b>{abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'}</b> than GT"
 
 
-def outcome(view: View) -> str:
-    """Give the table of decision, reaction, collision and end in GT, rGT and rSD."""
-    report = view.report
-    sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report["end"]]
-    rows = [
-        ["", "measured", *(badge(view, s) for s in sources[1:])],
-        ["decision", *(decision_words(report["decision"][s]) for s in sources)],
-        ["first braking", *(_if_there(view, s, reaction_words(report["reaction"][s])) for s in sources)],
-        ["difference", NONE, *(difference_words(report["reaction_difference"][s]) for s in sources[1:])],
-        ["collision", *(_if_there(view, s, _collisions(view, s)) for s in sources)],
-        ["end", *(_end_words(view, s) for s in sources)],
-    ]
-    return table(["", *sources], rows, "outcome")
-
-
 def reaction_words(seconds: float | None) -> str:
     """Give a time of first braking in words."""
     return "no braking" if seconds is None else f"{seconds:.2f} s"
-
-
-def _if_there(view: View, source: str, words: str) -> str:
-    return words if view.report["decision"][source] is not None else NONE
-
-
-def _collisions(view: View, source: str) -> str:
-    if source not in view.report["collisions"]:
-        return NONE
-    hits = view.report["collisions"][source]
-    return "; ".join(f"<b>{view.label(h['id'])} at {h['t']:.2f} s</b>" for h in hits) or "none"
-
-
-def _end(view: View, source: str) -> float:
-    times = view.tracks[source].t
-    return float(times[-1]) if len(times) else float("nan")
-
-
-def _end_words(view: View, source: str) -> str:
-    if source not in view.tracks:
-        return NONE
-    end = view.report["end"].get(source, "measured")
-    words = {"duration": "whole duration", "measured": "last sample"}.get(
-        end, f"<b>{end.replace('_', ' ')}</b>"
-    )
-    return f"{words}, {_end(view, source):.2f} s"
 
 
 def numbers(view: View) -> str:
@@ -227,6 +166,8 @@ def span_words(start: float, end: float) -> str:
 def provenance(view: View) -> str:
     """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
     facts = {key: value for key, value in view.result.provenance().items() if key != "times"}
+    if (seen := facts["perception"]) is not None:
+        facts["perception"] = {**seen, "seeds": [s["seed"] for s in seen["seeds"]]}
     rows = [[escape(key), f"<code>{escape(value)}</code>"] for key, value in _flat(facts)]
     rows += [
         [f"recording: {escape(key)}", escape(str(value))]

@@ -27,6 +27,8 @@ SAME_LANE = 1.75
 """Offset [m] between the EGO and a TO up to which that is ahead of it, not beside."""
 
 OTHERS = "#9aa1aa"
+SEEDS = "#7a3fb0"
+"""Colour of the runs with a perception model."""
 EGO_COLORS: Mapping[str, str] = {"GT": "#0072B2", "SD": "#CC79A7"}
 TO_COLORS: Mapping[str, tuple[str, ...]] = {
     "GT": ("#009E73", "#6CB33F", "#00594A"),

@@ -230,3 +230,15 @@ def test_criteria_give_verdicts_and_the_exit_code(call, tmp_path):
     assert found["criteria"]["speed limit"]["verdict"] == "PASS"
     code, _, error = call("assess", ROOT / "scenarios" / "overtake", "--criteria", HIGHWAY)
     assert code == 0, error
+
+
+def test_paths_of_several_kinds_are_told_with_the_command_that_makes_them_alike(call, tmp_path):
+    build = ROOT / "adfunc" / "builds" / "idm-1.0.toml"
+    drive = ROOT / "scenarios" / "cut_in_brake"  # its function had plans, and this one has none
+    code, out, error = call("run", drive, "--build", build, "--basis", "gt", "--out", tmp_path / "run")
+    assert code == 0, error
+    told = "`resim assess RESULTS --path state` makes them alike"
+    assert told in " ".join(out.split())
+    code, out, error = call("assess", tmp_path / "run", "--path", "state")
+    assert code == 0, error
+    assert "makes them alike" not in out

@@ -39,6 +39,7 @@ def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     same = [s["decision"] == report["decision"]["GT"] for s in seeds]
     assert np.mean(same) >= 0.9
     assert f"{sum(same)} of 20 seeds decide as measured" in " ".join(out.split())
+    assert report["perception"]["same_decision"] == sum(same)
     # the sensor itself, with other seeds, is 0.10 s early: the measured drive was a late one
     assert abs(np.median([s["reaction_difference"] for s in seeds])) < 0.1 + 0.041
     assert abs(report["reaction_difference"]["rGT"]) > 0.8
@@ -50,6 +51,13 @@ def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "With the perception model" in page
     assert f"<b>{sum(same)} of 20</b> seeds decide as the measured drive" in page
+    assert f"{sum(same)} of 20 seeds decide as measured</span>" in page
+    middle = np.median([s["reaction"] for s in seeds])
+    assert f"<td>median <b>{middle:.2f} s</b>" in page
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    told = run["perception"]["seeds"]
+    assert [(s["seed"], s["failure"]) for s in told] == [(k, None) for k in range(20)]
+    assert 0.0 < sum(s["time"] for s in told) <= run["times"]["run GT+M"]
 
 
 def test_seeing_everything_is_the_plain_resimulation(seen):
@@ -58,6 +66,11 @@ def test_seeing_everything_is_the_plain_resimulation(seen):
         assert one["decision"] == report["decision"]["rGT"]
         assert one["reaction"] == report["reaction"]["rGT"]
         assert one["end_position_error"] == report["end_position_error"]["rGT"]
+        assert one["errors"]["PIPE"] == report["errors"]["PIPE_GT"]["ego"]
+        assert one["failure"] is None
+    assert report["end_position_error"]["rGT"] == pytest.approx(
+        report["errors"]["PIPE_GT"]["ego"]["d"]["max"]
+    )
 
 
 def test_the_same_seeds_see_the_same_and_others_do_not(seen):
@@ -117,6 +130,7 @@ def test_a_run_beyond_what_was_trained_and_one_that_collides_say_so(seen):
     )
     assert [s["end"] for s in report["perception"]["seeds"]] == ["collision", "collision"]
     assert [s["end_position_error"] for s in report["perception"]["seeds"]] == [None, None]
+    assert [s["errors"]["PIPE"]["d"]["max"] > 0.0 for s in report["perception"]["seeds"]] == [True, True]
     assert "2 of 2 runs ended by a collision" in " ".join(out.split())
 
 

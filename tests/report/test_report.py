@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 
 from resim.ingest import Recording, read_recording
-from resim.pipeline import How, Options, Resimulation, assess_resimulation, resimulate
+from resim.perception.model import read_model
+from resim.pipeline import How, Options, Perceiving, Resimulation, assess_resimulation, resimulate
 from resim.report import write_report
 from resim.sim.adfunction import load_build
 
 ROOT = Path(__file__).parents[2]
 PILOT = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
+NONE = read_model(ROOT / "adfunc" / "perception" / "none.json")
 
 
 class Page(HTMLParser):
@@ -176,6 +178,42 @@ def test_failed_run_is_no_verdict_and_names_are_text(at: float, tmp_path: Path) 
     assert "</script><script>alert(1)</script>" in page.text
     assert "alert(1)</script>" not in source
     assert "i" not in page.tags[: page.tags.index("section")]
+
+
+@pytest.mark.parametrize("at", [-9.0, 0.0, 0.04, 2.0])
+def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float, tmp_path: Path) -> None:
+    (tmp_path / "faulty_for_report.py").write_text(FAULTY)
+    build = tmp_path / "build.toml"
+    build.write_text(
+        f'name = "odd"\nversion = "1"\nfactory = "faulty_for_report:Faulty"\n[parameters]\nat = {at}\n'
+    )
+    result = resimulate(recording("rear_end"), load_build(build), perceiving=Perceiving(NONE, (0, 1)))
+    found = result.report()["perception"]
+    assert found["same_decision"] == 0
+    for one, told in zip(found["seeds"], result.provenance()["perception"]["seeds"], strict=True):
+        assert "lost <the> lane" in one["failure"] == told["failure"]
+        assert one["end_position_error"] is None
+    text = Page(html(result, tmp_path)).text
+    assert "0 of 2 seeds decide as measured" in text
+    assert "2 of 2 ended before" in text
+    assert ("PIPE_GT+M" in html(result, tmp_path)) == (at > 0.0)
+
+
+def test_a_perception_model_stands_beside_the_runs_without(cut_in: Resimulation, tmp_path: Path) -> None:
+    model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
+    seen = Perceiving(model, (0, 1, 2))
+    result = resimulate(recording("cut_in_brake"), load_build(PILOT), perceiving=seen)
+    source, seeds = html(result, tmp_path), result.report()["perception"]["seeds"]
+    table = source[source.index('<table class="outcome">') :].partition("</table>")[0]
+    assert re.findall(r'scope="col">(.*?)</th>', table) == ["", "GT", "rGT", "rSD", "rGT+M"]
+    late = sorted(s["reaction_difference"] for s in seeds)
+    assert f"median <b>{late[1]:.2f} s</b> ({late[0]:.2f} to {late[2]:.2f})".replace("-", "−") in table
+    off = sorted(s["end_position_error"] for s in seeds)
+    assert f"median <b>{off[1]:.2f} m</b> ({off[0]:.2f} to {off[2]:.2f})" in table
+    assert f"{cut_in.report()['end_position_error']['rGT']:.2f} m" in table
+    assert f"{off[1]:.2f} at the end" in source
+    slower = [dataclasses.replace(p, time=9.87654) for p in result.perceived_runs]
+    assert html(dataclasses.replace(result, perceived_runs=tuple(slower)), tmp_path) == source
 
 
 def test_collision_ends_the_run_and_is_said(tmp_path: Path) -> None:

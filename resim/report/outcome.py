@@ -1,0 +1,130 @@
+"""The outcome: what the EGO did in GT, rGT and rSD, and over the seeds of a perception model in rGT+M."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from resim.report.plots import number
+from resim.report.tables import NONE, decision_words, difference_words, reaction_words, table
+from resim.report.view import View
+
+RUNS = ("rGT", "rSD")
+ENDS = {"duration": "whole duration", "measured": "last sample"}
+
+
+def outcome(view: View) -> str:
+    """Give the table of decision, reaction, collision, end and error in GT, rGT, rSD and, over its seeds, rGT+M."""
+    report = view.report
+    sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report["end"]]
+    runs = sources[1:]
+    rows = [
+        ["", "measured", *(badge(view, s) for s in runs)],
+        ["decision", *(decision_words(report["decision"][s]) for s in sources)],
+        ["first braking", *(_if_there(view, s, reaction_words(report["reaction"][s])) for s in sources)],
+        ["difference", NONE, *(difference_words(report["reaction_difference"][s]) for s in runs)],
+        ["collision", *(_if_there(view, s, _collisions(view, s)) for s in sources)],
+        ["end", *(_end_words(view, s) for s in sources)],
+        ["error at the end", NONE, *(_metres(report["end_position_error"][s]) for s in runs)],
+    ]
+    if report["perception"] is not None:
+        rows = [[*row, cell] for row, cell in zip(rows, _over_seeds(report["perception"]), strict=True)]
+        sources.append("rGT+M")
+    return table(["", *sources], rows, "outcome")
+
+
+def verdict(view: View, run: str) -> tuple[str, str]:
+    """Give the class and the words of the badge: whether a run decided as the measured drive did."""
+    report = view.report
+    if run not in report["end"]:
+        return "none", "not run"
+    if report["failure"][run]:
+        return "failed", "✕ run failed: not comparable"
+    early = report["end"][run] != "duration"
+    until = f", up to its end at {_end(view, run):.2f} s" if early else ""
+    same = report["decision"][run] == report["decision"]["GT"]
+    return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
+
+
+def badge(view: View, run: str) -> str:
+    """Give the verdict as a badge: colour, sign and words."""
+    css, words = verdict(view, run)
+    return f'<span class="badge {css}">{words}</span>'
+
+
+def _if_there(view: View, source: str, words: str) -> str:
+    return words if view.report["decision"][source] is not None else NONE
+
+
+def _collisions(view: View, source: str) -> str:
+    if source not in view.report["collisions"]:
+        return NONE
+    hits = view.report["collisions"][source]
+    return "; ".join(f"<b>{view.label(h['id'])} at {h['t']:.2f} s</b>" for h in hits) or "none"
+
+
+def _end(view: View, source: str) -> float:
+    times = view.tracks[source].t
+    return float(times[-1]) if len(times) else float("nan")
+
+
+def _end_words(view: View, source: str) -> str:
+    if source not in view.tracks:
+        return NONE
+    end = view.report["end"].get(source, "measured")
+    return f"{end_words(end)}, {_end(view, source):.2f} s"
+
+
+def end_words(end: str) -> str:
+    """Give why a run ended in words, in bold where it ended early."""
+    return ENDS.get(end, f"<b>{end.replace('_', ' ')}</b>")
+
+
+def _metres(error: float | None) -> str:
+    return NONE if error is None else f"{error:.2f} m"
+
+
+def _over_seeds(perception: Mapping[str, Any]) -> list[str]:
+    """The table's column of the runs with a perception model: medians, in brackets ranges, and counts."""
+    seeds = perception["seeds"]
+    return [
+        seeds_badge(perception),
+        _counted([decision_words(s["decision"]) for s in seeds]),
+        middle(seeds, "reaction", "s", missing="do not brake"),
+        middle(seeds, "reaction_difference", "s", sign="+"),
+        _counted(["<b>yes</b>" if s["collision"] else "none" for s in seeds]),
+        _counted([end_words(s["end"]) for s in seeds]),
+        middle(seeds, "end_position_error", "m", missing="ended before"),
+    ]
+
+
+def seeds_badge(perception: Mapping[str, Any]) -> str:
+    """Give as a badge how many of the seeds decide as the measured drive did."""
+    same, every = perception["same_decision"], len(perception["seeds"])
+    css, sign = ("same", "=") if same == every else ("different", "≠") if same == 0 else ("none", "")
+    return f'<span class="badge {css}">{sign} {same} of {every} seeds decide as measured</span>'
+
+
+def _counted(words: Sequence[str]) -> str:
+    """Each of the words with how many seeds it is of, the most frequent first; without, where it is of all."""
+    counts = Counter(words).most_common()
+    return "; ".join(f"{word} ({n} of {len(words)})" if n < len(words) else word for word, n in counts)
+
+
+def middle(
+    seeds: Sequence[Mapping[str, Any]], name: str, unit: str, *, sign: str = "", missing: str = ""
+) -> str:
+    """Give the median of a number over the seeds, its range, and of how many seeds it is not known and why."""
+    values = np.array([s[name] for s in seeds if s[name] is not None], dtype=float)
+    lost = len(seeds) - len(values)
+    without = f"; {lost} of {len(seeds)} {missing}" if lost and missing else ""
+    if not len(values):
+        return NONE + without
+    low, median, high = (
+        ("+" if sign and value > 0.0 else "") + number(float(value), 2)
+        for value in np.quantile(values, [0.0, 0.5, 1.0])
+    )
+    return f"median <b>{median} {unit}</b> ({low} to {high}){without}"
