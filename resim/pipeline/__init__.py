@@ -2,7 +2,7 @@
 
 from resim.pipeline.assessments import Assessed, How, assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
-from resim.pipeline.perceived import PerceivedRun, Perceiving, end_error, same_decision
+from resim.pipeline.perceived import PerceivedRun, Perceiving, end_error
 from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
 from resim.pipeline.result import (
     Basis,
@@ -39,5 +39,4 @@ __all__ = [
     "refuse_flaws",
     "repair_recording",
     "resimulate",
-    "same_decision",
 ]

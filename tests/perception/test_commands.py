@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+from dataclasses import replace
 
 import duckdb
 import numpy as np
 import pytest
 from conftest import ROOT
 
+from resim.ingest import read_recording, write_recording
 from resim.perception.model import read_model
 
 SHIPPED = ROOT / "adfunc" / "perception"
@@ -179,6 +182,43 @@ def test_train_learns_shows_and_repeats_itself(call, tmp_path):
     assert code == 0
     assert "trained on 3 drives" in out
     assert "0.25" in out
+
+
+@pytest.mark.parametrize(("off", "late"), [(0.0, 0.0), (0.3, 0.0), (-0.5, 0.0), (0.0, 0.3)])
+@pytest.mark.parametrize("speeds", [(20.0, 20.0), (20.0, 23.0)])
+def test_constant_signals_without_noise_train(call, tmp_path, speeds, off, late):
+    """At one constant speed an offset and a latency are the same: together they say what was measured."""
+    for number in range(3):
+        write_constant(tmp_path / str(number), speeds, off, late, duration=5.0 + number)
+    drives = [tmp_path / str(number) for number in range(3)]
+    code, _, error = call("perception", "train", *drives, "--out", tmp_path / "m.json")
+    assert code == 0, error
+    model = read_model(tmp_path / "m.json")
+    bias, at = model.errors.longitudinal.bias, model.latency.position
+    for speed in speeds:
+        assert bias.constant - speed * at == pytest.approx(off - speed * late, abs=0.01)
+    if speeds[0] != speeds[1]:
+        assert (at, bias.constant) == pytest.approx((late, off), abs=0.001)
+    assert model.errors.longitudinal.noise.constant == 0.0
+    assert model.latency.speed == pytest.approx(0.0, abs=1e-6)
+
+
+def write_constant(folder, speeds, off, late, *, duration):
+    """Two objects beside an EGO at 20 m/s, seen `off` [m] too far ahead and, `late` [s], too far behind."""
+    shipped = read_recording(CORNER_CASE)
+    t, v = np.round(np.arange(0.0, duration + 1e-9, 0.04), 6), np.array([20.0, *speeds])[:, None]
+    every = np.ones((3, len(t)))
+    gt = replace(
+        shipped.gt, t=t, ids=np.array(["ego", "1", "2"]), kind=np.full(3, "car"), length=np.full(3, 4.7),
+        width=np.full(3, 1.9), x=np.array([[300.0], [330.0], [280.0]]) + v * t,
+        y=every * [[-5.25], [-1.75], [-8.75]], heading=0.0 * every, v=v * every, valid=every > 0.0,
+    )  # fmt: skip
+    seen = off - late * np.array([[0.0], *([speed] for speed in speeds)])
+    seen[0] = 0.0
+    drive = replace(
+        shipped, name=folder.name, gt=gt, sd=replace(gt, x=gt.x + seen), sd_gt_id=gt.ids, plan=None
+    )
+    write_recording(drive, folder, map_reference=os.path.relpath(shipped.map, folder))
 
 
 def test_the_same_drive_twice_and_one_drive_to_judge_itself_are_refused(call, tmp_path):

@@ -3,7 +3,7 @@
 drive     a recording as lists in the EGO's frame, with the truth as splines (truth)
 matching  which perceived object is which true one
 samples   the matched samples as arrays, the truth at any latency
-errors    latencies and biases (alignment), drift and noise (spread, by the filter in whiten), in turn
+errors    latencies and biases (alignment, gauss_newton), drift and noise (spread, by the filter whiten), in turn
 coupling, maneuvers, localisation, detection, lists   the other parts of the model
 """
 

@@ -1,7 +1,6 @@
-"""Latency, averaging and bias at once: generalised least squares over lags that need not be whole samples.
+"""Latency, averaging and bias at once: what is to be aligned, where to begin, and what does not belong.
 
-perceived = truth(t - late, mean over `over`) + bias(features) + drift + noise. Latency and bias are found together:
-at constant speed an offset along the way and a latency of the position look the same, and their intervals say so.
+perceived = truth(t - late, mean over `over`) + bias(features) + drift + noise. The estimation is in gauss_newton.
 """
 
 from __future__ import annotations
@@ -15,15 +14,10 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats
 from resim.perception.training.whiten import whiten
 
-SURE, SOME = 3.0, 2.0
-"""Standard errors by which a bias differs from none to depend on a feature, and an averaging time to be one."""
-TINY = 1e-30
-"""Variance where there is none: without noise rounding may leave less than 0."""
 PRIOR = 1.0
 """Latency [s] that is usual, as standard deviation: it decides where the data say nothing."""
 LATEST, GRID = 2.0, 0.1
 """Latencies [s] that are tried at first."""
-_D_LATE, _D_OVER = 0.01, 0.02  # s, s²; steps of the derivatives
 
 Expected = Callable[[float, float], list[Floats]]
 """The truth of `late` seconds ago, mean over `over` seconds: one (R, T) per component."""
@@ -109,199 +103,6 @@ def first_guess(task: Task) -> float:
         left = y - np.outer(x, (x @ y) / max(float(x @ x), 1e-12))
         total += (left**2).sum(axis=0)
     return float(lags[np.argmin(total + (lags / PRIOR) ** 2)])
-
-
-def align(task: Task, late: float, over: float = 0.0) -> Aligned:
-    """Refine the latency from a start, with the averaging time and the biases; features that tell nothing go.
-
-    Gauss-Newton; late >= 0, 0 <= over <= 2 late.
-    """
-    solver = _Solver(task, late, over)
-    solver.converge()
-    while unsure := solver.unsure():
-        for column in unsure:
-            solver.drop(column)
-        solver.converge(4)
-    return solver.result()
-
-
-@dataclass(frozen=True)
-class _Column:
-    """component -1: of all, column 0 the latency, 1 the square of the averaging time; else a bias: 0 the constant."""
-
-    component: int
-    column: int
-
-
-class _Solver:
-    def __init__(self, task: Task, late: float, over: float) -> None:
-        self.task, self.late, self.square = task, late, over**2
-        self.columns = [_Column(-1, 0)] + ([_Column(-1, 1)] if task.averages else [])
-        self.middle, self.width = [], []
-        features = task.features
-        for c, component in enumerate(task.components):
-            used = features[np.isfinite(component.measured) & np.isfinite(features).all(axis=-1)]
-            middle = used.mean(axis=0) if len(used) else np.zeros(features.shape[-1])
-            width = used.std(axis=0) if len(used) else np.zeros(features.shape[-1])
-            self.middle.append(middle)
-            self.width.append(np.where(width > 1e-6 * (1.0 + np.abs(middle)), width, 0.0))
-            self.columns += [_Column(c, 0)] + [
-                _Column(c, f + 1) for f in np.flatnonzero(self.width[c]).tolist()
-            ]
-        self.unsure_square: tuple[float, float] | None = None
-        self.clusters = np.unique(task.group, return_inverse=True)[1]
-
-    @property
-    def over(self) -> float:
-        return float(np.sqrt(self.square))
-
-    def converge(self, rounds: int = 12) -> None:
-        """Step until the latency stays; bounds are kept, and a step that helps nobody is halved."""
-        for _ in range(rounds):
-            self.linearise()
-            late = float(np.clip(self.late + np.clip(self.solution[0], -0.3, 0.3), 0.0, 3.0))
-            square = self.square
-            if _Column(-1, 1) in self.columns:
-                square = float(
-                    np.clip(self.square + np.clip(self.solution[1], -0.5, 0.5), 0.0, 4.0 * late**2)
-                )
-            moved = max(abs(late - self.late), abs(np.sqrt(square) - self.over))
-            self.late, self.square = late, square
-            if moved < 1e-4:
-                break
-        self.linearise()
-
-    def linearise(self) -> None:
-        """Set up the normal equations at the present latency, row by row, and solve them."""
-        late, over = self.late, self.over
-        now, features = self.task.errors(late, over), self.task.features
-        # errors fall as what is expected grows: derivative of the expected value by the latency, less that
-        by_late = [
-            (a - b) / _D_LATE for a, b in zip(now, self.task.errors(late + _D_LATE, over), strict=True)
-        ]
-        by_square = [np.zeros_like(e) for e in now]
-        if _Column(-1, 1) in self.columns:
-            wider = self.task.errors(late, float(np.sqrt(self.square + _D_OVER)))
-            by_square = [(a - b) / _D_OVER for a, b in zip(now, wider, strict=True)]
-        n = len(self.columns)
-        rows = now[0].shape[0]
-        self.normal, self.gradient = np.zeros((rows, n, n)), np.zeros((rows, n))
-        self.white = []
-        for c, component in enumerate(self.task.components):
-            own = [k for k, column in enumerate(self.columns) if column.component in (-1, c)]
-            design = np.stack(
-                [self._column(self.columns[k], c, features, by_late, by_square) for k in own], axis=-1
-            )
-            known = np.isfinite(now[c]) & np.isfinite(design).all(axis=-1)
-            table = np.concatenate([now[c][..., None], design], axis=-1)
-            white = whiten(
-                np.where(known[..., None], table, 0.0), known, self.task.steps, component.drift, component.noise,
-                component.tau,
-            )  # fmt: skip
-            y, x = white[..., 0], white[..., 1:]
-            self.white.append((own, y, x))
-            self.normal[np.ix_(range(rows), own, own)] += np.einsum("rti,rtj->rij", x, x)
-            self.gradient[:, own] += np.einsum("rti,rt->ri", x, y)
-        self._solve(now)
-
-    def _column(
-        self, column: _Column, c: int, features: Floats, by_late: list[Floats], by_square: list[Floats]
-    ) -> Floats:
-        if column.component < 0:
-            return by_late[c] if column.column == 0 else by_square[c]
-        if column.column == 0:
-            return np.where(np.isfinite(features).all(axis=-1), 1.0, np.nan)
-        f = column.column - 1
-        return np.asarray((features[..., f] - self.middle[c][f]) / self.width[c][f])
-
-    def _solve(self, now: list[Floats]) -> None:
-        n = len(self.columns)
-        total = self.normal.sum(axis=0)
-        held, pull = np.zeros(n), np.zeros(n)
-        held[0], pull[0] = (1e12, 0.0) if self.task.fixed else (PRIOR**-2.0, -self.late * PRIOR**-2.0)
-        scale = [max(float(np.sqrt(np.nanmean(e**2))), 1e-9) for e in now]
-        for k, column in enumerate(self.columns):
-            if column.component >= 0:
-                held[k] = (100.0 * scale[column.component]) ** -2.0
-            elif column.column == 1:
-                held[k], pull[k] = 4.0**-2.0, -self.square * 4.0**-2.0
-        inverse = np.linalg.inv(total + np.diag(held))
-        self.solution: Floats = inverse @ (self.gradient.sum(axis=0) + pull)
-        self.covariance = self._covariance(inverse)
-
-    def _covariance(self, model: Floats) -> Floats:
-        """Give the larger of what the model of the errors says and what drives differ by."""
-        left = self.gradient - np.einsum("rij,j->ri", self.normal, self.solution)
-        by_drive = np.stack([np.bincount(self.clusters, column) for column in left.T], axis=1)
-        if len(by_drive) < 8:
-            return model
-        robust = model @ (by_drive.T @ by_drive * len(by_drive) / (len(by_drive) - 1)) @ model
-        larger = np.sqrt(np.maximum(np.diag(robust) / np.diag(model), 1.0))
-        return np.asarray(model * larger[:, None] * larger[None, :])
-
-    def over_limits(self, se: Floats) -> tuple[float, float]:
-        """Give where the averaging time is, 95 %; found too unsure to be one, it may still be one."""
-        square, spread = self.square, float(se[1]) if _Column(-1, 1) in self.columns else 0.0
-        if self.unsure_square is not None:
-            square, spread = self.unsure_square
-        low, high = (float(np.sqrt(max(square + k * spread, 0.0))) for k in (-2.0, 2.0))
-        return (0.0 if self.unsure_square else low), high
-
-    def unsure(self) -> list[_Column]:
-        """Give what is to go: the feature, or the averaging, that tells least, with all that tell next to nothing."""
-        se = np.sqrt(np.maximum(np.diag(self.covariance), TINY))
-        unsure: dict[_Column, float] = {}
-        for k, column in enumerate(self.columns):
-            if column.component >= 0 and column.column > 0:
-                unsure[column] = abs(float(self.solution[k])) / se[k]
-            elif column.component < 0 and column.column == 1:
-                unsure[column] = self.square / se[k] * SURE / SOME
-        nothing = [c for c, z in unsure.items() if z < 1.0]
-        worst = min(unsure, key=lambda c: unsure[c], default=None)
-        return nothing or ([worst] if worst is not None and unsure[worst] < SURE else [])
-
-    def drop(self, column: _Column) -> None:
-        """Take a feature or the averaging out."""
-        self.columns.remove(column)
-        if column == _Column(-1, 1):
-            self.unsure_square = self.square, float(np.sqrt(self.covariance[1, 1]))
-            self.square = 0.0
-
-    def result(self) -> Aligned:
-        """Give all in the units of quantities and features."""
-        se = np.sqrt(np.maximum(np.diag(self.covariance), TINY))
-        biases, errors, residuals, means = [], [], [], []
-        now, features = self.task.errors(self.late, self.over), self.task.features
-        for c in range(len(now)):
-            bias, error = np.zeros(features.shape[-1] + 1), np.zeros(features.shape[-1] + 1)
-            constant = np.zeros(len(self.columns))
-            for k, column in enumerate(self.columns):
-                if column.component != c:
-                    continue
-                if column.column == 0:
-                    bias[0] += self.solution[k]
-                    constant[k] = 1.0
-                    means.append(float(se[k]))
-                    continue
-                f = column.column - 1
-                bias[f + 1] = self.solution[k] / self.width[c][f]
-                error[f + 1] = se[k] / self.width[c][f]
-                bias[0] -= bias[f + 1] * self.middle[c][f]
-                constant[k] = -self.middle[c][f] / self.width[c][f]
-            error[0] = np.sqrt(max(float(constant @ self.covariance @ constant), TINY))
-            residuals.append(now[c] - bias[0] - (features @ bias[1:] if bias[1:].any() else 0.0))
-            biases.append(bias)
-            errors.append(error)
-        return Aligned(
-            self.late,
-            self.over,
-            float(se[0]),
-            self.over_limits(se),
-            tuple(biases),
-            tuple(errors),
-            tuple(means),
-            tuple(residuals),
-        )
 
 
 def trusted(known: Bools, component: Component, residual: Floats, steps: Floats) -> Bools:

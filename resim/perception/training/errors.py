@@ -9,7 +9,8 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats
 from resim.perception.model import FEATURES, Averaging, Error, Latency, Response, Spread
-from resim.perception.training.alignment import Aligned, Component, Task, align, first_guess, trusted, without
+from resim.perception.training.alignment import Aligned, Component, Task, first_guess, trusted, without
+from resim.perception.training.gauss_newton import align
 from resim.perception.training.samples import Samples
 from resim.perception.training.spread import Problem, Spreads, fit_spreads
 from resim.perception.training.variogram import reconsidered
