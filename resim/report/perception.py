@@ -37,7 +37,7 @@ def write_perception_page(model: PerceptionModel, report: Report, path: Path) ->
         f"</figure><figure><figcaption><b>Autocorrelation of the errors</b></figcaption>"
         f"{to_html(_autocorrelations(report), 'correlation')}</figure>"
         f'<figure><figcaption><b>Lengths of drop-outs</b> <span class="note">{_detected(report)}</span></figcaption>'
-        f"{to_html(_dropouts(report), 'dropouts')}</figure>{_latencies(report)}</section>\n"
+        f"{_dropouts(report)}</figure>{_latencies(report)}</section>\n"
         f"<section><h2>Parameters</h2>{_parameters(model)}</section></main>"
     )
     path.write_text(document(f"{model.name} · perception model", body), encoding="utf-8", newline="\n")
@@ -77,7 +77,7 @@ def _autocorrelations(report: Report) -> go.Figure:
         return [lag for lag, _ in pairs], [v for _, v in pairs]
 
     curves = {
-        f"lag of {name} [s]": (known(a.autocorrelation_measured), known(a.autocorrelation_model))
+        f"{name}: lag [s]": (known(a.autocorrelation_measured), known(a.autocorrelation_model))
         for name, a in report.quantities.items()
     }
     figure = _panels(curves, "%{x:.1f} s: %{y:.2f}", 280.0, mode="lines+markers")
@@ -102,7 +102,14 @@ def _panels(
     return style(figure, height, margin={"l": 62, "r": 14, "t": 10, "b": 46})
 
 
-def _dropouts(report: Report) -> go.Figure:
+def _dropouts(report: Report) -> str:
+    """The figure of the drop-outs, or words where there is none."""
+    if not report.dropouts_measured and not report.dropouts_model:
+        return '<p id="dropouts">There are no drop-outs: nothing was lost, measured or in the model.</p>'
+    return to_html(_dropout_figure(report), "dropouts")
+
+
+def _dropout_figure(report: Report) -> go.Figure:
     figure = go.Figure()
     both = ((report.dropouts_measured, MEASURED, "measured"), (report.dropouts_model, MODEL, "model"))
     for values, color, who in both:
@@ -114,9 +121,6 @@ def _dropouts(report: Report) -> go.Figure:
                 hovertemplate="%{y:.0f} % last up to %{x:.2f} s",
             )
         )  # fmt: skip
-    if not report.dropouts_measured and not report.dropouts_model:
-        words = "nothing was lost, measured or in the model"
-        figure.add_annotation(text=words, x=0.5, y=0.5, xref="paper", yref="paper", showarrow=False)
     style(figure, 240.0, margin={"l": 62, "r": 14, "t": 10, "b": 46})
     figure.update_xaxes(title_text="length [s]", rangemode="tozero")
     figure.update_yaxes(title_text="share [%]", range=[0.0, 103.0])
@@ -132,7 +136,7 @@ def _detected(report: Report) -> str:
 
 
 def _latencies(report: Report) -> str:
-    rows = [[name, *(f"{value:.3f} s" for value in values)] for name, values in report.latencies.items()]
+    rows = [[name, *(f"{v:.3f} s" for v in values)] for name, values in report.latencies.items()]
     folds = max((len(values) for values in report.latencies.values()), default=0)
     head = ["latency", *(f"fold {n}" for n in range(1, 1 + folds))]
     return "<h3>Latencies, trained without each fold</h3>" + table(head, rows, "sums")

@@ -37,7 +37,8 @@ def test_the_page_tells_measured_beside_model_and_every_parameter(model, found, 
     speed = f"{found.quantities['speed'].wasserstein:.4f}"
     for text in ("longitudinal [m]", "latency.speed", f"{model.latency.speed:.4g}", speed):
         assert text in body
-    assert "nothing was lost, measured or in the model" in body
+    assert '<p id="dropouts">There are no drop-outs: nothing was lost, measured or in the model.</p>' in body
+    assert "longitudinal: lag [s]" in body
 
 
 def test_a_report_is_json_and_drop_outs_are_drawn(model, found, tmp_path):
@@ -49,3 +50,4 @@ def test_a_report_is_json_and_drop_outs_are_drawn(model, found, tmp_path):
     body = (tmp_path / "page").read_text(encoding="utf-8")
     assert "objects are detected 90.0 % of the time, in the model 80.0 %; 2 drop-outs, in the model 1" in body
     assert "nothing was lost" not in body
+    assert '<div id="dropouts"' in body
