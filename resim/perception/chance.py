@@ -9,13 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from resim.core.geometry import Floats
-from resim.perception.tables import CHANCES, CONDITIONS
+from resim.perception.kernel import IDENTITY, SIGHT, WIDTH
 
 BLOCK = 64
-SIGHT = CHANCES.stop
-IDENTITY = SIGHT + 1
-"""Uniform numbers in a row, after the conditions and the normal numbers: for detection, for id switches."""
-WIDTH = IDENTITY + 1
 
 
 class Streams:
@@ -35,11 +31,11 @@ class Streams:
 
 
 class Rows:
-    """BLOCK rows (WIDTH, N) ahead: first room for the conditions of the objects, then their random numbers."""
+    """Random numbers of N objects, BLOCK cycles ahead: rows (WIDTH, N) as the kernel takes them."""
 
     def __init__(self) -> None:
         self.streams: list[np.random.Generator] = []
-        self.rows, self.next = np.ones((BLOCK, WIDTH, 0)), 0
+        self.rows, self.next = np.empty((BLOCK, WIDTH, 0)), 0
 
     def regroup(
         self,
@@ -50,27 +46,16 @@ class Rows:
     ) -> None:
         """Change the columns: those `before` go to `kept`, and `new` ones begin."""
         old, self.streams = self.rows, streams
-        self.rows = np.ones((BLOCK, WIDTH, len(streams)))
+        self.rows = np.empty((BLOCK, WIDTH, len(streams)))
         self.rows[:, :, kept] = old[:, :, before]
         self._draw(new.tolist(), self.next)
 
-    @property
-    def used_up(self) -> bool:
-        """Whether every row was taken."""
-        return self.next == BLOCK
-
-    def refill(self) -> None:
-        """Begin again with new numbers."""
-        self._draw(range(len(self.streams)), 0)
-        self.next = 0
-
     def take(self) -> Floats:
-        """Give the next row."""
+        """Give the next row; new ones when all were taken."""
+        if self.next == BLOCK:
+            self._draw(range(len(self.streams)), 0)
+            self.next = 0
         self.next += 1
-        return self.last()
-
-    def last(self) -> Floats:
-        """Give the row that was taken last."""
         row: Floats = self.rows[self.next - 1]
         return row
 
@@ -79,9 +64,8 @@ class Rows:
         return self._least[self.next - 1]
 
     def _draw(self, columns: list[int] | range, first: int) -> None:
-        uniform = SIGHT - CONDITIONS
         for n in columns:
-            draws = self.streams[n].standard_normal((BLOCK - first, WIDTH - CONDITIONS))
-            draws[:, uniform:] = ndtr(draws[:, uniform:])
-            self.rows[first:, CONDITIONS:, n] = draws
+            draws = self.streams[n].standard_normal((BLOCK - first, WIDTH))
+            draws[:, SIGHT:] = ndtr(draws[:, SIGHT:])
+            self.rows[first:, :, n] = draws
         self._least: list[float] = self.rows[:, IDENTITY].min(axis=1, initial=1.0).tolist()

@@ -1,8 +1,7 @@
 """The true past of the objects: where they were, how fast and which way, so long ago.
 
 What is looked up is linear in the samples: a value at a time, its mean over a time, its slope. So each is a row of
-weights over the last samples, and one product gives it for all objects and all sets of parameters at once; with equal
-time steps the weights stay the same.
+weights over the last samples; with equal time steps the weights stay the same.
 """
 
 from __future__ import annotations
@@ -14,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
+from resim.perception.kernel import HEADING, MANEUVER, V, X, Y, look_back, remember
 from resim.perception.model import Objects
-from resim.perception.tables import Maneuvers
+from resim.perception.world import BRAKING, LANE_CHANGE, maneuver
 from resim.sim.perception import World
 
 _SAME = 1e-9
@@ -24,7 +24,6 @@ _STEP = 0.04
 """s; of the past that is laid out before the first step is known."""
 
 Rows = NDArray[np.intp]
-_COLUMNS = ("position", "v", "heading", "turned", "raw", "turns")
 
 
 def at_time(times: Floats, t: float) -> Floats:
@@ -59,53 +58,41 @@ def slope_at(times: Floats, t: float) -> Floats:
     return weights
 
 
-class _Lookup:
-    """Rows of weights (R, k) over the samples from `first` to `last`, counted back from the newest."""
-
-    def __init__(self, rows: Sequence[Floats]) -> None:
-        table = np.array(rows)
-        used = np.flatnonzero(table.any(axis=0))
-        low, high = (int(used[0]), int(used[-1]) + 1) if len(used) else (table.shape[1] - 1, table.shape[1])
-        self.first, self.last = table.shape[1] - low, table.shape[1] - high
-        self.weights = np.ascontiguousarray(table[:, low:high])
-
-    def of(self, samples: Floats, end: int) -> Floats:
-        """Give (R, N) what is looked up in samples (T, N), of which `end` - 1 is the newest."""
-        found: Floats = self.weights.dot(samples[end - self.first : end - self.last])
-        return found
-
-
 class Lookups:
-    """All that is looked up in samples at `times` (K,) [s], of which the last is now, for sets of parameters."""
+    """All that is looked up in samples at `times` (K,) [s], of which the last is now, for S sets of parameters.
+
+    weights (S, 4, K): of the place, the speed, the acceleration and the heading; they are 0 outside of span (S, 4, 2).
+    settled: counts back from behind the newest sample to the one that says what the maneuver is.
+    """
 
     def __init__(self, times: Floats, sets: Sequence[Objects]) -> None:
         now = float(times[-1])
-        late = [s.latency for s in sets]
-        self.position = _Lookup([at_time(times, now - one.position) for one in late])
-        self.motion = _Lookup(
-            [mean_over(times, now - s.latency.speed, s.averaging.speed) for s in sets]
-            + [slope_at(times, now - one.speed) for one in late]
-            + [mean_over(times, now - s.latency.heading, s.averaging.heading) for s in sets]
-        )
-        self.pooled = len(times) - int(np.searchsorted(times, now - late[0].speed + _SAME, side="right")) + 1
+        self.weights = np.array([
+            (at_time(times, now - s.latency.position),
+             mean_over(times, now - s.latency.speed, s.averaging.speed),
+             slope_at(times, now - s.latency.speed),
+             mean_over(times, now - s.latency.heading, s.averaging.heading)) for s in sets
+        ])  # fmt: skip
+        used = self.weights != 0.0
+        self.span = np.stack([used.argmax(axis=2), len(times) - used[..., ::-1].argmax(axis=2)], axis=2)
+        last = int(np.searchsorted(times, now - sets[0].latency.speed + _SAME, side="right"))
+        self.settled = len(times) - last + 1
 
 
 class History:
-    """Positions, speeds, headings and sets of parameters of N objects over the last samples.
+    """The past (5, T, N) of N objects, as the kernel writes it, at times t (T,) [s]; its samples go up to `end`.
 
-    sets: parameters, the pooled ones first. An object that is new has driven as it does now for ever.
+    sets: parameters, the pooled ones first; set_of (4,): which of them each of MANEUVERS has. An object that is new has
+    driven as it does now for ever.
     """
 
-    def __init__(self, sets: Sequence[Objects]) -> None:
-        self.sets = sets
-        late = [
-            (s.latency.position, s.latency.speed + 0.5 * s.averaging.speed,
-             s.latency.heading + 0.5 * s.averaging.heading) for s in sets
-        ]  # fmt: skip
-        self.late_position, self.late_speed, self.late_heading = (
-            max(c) > 0.0 for c in zip(*late, strict=True)
-        )
-        self.need = max(max(one) for one in late)
+    def __init__(self, sets: Sequence[Objects], set_of: Rows) -> None:
+        self.sets, self.set_of = sets, set_of
+        self.need = max(
+            max(s.latency.position, s.latency.speed + 0.5 * s.averaging.speed,
+                s.latency.heading + 0.5 * s.averaging.heading) for s in sets
+        )  # fmt: skip
+        self.unwrap = any(s.latency.heading > 0.0 for s in sets)
         self.known: dict[float, Lookups] = {}
         self.end = 0
 
@@ -113,54 +100,42 @@ class History:
         """Forget everything."""
         self.end = 0
 
-    def begin(self, world: World, turned: Floats, dt: float = _STEP) -> None:
-        """Lay out the time before the first sample, in steps of dt [s].
-
-        turned: (N,) rad, pi less the headings against the EGO's.
-        """
+    def begin(self, world: World, dt: float = _STEP) -> None:
+        """Lay out the time before the first sample, in steps of dt [s]."""
         self.dt, rows = dt, math.ceil(self.need / dt + _SAME) + 2
         self.samples, self.steady, self.end = 1, rows, rows
         self.t = np.empty(max(8 * rows, 128))
         self.t[:rows] = world.t - dt * np.arange(rows - 1, -1, -1)
         self._make(len(world.v))
-        self._past(world, turned, np.arange(len(world.v)))
-        self.first: tuple[World, Floats] | None = (world, turned)
+        self._past(world, np.arange(len(world.v)))
+        self.first: World | None = world
 
     def _make(self, n: int) -> None:
-        size = len(self.t)
-        self.position, self.motion = np.empty((size, n), dtype=complex), np.zeros((size, 2 * n))
-        self.turned, self.set, self.sorted = np.empty((size, n)), np.zeros((size, n), dtype=np.intp), 1
-        self.raw, self.turns = np.zeros(n), np.zeros(n)
-        self._share(n)
+        self.past = np.empty((5, len(self.t), n))
+        self.chosen = np.empty(n, dtype=np.intp)
 
-    def _share(self, n: int) -> None:
-        """Give the parts of the arrays their names."""
-        self.parts = self.position.view(float)
-        self.v, self.heading = self.motion[:, :n], self.motion[:, n:]
-
-    def _past(self, world: World, turned: Floats, new: Rows) -> None:
+    def _past(self, world: World, new: Rows) -> None:
         """Fill the columns of new objects."""
-        rows, heading = slice(0, self.end), world.heading[new]
-        ago = self.t[rows, None] - world.t
-        self.position[rows, new] = world.position[new] + ago * (world.v[new] * np.exp(1j * heading))
-        self.v[rows, new], self.heading[rows, new] = world.v[new], heading
-        self.turned[rows, new] = turned[new]
-        self.raw[new] = heading
+        past, heading, v = self.past[:, : self.end], world.heading[new], world.v[new]
+        ago = self.t[: self.end, None] - world.t
+        position = world.position[new] + ago * (v * np.exp(1j * heading))
+        past[X][:, new], past[Y][:, new] = position.real, position.imag
+        past[V][:, new], past[HEADING][:, new] = v, heading
+        past[MANEUVER][:, new] = maneuver(heading - world.ego.heading, v, 0.0)
 
-    def regroup(self, world: World, turned: Floats, kept: Rows, before: Rows, new: Rows) -> None:
+    def regroup(self, world: World, kept: Rows, before: Rows, new: Rows) -> None:
         """Change the columns: those `before` go to `kept`, and `new` ones begin."""
         self.first = None  # the past keeps the steps that it has
-        old = [getattr(self, name) for name in _COLUMNS]
+        old = self.past
         self._make(len(world.v))
-        for name, of in zip(_COLUMNS, old, strict=True):
-            getattr(self, name)[..., kept] = of[..., before]
-        self._past(world, turned, new)
+        self.past[..., kept] = old[..., before]
+        self._past(world, new)
 
-    def append(self, world: World, turned: Floats) -> None:
+    def append(self, world: World) -> None:
         """Take in the truth of now."""
         t, step = world.t, world.t - float(self.t[self.end - 1])
         if self.samples == 1 and self.first is not None and abs(step - self.dt) > _SAME:
-            self.begin(*self.first, step)
+            self.begin(self.first, step)
         self.samples += 1
         if abs(step - self.dt) < _SAME:
             self.steady += 1
@@ -168,31 +143,22 @@ class History:
             self.steady, self.dt = 1, step
         if self.end == len(self.t):
             self._shift(t)
-        k = self.end
-        self.t[k], self.position[k], self.v[k] = t, world.position, world.v
-        if len(self.sets) > 1:
-            self.turned[k] = turned
-        if self.late_heading:
-            change = world.heading - self.raw
-            if change.dot(change) > 1.0:
-                self.turns -= 2.0 * math.pi * np.rint(change / (2.0 * math.pi))
-            self.raw = world.heading
-            np.add(world.heading, self.turns, self.heading[k])
-        self.end = k + 1
+        self.t[self.end] = t
+        remember(
+            self.past, self.end, world.position, world.heading, world.v, world.ego.heading, BRAKING * step,
+            LANE_CHANGE, self.unwrap,
+        )  # fmt: skip
+        self.end += 1
 
     def _shift(self, t: float) -> None:
         """Drop what is too old, in place; make room where little is."""
         first = max(int(np.searchsorted(self.t, t - self.need - _SAME)) - 2, 0)
-        rows = self.end - first
-        grow = rows > len(self.t) // 2
-        for name in ("t", "position", "motion", "turned", "set"):
-            old = getattr(self, name)
-            to = np.empty((2 * len(old), *old.shape[1:]), dtype=old.dtype) if grow else old
-            to[:rows] = old[first : self.end].copy()
-            setattr(self, name, to)
-        self._share(self.position.shape[1])
-        self.end = rows
-        self.sorted = max(self.sorted - first, 1)
+        rows, size = self.end - first, len(self.t)
+        if rows > size // 2:
+            size *= 2
+        times, past = np.empty(size), np.empty((5, size, self.past.shape[2]))
+        times[:rows], past[:, :rows] = self.t[first : self.end], self.past[:, first : self.end]
+        self.t, self.past, self.end = times, past, rows
 
     def lookups(self) -> Lookups:
         """Give what to look up now."""
@@ -206,30 +172,13 @@ class History:
         first = max(int(np.searchsorted(self.t[: self.end], self.t[self.end - 1] - self.need - _SAME)) - 1, 0)
         return Lookups(self.t[min(first, self.end - 2) : self.end], self.sets)
 
-    def sets_of(self, look: Lookups, maneuvers: Maneuvers) -> Rows:
-        """Give (N,) which set of parameters objects have: for what they did the pooled latency of speed ago."""
-        row = self.end - look.pooled
-        if row >= self.sorted:  # many rows at once
-            rows, before = slice(self.sorted, self.end), slice(self.sorted - 1, self.end - 1)
-            dt, gained = self.t[rows] - self.t[before], self.v[rows] - self.v[before]
-            self.set[rows] = maneuvers.sets(self.turned[rows], self.v[rows], gained, dt[:, None])
-            self.sorted = self.end
-        found: Rows = self.set[row]
-        return found
-
-    def picks(self, chosen: Rows) -> tuple[Rows, Rows]:
-        """Give what `seen` picks for the sets `chosen` (N,) of the objects."""
-        n, sets = len(chosen), len(self.sets)
-        columns = np.arange(n)
-        block = np.array([[0], [sets], [2 * sets]])
-        return chosen * n + columns, (block + chosen) * 2 * n + columns + np.array([[0], [0], [n]])
-
-    def seen(
-        self, look: Lookups, world: World, picks: tuple[Rows, Rows]
-    ) -> tuple[NDArray[np.complex128], Floats, Floats, Floats]:
-        """Give late positions (N,) in the map, speeds, accelerations, and headings without jumps of a turn."""
-        places = world.position
-        if self.late_position:
-            places = look.position.of(self.parts, self.end).view(complex).take(picks[0])
-        v, a, heading = look.motion.of(self.motion, self.end).take(picks[1])
-        return places, v if self.late_speed else world.v, a, heading
+    def look_back(self) -> tuple[NDArray[np.complex128], Floats]:
+        """Give places (N,) in the map, and (3, N) speeds, accelerations, and headings without jumps of a turn, each as
+        late as the object's set of parameters says; `chosen` (N,) are the sets then.
+        """
+        look, n = self.lookups(), len(self.chosen)
+        places, late = np.empty(n, dtype=complex), np.empty((3, n))
+        look_back(
+            self.past, self.end, look.weights, look.span, look.settled, self.set_of, self.chosen, places, late
+        )
+        return places, late

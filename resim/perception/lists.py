@@ -1,4 +1,4 @@
-"""Lists of perceived objects: one that stands for a while, false objects on it, and what lies outside of a model."""
+"""Lists of perceived objects: one that stands for a while, false objects on it, and the limits of a model."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import cmath
 
 import numpy as np
 
-from resim.core.geometry import Bools, wrap_angle
-from resim.perception.chance import BLOCK, Rows
+from resim.core.geometry import Floats, wrap_angle
 from resim.perception.clutter import KIND, FalseObject
 from resim.perception.model import FEATURES, FalseObjects, Validity
 from resim.sim.adfunction import EgoState, Perceived
@@ -51,39 +50,7 @@ def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, e
     return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
 
 
-class Limits:
-    """Counts the samples outside of what a model was trained for, a block of rows at a time."""
-
-    def __init__(self, validity: Validity) -> None:
-        limits = [getattr(validity, name) for name in FEATURES]
-        self.any = any(limits) or validity.ego_speed is not None
-        wide = (-np.inf, np.inf)
-        self.low, self.high = np.array([one or wide for one in limits]).T[..., None]
-        self.ego = validity.ego_speed or wide
-        self.clear()
-
-    def clear(self) -> None:
-        """Begin to count."""
-        self.outside, self.first = 0, 0
-        self.kept, self.ego_v = np.ones((BLOCK, 0), dtype=bool), np.zeros(BLOCK)
-
-    def begin(self, rows: Rows) -> None:
-        """Begin with other rows."""
-        self.first, self.kept = rows.next, np.ones((BLOCK, rows.rows.shape[2]), dtype=bool)
-
-    def add(self, row: int, keep: Bools | None, ego_v: float) -> None:
-        """Take in a row: which objects are on the list (None: all), and the EGO's speed [m/s]."""
-        self.ego_v[row] = ego_v
-        if keep is not None:
-            self.kept[row] = keep
-
-    def count(self, rows: Rows) -> None:
-        """Count the rows since the last count."""
-        if not self.any:
-            return
-        done = slice(self.first, rows.next)
-        values, speed = rows.rows[done, 1:5], self.ego_v[done]
-        out = ((values < self.low) | (values > self.high)).any(axis=1)
-        out |= ((speed < self.ego[0]) | (speed > self.ego[1]))[:, None]
-        self.outside += int((out & self.kept[done]).sum())
-        self.first = rows.next
+def limits(validity: Validity) -> Floats:
+    """Give least and largest (5, 2) of the features and of the EGO's speed; infinite where there is no limit."""
+    spans = [getattr(validity, name) for name in (*FEATURES, "ego_speed")]
+    return np.array([span or (-np.inf, np.inf) for span in spans])

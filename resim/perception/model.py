@@ -35,6 +35,9 @@ Late = Annotated[float, Field(ge=0.0, le=10.0)]
 """Time [s] that a perception remembers."""
 Rate = Annotated[float, Field(ge=0.0, le=1e3)]
 
+MOST_FALSE = 100.0
+"""False objects on the list at once, in the mean."""
+
 ONE = "Name a parameter and its number, such as latency.speed=0.4."
 REMEDY = "`resim perception train` writes such files; adfunc/perception/ has some."
 
@@ -189,6 +192,15 @@ class Update(_Part):
     period: Late = 0.0
     jitter: Late = 0.0
 
+    @model_validator(mode="after")
+    def _has_a_period(self) -> Update:
+        if self.jitter > 0.0 and self.period == 0.0:
+            raise ValueError(
+                f"jitter: expected a period above 0 along with it, found jitter {self.jitter:g} without one; "
+                "set period, or jitter to 0"
+            )
+        return self
+
 
 class FalseObjects(_Part):
     """Objects that are not there: rate [1/s] at which they appear, mean lifetime [s], and where and how fast they are.
@@ -205,6 +217,15 @@ class FalseObjects(_Part):
     speed_spread: NotNegative = 0.0
     length: Positive = 4.7
     width: Positive = 1.9
+
+    @model_validator(mode="after")
+    def _not_a_crowd(self) -> FalseObjects:
+        if self.rate * self.lifetime > MOST_FALSE:
+            raise ValueError(
+                f"rate: expected at most {MOST_FALSE:g} objects at once in the mean, rate x lifetime, found "
+                f"{self.rate:g} x {self.lifetime:g} = {self.rate * self.lifetime:g}; lower rate or lifetime"
+            )
+        return self
 
 
 class Own(_Part):

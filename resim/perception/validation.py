@@ -18,7 +18,6 @@ from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import Strings
 from resim.ingest.recording import Recording
 from resim.perception.model import FalseObjects, PerceptionModel, Update
-from resim.perception.sensor import Sensor
 from resim.perception.training import train
 from resim.perception.training.drive import Drive, drive_of
 from resim.perception.training.matching import match, paired
@@ -119,6 +118,9 @@ def measured_errors(drives: Sequence[Drive]) -> list[Errors]:
 
 def model_errors(model: PerceptionModel, drive: Drive, seed: int) -> Errors:
     """Give what the model is off by over the same drive, in lists at the same times."""
+    # compiles, or reads what it compiled: only when a model is run; reports import this module
+    from resim.perception.sensor import Sensor
+
     plain = model.model_copy(update={"update": Update(), "id_switch": 0.0, "false_objects": FalseObjects()})
     sensor = Sensor(plain)
     sensor.reset(np.random.default_rng([seed, crc32(drive.name.encode())]))

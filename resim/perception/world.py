@@ -6,7 +6,6 @@ objects, or objects and times; the frame is the EGO's (x forward, y left of its 
 
 from __future__ import annotations
 
-import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,12 +22,6 @@ LANE_CHANGE = 0.3
 _FOLLOW, _LEFT, _RIGHT, _BRAKES = (
     MANEUVERS.index(name) for name in ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 )
-
-_FULL = 2.0 * math.pi
-_ALONG = [(1, 0, 0, -1), (1, 0, 0, 1), (-1, 0, 0, 1), (-1, 0, 0, -1)]
-_ACROSS = [(0, 1, 1, 0), (0, 1, -1, 0), (0, -1, -1, 0), (0, -1, 1, 0)]
-_CORNERS = 0.5 * np.array([*_ALONG, *_ACROSS], dtype=float)
-"""Corners along and across the line of sight, of length and width each times cosine and sine of the box's turn."""
 
 
 class Moving(Protocol):
@@ -72,64 +65,10 @@ def occlusion(
 
     Nearer is whose box centre is; boxes are opaque. All arguments (N,): m and rad in the EGO's frame.
     """
-    x, y = np.asarray(x_ego), np.asarray(y_ego)
-    n = len(x)
-    if n < 2:
-        return np.zeros(n)
-    distance, middle, half = (
-        c.tolist() for c in _arcs(x, y, np.asarray(heading_ego), np.asarray(length), np.asarray(width))
-    )
-    order = sorted(range(n), key=distance.__getitem__)
-    out = [0.0] * n
-    nearer: list[tuple[float, float, float]] = []  # who may cover: distance, middle, half
-    for who in order:
-        far, here, reach = distance[who], middle[who], half[who]
-        covering = []
-        for near, there, cover in nearer:
-            apart = there - here
-            if apart > math.pi:
-                apart -= _FULL
-            elif apart < -math.pi:
-                apart += _FULL
-            if abs(apart) < reach + cover and near < far:
-                covering.append((apart - cover, apart + cover))
-        if covering:
-            out[who] = _covered(covering, reach)
-        nearer.append((far, here, reach if reach < math.pi else _FULL))  # who stands on the EGO covers all
-    return np.array(out)
+    # compiled: numba is imported where it is used only
+    from resim.perception import kernel
 
-
-def _covered(intervals: list[tuple[float, float]], half: float) -> float:
-    """Give the share of -half..half that the intervals cover together."""
-    covered, reached = 0.0, -half
-    for low, high in sorted(intervals):
-        if high > reached:
-            low, reached = max(low, reached), min(high, half)
-            covered += max(reached - low, 0.0)
-    return min(0.5 * covered / half, 1.0)
-
-
-def _arcs(
-    x: Floats, y: Floats, heading: Floats, length: Floats, width: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Give distances [m], and the middle and the half [rad] of the angle that each box takes.
-
-    Half of it is pi where the EGO is inside.
-    """
-    distance, bearing = np.hypot(x, y), np.arctan2(y, x)
-    turn = heading - bearing  # corners against the centre's bearing
-    c, s = np.cos(turn), np.sin(turn)
-    parts = np.empty((4, len(x)))
-    np.multiply(length, c, parts[0])
-    np.multiply(length, s, parts[1])
-    np.multiply(width, c, parts[2])
-    np.multiply(width, s, parts[3])
-    corners = _CORNERS.dot(parts)
-    corners[:4] += distance
-    angle = np.arctan2(corners[4:], corners[:4])
-    low, high = np.minimum.reduce(angle), np.maximum.reduce(angle)
-    middle, half = bearing + 0.5 * (low + high), 0.5 * (high - low)
-    inside = half >= 0.5 * math.pi
-    if inside.any():
-        middle, half = np.where(inside, bearing, middle), np.where(inside, math.pi, half)
-    return distance, middle, half
+    places = np.asarray(x_ego) + 1j * np.asarray(y_ego)
+    heading, length, width = (np.ascontiguousarray(c, dtype=float) for c in (heading_ego, length, width))
+    hidden: Floats = kernel.occlusion(places, heading, 0.0, length, width)
+    return hidden

@@ -81,6 +81,14 @@ def test_correlations_at_their_limit(written) -> None:
         ({"latency": {"position": -0.1}}, "latency.position"),
         ({"detection": {"range_edges": [0, 50], "loss": [], "gain": []}}, "loss: expected 1 x 0 x 0"),
         ({"update": {"rate": 10}}, "update.rate"),
+        (
+            {"update": {"jitter": 0.1}},
+            "update: jitter: .*found jitter 0.1 without one; set period, or jitter to 0",
+        ),
+        (
+            {"false_objects": {"rate": 50.0, "lifetime": 3.0}},
+            "false_objects: rate: .*50 x 3 = 150; lower rate or",
+        ),
     ],
 )
 def test_faults_are_named(written, parts: dict[str, object], says: str) -> None:

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.geometry import box_corners
+from resim.perception.kernel import MANEUVER, V, remember
 from resim.perception.model import FEATURES, MANEUVERS
-from resim.perception.world import features, maneuver, occlusion
+from resim.perception.world import BRAKING, LANE_CHANGE, features, maneuver, occlusion
 from resim.sim.adfunction import EgoState
 
 BOX = st.tuples(
@@ -33,6 +37,34 @@ def test_maneuvers() -> None:
     assert [MANEUVERS[k] for k in does] == [
         "follow_lane", "lane_change_left", "lane_change_right", "braking", "follow_lane", "follow_lane",
     ]  # fmt: skip
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(0.0, 50.0), st.sampled_from([-1.1, -1.0, -0.9, 0.0, 2.0]))
+def test_the_kernel_means_the_same_by_a_maneuver(heading: float, v: float, a: float) -> None:
+    dt = 0.04
+    known = np.zeros((5, 2, 1))
+    known[V, 0] = v - a * dt
+    gained = (v - known[V, 0, 0]) / dt
+    remember(
+        known,
+        1,
+        np.zeros(1, dtype=complex),
+        np.array([heading]),
+        np.array([v]),
+        0.0,
+        BRAKING * dt,
+        LANE_CHANGE,
+        False,
+    )
+    if abs(gained - BRAKING) > 1e-9:  # at the limit itself rounding decides
+        assert known[MANEUVER, 1, 0] == maneuver(heading, v, gained)
+
+
+def test_who_runs_no_model_loads_no_compiler() -> None:
+    code = (
+        "import sys, resim.cli.run, resim.report, resim.perception.training; sys.exit('numba' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_a_box_behind_an_equal_one_is_hidden_and_half_of_one_beside_it() -> None:

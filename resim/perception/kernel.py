@@ -1,0 +1,253 @@
+"""A cycle of a perception model for N objects, compiled by numba: what is remembered, looked up late, and perceived.
+
+What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change.
+"""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+Q = 6
+"""Quantities with errors, in the order of QUANTITIES."""
+
+X, Y, V, HEADING, MANEUVER = range(5)
+"""What is remembered: place in the map [m], speed [m/s], heading without jumps [rad], index into MANEUVERS."""
+PLACE, SPEED, ACCELERATION, DIRECTION = range(4)
+"""What is looked up, each by weights of its own."""
+FOLLOW, LEFT, RIGHT, BRAKES = range(4)
+"""MANEUVERS."""
+
+NOISE, SIGHT, IDENTITY, WIDTH = Q, 2 * Q, 2 * Q + 1, 2 * Q + 2
+"""Random numbers of an object in a cycle: Q standard normals that drive the drifts, Q for the noises; uniform ones for
+detection and for id switches."""
+
+BIAS, DRIFT_SPREAD, NOISE_SPREAD, DRIVE, KEEP, ERROR_ROWS = 0, Q, 2 * Q, 3 * Q, 4 * Q, 4 * Q + 1
+"""Rows of a table of errors (4 Q + 1, Q). Of each quantity: its bias and the logarithms of its spreads, as constant and
+slopes by the four features; how normals drive its standardised drift, coupled. Last: what is kept of each drift."""
+ALONG, ACROSS, PACE, TURN, LENGTH, WIDE = range(Q)
+
+LOST, DETECTED, FRESH = range(3)
+"""States of the chain of detection."""
+
+_FULL = 2.0 * math.pi
+
+compiled = njit(error_model="numpy")
+entry = njit(cache=True, error_model="numpy")
+"""The same, for what is called from outside."""
+
+
+@entry
+def remember(samples, k, position, heading, v, ego_heading, braked, lane_change, unwrap):
+    """Write sample k of samples (5, T, N), one after the last.
+
+    position (N,) x + iy [m], heading [rad], v [m/s]: in the map. braked: gain of speed [m/s] below which an object
+    brakes. lane_change: speed [m/s] across the EGO's heading above which it changes lane. unwrap: headings go on from
+    the last without a jump of a turn.
+    """
+    for n in range(v.size):
+        across = v[n] * math.sin(heading[n] - ego_heading)
+        samples[MANEUVER, k, n] = _maneuver(across, v[n] - samples[V, k - 1, n], braked, lane_change)
+        turns = np.rint((samples[HEADING, k - 1, n] - heading[n]) / _FULL) if unwrap else 0.0
+        samples[HEADING, k, n] = heading[n] + turns * _FULL
+        samples[X, k, n], samples[Y, k, n], samples[V, k, n] = position[n].real, position[n].imag, v[n]
+
+
+@compiled
+def _maneuver(across, gained, braked, lane_change):
+    """`resim.perception.world.maneuver` of one object."""
+    if gained < braked:
+        return BRAKES
+    if across > lane_change:
+        return LEFT
+    return RIGHT if across < -lane_change else FOLLOW
+
+
+@entry
+def look_back(samples, end, weights, span, settled, set_of, chosen, places, late):
+    """Fill in which set of parameters objects have, `chosen` (N,), and what they were by that: places (N,) x + iy [m]
+    in the map, and late (3, N): speed [m/s], acceleration [m/s²], heading [rad].
+
+    samples (5, T, N), of which end - 1 is the newest, and `settled` counts back to the one that says what the maneuver
+    is; set_of (4,): the set of each maneuver. weights (S, 4, K) of the last K samples, not 0 from span (S, 4, 2) on,
+    and to there.
+    """
+    first = end - weights.shape[2]
+    for n in range(chosen.size):
+        one = set_of[int(samples[MANEUVER, end - settled, n])]
+        x = _weighted(samples, X, first, n, weights, span, one, PLACE)
+        y = _weighted(samples, Y, first, n, weights, span, one, PLACE)
+        chosen[n], places[n] = one, complex(x, y)
+        late[0, n] = _weighted(samples, V, first, n, weights, span, one, SPEED)
+        late[1, n] = _weighted(samples, V, first, n, weights, span, one, ACCELERATION)
+        late[2, n] = _weighted(samples, HEADING, first, n, weights, span, one, DIRECTION)
+
+
+@compiled
+def _weighted(samples, row, first, n, weights, span, one, what):
+    """The weighted sum of the last samples of an object."""
+    total = 0.0
+    for k in range(span[one, what, 0], span[one, what, 1]):
+        total += weights[one, what, k] * samples[row, first + k, n]
+    return total
+
+
+@entry
+def perceive(relative, late, length, width, ego_heading, ego_v, chosen, random, errors, least_size, drift,
+             edges, detected, state, reach, opening, limits, seen, who):  # fmt: skip
+    """Fill seen (Q, M) with x, y, v, heading, length, width of the M objects that are seen, and who (M,) with their
+    columns; give M, and how many of them lie outside of the limits. Drifts and states of detection go on by a step.
+
+    relative (N,): x + iy [m] in the EGO's frame; late (3, N): `look_back`; length, width (N,) [m]; ego_heading [rad],
+    ego_v [m/s]. chosen (N,): sets of parameters. random (WIDTH, N). errors (S, ERROR_ROWS, Q); least_size [m]; drift
+    (Q, N), standardised. edges (3, E): inner edges of range [m], |bearing| [rad] and occlusion; detected: the
+    probability (3, R, B, O) to be detected next, by state and bins; state (N,). reach [m], opening [rad]: of the field
+    of view. limits (5, 2): least and largest of the features, and of ego_v.
+    """
+    count, beyond = 0, 0
+    hidden = _hidden(relative, late[2], ego_heading, length, width, detected.shape[3])
+    for n in range(relative.size):
+        turned = (math.pi + ego_heading) - late[2, n]
+        distance = math.hypot(relative[n].real, relative[n].imag)
+        bearing = math.atan2(relative[n].imag, relative[n].real)
+        features = (distance, bearing, -ego_v - late[0, n] * math.cos(turned), late[1, n])
+        table = errors[chosen[n]]
+        _go_on(drift, n, table, random)
+        i, j, k = _bin(edges, 0, distance), _bin(edges, 1, abs(bearing)), _bin(edges, 2, hidden[n])
+        state[n] = DETECTED if random[SIGHT, n] < detected[state[n], i, j, k] else LOST
+        if state[n] == LOST or distance > reach or abs(bearing) > opening:
+            continue
+        true = (relative[n].real, relative[n].imag, late[0, n], turned, length[n], width[n])
+        for q in range(Q):
+            seen[q, count] = true[q] + _error(q, features, table, drift[q, n], random[NOISE + q, n])
+        seen[TURN, count] = math.pi - seen[TURN, count] % _FULL
+        seen[LENGTH, count] = max(seen[LENGTH, count], least_size)
+        seen[WIDE, count] = max(seen[WIDE, count], least_size)
+        beyond += _beyond(features, ego_v, limits)
+        who[count] = n
+        count += 1
+    return count, beyond
+
+
+@compiled
+def _go_on(drift, n, table, random):
+    """The standardised drifts of an object, a step later."""
+    for q in range(Q):
+        push = 0.0
+        for k in range(q + 1):
+            push += table[DRIVE + q, k] * random[k, n]
+        drift[q, n] = table[KEEP, q] * drift[q, n] + push
+
+
+@compiled
+def _error(q, features, table, drift, noise):
+    """The error of quantity q: its bias, its drift and its noise, whose spreads grow with the features."""
+    distance, bearing, pace, a = features
+    error = (
+        table[BIAS + q, 0] + table[BIAS + q, 1] * distance + table[BIAS + q, 2] * bearing
+        + table[BIAS + q, 3] * pace + table[BIAS + q, 4] * a
+    )  # fmt: skip
+    error += drift * _spread(features, table, DRIFT_SPREAD + q)
+    return error + noise * _spread(features, table, NOISE_SPREAD + q)
+
+
+@compiled
+def _spread(features, table, row):
+    """A standard deviation (`resim.perception.model.Spread`)."""
+    distance, bearing, pace, a = features
+    return math.exp(
+        table[row, 0] + table[row, 1] * distance + table[row, 2] * abs(bearing)
+        + table[row, 3] * abs(pace) + table[row, 4] * abs(a)
+    )  # fmt: skip
+
+
+@compiled
+def _bin(edges, row, value):
+    """How many of the inner edges are not above the value."""
+    found = 0
+    while found < edges.shape[1] and edges[row, found] <= value:
+        found += 1
+    return found
+
+
+@compiled
+def _beyond(features, ego_v, limits):
+    """1 where a feature or the EGO's speed is outside of its limits."""
+    for k in range(4):
+        if features[k] < limits[k, 0] or features[k] > limits[k, 1]:
+            return 1
+    return 1 if ego_v < limits[4, 0] or ego_v > limits[4, 1] else 0
+
+
+@compiled
+def _hidden(places, heading, ego_heading, length, width, bins):
+    """`occlusion`, if there are bins of it to tell apart."""
+    if bins > 1:
+        return occlusion(places, heading, ego_heading, length, width)
+    return np.zeros(places.size)
+
+
+@entry
+def occlusion(places, heading, ego_heading, length, width):
+    """Give (N,) the share of each box's angle, seen from the EGO's centre, that nearer boxes cover.
+
+    places (N,): x + iy [m] in the EGO's frame. heading (N,), ego_heading [rad]. length, width (N,) [m].
+    """
+    count = places.size
+    distance, middle, half = np.empty(count), np.empty(count), np.empty(count)
+    for n in range(count):
+        distance[n], middle[n], half[n] = _arc(places[n], heading[n] - ego_heading, length[n], width[n])
+    hidden, low, high = np.zeros(count), np.empty(count), np.empty(count)
+    for n in range(count):
+        covers = 0
+        for other in range(count):
+            if distance[other] < distance[n]:
+                apart = middle[other] - middle[n]
+                apart -= _FULL * np.rint(apart / _FULL)
+                reach = half[other] if half[other] < math.pi else _FULL  # who stands on the EGO covers all
+                if abs(apart) < half[n] + reach:
+                    _insert(low, high, covers, apart - reach, apart + reach)
+                    covers += 1
+        hidden[n] = _covered(low, high, covers, half[n])
+    return hidden
+
+
+@compiled
+def _arc(place, turn, length, width):
+    """Distance [m] of a box, and the middle and the half [rad] of the angle that it takes; pi with the EGO inside."""
+    distance, bearing = math.hypot(place.real, place.imag), math.atan2(place.imag, place.real)
+    c, s = math.cos(turn - bearing), math.sin(turn - bearing)
+    low, high = math.inf, -math.inf
+    for ahead in (0.5 * length, -0.5 * length):
+        for left in (0.5 * width, -0.5 * width):  # a corner, against the line of sight
+            angle = math.atan2(ahead * s + left * c, distance + (ahead * c - left * s))
+            low, high = min(low, angle), max(high, angle)
+    half = 0.5 * (high - low)
+    if half >= 0.5 * math.pi:
+        return distance, bearing, math.pi
+    return distance, bearing + 0.5 * (low + high), half
+
+
+@compiled
+def _insert(low, high, count, begin, end):
+    """Put an interval among `count` others that are in order."""
+    k = count
+    while k > 0 and low[k - 1] > begin:
+        low[k], high[k] = low[k - 1], high[k - 1]
+        k -= 1
+    low[k], high[k] = begin, end
+
+
+@compiled
+def _covered(low, high, count, half):
+    """The share of -half..half that intervals cover together, which are in order."""
+    covered, reached = 0.0, -half
+    for k in range(count):
+        if high[k] > reached:
+            begin = max(low[k], reached)
+            reached = min(high[k], half)
+            covered += max(reached - begin, 0.0)
+    return min(0.5 * covered / half, 1.0)
