@@ -132,7 +132,7 @@ def by_the_sensor(result: Resimulation, seeds: int) -> list[Seed]:
         off = end_error(run.end, fidelity.pipeline_error(refit, gt, result.network))
         same = fidelity.decision(run.truth, result.network, ego=result.ego) == report["decision"]["GT"]
         reaction = fidelity.reaction_time(run.truth, ego=result.ego)
-        out.append((same, None if reaction is None else reaction - report["reaction"]["GT"], off))
+        out.append((same, None if reaction is None else round(reaction - report["reaction"]["GT"], 9), off))
     return out
 
 
