@@ -70,6 +70,15 @@ class Errors:
         """Give the statistics of d, v and heading over all samples of these rows, None where there is none."""
         return {name: statistics(self.quantity(name)[rows]) for name in QUANTITIES}
 
+    def rms(self, rows: slice) -> dict[str, float | None]:
+        """Give the root mean square of d [m], v [m/s] and heading [rad] over all samples of these rows."""
+        out: dict[str, float | None] = {}
+        for name in QUANTITIES:
+            values = self.quantity(name)[rows]
+            known = values[np.isfinite(values)]
+            out[name] = float(np.sqrt(np.mean(known * known))) if known.size else None
+        return out
+
     def frame(self, step: str) -> pd.DataFrame:
         """Give the time series as a table: step, t, id, d, v, heading."""
         row, sample = np.nonzero(np.isfinite(self.x))
@@ -202,10 +211,15 @@ def reaction_time(tracks: Tracks, *, ego: str) -> float | None:
 
 def decision(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[str]:
     """Give what the EGO did, in order of time, out of brake, lane_change_left and lane_change_right."""
-    events = lane_changes(tracks, network, ego=ego)
+    return [name for _, name in events(tracks, network, ego=ego)]
+
+
+def events(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:
+    """Give when [s] the EGO did what (see `decision`), in order of time."""
+    found = lane_changes(tracks, network, ego=ego)
     if (t := reaction_time(tracks, ego=ego)) is not None:
-        events.append((t, "brake"))
-    return [name for _, name in sorted(events)]
+        found.append((t, "brake"))
+    return sorted(found)
 
 
 def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:

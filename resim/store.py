@@ -122,7 +122,12 @@ def whole_file(path: Path, kinds: tuple[str, ...] = (".html", ".htm")) -> Iterat
 
 def write_json(data: Any, path: Path) -> None:
     """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
-    path.write_text("".join(_json(data, "")) + "\n", encoding="utf-8")
+    path.write_text(json_text(data), encoding="utf-8")
+
+
+def json_text(data: Any) -> str:
+    """Give JSON as `write_json` writes it."""
+    return "".join(_json(data, "")) + "\n"
 
 
 def _json(data: Any, indent: str) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -164,13 +164,22 @@ class Assessment:
                 yield i, measure.value[:, k], measure.state[:, k], self.drive.present[:, k]
 
 
-def assess(subject: Subject, criteria: Criteria | None = None, flaw: str = "") -> Assessment:
+def assess(
+    subject: Subject,
+    criteria: Criteria | None = None,
+    flaw: str = "",
+    only: Collection[str] | None = None,
+) -> Assessment:
     """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
 
-    flaw: why it cannot pass, whatever the criteria say, or "".
+    flaw: why it cannot pass, whatever the criteria say, or "". only: objectifications to compute besides those that
+    criteria ask for, None for all.
     """
     drive = subject.drive
     every = (*OBJECTIFICATIONS, *subject.own)
+    if only is not None:
+        wanted = {*only, *(c.measure for c in (criteria.criteria if criteria is not None else ()))}
+        every = tuple(o for o in every if o.name in wanted)
     measures = {o.name: subject.measure(o.name) for o in every}
     verdicts = {
         c.name: judge(c, measures[c.measure], drive.t, drive.ids, drive.present)

@@ -1,6 +1,18 @@
 """The command line, one module per command."""
 
-from resim.cli import assess, check, imports, maps, perception, prediction, run
+from resim.cli import assess, check, imports, maps, perception, prediction, run, suite, verify
 from resim.cli.app import app, main
 
-__all__ = ["app", "assess", "check", "imports", "main", "maps", "perception", "prediction", "run"]
+__all__ = [
+    "app",
+    "assess",
+    "check",
+    "imports",
+    "main",
+    "maps",
+    "perception",
+    "prediction",
+    "run",
+    "suite",
+    "verify",
+]

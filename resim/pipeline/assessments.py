@@ -27,11 +27,12 @@ from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
 from resim.ingest.tables import read_table
 from resim.pipeline.recordings import examined
-from resim.pipeline.result import Resimulation
+from resim.pipeline.result import Resimulation, perceived_frame, plan_frame
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
+from resim.sim.run import Run
 
 RATE = 10.0
 """Scenes a second [Hz] that are assessed."""
@@ -50,7 +51,8 @@ DELAY = "CLOCK_OFFSET"
 class How:
     """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
 
-    prediction: how objects may go on (None: as published); road_aware: along their lanes.
+    prediction: how objects may go on (None: as published); road_aware: along their lanes. only: objectifications to
+    compute besides those that criteria ask for, None for all.
     """
 
     parameters: Parameters = DEFAULTS
@@ -58,6 +60,7 @@ class How:
     prediction: Prediction | None = None
     road_aware: bool = False
     criteria: Criteria | None = None
+    only: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +154,16 @@ def assess_resimulation(result: Resimulation, how: How) -> Assessed:
     report = result.report()
     blocks = _run_blocks(result.scenarios(), tables, report)
     return _assessed(result.recording.name, result.network, True, blocks, how, _failures(report, blocks))
+
+
+def assess_run(run: Run, scenario: Scenario, network: RoadNetwork, how: How) -> Assessment:
+    """Assess one simulation by the scenario that describes it."""
+    t = np.array([p.t for p in run.perceived])
+    failed = f"the function failed: {run.failure}" if run.failure else ""
+    hits = tuple((c.t, c.id) for c in run.collisions)
+    functioning = _functioning(perceived_frame(run.perceived), t, t, 0.0)
+    plans = _plans(plan_frame({"run": run.plans}))
+    return _assess(_Block(scenario, plans, functioning, hits, failed), network, how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +281,7 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     hits = tuple(sorted([*fine, *block.collisions]))
     own = () if how.criteria is None else how.criteria.own
     return assess(
-        Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria, block.flaw
+        Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria, block.flaw, how.only
     )
 
 

@@ -12,6 +12,7 @@ from resim import fidelity
 from resim.fidelity import EGO_ROW, Errors
 from resim.perception.model import PerceptionModel
 from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario
 from resim.sim.run import End, Run
 
 
@@ -19,16 +20,17 @@ from resim.sim.run import End, Run
 class PerceivedRun:
     """A run on GT in which a perception model showed the function what it saw.
 
-    seed: of the model's draws. pipe: the pipeline error of the EGO, JSCEN of its own trace in the run less GT; None
+    seed: of the model's draws. refit: the EGO's trace in the run; pipe: its pipeline error, that less GT; both None
     where the run ended before there was anything to describe. outside, shown: objects in lists that were outside of
     the model's validity, and all. time: wall clock [s] of run and refit.
     """
 
     seed: int
     run: Run
+    refit: Scenario | None
     pipe: Errors | None
-    outside: int
-    shown: int
+    outside: int = 0
+    shown: int = 0
     time: float = 0.0
 
 

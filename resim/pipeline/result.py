@@ -21,6 +21,7 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Errors
 from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
+from resim.ingest.settings import Settings
 from resim.pipeline.perceived import (
     PerceivedRun,
     Perceiving,
@@ -258,7 +259,7 @@ def plan_frame(plans: Mapping[str, Sequence[tuple[float, Floats]]]) -> pd.DataFr
     )
 
 
-def drove(recording: Recording, build: Build) -> bool | None:
+def drove(recording: Recording | Settings, build: Build) -> bool | None:
     """Say whether this build drove the recording, None where the recording does not say what did."""
     if not recording.build:
         return None

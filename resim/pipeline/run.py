@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +22,12 @@ from resim.pipeline.notes import GAP, notes, perception_notes
 from resim.pipeline.perceived import PerceivedRun, Perceiving
 from resim.pipeline.result import Basis, Branch, Options, Resimulation
 from resim.road.opendrive import RoadNetwork
-from resim.road.sumo import SumoNet
+from resim.road.sumo import SumoNet, sumo_net
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build
 from resim.sim.dynamics import VehicleModel
 from resim.sim.loop import simulate
+from resim.sim.perception import Ideal, Perception
 
 FAR = 10_000.0
 """Distance [m] of an EGO from the roads beyond which there is nothing to simulate."""
@@ -101,21 +102,15 @@ def resimulate(
     perceived: tuple[PerceivedRun, ...] = ()
     if perceiving is not None:
         with clock.stage("run GT+M"):
-            perceived = tuple(
-                _perceived_run(
-                    perceiving,
-                    seed,
-                    described["GT"],
-                    recording,
-                    whole["GT"],
-                    build,
-                    network,
-                    net,
-                    options,
-                    model,
+            from resim.perception.sensor import Sensor
+
+            sensor, runs = Sensor(perceiving.model), []
+            for seed in perceiving.seeds:
+                one = _perceived_run(
+                    sensor, seed, described["GT"], recording, whole["GT"], build, network, net, options, model
                 )
-                for seed in perceiving.seeds
-            )
+                runs.append(replace(one, outside=sensor.outside, shown=sensor.perceived))
+            perceived = tuple(runs)
     with clock.stage("errors"):
         errors = _errors(recording, branches, whole, measured, described, network)
     return Resimulation(
@@ -234,8 +229,23 @@ def _branch(
     return Branch(run, refit)
 
 
+def run_on_gt(
+    result: Resimulation,
+    *,
+    perception: Perception | None = None,
+    seed: int = 0,
+) -> PerceivedRun:
+    """Run the GT of a re-simulation once more, with a perception (None: ideal)."""
+    recording, network = result.recording, result.network
+    gt = _ego_window(recording.gt, recording.ego, recording.name)
+    return _perceived_run(
+        perception or Ideal(), seed, result.described["GT"], recording, gt, result.build, network,
+        sumo_net(network), result.options, None,
+    )  # fmt: skip
+
+
 def _perceived_run(
-    perceiving: Perceiving,
+    perception: Perception,
     seed: int,
     scenario: Scenario,
     recording: Recording,
@@ -246,20 +256,17 @@ def _perceived_run(
     options: Options,
     model: VehicleModel | None,
 ) -> PerceivedRun:
-    """Run with the model, and describe the EGO alone: traffic is that of rGT, and its fit with it."""
-    from resim.perception.sensor import Sensor
-
-    begin, sensor = time.perf_counter(), Sensor(perceiving.model)
+    """Run with a perception, and describe the EGO alone: traffic is that of rGT, and its fit with it."""
+    begin = time.perf_counter()
     run = simulate(
         scenario, network, net.path, build, step=options.step, relaxation=options.relaxation, seed=seed,
-        perception=sensor, model=model, stop_at_collision=options.stop_at_collision,
+        perception=perception, model=model, stop_at_collision=options.stop_at_collision,
     )  # fmt: skip
-    pipe = None
+    refit = pipe = None
     if run.truth.valid[0].sum() >= 2:
         refit = _describe(run.truth.select([recording.ego]), recording, network, f"rGT+M{seed}")
         pipe = fidelity.pipeline_error(refit, gt, network)
-    took = time.perf_counter() - begin
-    return PerceivedRun(seed, run, pipe, sensor.outside, sensor.perceived, took)
+    return PerceivedRun(seed, run, refit, pipe, time=time.perf_counter() - begin)
 
 
 def _errors(

@@ -1,0 +1,1 @@
+"""Many recordings: suites, in child processes, resumed and repeated."""

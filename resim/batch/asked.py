@@ -1,0 +1,196 @@
+"""What a verification is asked for: everything that its result follows from, as `inputs` of verification.json."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from resim.batch.tasks import Task
+from resim.core.errors import InputError, ResimError
+from resim.ingest.settings import SETTINGS, read_settings
+from resim.pipeline import file_hash
+from resim.pipeline.suite import Suite, content_hash
+from resim.pipeline.verify import UNKNOWN, may_verify
+from resim.sim.adfunction import load_build
+from resim.verification.paired import Limits
+from resim.verification.tolerance import Tolerances
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class File(_Model):
+    """A file or folder, and the SHA-256 of what it held; None where it could not be read."""
+
+    path: str
+    hash: str | None
+
+
+class Named(File):
+    """A build, with its name and version."""
+
+    label: str
+
+
+class Asked(_Model):
+    """Everything that a verification follows from; paths from the folder of verification.json."""
+
+    name: str
+    suite: File
+    build: Named
+    against: Named | None
+    criteria: File
+    perception: File | None
+    settings: tuple[str, ...]
+    seeds: tuple[int, ...]
+    bases: tuple[Literal["GT", "SD"], ...]
+    agreement: float
+    vary: tuple[str, ...]
+    accept: tuple[str, ...]
+    driven_by: tuple[str, ...]
+    tolerances: Tolerances
+    limits: Limits
+    recordings: dict[str, File]
+    wanted: dict[str, str] = Field(description="hashes that the suite wants")
+
+
+@dataclass(frozen=True)
+class Call:
+    """What the command line asks for besides the suite; None and () leave it to the suite."""
+
+    build: Path
+    against: Path | None = None
+    perception: Path | None = None
+    settings: tuple[str, ...] = ()
+    seeds: int | None = None
+    vary: tuple[str, ...] = ()
+    driven_by: tuple[str, ...] = ()
+
+
+def asked(suite: Suite, call: Call, base: Path) -> Asked:
+    """Give what is asked for, with the hashes of all that goes in. base: folder of verification.json.
+
+    Raises InputError for what cannot be read, but for recordings: each of those is an error of its own.
+    """
+    file = suite.file
+    perception = call.perception or (None if file.perception is None else suite.beside(file.perception))
+    if call.settings and perception is None:
+        raise InputError("--set", f"{call.settings[0]!r} without a model", "Name one with --perception.")
+    criteria = suite.beside(file.criteria)
+    count = call.seeds or file.seeds
+    return Asked(
+        name=file.name,
+        suite=_file(suite.path, base),
+        build=_build(call.build, base),
+        against=None if call.against is None else _build(call.against, base),
+        criteria=_file(criteria, base),
+        perception=None if perception is None else _file(perception, base),
+        settings=call.settings,
+        seeds=() if perception is None else tuple(range(file.seed, file.seed + count)),
+        bases=file.bases,
+        agreement=file.agreement,
+        vary=call.vary or file.vary,
+        accept=file.accept,
+        driven_by=(*file.driven_by, *call.driven_by),
+        tolerances=file.tolerances,
+        limits=file.limits,
+        recordings={
+            name: File(path=_beside(folder, base), hash=_content(folder))
+            for name, folder in suite.folders.items()
+        },
+        wanted=dict(suite.hashes),
+    )
+
+
+def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:
+    """Give what the verification.json at `path` was asked for. Raises InputError where anything has changed since."""
+    remedy = "Give the verification.json that `resim verify` wrote."
+    try:
+        before = Asked.model_validate(inputs)
+    except ValidationError as e:
+        raise InputError(path, "is not what `resim verify` writes", remedy) from e
+    base = path.parent
+    files = [before.criteria, before.build, before.against, before.perception]
+    now: list[tuple[str, str | None, str | None]] = []
+    for one in files:
+        if isinstance(one, Named):
+            now.append((one.path, one.hash, load_build(_there(base, one)).hash))
+        elif one is not None:
+            now.append((one.path, one.hash, _hash(_there(base, one))))
+    now += [(r.path, r.hash, _content(_there(base, r))) for r in before.recordings.values()]
+    if changed := [name for name, old, new in now if old != new]:
+        more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
+        raise InputError(path, f"{changed[0]}{more} is not what it was", "Restore it, or verify anew.")
+    return before
+
+
+def refuse_others(a: Asked, base: Path) -> None:
+    """Raise InputError for recordings that another function drove: the method compares what one function did twice."""
+    if a.against is not None:
+        return
+    build, other = load_build(_there(base, a.build)), []
+    for name, file in a.recordings.items():
+        try:
+            settings = read_settings(_there(base, file) / SETTINGS)
+        except ResimError:
+            continue  # an error of its own, when its turn comes
+        if not may_verify(settings, build, a.driven_by):
+            other.append((name, settings.build or UNKNOWN))
+    if other:
+        name, label = other[0]
+        more = f" (and {len(other) - 1} more recordings)" if len(other) > 1 else ""
+        was = f"was driven by {label!r}" + (", with another hash" if label == build.label else "")
+        raise InputError(
+            name, f"{was}, not by this {build.label!r}{more}",
+            f"Take the build that drove, compare builds with --against, or ask for it with --driven-by {label}.",
+        )  # fmt: skip
+
+
+def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
+    """Give a task for each recording that can be read, by name. base: what the paths are from."""
+    against = None if a.against is None else _there(base, a.against)
+    return {
+        name: Task(
+            name, _there(base, file), a.wanted.get(name), _there(base, a.build), against, _there(base, a.criteria),
+            a.bases, None if a.perception is None else _there(base, a.perception), a.settings, a.seeds, a.agreement,
+            a.tolerances, a.vary, a.accept, reports,
+        )
+        for name, file in a.recordings.items()
+    }  # fmt: skip
+
+
+def _there(base: Path, file: File) -> Path:
+    return Path(os.path.normpath(base / file.path))
+
+
+def _beside(path: Path, base: Path) -> str:
+    return Path(os.path.relpath(path.absolute(), base.absolute())).as_posix()
+
+
+def _file(path: Path, base: Path) -> File:
+    return File(path=_beside(path, base), hash=_hash(path))
+
+
+def _hash(path: Path) -> str:
+    try:
+        return file_hash(path)
+    except OSError as e:
+        raise InputError(path, f"cannot be read ({e.strerror})") from e
+
+
+def _build(path: Path, base: Path) -> Named:
+    build = load_build(path)
+    return Named(path=_beside(path, base), hash=build.hash, label=build.label)
+
+
+def _content(folder: Path) -> str | None:
+    try:
+        return content_hash(folder)
+    except (ResimError, OSError):
+        return None

@@ -1,0 +1,60 @@
+"""The folder of a verification: one result a recording as it comes, and the whole at the end."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from resim.batch.asked import Asked
+from resim.batch.suites import CASES, REPORTS, versions
+from resim.core.errors import InputError
+from resim.core.files import read_file
+from resim.report import junit, write_verification_page
+from resim.store import Results, json_text, whole_file
+
+VERIFICATION = Results(
+    "inputs.json", re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{CASES}|{REPORTS}")
+)
+REMEDY = "Give the verification.json that `resim verify` wrote."
+
+
+def begin(out: Path, a: Asked) -> None:
+    """Make the folder, or go on in it: say in it what is asked for, and take away what is of other recordings."""
+    told = {"versions": versions(), "inputs": a.model_dump(mode="json")}
+    _write(out / VERIFICATION.mark, json_text(told))
+    for path in (out / CASES).glob("*.json"):
+        if path.stem not in a.recordings:
+            path.unlink()
+
+
+def write(out: Path, found: Mapping[str, Any], traces: Mapping[str, Any]) -> None:
+    """Write verification.json, verification.html and junit.xml, and take away reports that nothing leads to."""
+    told = {report for r in found["recordings"] for report in r["reports"]}
+    for path in (out / REPORTS).glob("*.html"):
+        if f"{REPORTS}/{path.name}" not in told:
+            path.unlink()
+    with whole_file(out / "verification.html") as path:
+        write_verification_page(found, traces, path)
+    _write(out / "junit.xml", junit(found))
+    _write(out / "verification.json", json_text(found))
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a verification.json. Raises InputError."""
+    try:
+        found: dict[str, Any] = json.loads(read_file(path, REMEDY))
+        if found["schema"] != "resim-verification-1":
+            raise InputError(
+                path, f"has the schema {found['schema']!r}, expected resim-verification-1", REMEDY
+            )
+        return {name: found[name] for name in ("schema", "versions", "inputs", "summary", "recordings")}
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(path, "is not what `resim verify` writes", REMEDY) from e
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path, (path.suffix,)) as beside:
+        beside.write_text(text, encoding="utf-8")

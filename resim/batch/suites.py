@@ -1,0 +1,114 @@
+"""A suite, recording by recording in child processes: what was finished before is kept, what breaks stops nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import resim
+from resim.batch.asked import Asked, tasks
+from resim.batch.tasks import run
+from resim.batch.workers import Failure, run_all
+from resim.store import whole_file, write_json
+from resim.verification.summary import summary
+
+SCHEMA = "resim-verification-1"
+CASES, REPORTS = "cases", "reports"
+"""Folders in the results: what each recording gave, and the re-simulation reports of those to look at."""
+LONGEST = 3600.0
+"""s of wall clock for one recording, with all of its seeds and variations."""
+
+Told = Callable[[str, str, bool], None]
+"""Hears of each recording: its name, its verdict, whether it was kept from before."""
+
+
+def verify(
+    a: Asked, base: Path, out: Path | None, *, workers: int, tell: Told = lambda name, verdict, kept: None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Give what verification.json holds, and the traces for the page by recording.
+
+    base: folder that the paths in `a` are from. out: folder of the results, in which each recording's result is kept as
+    soon as it is there, and taken from if it was made from the same; None keeps nothing.
+    """
+    todo, kept = tasks(a, base, None if out is None else out / REPORTS), {}
+    keys = {name: _key(a, name) for name in todo}
+    if out is not None:
+        kept = {n: case for n in todo if (case := _kept(out, n, keys[n])) is not None}
+        for name, case in kept.items():
+            tell(name, case["entry"]["verdict"], True)
+    missing = [name for name in todo if name not in kept]
+    found = dict(kept)
+    results = run_all(run, [todo[n] for n in missing], workers=workers, time_limit=LONGEST)
+    for k, result in results:
+        name = missing[k]
+        found[name] = _case(result)
+        if out is not None and not isinstance(result, Failure):
+            with whole_file(out / CASES / f"{name}.json", (".json",)) as path:
+                write_json({"key": keys[name], **found[name]}, path)
+        tell(name, found[name]["entry"]["verdict"], False)
+    recordings = [{"name": n, **_source(a, n), **found[n]["entry"]} for n in todo]
+    return {
+        "schema": SCHEMA,
+        "versions": versions(),
+        "inputs": a.model_dump(mode="json"),
+        "summary": summary(recordings, a.limits if a.against is not None else None),
+        "recordings": recordings,
+    }, {n: found[n]["traces"] for n in todo}
+
+
+def _case(result: dict[str, Any] | Failure) -> dict[str, Any]:
+    if not isinstance(result, Failure):
+        return result
+    entry = {"verdict": "error", "error": result.reason, "crashed": result.crashed, "reports": []}
+    return {"entry": entry, "traces": {}, "time": None}
+
+
+def _source(a: Asked, name: str) -> dict[str, Any]:
+    file = a.recordings[name]
+    return {"folder": file.path, "hash": file.hash}
+
+
+def _kept(out: Path, name: str, key: str) -> dict[str, Any] | None:
+    """What was found for a recording before, from the same inputs."""
+    try:
+        case: dict[str, Any] = json.loads((out / CASES / f"{name}.json").read_text(encoding="utf-8"))
+        if case["key"] == key and all((out / report).is_file() for report in case["entry"]["reports"]):
+            return case
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return None
+
+
+def _key(a: Asked, name: str) -> str:
+    """What the result of a recording follows from."""
+    told = a.model_dump(mode="json", exclude={"recordings", "wanted", "suite", "name", "limits"})
+    told |= {"recording": a.recordings[name].model_dump(), "wanted": a.wanted.get(name)}
+    told |= {"versions": versions(), "code": _code()}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Give the versions of all that a result depends on."""
+    names = ("numpy", "scipy", "pandas", "shapely", "numba", "libsumo", "eclipse-sumo")
+    return {"resim": resim.__version__, **{name: importlib.metadata.version(name) for name in names}}
+
+
+@cache
+def _code() -> str:
+    """The hash of resim's own source: a version under development changes without a new number."""
+    told = hashlib.sha256()
+    for path in sorted(Path(resim.__file__).parent.rglob("*")):
+        if path.suffix in (".py", ".json", ".css"):
+            told.update(path.read_bytes())
+    return told.hexdigest()
+
+
+def outcome_code(verification: Mapping[str, Any]) -> int:
+    """Give the exit code: 2 where a recording is broken or a function crashed, 1 where a verdict is bad, else 0."""
+    told = verification["summary"]
+    return 2 if told["error"] else 0 if told["good"] else 1

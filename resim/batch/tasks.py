@@ -1,0 +1,125 @@
+"""What a child process does for one recording of a suite."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resim.assess.criteria import read_criteria
+from resim.core.errors import InputError
+from resim.core.tracks import Tracks
+from resim.ingest import Recording
+from resim.perception.model import read_model
+from resim.pipeline import (
+    Basis,
+    How,
+    Options,
+    Perceiving,
+    Resimulation,
+    assess_resimulation,
+    examined,
+    file_hash,
+)
+from resim.pipeline.builds import compare_builds
+from resim.pipeline.suite import content_hash
+from resim.pipeline.verify import Demands, verify_recording
+from resim.report import write_report
+from resim.sim.adfunction import load_build
+from resim.store import whole_file
+from resim.verification.tolerance import Tolerances
+
+RATE = 10.0
+"""Samples a second [Hz] of the traces on the page."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One recording to verify, or to run with two builds where `against` is one.
+
+    hash: that its content must have, or None. reports: folder for the re-simulation reports, None for none.
+    """
+
+    name: str
+    folder: Path
+    hash: str | None
+    build: Path
+    against: Path | None
+    criteria: Path
+    bases: tuple[Basis, ...]
+    perception: Path | None
+    settings: tuple[str, ...]
+    seeds: tuple[int, ...]
+    agreement: float
+    tolerances: Tolerances
+    vary: tuple[str, ...]
+    accept: tuple[str, ...]
+    reports: Path | None = None
+
+
+def run(task: Task) -> dict[str, Any]:
+    """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
+    begin = time.perf_counter()
+    if task.hash is not None and (found := content_hash(task.folder)) != task.hash:
+        problem = f"its content has the hash {found[:12]}…, the suite says {task.hash[:12]}…"
+        raise InputError(task.folder, problem, "Restore the recording, or make the suite anew.")
+    recording = examined(task.folder, accept=task.accept)
+    out = _verify(task, recording) if task.against is None else _compare(task, recording)
+    return {**out, "time": time.perf_counter() - begin}
+
+
+def _verify(task: Task, recording: Recording) -> dict[str, Any]:
+    demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
+    found = verify_recording(
+        recording, load_build(task.build), demands, Options(bases=task.bases), _perceiving(task), task.accept
+    )
+    entry = found.to_json()
+    reports = [] if entry["verdict"] == "verified" else [_report(task, found.result, "")]
+    return {"entry": {**entry, "reports": reports}, "traces": _traces(found.result)}
+
+
+def _compare(task: Task, recording: Recording) -> dict[str, Any]:
+    old, new = (load_build(path) for path in (task.against, task.build) if path is not None)
+    found = compare_builds(
+        recording, old, new, read_criteria(task.criteria), Options(bases=("GT",)), _perceiving(task), task.accept
+    )  # fmt: skip
+    entry, results = found.to_json(), {"before": found.old, "now": found.new}
+    same = entry["verdict"] == "same"
+    reports = [] if same else [_report(task, r, f".{which}") for which, r in results.items()]
+    traces = {which: _traces(result) for which, result in results.items()}
+    return {"entry": {**entry, "reports": reports}, "traces": traces}
+
+
+def _perceiving(task: Task) -> Perceiving | None:
+    if task.perception is None:
+        return None
+    model = read_model(task.perception, task.settings)
+    return Perceiving(model, task.seeds, task.settings, file_hash(task.perception))
+
+
+def _report(task: Task, result: Resimulation, which: str) -> str:
+    """Write the re-simulation report, and give its place from the results' folder."""
+    name = f"{task.name}{which}.html"
+    if task.reports is not None:
+        assessed = assess_resimulation(result, How(criteria=read_criteria(task.criteria)))
+        with whole_file(task.reports / name) as path:
+            write_report(result, assessed, path)
+    return f"reports/{name}"
+
+
+def _traces(result: Resimulation) -> dict[str, Any]:
+    """The EGO's speed [m/s] in every drive over `t` [s]; in the runs with a perception model its range and median."""
+    ego, gt = result.ego, result.described["GT"]
+    t = np.round(np.arange(gt.ego.spawn_time, gt.ego.spawn_time + gt.duration + 1e-9, 1.0 / RATE), 9)
+
+    def speed(tracks: Tracks) -> list[float | None]:
+        v = tracks.select([ego]).at(t).v[0]
+        return [round(float(value), 3) if np.isfinite(value) else None for value in v]
+
+    out: dict[str, Any] = {"t": t.tolist(), "GT": speed(gt.tracks(result.network, t))}
+    out |= {f"r{basis}": speed(branch.run.truth) for basis, branch in result.branches.items()}
+    out["rGT+M"] = [speed(p.run.truth) for p in result.perceived_runs]
+    return out

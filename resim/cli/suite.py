@@ -1,0 +1,43 @@
+"""`resim suite`: make suites of recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from resim.cli.app import app
+from resim.core.errors import InputError
+
+suites = typer.Typer(help="Suites: recordings that a build is verified on.", no_args_is_help=True)
+app.add_typer(suites, name="suite")
+
+
+@suites.command("new")
+def new(
+    folder: Annotated[Path, typer.Argument(help="Folder with recording folders, at any depth.")],
+    out: Annotated[Path, typer.Option(help="Suite (TOML) to write.")],
+    criteria: Annotated[
+        Path, typer.Option(help="Criteria (TOML) to judge by, such as scenarios/criteria/highway.toml.")
+    ],
+) -> None:
+    """Write a suite of all recordings in a folder, with the hashes of their content."""
+    from resim.assess.criteria import read_criteria
+    from resim.ingest.settings import SETTINGS
+    from resim.pipeline.suite import new_suite, read_suite
+    from resim.store import whole_file
+
+    read_criteria(criteria)  # a file that holds none is told of now
+    found = sorted(path.parent for path in folder.rglob(SETTINGS)) if folder.is_dir() else []
+    if not found:
+        raise InputError(
+            folder, "holds no recording", "A recording is a folder with recording.toml, gt.csv and a map."
+        )
+    if out.exists():
+        raise InputError(out, "exists already", "Remove it or name another file.")
+    text = new_suite(found, criteria, out, out.stem)
+    with whole_file(out, (".toml",)) as path:
+        path.write_text(text, encoding="utf-8")
+    read_suite(out)
+    typer.echo(f"{out}: {len(found)} recordings")

@@ -1,0 +1,171 @@
+"""`resim verify`: may simulation stand in for the test drives, for this build? What does a new build do otherwise?"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from resim.cli.app import BadVerdictError, app
+from resim.core.errors import InputError, ResimError
+
+if TYPE_CHECKING:
+    from resim.batch.asked import Asked
+    from resim.batch.suites import Told
+
+
+@app.command()
+def verify(
+    suite: Annotated[
+        Path | None, typer.Argument(help="Suite (TOML): recordings, criteria, tolerances.")
+    ] = None,
+    build: Annotated[Path | None, typer.Option(help="Build file (TOML) of the AD function.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the results; what an interrupted verification left there is gone on with."
+        ),
+    ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(metavar="BUILD", help="An older build: compare both instead of measured and simulated."),
+    ] = None,
+    perception: Annotated[
+        Path | None, typer.Option(metavar="MODEL", help="Perception model (JSON) in place of the suite's.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="A parameter of the model, such as latency.speed=0.4."
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=1, max=1000, help="Runs with the perception model, in place of the suite's."),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Search how far speed, gap, braking or lane_change of the most critical "
+            "object can be varied until a KPI flips; may be given several times.",
+        ),
+    ] = None,
+    driven_by: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LABEL", help="Take recordings, too, that this other build drove (or: unknown)."
+        ),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores, if not given.")] = None,
+    replay: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Repeat the verification.json and say whether it gives the same bytes."
+        ),
+    ] = None,
+) -> None:
+    """Cross-verify a build on a suite: does simulation give the measured drives' verdicts?
+
+    With --against: what does the build do otherwise than an older one, in the same scenarios with the same seeds? Ends
+    with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken or a
+    function crashed.
+    """
+    from resim.batch.asked import Call, asked, refuse_others
+    from resim.pipeline.suite import read_suite
+    from resim.batch.results import VERIFICATION
+    from resim.store import check_output
+
+    count = workers or os.cpu_count() or 1
+    if replay is not None:
+        _replay(replay, count)
+        return
+    if suite is None or build is None or out is None:
+        lost = "SUITE" if suite is None else "--build" if build is None else "--out"
+        raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
+    check_output(out, VERIFICATION)
+    call = Call(
+        build, against, perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ())
+    )
+    wanted = asked(read_suite(suite), call, out)
+    refuse_others(wanted, out)
+    _verify(wanted, out, count)
+
+
+def _verify(wanted: Asked, out: Path, workers: int) -> None:
+    from resim.batch.results import begin, write
+    from resim.batch.suites import outcome_code, verify
+    from resim.cli.verification import print_verification
+
+    begin(out, wanted)
+    with _progress(len(wanted.recordings)) as tell:
+        found, traces = verify(wanted, out, out, workers=workers, tell=tell)
+    write(out, found, traces)
+    print_verification(found)
+    typer.echo(f"\nverification: {out / 'verification.html'}")
+    _end(found, outcome_code(found))
+
+
+def _replay(path: Path, workers: int) -> None:
+    from resim.batch.asked import asked_again
+    from resim.batch.results import read
+    from resim.batch.suites import outcome_code, verify
+    from resim.store import json_text
+
+    before = read(path)
+    wanted = asked_again(before["inputs"], path)
+    with _progress(len(wanted.recordings)) as tell:
+        found, _ = verify(wanted, path.parent, None, workers=workers, tell=tell)
+    if json_text(found) == path.read_text(encoding="utf-8"):
+        typer.echo(f"{path}: the same bytes again, {len(found['recordings'])} recordings")
+        _end(found, outcome_code(found))
+        return
+    if found["versions"] != before["versions"]:
+        other = [f"{n} {v}, now {found['versions'].get(n)}" for n, v in before["versions"].items()
+                 if found["versions"].get(n) != v]  # fmt: skip
+        typer.echo(f"made with other versions: {'; '.join(other)}")
+    was = {r["name"]: r for r in before["recordings"]}
+    differ = [r["name"] for r in found["recordings"] if r != was.get(r["name"])]
+    raise BadVerdictError(
+        f"{path}: not the same bytes; recordings that differ: {', '.join(differ) or 'none'}"
+    )
+
+
+def _end(found: dict[str, Any], code: int) -> None:
+    """Leave with the verification's exit code."""
+    told = found["summary"]
+    if code == 2:
+        broken = [r for r in found["recordings"] if r["verdict"] == "error"]
+        more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
+        raise ResimError(f"{broken[0]['name']}: {broken[0]['error']}{more}")
+    if code == 1 and "limits" in told:
+        broken_limits = [
+            f"{n} {limit['value']:.3g}, at most {limit['limit']:g}" for n, limit in told["limits"].items() if not limit["kept"]
+        ]  # fmt: skip
+        raise BadVerdictError(f"the build regresses: {'; '.join(broken_limits)}")
+    if code == 1:
+        raise BadVerdictError(f"{told['not verified']} not verified, {told['invalid']} invalid")
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Told]:
+    """A bar on a terminal that counts recordings."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=console, transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("start", total=total)
+
+        def tell(name: str, verdict: str, kept: bool) -> None:
+            bar.update(task, description=name[:24], advance=1)
+
+        yield tell

@@ -1,0 +1,82 @@
+"""One recording, two builds: what the new one does otherwise in the same scenario, with the same seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from resim.assess.criteria import Criteria
+from resim.ingest import Recording
+from resim.pipeline.assessments import How, assess_resimulation
+from resim.pipeline.outcomes import outcomes, parted, perceived_outcome
+from resim.pipeline.perceived import Perceiving
+from resim.pipeline.result import Options, Resimulation
+from resim.pipeline.run import resimulate
+from resim.pipeline.verify import COMPARED
+from resim.sim.adfunction import Build
+from resim.sim.run import Run
+from resim.verification.outcome import Outcome
+from resim.verification.paired import Pair, pair
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Re-simulations of one recording with an old and a new build, and each pair of runs with the same seed."""
+
+    old: Resimulation
+    new: Resimulation
+    pairs: tuple[Pair, ...]
+
+    @property
+    def verdict(self) -> str:
+        """Whether the new build lost a KPI in any run, gained one, does something else, or none of it."""
+        if any(p.failure for p in self.pairs):
+            return "error"
+        if any(p.lost for p in self.pairs):
+            return "worse"
+        if any(p.gained for p in self.pairs):
+            return "better"
+        return "changed" if any(p.changed for p in self.pairs) else "same"
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what verification.json holds of the recording."""
+        worst = max(self.pairs, key=lambda p: (bool(p.failure), p.weight_lost, p.risk or 0.0))
+        return {
+            "verdict": self.verdict,
+            "t": worst.t,
+            "differences": list(worst.differences),
+            "error": worst.failure or None,
+            "weight_lost": worst.weight_lost,
+            "pairs": [asdict(p) for p in self.pairs],
+        }
+
+
+def compare_builds(
+    recording: Recording,
+    old: Build,
+    new: Build,
+    criteria: Criteria,
+    options: Options = Options(),
+    perceiving: Perceiving | None = None,
+    accept: Collection[str] = (),
+) -> Compared:
+    """Re-simulate GT with both builds; with a perception model once a seed, else once."""
+    how = How(criteria=criteria, only=COMPARED)
+    results = [
+        resimulate(recording, build, options, perceiving=perceiving, accept=accept) for build in (old, new)
+    ]
+    each = [_runs(result, how) for result in results]
+    pairs = []
+    for seed, (one, run) in each[0].items():
+        two, other = each[1][seed]
+        pairs.append(pair(seed, one, two, parted(run.truth, other.truth, recording.ego)))
+    return Compared(results[0], results[1], tuple(pairs))
+
+
+def _runs(result: Resimulation, how: How) -> dict[int | None, tuple[Outcome, Run]]:
+    """What each run on GT came to, by seed, None for that without a perception model."""
+    if result.perceiving is None:
+        found = outcomes(result, assess_resimulation(result, how))
+        return {None: (found["rGT"], result.branches["GT"].run)}
+    return {p.seed: (perceived_outcome(p, result, how), p.run) for p in result.perceived_runs}

@@ -1,0 +1,107 @@
+"""What drives came to (`resim.verification.Outcome`), of re-simulations and their assessments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from resim import fidelity
+from resim.assess.assessment import Assessment
+from resim.core.tracks import Tracks
+from resim.fidelity import EGO_ROW, TO_ROWS, Errors
+from resim.pipeline.assessments import Assessed, How, assess_run
+from resim.pipeline.perceived import PerceivedRun
+from resim.pipeline.result import Resimulation
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario
+from resim.sim.run import Run
+from resim.verification.outcome import COMFORT, Kpi, Outcome, Rms
+
+PARTED = {"d": 0.5, "v": 0.5}
+"""Distance [m] and difference of speed [m/s] from which on two EGOs drive differently."""
+
+
+def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
+    """Give what GT, SD, rGT and rSD came to, as far as they are there."""
+    driven, ego, out = result.driven(), result.ego, {}
+    runs = {f"r{basis}": branch.run for basis, branch in result.branches.items()}
+    if "SD" in result.described:
+        driven["SD"] = _driven(result.described["SD"], result.network)
+    for name, assessment in assessed.blocks.items():
+        if (tracks := driven.get(name)) is not None:
+            out[name] = outcome(assessment, tracks, result.network, ego, runs.get(name))
+    return out | {name: _nothing(run) for name, run in runs.items() if name not in out}
+
+
+def perceived_outcome(p: PerceivedRun, result: Resimulation, how: How) -> Outcome:
+    """Give what a run on GT came to: the EGO as it drove, the traffic as GT's scenario has it."""
+    if p.refit is None:
+        return _nothing(p.run)
+    made = replace(p.refit, objects=result.described["GT"].objects)
+    assessment = assess_run(p.run, made, result.network, how)
+    errors = None if p.pipe is None else p.pipe.rms(EGO_ROW)
+    found = outcome(assessment, p.run.truth, result.network, result.ego, p.run)
+    return replace(found, errors=errors)
+
+
+def _nothing(run: Run) -> Outcome:
+    """A run that ended before there was anything to judge."""
+    comfort = dict.fromkeys(COMFORT)
+    return Outcome({}, (), None, None, comfort, bool(run.collisions), run.end, run.failure)
+
+
+def outcome(
+    assessment: Assessment, tracks: Tracks, network: RoadNetwork, ego: str, run: Run | None
+) -> Outcome:
+    """Give what one drive came to. tracks: with accelerations."""
+    kpis = {
+        name: Kpi(v.outcome, _finite(v.value), v.unit, v.t, v.object, v.weight, v.reason)
+        for name, v in assessment.verdicts.items()
+    }
+    if flaw := assessment.flaw:  # what passes here might not if the drive had been whole
+        passed = {name: k for name, k in kpis.items() if k.outcome == "PASS"}
+        kpis |= {name: replace(k, outcome="INVALID", reason=flaw) for name, k in passed.items()}
+    worst = {w.name: w.value for w in assessment.worst()}
+    return Outcome(
+        kpis=kpis,
+        events=tuple(fidelity.events(tracks, network, ego=ego)),
+        reaction=fidelity.reaction_time(tracks, ego=ego),
+        risk=worst.get("risk"),
+        comfort={name: _largest(assessment, name, way) for name, way in COMFORT.items()},
+        collision=bool(assessment.contacts),
+        end="" if run is None else run.end,
+        failure="" if run is None else run.failure,
+    )
+
+
+def rms(errors: Mapping[str, Errors]) -> Rms:
+    """Give the root mean square errors of every step, of the EGO and of the traffic objects."""
+    return {step: {"ego": e.rms(EGO_ROW), "to": e.rms(TO_ROWS)} for step, e in errors.items()}
+
+
+def parted(one: Tracks, two: Tracks, ego: str) -> float | None:
+    """Give when [s] the EGO first drives differently in two simulations of one scenario, None where it does not."""
+    t = one.t[one.t <= two.t[-1] + 1e-9]
+    off = fidelity.difference(two.select([ego]).at(t), one.select([ego]).at(t), ego=ego)
+    away = (off.d[0] > PARTED["d"]) | (np.abs(off.v[0]) > PARTED["v"])
+    return float(t[np.argmax(away)]) if away.any() else None
+
+
+def _driven(scenario: Scenario, network: RoadNetwork) -> Tracks:
+    begin = scenario.ego.spawn_time
+    return scenario.tracks(network, np.round(np.arange(begin, begin + scenario.duration, 0.01), 9))
+
+
+def _largest(assessment: Assessment, name: str, way: str) -> float | None:
+    """The most uncomfortable value of a measure, as a magnitude."""
+    value = assessment.measures[name].value
+    known = value[np.isfinite(value)]
+    if not known.size:
+        return None
+    return float(np.max(-known if way == "low" else np.abs(known)))
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else value

@@ -1,0 +1,173 @@
+"""A suite: the recordings that a build is verified on, by what, and how exactly; a TOML file."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from resim.core.errors import InputError
+from resim.core.files import parse_toml, read_file
+from resim.ingest.settings import SETTINGS, read_settings
+from resim.variation import PARAMETERS
+from resim.verification.paired import Limits
+from resim.verification.tolerance import Tolerances
+
+EXAMPLE = "See scenarios/suites/highway.toml, or make one with `resim suite new`."
+_FILES = re.compile(r"(recording\.toml|(gt|sd|plan)\.(csv|parquet))")
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class Entry(_Model):
+    """A recording of a suite: its folder, or a glob of folders; hash: SHA-256 of its content (`content_hash`)."""
+
+    folder: str = Field(min_length=1)
+    hash: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
+
+
+class SuiteFile(_Model):
+    """What a suite's file says; paths from the folder of the file.
+
+    bases: what is re-simulated; seeds, seed: how many runs with the perception model, and the first one's seed.
+    agreement: share of the seeds that must agree. vary: parameters of which the range is searched in which the verdicts
+    hold. accept: codes of findings in spite of which to go on. driven_by: other builds whose recordings are taken.
+    """
+
+    name: str = Field(min_length=1)
+    recording: tuple[Entry, ...] = Field(min_length=1)
+    criteria: str = Field(min_length=1)
+    bases: tuple[Literal["GT", "SD"], ...] = Field(default=("GT", "SD"), min_length=1)
+    perception: str | None = None
+    seeds: int = Field(default=20, ge=1, le=1000)
+    seed: int = Field(default=0, ge=0)
+    agreement: float = Field(default=0.9, gt=0.0, le=1.0)
+    vary: tuple[str, ...] = ()
+    accept: tuple[str, ...] = ()
+    driven_by: tuple[str, ...] = ()
+    tolerances: Tolerances = Tolerances()
+    limits: Limits = Limits()
+
+
+class Suite(_Model):
+    """A suite, with its recordings found: folders by name, and the hashes that they must have."""
+
+    path: Path
+    file: SuiteFile
+    folders: dict[str, Path]
+    hashes: dict[str, str]
+
+    def beside(self, name: str) -> Path:
+        """Give the path of what the file names."""
+        return _joined(self.path, name)
+
+
+def read_suite(path: Path) -> Suite:
+    """Read a suite and find its recordings. Raises InputError naming every fault."""
+    try:
+        file = SuiteFile.model_validate(parse_toml(read_file(path, EXAMPLE), path, EXAMPLE))
+    except ValidationError as e:
+        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in e.errors())
+        raise InputError(path, problems, EXAMPLE) from e
+    if strange := [name for name in file.vary if name not in PARAMETERS]:
+        raise InputError(path, f"vary: there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
+    found: list[Path] = []
+    hashes: dict[Path, str] = {}
+    for entry in file.recording:
+        folders = _folders(path, entry)
+        if entry.hash is not None:
+            hashes[folders[0]] = entry.hash
+        found += [folder for folder in folders if folder not in found]
+    named = dict(zip(_names(found), found, strict=True))
+    return Suite(
+        path=path, file=file, folders=named, hashes={n: hashes[f] for n, f in named.items() if f in hashes}
+    )
+
+
+def _folders(path: Path, entry: Entry) -> list[Path]:
+    """The recordings of an entry; one that is not there is told of when its turn comes."""
+    whole = _joined(path, entry.folder)
+    if not glob.has_magic(entry.folder):
+        return [whole]
+    if entry.hash is not None:
+        raise InputError(path, f"recording {entry.folder!r} is a glob and has a hash", "Name the folders.")
+    found = sorted(f for f in _matching(whole) if (f / SETTINGS).is_file())
+    if not found:
+        raise InputError(path, f"recording {entry.folder!r}: no recording is there", "Correct the glob.")
+    return found
+
+
+def _matching(pattern: Path) -> Iterator[Path]:
+    """Paths that a glob fits."""
+    root = Path(pattern.anchor)
+    return root.glob(str(pattern.relative_to(root)) if pattern.anchor else str(pattern))
+
+
+def _joined(path: Path, name: str) -> Path:
+    return Path(os.path.normpath(path.parent / name))
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Names of recordings, each its own: of the folder, with as many folders above as it takes."""
+    names = [folder.absolute().name for folder in folders]
+    for k, folder in enumerate(folders):
+        if names.count(names[k]) > 1:
+            parts = [p for p in folder.absolute().parts if p.strip("/")]
+            names[k] = next(
+                n for depth in range(2, len(parts) + 1)
+                if (n := ".".join(parts[-depth:])) and n not in names
+            )  # fmt: skip
+    return [re.sub(r"[^\w.-]", "_", name) for name in names]
+
+
+def content_hash(folder: Path) -> str:
+    """Give the SHA-256 of a recording: of its settings, tables and map. Raises InputError."""
+    settings = read_settings(folder / SETTINGS)
+    told = hashlib.sha256()
+    for file in sorted(p for p in folder.iterdir() if _FILES.fullmatch(p.name)):
+        told.update(f"{file.name} {hashlib.sha256(read_file(file, EXAMPLE)).hexdigest()}\n".encode())
+    road = read_file(folder / settings.map, "The recording names a map that is not there.")
+    told.update(f"map {hashlib.sha256(road).hexdigest()}\n".encode())
+    return told.hexdigest()
+
+
+def new_suite(folders: Sequence[Path], criteria: Path, out: Path, name: str) -> str:
+    """Give the text of a suite of these recordings, with their hashes, for a file at `out`. Raises InputError."""
+
+    def beside(path: Path) -> str:
+        return Path(os.path.relpath(path.absolute(), out.absolute().parent)).as_posix()
+
+    entries = [
+        f'[[recording]]\nfolder = "{beside(folder)}"\nhash = "{content_hash(folder)}"\n' for folder in folders
+    ]
+    head = (
+        f'name = "{name}"\ncriteria = "{beside(criteria)}"\nbases = ["GT", "SD"]\n'
+        "seeds = 20  # with a perception model\nagreement = 0.9  # of the seeds\n\n"
+    )
+    return head + "\n".join(entries) + "\n" + tolerances_text()
+
+
+def tolerances_text() -> str:
+    """Give the tolerances that hold where a suite says nothing, as TOML."""
+    held = Tolerances()
+    lines = [
+        "# Largest root mean square errors [m, m/s, rad]; reaction: of first braking [s].",
+        "[tolerances]",
+    ]
+    lines.append(f"reaction = {held.reaction:g}")
+    for step in ("sensor", "fit", "simulation", "pipeline"):
+        for who in ("ego", "to"):
+            limits = getattr(getattr(held, step), who).model_dump(exclude_none=True)
+            if limits:
+                lines.append(
+                    f"{step}.{who} = {{ " + ", ".join(f"{k} = {v:g}" for k, v in limits.items()) + " }"
+                )
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,130 @@
+"""One recording, one build: may simulation stand in for the drive? (Groh 2018, III.B; Wagner 2021, 5.3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+from resim.assess.assessment import Assessment
+from resim.assess.criteria import Criteria
+from resim.core.errors import ResimError
+from resim.ingest import Recording
+from resim.ingest.settings import Settings
+from resim.perception.recorded import Recorded
+from resim.pipeline.assessments import How, assess_resimulation
+from resim.pipeline.locality import critical, validity
+from resim.pipeline.outcomes import outcomes, perceived_outcome, rms
+from resim.pipeline.perceived import Perceiving
+from resim.pipeline.result import Options, Resimulation, drove
+from resim.pipeline.run import measured_tracks, resimulate, run_on_gt
+from resim.pipeline.verified import Verified
+from resim.sim.adfunction import Build
+from resim.verification.cause import Cause, cause
+from resim.verification.compare import Comparison, Judged, Way, compare
+from resim.verification.outcome import COMFORT, Outcome, Rms
+from resim.verification.tolerance import Tolerances
+
+COMPARED = (*COMFORT, "risk", "collision")
+"""Objectifications that are compared whether criteria ask for them or not."""
+UNKNOWN = "unknown"
+"""Stands for the build that drove a recording that does not say which did."""
+
+
+@dataclass(frozen=True, eq=False)
+class Demands:
+    """What a recording is verified by.
+
+    agreement: the share of seeds that must agree. vary: parameters (`resim.variation.PARAMETERS`) whose range is
+    searched in which a verified recording's KPIs stay.
+    """
+
+    criteria: Criteria
+    tolerances: Tolerances
+    agreement: float = 0.9
+    vary: tuple[str, ...] = ()
+
+    @property
+    def how(self) -> How:
+        """How drives are assessed: no more than what is compared."""
+        return How(criteria=self.criteria, only=COMPARED)
+
+
+def may_verify(recording: Recording | Settings, build: Build, driven_by: tuple[str, ...]) -> bool:
+    """Say whether a build may be verified on a recording: it drove it, or is an oracle, or was asked for by name.
+
+    driven_by: labels of builds whose recordings are taken for those of `build`, UNKNOWN where none is recorded. The
+    method compares what one function did twice.
+    """
+    return build.needs_truth or bool(drove(recording, build)) or (recording.build or UNKNOWN) in driven_by
+
+
+def verify_recording(
+    recording: Recording,
+    build: Build,
+    demands: Demands,
+    options: Options = Options(),
+    perceiving: Perceiving | None = None,
+    accept: Collection[str] = (),
+) -> Verified:
+    """Re-simulate a recording and set every re-simulation beside the measured drive.
+
+    The verdict rests on GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
+    errors in the map in spite of which to go on.
+    """
+    result = resimulate(recording, build, options, perceiving=perceiving, accept=accept)
+    assessed = assess_resimulation(result, demands.how)
+    found = outcomes(result, assessed)
+    seeds = {p.seed: perceived_outcome(p, result, demands.how) for p in result.perceived_runs}
+    errors = rms(result.errors)
+    judged = _judged(found, seeds, errors, demands)
+    recorded = None
+    if any(j.verdict == "not verified" for j in judged.values()):
+        recorded = _as_recorded(result, found["GT"], errors, demands)
+    model = "" if perceiving is None else perceiving.model.name
+    causes: dict[Way, Cause | None] = {
+        way: cause(j, errors, demands.tolerances, recorded, model if way == "rGT+M" else "")
+        for way, j in judged.items()
+    }
+    out = Verified(
+        result, found, seeds, errors, judged, causes, recorded, notes=(*result.warnings, *assessed.notes())
+    )
+    if demands.vary and judged[out.way].verdict == "verified":
+        return _varied(out, assessed.blocks["GT"], demands)
+    return out
+
+
+def _varied(found: Verified, measured: Assessment, demands: Demands) -> Verified:
+    """Search how far the parameters can be varied; a note says where that cannot be done."""
+    ranges, notes = [], []
+    for parameter in demands.vary:
+        try:
+            ranges.append(validity(found.result, parameter, critical(measured), demands.how))
+        except ResimError as e:
+            notes.append(f"{parameter} is not varied: {e}")
+    return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))
+
+
+def _judged(
+    found: Mapping[str, Outcome], seeds: Mapping[int, Outcome], errors: Rms, demands: Demands
+) -> dict[Way, Judged]:
+    def beside(way: Way, outcome: Outcome) -> Comparison:
+        return compare(way, found["GT"], outcome, errors, demands.tolerances)
+
+    ways: tuple[Way, ...] = ("rGT", "rSD")
+    out = {way: Judged(way, (beside(way, found[way]),), 1.0) for way in ways if way in found}
+    if seeds:
+        runs = tuple(beside("rGT+M", o) for o in seeds.values())
+        out["rGT+M"] = Judged("rGT+M", runs, demands.agreement)
+    if not out:
+        raise ResimError("every re-simulation ended before there was anything to compare")
+    return out
+
+
+def _as_recorded(result: Resimulation, measured: Outcome, errors: Rms, demands: Demands) -> Comparison | None:
+    """The run on GT that shows the function what was recorded as perceived; None where nothing was, or for oracles."""
+    recording, whole = result.recording, measured_tracks(result.recording)
+    if "SD" not in whole or result.build.needs_truth:
+        return None
+    shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
+    run = run_on_gt(result, perception=shown)
+    return compare("rGT+M", measured, perceived_outcome(run, result, demands.how), errors, demands.tolerances)

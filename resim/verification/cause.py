@@ -1,0 +1,72 @@
+"""Why simulation and measured drive differ: the first step in the chain whose error explains it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from resim.verification.compare import Comparison, Judged
+from resim.verification.outcome import Rms
+from resim.verification.tolerance import Excess, Tolerances
+
+Step = Literal["sensor", "fit", "simulation", "function", "criteria"]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """The step, why it is held for the cause, and when [s] the first difference shows."""
+
+    step: Step
+    text: str
+    t: float | None
+
+
+def cause(
+    judged: Judged, errors: Rms, tolerances: Tolerances, recorded: Comparison | None, model: str = ""
+) -> Cause | None:
+    """Give the cause of a verdict that is not good, None for a good one.
+
+    recorded: the re-simulation on ground truth in which the function was shown what was recorded as perceived, None
+    where nothing was. model: name of the perception model of the verdict, if it is on one. In the order of the chain
+    (Wagner 2021, 5.3.2): the sensor's error explains what is as measured once the function is shown what was recorded;
+    where that cannot be tried, or changes nothing, the first step whose error is beyond tolerance does; where none is,
+    the function itself.
+    """
+    if judged.verdict in ("verified", "error"):
+        return None
+    worst = judged.worst
+    if judged.verdict == "invalid":
+        return Cause("criteria", f"cannot be judged: {', '.join(_invalid(worst))}", worst.t)
+    sensor = list(tolerances.beyond("sensor", errors.get("S", {})))
+    if recorded is not None and (mended := sorted(worst.unequal - recorded.unequal)):
+        left = sorted(worst.unequal & recorded.unequal)
+        return Cause("sensor", _sensor(sensor, model, mended, left), worst.t)
+    tried = [] if recorded is None else ["shown what was recorded as perceived it does not act as measured either"]
+    if recorded is None and sensor:
+        return Cause("sensor", f"{_told(sensor)}; not tried out", worst.t)
+    for step in ("fit", "simulation"):
+        if far := [excess for excess in worst.beyond if excess.step == step]:
+            return Cause(step, "; ".join([_told(far), *tried]), worst.t)
+    if recorded is None:
+        tried = ["there are no sensor data: errors of perception cannot be told from the function's own"]
+    return Cause("function", "; ".join(["it acts otherwise on inputs within tolerance", *tried]), worst.t)
+
+
+def _sensor(beyond: list[Excess], model: str, mended: list[str], left: list[str]) -> str:
+    """What the function was shown, and what becomes as measured when it is shown what was recorded."""
+    shown = f"what {model} shows" if model else "the truth"
+    text = f"the function was shown {shown}; shown what was recorded as perceived, {_list(mended)} as measured"
+    text += f", but not {', '.join(left)}" if left else ""
+    return f"{text}. Sensor error: {_told(beyond)}" if beyond else text
+
+
+def _list(names: list[str]) -> str:
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+
+
+def _told(beyond: list[Excess]) -> str:
+    return ", ".join(map(str, beyond))
+
+
+def _invalid(comparison: Comparison) -> list[str]:
+    return [name for name, equality in comparison.kpis.items() if equality == "invalid"]

@@ -1,0 +1,154 @@
+"""One simulated drive beside the measured one: are the KPIs equal, and does the EGO do the same?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from resim.verification.outcome import Kpi, Outcome, Rms
+from resim.verification.share import Share, share
+from resim.verification.tolerance import Excess, Tolerances, excesses
+
+Verdict = Literal["verified", "not verified", "invalid", "error"]
+Way = Literal["rGT", "rSD", "rGT+M"]
+WAYS: tuple[Way, ...] = ("rGT", "rSD", "rGT+M")
+"""Re-simulated on ground truth, on sensor data, and on ground truth with a perception model."""
+Equality = Literal["equal", "differs", "invalid"]
+NO_EVENT = "nothing"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A simulated drive beside the measured one.
+
+    kpis: by criterion, "invalid" where either cannot be judged. same_decision: whether the EGO did the same, in the
+    same order. reaction_difference [s]: simulated less measured first braking. late: whether it is beyond tolerance.
+    beyond: errors of the steps that are. t: when [s] the first difference shows, None where none does. failure: why
+    the function failed, or "".
+    """
+
+    kpis: Mapping[str, Equality]
+    same_decision: bool
+    reaction_difference: float | None
+    late: bool
+    beyond: tuple[Excess, ...]
+    t: float | None
+    differences: tuple[str, ...]
+    failure: str
+
+    @property
+    def unequal(self) -> frozenset[str]:
+        """What is not as measured: criteria by name, "decision", "first braking"."""
+        found = {name for name, equality in self.kpis.items() if equality == "differs"}
+        found |= set() if self.same_decision else {"decision"}
+        return frozenset(found | ({"first braking"} if self.late else set()))
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verified: all KPIs equal, the decision too, errors within tolerance (Groh 2018, III.B)."""
+        if self.failure:
+            return "error"
+        if self.differences:
+            return "not verified"
+        return "invalid" if "invalid" in self.kpis.values() else "verified"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """All re-simulations of one way: the verdict, and the share of the seeds that agree."""
+
+    way: Way
+    comparisons: tuple[Comparison, ...]
+    agreement: float
+
+    @property
+    def share(self) -> Share:
+        """The share of the runs that are verified."""
+        return share([c.verdict == "verified" for c in self.comparisons])
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verified where the share reaches the agreement; invalid where it might if all could be judged."""
+        verdicts = [c.verdict for c in self.comparisons]
+        if "error" in verdicts:
+            return "error"
+        need = self.agreement * len(verdicts) - 1e-9
+        good = verdicts.count("verified")
+        if good >= need:
+            return "verified"
+        return "invalid" if good + verdicts.count("invalid") >= need else "not verified"
+
+    @property
+    def worst(self) -> Comparison:
+        """The first run that is the reason for the verdict."""
+        return next((c for c in self.comparisons if c.verdict == self.verdict), self.comparisons[0])
+
+
+def compare(
+    way: Way, measured: Outcome, simulated: Outcome, errors: Rms, tolerances: Tolerances
+) -> Comparison:
+    """Set a simulated drive beside the measured one. errors: of the recording's steps."""
+    kpis = {name: _equality(kpi, simulated.kpis.get(name)) for name, kpi in measured.kpis.items()}
+    reaction = _minus(simulated.reaction, measured.reaction)
+    late = reaction is not None and tolerances.reaction is not None and abs(reaction) > tolerances.reaction
+    beyond = excesses(way, errors, tolerances)
+    if simulated.errors is not None:
+        beyond += tolerances.beyond("pipeline", {"ego": simulated.errors})
+    told = list(_differences(kpis, measured, simulated))
+    if late and reaction is not None and tolerances.reaction is not None:
+        begun = min(t for t in (measured.reaction, simulated.reaction) if t is not None)
+        told.append((begun, f"first braking {reaction:+.2f} s (tolerance {tolerances.reaction:g} s)"))
+    times = [t for t, _ in told if t is not None]
+    return Comparison(
+        kpis=kpis,
+        same_decision=measured.decision == simulated.decision,
+        reaction_difference=reaction,
+        late=late,
+        beyond=tuple(beyond),
+        t=min(times, default=None),
+        differences=(*(text for _, text in told), *(f"{e.step} error: {e}" for e in beyond)),
+        failure=simulated.failure,
+    )
+
+
+def _equality(measured: Kpi, simulated: Kpi | None) -> Equality:
+    if simulated is None or "INVALID" in (measured.outcome, simulated.outcome):
+        return "invalid"
+    return "equal" if measured.outcome == simulated.outcome else "differs"
+
+
+def _differences(
+    kpis: Mapping[str, Equality], measured: Outcome, simulated: Outcome
+) -> Iterator[tuple[float | None, str]]:
+    """When [s] they differ, and in what."""
+    if measured.decision != simulated.decision:
+        parted = _parted(measured.events, simulated.events)
+        did = (", ".join(o.decision).replace("_", " ") or NO_EVENT for o in (measured, simulated))
+        yield parted, "decision: {} measured, {} simulated".format(*did)
+    for name, equality in kpis.items():
+        if equality == "differs":
+            both = measured.kpis[name], simulated.kpis[name]
+            broken = next(k for k in both if k.outcome == "FAIL")
+            yield broken.t, f"{name}: {kpi_text(both[0])} measured, {kpi_text(both[1])} simulated"
+
+
+def kpi_text(kpi: Kpi) -> str:
+    """Give a KPI in words: `FAIL (-4.2 m/s² at 7.3 s)`."""
+    if kpi.value is None or kpi.t is None:
+        return kpi.outcome
+    unit = "" if kpi.unit == "1" else f" {kpi.unit}"
+    return f"{kpi.outcome} ({kpi.value:.3g}{unit} at {kpi.t:.1f} s)"
+
+
+def _parted(one: Sequence[tuple[float, str]], two: Sequence[tuple[float, str]]) -> float:
+    """When the first event is that only one of both has there."""
+    for (t, name), (u, other) in zip(one, two, strict=False):
+        if name != other:
+            return min(t, u)
+    longer = max(one, two, key=len)
+    return longer[min(len(one), len(two))][0]
+
+
+def _minus(later: float | None, earlier: float | None) -> float | None:
+    return None if later is None or earlier is None else round(later - earlier, 9)

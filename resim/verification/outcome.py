@@ -1,0 +1,62 @@
+"""What one drive came to, measured or simulated: all that a verification compares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+KpiOutcome = Literal["PASS", "FAIL", "INVALID"]
+
+Rms = Mapping[str, Mapping[str, Mapping[str, float | None]]]
+"""Root mean square errors by step, "ego" or "to", and quantity (d [m], v [m/s], heading [rad]); None where none."""
+
+
+@dataclass(frozen=True)
+class Kpi:
+    """The KPI of one criterion: its outcome, worst value in `unit`, when [s], because of which object, and why."""
+
+    outcome: KpiOutcome
+    value: float | None
+    unit: str
+    t: float | None
+    object: str
+    weight: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One drive: KPIs by criterion, what the EGO did and when [s], and how dangerous and comfortable it was.
+
+    reaction: first braking [s]. risk: the largest accident risk. comfort: the largest of each of COMFORT. end: how a
+    simulation ended, "" for a measured drive. failure: why the function failed, or "". errors: of this drive alone,
+    the pipeline's of a simulated one.
+    """
+
+    kpis: Mapping[str, Kpi]
+    events: tuple[tuple[float, str], ...]
+    reaction: float | None
+    risk: float | None
+    comfort: Mapping[str, float | None]
+    collision: bool
+    end: str = ""
+    failure: str = ""
+    errors: Mapping[str, float | None] | None = None
+
+    @property
+    def decision(self) -> list[str]:
+        """What the EGO did, in order of time."""
+        return [name for _, name in self.events]
+
+    def to_json(self) -> dict[str, Any]:
+        """Give it as JSON has it."""
+        return {"decision": self.decision, **asdict(self)}
+
+
+COMFORT: Mapping[str, str] = {
+    "longitudinal acceleration": "low",
+    "lateral acceleration": "both",
+    "longitudinal jerk": "both",
+}
+"""Objectifications that say how comfortable a drive was, and which way is uncomfortable."""

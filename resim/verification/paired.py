@@ -1,0 +1,116 @@
+"""Two builds in the same scenarios with the same seeds: what the new one gained, lost and changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.stats import bootstrap
+
+from resim.core.geometry import Floats
+from resim.verification.compare import kpi_text
+from resim.verification.outcome import COMFORT, Outcome
+
+Change = Literal["gained", "lost", "same"]
+
+
+class Limits(BaseModel):
+    """What a new build may cost: KPIs lost, decisions changed, and the rise of the largest risk in any scenario.
+
+    None: as many as there are.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+    lost: int | None = Field(default=0, ge=0)
+    changed: int | None = Field(default=None, ge=0)
+    risk: float | None = Field(default=0.05, ge=0.0)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One run of both builds, same scenario, same seed (None: without a perception model).
+
+    gained, lost: KPIs, with the new one's weight. risk, comfort: the new one's less the old one's. t: when [s] the
+    first difference shows. failures: of the functions.
+    """
+
+    seed: int | None
+    gained: tuple[str, ...]
+    lost: tuple[str, ...]
+    weight_lost: float
+    decisions: tuple[list[str], list[str]]
+    risk: float | None
+    comfort: Mapping[str, float | None]
+    t: float | None
+    differences: tuple[str, ...]
+    failure: str
+
+    @property
+    def changed(self) -> bool:
+        """Whether the EGO does something else."""
+        return self.decisions[0] != self.decisions[1]
+
+
+def pair(seed: int | None, old: Outcome, new: Outcome, parted: float | None) -> Pair:
+    """Set the new build's run beside the old one's. parted: when [s] the EGOs part."""
+    changes = {name: _change(old.kpis[name].outcome, new.kpis[name].outcome) for name in old.kpis}
+    gained, lost = (tuple(name for name, c in changes.items() if c == which) for which in ("gained", "lost"))
+    told = [
+        f"{name}: {kpi_text(old.kpis[name])} before, {kpi_text(new.kpis[name])} now"
+        for name in (*lost, *gained)
+    ]
+    if old.decision != new.decision:
+        did = [", ".join(o.decision).replace("_", " ") or "nothing" for o in (old, new)]
+        told.append(f"decision: {did[0]} before, {did[1]} now")
+    broken = [t for name in lost if (t := new.kpis[name].t) is not None]
+    return Pair(
+        seed, gained, lost, sum(new.kpis[name].weight for name in lost), (old.decision, new.decision),
+        _minus(new.risk, old.risk), {name: _minus(new.comfort[name], old.comfort[name]) for name in COMFORT},
+        min([*broken, *([] if parted is None or not told else [parted])], default=None), tuple(told),
+        "; ".join(o.failure for o in (old, new) if o.failure),
+    )  # fmt: skip
+
+
+def _change(old: str, new: str) -> Change:
+    """A KPI is lost where it passed and does not any more, and gained the other way round."""
+    if (old == "PASS") == (new == "PASS"):
+        return "same"
+    return "lost" if old == "PASS" else "gained"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The mean of paired differences, and its 95 % interval over `of` recordings, None for a single one."""
+
+    mean: float
+    low: float | None
+    high: float | None
+    of: int
+
+
+def difference(pairs: Sequence[Sequence[float | None]]) -> Difference | None:
+    """Give the mean difference over recordings, each the mean of its seeds; None where there is none.
+
+    The interval is a percentile bootstrap over recordings, as seeds of one recording are no independent evidence.
+    """
+    means = [float(np.mean(known)) for one in pairs if (known := [x for x in one if x is not None])]
+    if not means:
+        return None
+    values: Floats = np.array(means)
+    mean = float(values.mean())
+    if len(values) < 2:
+        return Difference(mean, None, None, 1)
+    if np.ptp(values) < 1e-12:
+        return Difference(mean, mean, mean, len(values))
+    found = bootstrap(
+        (values,), np.mean, n_resamples=4999, method="percentile", rng=np.random.default_rng(0)
+    ).confidence_interval
+    return Difference(mean, float(found.low), float(found.high), len(values))
+
+
+def _minus(new: float | None, old: float | None) -> float | None:
+    return None if new is None or old is None else new - old

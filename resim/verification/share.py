@@ -1,0 +1,28 @@
+"""Shares of seeds, with what is known about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.stats import binomtest
+
+
+@dataclass(frozen=True)
+class Share:
+    """`count` of `of` seeds agree; low, high: the 95 % confidence interval of their share (Wilson)."""
+
+    count: int
+    of: int
+    low: float
+    high: float
+
+    @property
+    def value(self) -> float:
+        """The share."""
+        return self.count / self.of
+
+
+def share(agrees: list[bool]) -> Share:
+    """Give the share of those that agree, of one or more."""
+    interval = binomtest(sum(agrees), len(agrees)).proportion_ci(0.95, method="wilson")
+    return Share(sum(agrees), len(agrees), float(interval.low), float(interval.high))

@@ -1,0 +1,161 @@
+"""A simulated drive beside the measured one, and what is held for the cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from resim.verification.cause import cause
+from resim.verification.compare import Comparison, Judged, compare
+from resim.verification.outcome import COMFORT, Kpi, Outcome
+from resim.verification.tolerance import Limits, StepLimits, Tolerances
+
+FREE = Tolerances(
+    sensor=StepLimits(to=Limits(d=1.0)), fit=StepLimits(to=Limits(d=0.2)), simulation=StepLimits(to=Limits(d=0.1)),
+    pipeline=StepLimits(ego=Limits(d=1.5)),
+)  # fmt: skip
+SMALL = {step: {"ego": {"d": 0.01}, "to": {"d": 0.01}} for step in ("S", "FIT_GT", "SIM_GT", "PIPE_GT")}
+
+
+def kpi(outcome: str, value: float = 1.0, t: float = 2.0) -> Kpi:
+    return Kpi(outcome, value, "s", t, "1", 1.0, "")  # type: ignore[arg-type]
+
+
+def drive(events: tuple[tuple[float, str], ...] = ((3.0, "brake"),), **kpis: Kpi) -> Outcome:
+    reaction = next((t for t, name in events if name == "brake"), None)
+    return Outcome(kpis or {"gap": kpi("PASS")}, events, reaction, 0.01, dict.fromkeys(COMFORT), False)
+
+
+def test_equal_drives_are_verified() -> None:
+    found = compare("rGT", drive(), drive(((3.1, "brake"),)), SMALL, FREE)
+    assert found.verdict == "verified"
+    assert found.reaction_difference == pytest.approx(0.1)
+    assert found.t is None
+
+
+def test_only_equality_of_kpis_counts_not_their_values() -> None:
+    """Groh 2018, III.B: both may fail, and by how much is not compared."""
+    measured, simulated = drive(gap=kpi("FAIL", 0.2)), drive(gap=kpi("FAIL", 0.9))
+    assert compare("rGT", measured, simulated, SMALL, FREE).verdict == "verified"
+
+
+def test_a_kpi_that_differs_is_told_with_the_second_at_which_it_fails() -> None:
+    found = compare("rGT", drive(gap=kpi("FAIL", 0.2, 5.5)), drive(gap=kpi("PASS", 2.0, 1.0)), SMALL, FREE)
+    assert found.verdict == "not verified"
+    assert found.t == 5.5
+    assert found.differences == ("gap: FAIL (0.2 s at 5.5 s) measured, PASS (2 s at 1.0 s) simulated",)
+
+
+def test_another_decision_is_not_verified_and_told_from_the_first_event_that_parts() -> None:
+    simulated = drive(((3.0, "brake"), (4.2, "lane_change_left")))
+    found = compare("rGT", drive(), simulated, SMALL, FREE)
+    assert found.verdict == "not verified"
+    assert found.t == 4.2
+    assert "brake measured, brake, lane change left simulated" in found.differences[0]
+
+
+def test_late_braking_is_beyond_tolerance() -> None:
+    found = compare("rGT", drive(), drive(((3.3, "brake"),)), SMALL, FREE)
+    assert (found.verdict, found.t) == ("not verified", 3.0)
+    assert (
+        compare("rGT", drive(), drive(((3.3, "brake"),)), SMALL, Tolerances(reaction=None)).verdict
+        == "verified"
+    )
+
+
+@pytest.mark.parametrize("side", ["measured", "simulated"])
+def test_what_cannot_be_judged_is_never_verified(side: str) -> None:
+    lost, whole = drive(gap=kpi("INVALID")), drive()
+    found = compare("rGT", *((lost, whole) if side == "measured" else (whole, lost)), SMALL, FREE)
+    assert found.verdict == "invalid"
+
+
+def test_a_difference_weighs_more_than_what_cannot_be_judged() -> None:
+    measured = drive(gap=kpi("INVALID"), risk=kpi("PASS"))
+    found = compare("rGT", measured, drive(gap=kpi("PASS"), risk=kpi("FAIL")), SMALL, FREE)
+    assert found.verdict == "not verified"
+
+
+def test_a_failed_function_is_an_error() -> None:
+    assert compare("rGT", drive(), replace(drive(), failure="raised"), SMALL, FREE).verdict == "error"
+
+
+def test_errors_of_single_runs_are_held_against_the_pipelines_tolerance() -> None:
+    found = compare("rGT+M", drive(), replace(drive(), errors={"d": 1.6}), SMALL, FREE)
+    assert found.differences == ("pipeline error: EGO position 1.6 m (tolerance 1.5 m)",)
+
+
+def judged(*verdicts: str, agreement: float = 0.9) -> Judged:
+    made = {
+        "verified": drive(), "not verified": drive(()), "invalid": drive(gap=kpi("INVALID")),
+        "error": replace(drive(), failure="raised"),
+    }  # fmt: skip
+    return Judged(
+        "rGT+M", tuple(compare("rGT+M", drive(), made[v], SMALL, FREE) for v in verdicts), agreement
+    )
+
+
+def test_a_share_of_the_seeds_has_to_agree() -> None:
+    assert judged(*["verified"] * 9, "not verified").verdict == "verified"
+    assert judged(*["verified"] * 8, *["not verified"] * 2).verdict == "not verified"
+    assert judged(*["verified"] * 8, "not verified", "invalid").verdict == "invalid"
+    assert judged(*["verified"] * 9, "error").verdict == "error"
+
+
+def test_the_share_has_a_wilson_interval() -> None:
+    share = judged(*["verified"] * 18, *["not verified"] * 2).share
+    assert (share.count, share.of, share.value) == (18, 20, 0.9)
+    assert (share.low, share.high) == (pytest.approx(0.6990, abs=1e-4), pytest.approx(0.9721, abs=1e-4))
+
+
+def errors(**steps: float) -> dict[str, dict[str, dict[str, float | None]]]:
+    return {step: {"ego": {}, "to": {"d": steps.get(step, 0.01)}} for step in SMALL}
+
+
+def found_cause(far: dict[str, float], recorded: Comparison | None):
+    told = errors(**far)
+    one = Judged("rGT", (compare("rGT", drive(), drive(()), told, FREE),), 1.0)
+    return cause(one, told, FREE, recorded)
+
+
+AS_MEASURED = compare("rGT+M", drive(), drive(), SMALL, FREE)
+AS_SIMULATED = compare("rGT+M", drive(), drive(()), SMALL, FREE)
+
+
+def test_the_sensor_is_the_cause_where_showing_what_was_recorded_mends_it() -> None:
+    found = found_cause({"S": 1.6, "FIT_GT": 0.5}, AS_MEASURED)
+    assert found is not None
+    assert found.step == "sensor"
+    assert "decision is as measured" in found.text
+    assert "TO position 1.6 m (tolerance 1 m)" in found.text
+
+
+def test_a_small_sensor_error_may_explain_it_too() -> None:
+    found = found_cause({}, AS_MEASURED)
+    assert found is not None
+    assert found.step == "sensor"
+
+
+def test_a_large_sensor_error_that_explains_nothing_is_not_the_cause() -> None:
+    assert found_cause({"S": 1.6, "FIT_GT": 0.5, "SIM_GT": 0.5}, AS_SIMULATED).step == "fit"
+    assert found_cause({"S": 1.6, "SIM_GT": 0.5}, AS_SIMULATED).step == "simulation"
+    assert found_cause({"S": 1.6}, AS_SIMULATED).step == "function"
+
+
+def test_without_sensor_data_the_chain_begins_at_the_fit() -> None:
+    assert found_cause({"FIT_GT": 0.5}, None).step == "fit"
+    found = found_cause({}, None)
+    assert found.step == "function"
+    assert "no sensor data" in found.text
+
+
+def test_what_cannot_be_judged_is_named() -> None:
+    one = Judged("rGT", (compare("rGT", drive(gap=kpi("INVALID")), drive(), SMALL, FREE),), 1.0)
+    found = cause(one, errors(), FREE, None)
+    assert found is not None
+    assert (found.step, found.text) == ("criteria", "cannot be judged: gap")
+
+
+def test_a_good_verdict_has_no_cause() -> None:
+    assert cause(Judged("rGT", (AS_MEASURED,), 1.0), errors(), FREE, None) is None

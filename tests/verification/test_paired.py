@@ -1,0 +1,70 @@
+"""Two builds in the same runs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from resim.verification.outcome import COMFORT, Kpi, Outcome
+from resim.verification.paired import Limits, Pair, difference, pair
+from resim.verification.summary import summary
+
+
+def drive(outcome: str, *, risk: float = 0.01, braking: float = 2.0, **other: object) -> Outcome:
+    kpis = {"gap": Kpi(outcome, 1.0, "s", 4.0, "1", 3.0, "")}  # type: ignore[arg-type]
+    comfort = dict.fromkeys(COMFORT, braking)
+    return replace(Outcome(kpis, ((3.0, "brake"),), 3.0, risk, comfort, False), **other)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "gained", "lost"),
+    [("PASS", "FAIL", (), ("gap",)), ("FAIL", "PASS", ("gap",), ()), ("PASS", "PASS", (), ()),
+     ("PASS", "INVALID", (), ("gap",)), ("FAIL", "INVALID", (), ())],
+)  # fmt: skip
+def test_kpis_gained_and_lost(old: str, new: str, gained: tuple[str, ...], lost: tuple[str, ...]) -> None:
+    found = pair(0, drive(old), drive(new, risk=0.03, braking=3.0), 2.5)
+    assert (found.gained, found.lost, found.weight_lost) == (gained, lost, 3.0 if lost else 0.0)
+    assert found.risk == pytest.approx(0.02)
+    assert found.comfort["longitudinal acceleration"] == pytest.approx(1.0)
+
+
+def test_a_loss_is_told_from_where_the_drives_part() -> None:
+    assert pair(0, drive("PASS"), drive("FAIL"), 2.5).t == 2.5
+    assert pair(0, drive("PASS"), drive("PASS"), 2.5).t is None
+
+
+def test_differences_have_intervals_over_recordings_not_over_seeds() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.normal(0.5, 1.0, 30)
+    found = difference([[v - 0.1, v + 0.1, None] for v in values])
+    assert found is not None
+    error = values.std(ddof=1) / np.sqrt(30)
+    assert found.of == 30
+    assert found.mean == pytest.approx(values.mean())
+    assert (found.low, found.high) == (
+        pytest.approx(values.mean() - 1.96 * error, abs=0.1), pytest.approx(values.mean() + 1.96 * error, abs=0.1),
+    )  # fmt: skip
+    single = difference([[0.3, 0.5]])
+    assert single is not None
+    assert (single.mean, single.low) == (pytest.approx(0.4), None)
+    assert difference([[None]]) is None
+
+
+def entry(name: str, *pairs: Pair) -> dict[str, object]:
+    worse = any(p.lost for p in pairs)
+    return {"name": name, "verdict": "worse" if worse else "same", "pairs": [asdict(p) for p in pairs]}
+
+
+def test_limits_decide_and_the_worst_come_first() -> None:
+    bad = entry("bad", pair(None, drive("PASS"), drive("FAIL", risk=0.03), 2.0))
+    worse = entry("worse", pair(None, drive("PASS"), drive("FAIL", risk=0.5), 2.0))
+    fine = entry("fine", pair(None, drive("PASS"), drive("PASS"), None))
+    told = summary([bad, fine, worse], Limits())
+    assert told["worst"] == ["worse", "bad"]
+    assert told["limits"]["lost"] == {"value": 2, "limit": 0, "kept": False}
+    assert not told["good"]
+    assert summary([bad, fine], Limits(lost=1))["good"]
+    assert not summary([worse], Limits(lost=1, risk=0.1))["good"]
+    assert summary([fine], Limits())["good"]
