@@ -76,8 +76,8 @@ def verify(
     function crashed.
     """
     from resim.batch.asked import Call, asked, refuse_others
-    from resim.pipeline.suite import read_suite
     from resim.batch.results import VERIFICATION
+    from resim.pipeline.suite import read_suite
     from resim.store import check_output
 
     count = workers or os.cpu_count() or 1
@@ -144,8 +144,10 @@ def _end(found: dict[str, Any], code: int) -> None:
         raise ResimError(f"{broken[0]['name']}: {broken[0]['error']}{more}")
     if code == 1 and "limits" in told:
         broken_limits = [
-            f"{n} {limit['value']:.3g}, at most {limit['limit']:g}" for n, limit in told["limits"].items() if not limit["kept"]
-        ]  # fmt: skip
+            f"{name} {limit['value']:.3g}, at most {limit['limit']:g}"
+            for name, limit in told["limits"].items()
+            if not limit["kept"]
+        ]
         raise BadVerdictError(f"the build regresses: {'; '.join(broken_limits)}")
     if code == 1:
         raise BadVerdictError(f"{told['not verified']} not verified, {told['invalid']} invalid")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from statistics import median
 from typing import Any
 
 from resim.pipeline.result import Resimulation
 from resim.verification.cause import Cause
-from resim.verification.compare import Comparison, Judged, Way
+from resim.verification.compare import Comparison, Judged, Verdict, Way
 from resim.verification.outcome import Kpi, Outcome, Rms
 from resim.verification.share import share
 from resim.verification.validity import Validity
@@ -39,12 +40,23 @@ class Verified:
         order: tuple[Way, ...] = ("rGT+M", "rGT", "rSD")
         return next(way for way in order if way in self.judged)
 
+    @property
+    def failure(self) -> str:
+        """Why the function failed in any run, or ""."""
+        every = [c.failure for judged in self.judged.values() for c in judged.comparisons]
+        return next((failure for failure in every if failure), "")
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the way that it rests on; an error where the function failed in any run."""
+        return "error" if self.failure else self.judged[self.way].verdict
+
     def to_json(self) -> dict[str, Any]:
         """Give what verification.json holds of the recording."""
         return {
-            "verdict": self.judged[self.way].verdict,
+            "verdict": self.verdict,
             "way": self.way,
-            "error": self._failure(),
+            "error": self.failure or None,
             "cause": _cause(self.causes[self.way]),
             "ways": {way: self._way(way) for way in self.judged},
             "kpis": {name: self._kpi(name) for name in self.outcomes["GT"].kpis},
@@ -58,9 +70,12 @@ class Verified:
             "notes": list(self.notes),
         }
 
-    def _failure(self) -> str | None:
-        """Why the function failed in a run that the verdict rests on."""
-        return next((c.failure for c in self.judged[self.way].comparisons if c.failure), None)
+    def _off(self, way: Way, name: str) -> float | None:
+        """How far the KPI's value is from the measured one, in its unit; over seeds the median."""
+        runs = self.seeds.values() if way == "rGT+M" else [self.outcomes[way]]
+        gt = self.outcomes["GT"].kpis[name].value
+        values = [k.value for o in runs if (k := o.kpis.get(name)) is not None and k.value is not None]
+        return None if gt is None or not values else float(median(values) - gt)
 
     def _of(self, name: str) -> dict[str, Any]:
         """One field of all outcomes: by source, a list over the seeds."""
@@ -89,17 +104,21 @@ class Verified:
         out: dict[str, Any] = {
             "unit": gt.unit,
             "weight": gt.weight,
-            **{source: _told(outcome.kpis[name]) for source, outcome in self.outcomes.items()},
+            "difference": {way: self._off(way, name) for way in self.judged},
+            **{source: _told(outcome.kpis.get(name)) for source, outcome in self.outcomes.items()},
             "equal": {way: j.comparisons[0].kpis[name] for way, j in self.judged.items() if way != "rGT+M"},
         }
         if "rGT+M" in self.judged:
-            out["rGT+M"] = [_told(o.kpis[name]) for o in self.seeds.values()]
+            out["rGT+M"] = [_told(o.kpis.get(name)) for o in self.seeds.values()]
             equal = [c.kpis[name] == "equal" for c in self.judged["rGT+M"].comparisons]
             out["equal"]["rGT+M"] = asdict(share(equal))
         return out
 
 
-def _told(kpi: Kpi) -> dict[str, Any]:
+def _told(kpi: Kpi | None) -> dict[str, Any] | None:
+    """A KPI as JSON has it; None for a run that ended before there was anything to judge."""
+    if kpi is None:
+        return None
     return {
         "verdict": kpi.outcome,
         "value": kpi.value,

@@ -71,6 +71,10 @@ def verify_recording(
     The verdict rests on GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
     errors in the map in spite of which to go on.
     """
+    if "GT" not in options.bases and perceiving is None and recording.sd is None:
+        raise ResimError(
+            f"{recording.folder or recording.name}: has no sensor data, so basis SD has nothing to run"
+        )
     result = resimulate(recording, build, options, perceiving=perceiving, accept=accept)
     assessed = assess_resimulation(result, demands.how)
     found = outcomes(result, assessed)
@@ -88,7 +92,7 @@ def verify_recording(
     out = Verified(
         result, found, seeds, errors, judged, causes, recorded, notes=(*result.warnings, *assessed.notes())
     )
-    if demands.vary and judged[out.way].verdict == "verified":
+    if demands.vary and out.verdict == "verified":
         return _varied(out, assessed.blocks["GT"], demands)
     return out
 
@@ -115,8 +119,6 @@ def _judged(
     if seeds:
         runs = tuple(beside("rGT+M", o) for o in seeds.values())
         out["rGT+M"] = Judged("rGT+M", runs, demands.agreement)
-    if not out:
-        raise ResimError("every re-simulation ended before there was anything to compare")
     return out
 
 
