@@ -1,0 +1,128 @@
+"""Small figures over time as inline SVG: axes with round ticks, curves with no more points than can be seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from resim.core.geometry import Floats
+
+WIDTH, HEIGHT = 640.0, 236.0
+LEFT, RIGHT, TOP, BOTTOM = 72.0, 14.0, 30.0, 50.0
+"""Size and margins in the units of the view box; the texts grow on narrow screens (verification.css)."""
+SEEN = 0.3
+"""Units of the view box that a curve may be off."""
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Time [s] to the right and a quantity upwards, each from low to high."""
+
+    t: tuple[float, float]
+    y: tuple[float, float]
+    label: str
+
+    def x_of(self, t: float) -> float:
+        """Give where a time is."""
+        low, high = self.t
+        return LEFT + (t - low) / (high - low) * (WIDTH - LEFT - RIGHT)
+
+    def y_of(self, value: float) -> float:
+        """Give where a value is."""
+        low, high = self.y
+        return HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM)
+
+    def line(self, t: Floats, values: Floats, css: str) -> str:
+        """Give a curve; t, values (K,), NaN breaks it."""
+        steps = "".join(f"M{'L'.join(self._points(t[k], values[k]))}" for k in _known(values))
+        return f'<path class="{css}" d="{steps}"/>' if steps else ""
+
+    def band(self, t: Floats, low: Floats, high: Floats, css: str) -> str:
+        """Give the area between two curves; t, low, high (K,), both NaN at the same times."""
+        steps = ""
+        for k in _known(low + high):
+            back = self._points(t[k], high[k])[::-1]
+            steps += f"M{'L'.join([*self._points(t[k], low[k]), *back])}Z"
+        return f'<path class="{css}" d="{steps}"/>' if steps else ""
+
+    def dot(self, t: float, value: float, css: str) -> str:
+        """Give a dot with a white rim."""
+        return f'<circle class="{css}" cx="{self.x_of(t):.1f}" cy="{self.y_of(value):.1f}" r="5"/>'
+
+    def mark(self, t: float, text: str) -> str:
+        """Give a vertical line at a time, with its text above."""
+        x = self.x_of(t)
+        anchor = "start" if x < 0.5 * WIDTH else "end"
+        return (
+            f'<path class="mark" d="M{x:.1f} {TOP - 4.0:g}V{HEIGHT - BOTTOM:g}"/>'
+            f'<text class="marked" x="{x:.1f}" y="{TOP - 10.0:g}" text-anchor="{anchor}">{text}</text>'
+        )
+
+    def svg(self, inside: str, title: str) -> str:
+        """Give the figure; inside: what is drawn, title: what it shows, both HTML."""
+        return (
+            f'<svg class="axes" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{title}">'
+            f"{self._frame()}{inside}</svg>"
+        )
+
+    def _frame(self) -> str:
+        bottom, right = HEIGHT - BOTTOM, WIDTH - RIGHT
+        out = [f'<text class="unit" x="2" y="{TOP - 10.0:g}">{self.label}</text>']
+        for value in ticks(*self.y):
+            y = self.y_of(value)
+            out.append(f'<path class="grid" d="M{LEFT:g} {y:.1f}H{right:g}"/>')
+            out.append(f'<text x="{LEFT - 7.0:g}" y="{y + 5.0:.1f}" text-anchor="end">{value:g}</text>')
+        for t in ticks(*self.t):
+            x = self.x_of(t)
+            out.append(f'<path class="grid" d="M{x:.1f} {bottom:g}v5"/>')
+            out.append(f'<text x="{x:.1f}" y="{bottom + 20.0:g}" text-anchor="middle">{t:g}</text>')
+        out.append(f'<path class="frame" d="M{LEFT:g} {TOP:g}V{bottom:g}H{right:g}"/>')
+        out.append(f'<text class="unit" x="{right:g}" y="{HEIGHT - 8.0:g}" text-anchor="end">t [s]</text>')
+        return "".join(out)
+
+    def _points(self, t: Floats, values: Floats) -> list[str]:
+        x = np.array([self.x_of(float(one)) for one in t])
+        y = np.array([self.y_of(float(one)) for one in values])
+        return [f"{x[k]:.1f} {y[k]:.1f}" for k in seen(x, y)]
+
+
+def ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Give round values from low to high, at most `most` steps of 1, 2 or 5 times a power of ten."""
+    rough = (high - low) / most
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * m for m in (1.0, 2.0, 5.0, 10.0) if power * m >= rough * (1.0 - 1e-9))
+    first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
+    return [round(k * step, 9) + 0.0 for k in range(first, last + 1)]
+
+
+def seen(x: Floats, y: Floats) -> list[int]:
+    """Give which points of a curve are to be drawn, so that it is nowhere off by more than SEEN (Ramer 1972)."""
+    kept, todo = {0, len(x) - 1}, [(0, len(x) - 1)]
+    while todo:
+        a, b = todo.pop()
+        if b - a < 2:
+            continue
+        along, up = x[b] - x[a], y[b] - y[a]
+        off = np.abs(along * (y[a + 1 : b] - y[a]) - up * (x[a + 1 : b] - x[a])) / max(
+            np.hypot(along, up), 1e-9
+        )
+        k = a + 1 + int(off.argmax())
+        if off[k - a - 1] > SEEN:
+            kept.add(k)
+            todo += [(a, k), (k, b)]
+    return sorted(kept)
+
+
+def array(values: Sequence[float | None]) -> Floats:
+    """Give values as JSON has them as an array (K,), NaN for None."""
+    return np.array([np.nan if v is None else v for v in values], dtype=float)
+
+
+def _known(values: Floats) -> Iterator[slice]:
+    """Parts without NaN."""
+    finite = np.r_[False, np.isfinite(values), False]
+    edges = np.flatnonzero(finite[1:] != finite[:-1])
+    return (slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True))

@@ -1,0 +1,170 @@
+"""One recording, measured against simulated: why it is verified or not, in full."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from resim.report.tables import NONE, decision_words
+from resim.report.verification.cells import (
+    Entry,
+    anchor,
+    badge,
+    bullets,
+    counted,
+    row,
+    rows_table,
+    second,
+    share,
+    spread,
+)
+from resim.report.verification.kpis import errors_table, kpi_table
+from resim.report.verification.ranges import ranges
+from resim.report.verification.speeds import MODEL, measured_figure
+
+
+def drive(entry: Entry, traces: Mapping[str, Any], inputs: Entry) -> str:
+    """Give the part of a recording, folded; traces: its speeds."""
+    parts = [
+        f"<p>{reason(entry)}</p>",
+        _differences(entry),
+        measured_figure(entry["name"], entry, traces) if traces else "",
+        "<h4>Ways through the simulation</h4>" + _ways(entry),
+        '<h4>KPIs <span class="note">outcome, worst value and when; ≠: not as in GT</span></h4>'
+        + kpi_table(entry),
+        '<h4>Errors of each step <span class="note">tolerance in grey; &gt;: beyond it</span></h4>'
+        + errors_table(entry, inputs["tolerances"]),
+        _seeds(entry),
+        "<h4>Local validity</h4>" + ranges(entry) if entry["validity"] else "",
+        f"<h4>Notes</h4>{bullets(entry['notes'])}" if entry["notes"] else "",
+        _look_closer(entry, inputs),
+    ]
+    return folded(entry, "".join(parts))
+
+
+def folded(entry: Entry, inside: str) -> str:
+    """Give a recording's part of the page under its name and verdict."""
+    name, verdict = escape(entry["name"]), entry["verdict"]
+    return (
+        f'<details id="{escape(anchor(entry["name"]))}" data-verdict="{verdict}"><summary><b>{name}</b> '
+        f"{badge(verdict)}</summary>\n{inside}</details>\n"
+    )
+
+
+def reason(entry: Entry) -> str:
+    """Say why a recording has its verdict."""
+    if entry["error"] is not None:
+        return f"<b>Error</b>: {escape(entry['error'])}"
+    cause = entry["cause"]
+    if cause is None:
+        return f"Verified on {entry['way']}: KPIs and decision as measured, errors within tolerance."
+    when = "" if cause["t"] is None else f", from <b>{cause['t']:.1f} s</b>"
+    return f"First cause: <b>{cause['step']}</b>{when}: {escape(cause['text'])}."
+
+
+def decisions(entry: Entry, way: str) -> str:
+    """Give what the EGO did in the simulation, over seeds with how many of them."""
+    found = entry["decision"].get(way)
+    if way != MODEL:
+        return decision_words(found)
+    return counted([decision_words(one) for one in found]) if found else NONE
+
+
+def first_braking(way: Entry) -> str:
+    """Give the difference of first braking, simulated less measured; over seeds the median and range."""
+    runs = way.get("seeds", [way])
+    return spread([run["reaction_difference"] for run in runs], 2, "s")
+
+
+def kpis_equal(entry: Entry, way: str) -> str:
+    """Give how many KPIs are equal; over seeds the share that is verified."""
+    if way == MODEL:
+        return f"{share(entry['ways'][way]['share'])} seeds"
+    equal = [kpi["equal"].get(way) for kpi in entry["kpis"].values()]
+    return f"{equal.count('equal')} of {len(equal)}"
+
+
+def _differences(entry: Entry) -> str:
+    """All that differs in the first run that the verdict rests on."""
+    runs = entry["ways"][entry["way"]].get("seeds", [entry["ways"][entry["way"]]])
+    run = next((r for r in runs if r["verdict"] == entry["verdict"]), runs[0])
+    where = f" in the run with seed {run['seed']}" if "seed" in run else ""
+    return f"<p>What differs{where}:</p>{bullets(run['differences'])}" if run["differences"] else ""
+
+
+def _ways(entry: Entry) -> str:
+    """What each re-simulation gave, and where shown what was recorded as perceived."""
+    rows = []
+    for way, found in entry["ways"].items():
+        cause = found["cause"]
+        why = NONE if cause is None else f"{escape(cause['step'])}: {escape(cause['text'])}"
+        rests = ' <span class="note">the verdict rests on it</span>' if way == entry["way"] else ""
+        cells = [kpis_equal(entry, way), decisions(entry, way), first_braking(found), why]
+        rows.append(row([way + rests, badge(found["verdict"]), *cells]))
+    if (shown := entry["recorded"]) is not None:
+        same = "as measured" if shown["same_decision"] else "not as measured"
+        text = escape("; ".join(shown["differences"])) or "acts as measured"
+        name = 'rGT <span class="note">shown what was recorded as perceived</span>'
+        rows.append(row([name, badge(shown["verdict"]), NONE, same, first_braking(shown), text]))
+    measured = f"decision <span class='note'>measured: {decision_words(entry['decision']['GT'])}</span>"
+    head = ["", "verdict", "KPIs equal", measured, "first braking less GT", "first cause"]
+    return rows_table(head, rows, "ways")
+
+
+def _seeds(entry: Entry) -> str:
+    """What each seed did, folded."""
+    seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
+    if not seeds:
+        return ""
+    rows = []
+    for s in seeds:
+        late = spread([s["reaction_difference"]], 2, "s")
+        differ = escape(", ".join(dict.fromkeys(text.split(":")[0] for text in s["differences"])))
+        said = escape(s["failure"]) if s["failure"] else differ or NONE
+        rows.append(row([str(s["seed"]), s["verdict"], late, second(s["t"]), said]))
+    head = ["seed", "verdict", "first braking less GT", "differs from", "in"]
+    return f"<details><summary>Each seed</summary>{rows_table(head, rows)}</details>"
+
+
+def _look_closer(entry: Entry, inputs: Entry) -> str:
+    """Links to the re-simulation reports, or the command that makes one."""
+    if entry["reports"]:
+        return f"<p>{report_links(entry)}</p>"
+    return f"<p>To see every step, in this file's folder:</p><pre>{command(entry, inputs, inputs['build'])}</pre>"
+
+
+def report_links(entry: Entry, *names: str) -> str:
+    """Give links to the re-simulation reports, each by its name."""
+    texts = names or ("Re-simulation report",)
+    links = zip(entry["reports"], texts, strict=False)
+    return " · ".join(f'<a href="{escape(path)}">{escape(text)}</a>' for path, text in links)
+
+
+def command(entry: Entry, inputs: Entry, build: Entry) -> str:
+    """Give the command that re-simulates a recording with its report, safe for HTML."""
+    words = [
+        "resim",
+        "run",
+        entry["folder"],
+        "--build",
+        build["path"],
+        "--criteria",
+        inputs["criteria"]["path"],
+    ]
+    if inputs["against"] is not None or len(inputs["bases"]) == 1:
+        words += ["--basis", "gt" if inputs["against"] is not None else inputs["bases"][0].lower()]
+    if inputs["perception"] is not None:
+        seeds = inputs["seeds"]
+        words += [
+            "--perception",
+            inputs["perception"]["path"],
+            "--seeds",
+            str(len(seeds)),
+            "--seed",
+            str(seeds[0]),
+        ]
+    words += [word for setting in inputs["settings"] for word in ("--set", setting)]
+    words += [word for code in inputs["accept"] for word in ("--accept", code)]
+    return escape(shlex.join([*words, "--out", f"../{entry['name']}.{build['label']}"]))

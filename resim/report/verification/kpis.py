@@ -1,0 +1,111 @@
+"""The KPIs of all drives of a recording side by side, and the errors of each step against tolerance."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from resim.report.tables import NONE
+from resim.report.verification.cells import Entry, minus, row, rows_table, share, spread
+
+SOURCES = ("GT", "SD", "rGT", "rSD")
+MODEL = "rGT+M"
+OUTCOMES = ("PASS", "FAIL", "INVALID")
+STEPS: Mapping[str, str] = {
+    "S": "sensor", "FIT_GT": "fit", "FIT_SD": "fit", "SIM_GT": "simulation", "SIM_SD": "simulation",
+    "PIPE_GT": "pipeline", "PIPE_SD": "pipeline",
+}  # fmt: skip
+"""The tolerances that each step's error is held against, in the order of the chain (Eq. 5.6)."""
+QUANTITIES: Mapping[str, tuple[str, int]] = {"d": ("m", 3), "v": ("m/s", 3), "heading": ("rad", 4)}
+"""Unit and digits."""
+
+
+def kpi_table(entry: Entry) -> str:
+    """Give a row a criterion: what each drive came to, marked where it is not as in GT."""
+    kpis = entry["kpis"]
+    sources = [s for s in SOURCES if any(s in kpi for kpi in kpis.values())]
+    model = any(MODEL in kpi for kpi in kpis.values())
+    rows = []
+    for name, kpi in kpis.items():
+        unit = "" if kpi["unit"] == "1" else f' <span class="note">{escape(kpi["unit"])}</span>'
+        cells = [_kpi(kpi.get(s), kpi["GT"]) for s in sources]
+        if model:
+            cells.append(_over_seeds(kpi))
+        rows.append(row([escape(name) + unit, *cells]))
+    return rows_table(["criterion", *sources, *([f"{MODEL}, equal to GT"] if model else [])], rows, "kpis")
+
+
+def _kpi(found: Entry | None, gt: Entry) -> str:
+    """One drive's KPI: outcome, worst value and when."""
+    if found is None:
+        return NONE
+    verdict = found["verdict"]
+    text = f'<b class="{verdict}">{verdict}</b>{_worst(found)}'
+    if verdict == "INVALID":
+        text += f' <span class="note">{escape(found["reason"])}</span>'
+    return text if verdict == gt["verdict"] else f'<span class="off">≠ {text}</span>'
+
+
+def _worst(found: Entry) -> str:
+    if found["value"] is None or found["t"] is None:
+        return ""
+    return f" {minus(format(found['value'], '.3g'))} at {found['t']:.1f} s"
+
+
+def _over_seeds(kpi: Entry) -> str:
+    """The share of the seeds that are as GT, how many pass and fail, and the range of their worst values."""
+    runs, equal = kpi[MODEL], kpi["equal"][MODEL]
+    counts = Counter(None if run is None else run["verdict"] for run in runs)
+    told = ", ".join(f'<b class="{o}">{o}</b> {counts[o]}' for o in OUTCOMES if counts[o])
+    values = [run["value"] for run in runs if run is not None and run["value"] is not None]
+    span = ""
+    if values:
+        low, high = (minus(format(value, ".3g")) for value in (min(values), max(values)))
+        span = f"; {low}" if low == high else f"; {low} to {high}"
+    text = f"{share(equal)} {told}{span}"
+    return text if equal["count"] == equal["of"] else f'<span class="off">≠ {text}</span>'
+
+
+def errors_table(entry: Entry, tolerances: Entry) -> str:
+    """Give the root mean square errors of each step, EGO and TO, with the tolerance beneath; marked where beyond."""
+    rows = []
+    for step, kind in STEPS.items():
+        if step in entry["errors"]:
+            cells = [_error(who, q, entry["errors"][step], tolerances[kind]) for who, q in _columns()]
+            rows.append(row([f'{step} <span class="note">{kind}</span>', *cells]))
+    seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
+    if seeds:
+        cells = list(_pipeline(seeds, tolerances["pipeline"]["ego"]))
+        rows.append(row([f'PIPE of {MODEL} <span class="note">pipeline, median and range</span>', *cells]))
+    head = [f"{who.upper()} {q} [{QUANTITIES[q][0]}]" for who, q in _columns()]
+    return rows_table(["error (RMS)", *head], rows, "rms")
+
+
+def _columns() -> Iterator[tuple[str, str]]:
+    return ((who, quantity) for who in ("ego", "to") for quantity in QUANTITIES)
+
+
+def _error(who: str, quantity: str, errors: Entry, limits: Entry) -> str:
+    value = (errors.get(who) or {}).get(quantity)
+    if value is None:
+        return NONE
+    return _held(f"{value:.{QUANTITIES[quantity][1]}f}", value, limits[who][quantity])
+
+
+def _pipeline(seeds: Sequence[Mapping[str, Any]], limits: Entry) -> Iterator[str]:
+    """The EGO's errors over the seeds; traffic objects drive as they did."""
+    for quantity, (_, digits) in QUANTITIES.items():
+        values = [v for s in seeds if (v := (s["errors"] or {}).get(quantity)) is not None]
+        text = spread(values, digits, "", sign=False)
+        yield _held(text, max(values), limits[quantity]) if values else NONE
+    yield from [NONE] * len(QUANTITIES)
+
+
+def _held(text: str, value: float, limit: float | None) -> str:
+    """Give an error beside its tolerance."""
+    if limit is None:
+        return text
+    beside = f'<span class="limit">{limit:g}</span>'
+    return f'<span class="off">&gt; {text}</span>{beside}' if value > limit else f"{text}{beside}"

@@ -1,0 +1,70 @@
+"""Measured against simulated: the summary, and one row a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from typing import Any
+
+from resim.report.tables import NONE, decision_words
+from resim.report.verification.cells import Entry, badge, filters, link, row, rows_table, second
+from resim.report.verification.drive import decisions, drive, first_braking, folded, kpis_equal, reason
+
+ORDER = ("error", "not verified", "invalid", "verified")
+"""What needs attention first."""
+HEAD = (
+    "recording", "verdict", "rests on", "KPIs equal", "decision measured", "simulated", "first braking less GT",
+    "largest error beyond tolerance", "first cause", "from",
+)  # fmt: skip
+NAMES = {"d": "position", "v": "speed", "heading": "heading"}
+UNITS = {"d": "m", "v": "m/s", "heading": "rad"}
+
+
+def measured(found: Entry, traces: Mapping[str, Any]) -> Iterator[str]:
+    """Give the parts of the page of measured against simulated."""
+    entries = sorted(found["recordings"], key=lambda r: ORDER.index(r["verdict"]))
+    yield filters({verdict: found["summary"][verdict] for verdict in ORDER})
+    yield rows_table(HEAD, (_row(r) for r in entries), "overview")
+    yield "<h2>Recordings in detail</h2>\n"
+    for r in entries:
+        whole = "way" in r
+        yield (
+            drive(r, traces.get(r["name"], {}), found["inputs"])
+            if whole
+            else folded(r, f"<p>{reason(r)}</p>")
+        )
+
+
+def meaning(inputs: Entry) -> str:
+    """Say in a sentence what the verdict means."""
+    many = f", in at least {inputs['agreement']:.0%} of the seeds" if inputs["perception"] is not None else ""
+    return (
+        "<b>Verified</b>: simulation gives the measured drive's KPI by every criterion and the EGO's decision, and all "
+        f"errors of the chain are within tolerance{escape(many)} (Groh 2018, III.B): for this build it may stand in "
+        "for that drive, and for no other. Equal are the KPIs, not their values."
+    )
+
+
+def _row(r: Entry) -> str:
+    if "way" not in r:
+        return row([link(r["name"]), badge(r["verdict"]), *[NONE] * (len(HEAD) - 2)], r["verdict"])
+    way, cause = r["ways"][r["way"]], r["cause"]
+    cells = [
+        link(r["name"]), badge(r["verdict"]), r["way"], kpis_equal(r, r["way"]),
+        decision_words(r["decision"]["GT"]), decisions(r, r["way"]), first_braking(way), _largest(way),
+        NONE if cause is None else f"<b>{escape(cause['step'])}</b>", NONE if cause is None else second(cause["t"]),
+    ]  # fmt: skip
+    return row(cells, r["verdict"])
+
+
+def _largest(way: Entry) -> str:
+    """The error that is the most times its tolerance, over all seeds."""
+    beyond = [e for run in way.get("seeds", [way]) for e in run["beyond"]]
+    if not beyond:
+        return NONE
+    e = max(beyond, key=lambda e: e["value"] / e["limit"] if e["limit"] else float("inf"))
+    unit = UNITS[e["quantity"]]
+    return (
+        f"{escape(e['step'])}: {e['who'].upper()} {NAMES[e['quantity']]} {e['value']:.3g} {unit} "
+        f'<span class="note">(tolerance {e["limit"]:g})</span>'
+    )

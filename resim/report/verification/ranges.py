@@ -1,0 +1,57 @@
+"""How far a verified scenario can be varied until a KPI flips, drawn as bars (Groh 2018, III.C)."""
+
+from __future__ import annotations
+
+from html import escape
+
+from resim.report.verification.cells import Entry, minus, row, rows_table
+
+MEANING = (
+    "Within each interval no KPI flips in simulation. That is no proof for the interval: it is what <b>one real "
+    "re-check at its end</b> would legitimise, and no further (Groh 2018, III.C)."
+)
+WIDTH, MIDDLE = 220.0, 110.0
+"""Of a bar's view box; no change is in the middle."""
+REACH = 96.0
+"""Units of the view box from the middle to the farther end."""
+
+
+def ranges(entry: Entry) -> str:
+    """Give the intervals of all parameters that were varied."""
+    rows = [_range(v) for v in entry["validity"]]
+    head = ["parameter", "from", "", "to", "resolution"]
+    return f"<p>{MEANING}</p>{rows_table(head, rows, 'ranges')}"
+
+
+def _range(v: Entry) -> str:
+    of = f'{escape(v["parameter"])} <span class="note">of object {escape(v["object"])}</span>'
+    resolution = f"{v['resolution']:g} {escape(v['unit'])}, {v['tried']} variations run"
+    return row([of, _end(v["low"], v["unit"]), _bar(v), _end(v["high"], v["unit"]), resolution])
+
+
+def _end(end: Entry, unit: str) -> str:
+    """An end of the interval, and what flips behind it."""
+    then = f"then {escape(', '.join(end['flips']))} flips" if len(end["flips"]) == 1 else ""
+    if len(end["flips"]) > 1:
+        then = f"then {escape(', '.join(end['flips']))} flip"
+    amount = minus(f"{end['amount']:+.3g}")
+    return (
+        f'<b>{amount} {escape(unit)}</b> <span class="note">{then or "nothing flips as far as tried"}</span>'
+    )
+
+
+def _bar(v: Entry) -> str:
+    """The interval about no change: a stop where something flips, an arrow where the search ended first."""
+    low, high = v["low"], v["high"]
+    far = max(abs(low["amount"]), abs(high["amount"])) or 1.0
+    a, b = (MIDDLE + REACH * end["amount"] / far for end in (low, high))
+    ends = "".join(
+        f'<path class="stop" d="M{x:.1f} 3v16"/>'
+        if end["flips"]
+        else f'<path class="open" d="M{x:.1f} 5l{way * 9.0:g} 6l{-way * 9.0:g} 6"/>'
+        for x, end, way in ((a, low, -1.0), (b, high, 1.0))
+    )
+    return (
+        f'<svg class="bar" viewBox="0 0 {WIDTH:g} 22" aria-hidden="true"><path class="grid" d="M0 11H{WIDTH:g}"/>'
+        f'<path class="held" d="M{a:.1f} 11H{b:.1f}"/><path class="frame" d="M{MIDDLE:g} 1v20"/>{ends}</svg>'
+    )
