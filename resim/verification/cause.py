@@ -28,9 +28,9 @@ def cause(
 
     recorded: the re-simulation on ground truth in which the function was shown what was recorded as perceived, None
     where nothing was. model: name of the perception model of the verdict, if it is on one. In the order of the chain
-    (Wagner 2021, 5.3.2): the sensor's error explains what is as measured once the function is shown what was recorded;
-    where that cannot be tried, or changes nothing, the first step whose error is beyond tolerance does; where none is,
-    the function itself.
+    (Wagner 2021, 5.3.2): the sensor's error is the cause where most of what differs is as measured once the function is
+    shown what was recorded; where that cannot be tried, or mends little, it is the first step whose error is beyond
+    tolerance; where none is, the function itself.
     """
     if judged.verdict in ("verified", "error"):
         return None
@@ -38,10 +38,15 @@ def cause(
     if judged.verdict == "invalid":
         return Cause("criteria", f"cannot be judged: {', '.join(_invalid(worst))}", worst.t)
     sensor = list(tolerances.beyond("sensor", errors.get("S", {})))
-    if recorded is not None and (mended := sorted(worst.unequal - recorded.unequal)):
+    tried = []
+    if recorded is not None:
+        mended = sorted(worst.unequal - recorded.unequal)
         left = sorted(worst.unequal & recorded.unequal)
-        return Cause("sensor", _sensor(sensor, model, mended, left), worst.t)
-    tried = [] if recorded is None else ["shown what was recorded as perceived it does not act as measured either"]
+        if len(mended) > len(left):
+            return Cause("sensor", _sensor(sensor, model, mended, left), worst.t)
+        tried = (
+            [f"shown what was recorded as perceived, {_list(left)} not as measured either"] if left else []
+        )
     if recorded is None and sensor:
         return Cause("sensor", f"{_told(sensor)}; not tried out", worst.t)
     for step in ("fit", "simulation"):
@@ -55,7 +60,9 @@ def cause(
 def _sensor(beyond: list[Excess], model: str, mended: list[str], left: list[str]) -> str:
     """What the function was shown, and what becomes as measured when it is shown what was recorded."""
     shown = f"what {model} shows" if model else "the truth"
-    text = f"the function was shown {shown}; shown what was recorded as perceived, {_list(mended)} as measured"
+    text = (
+        f"the function was shown {shown}; shown what was recorded as perceived, {_list(mended)} as measured"
+    )
     text += f", but not {', '.join(left)}" if left else ""
     return f"{text}. Sensor error: {_told(beyond)}" if beyond else text
 

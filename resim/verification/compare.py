@@ -39,10 +39,14 @@ class Comparison:
 
     @property
     def unequal(self) -> frozenset[str]:
-        """What is not as measured: criteria by name, "decision", "first braking"."""
+        """What is not as measured: criteria by name, "decision", "first braking", "pipeline error"."""
         found = {name for name, equality in self.kpis.items() if equality == "differs"}
-        found |= set() if self.same_decision else {"decision"}
-        return frozenset(found | ({"first braking"} if self.late else set()))
+        others = {
+            "decision": not self.same_decision,
+            "first braking": self.late,
+            "pipeline error": any(excess.step == "pipeline" for excess in self.beyond),
+        }
+        return frozenset(found | {name for name, differs in others.items() if differs})
 
     @property
     def verdict(self) -> Verdict:

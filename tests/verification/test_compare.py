@@ -143,6 +143,28 @@ def test_a_large_sensor_error_that_explains_nothing_is_not_the_cause() -> None:
     assert found_cause({"S": 1.6}, AS_SIMULATED).step == "function"
 
 
+def test_the_sensor_is_the_cause_of_an_ego_that_only_drives_elsewhere() -> None:
+    told = errors() | {"PIPE_GT": {"ego": {"d": 2.0}, "to": {"d": 0.01}}}
+    one = Judged("rGT", (compare("rGT", drive(), drive(), told, FREE),), 1.0)
+    assert one.verdict == "not verified"
+    found = cause(one, told, FREE, AS_MEASURED)
+    assert found is not None
+    assert (found.step, "pipeline error is as measured" in found.text) == ("sensor", True)
+
+
+def test_what_mends_little_is_not_the_cause() -> None:
+    """Of the decision and two KPIs only one KPI is as measured when shown what was recorded."""
+    measured = drive(gap=kpi("PASS"), risk=kpi("PASS"))
+    simulated = replace(drive(gap=kpi("FAIL"), risk=kpi("FAIL")), events=())
+    recorded = compare(
+        "rGT+M", measured, replace(simulated, kpis=simulated.kpis | {"gap": kpi("PASS")}), SMALL, FREE
+    )
+    one = Judged("rGT", (compare("rGT", measured, simulated, errors(S=1.6), FREE),), 1.0)
+    found = cause(one, errors(S=1.6), FREE, recorded)
+    assert found is not None
+    assert (found.step, "decision, risk are not as measured either" in found.text) == ("function", True)
+
+
 def test_without_sensor_data_the_chain_begins_at_the_fit() -> None:
     assert found_cause({"FIT_GT": 0.5}, None).step == "fit"
     found = found_cause({}, None)
