@@ -84,10 +84,11 @@ def verify_recording(
     recorded = None
     if any(j.verdict == "not verified" for j in judged.values()):
         recorded = _as_recorded(result, found["GT"], errors, demands)
-    model = "" if perceiving is None else perceiving.model.name
+    shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smooth as its splines"}
+    if perceiving is not None:
+        shown["rGT+M"] = f"what {perceiving.model.name} shows"
     causes: dict[Way, Cause | None] = {
-        way: cause(j, errors, demands.tolerances, recorded, model if way == "rGT+M" else "")
-        for way, j in judged.items()
+        way: cause(j, errors, demands.tolerances, recorded, shown[way]) for way, j in judged.items()
     }
     out = Verified(
         result, found, seeds, errors, judged, causes, recorded, notes=(*result.warnings, *assessed.notes())

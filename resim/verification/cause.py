@@ -22,12 +22,12 @@ class Cause:
 
 
 def cause(
-    judged: Judged, errors: Rms, tolerances: Tolerances, recorded: Comparison | None, model: str = ""
+    judged: Judged, errors: Rms, tolerances: Tolerances, recorded: Comparison | None, shown: str = "the truth"
 ) -> Cause | None:
     """Give the cause of a verdict that is not good, None for a good one.
 
     recorded: the re-simulation on ground truth in which the function was shown what was recorded as perceived, None
-    where nothing was. model: name of the perception model of the verdict, if it is on one. In the order of the chain
+    where nothing was. shown: what the function was shown in the runs of the verdict. In the order of the chain
     (Wagner 2021, 5.3.2): the sensor's error is the cause where most of what differs is as measured once the function is
     shown what was recorded; where that cannot be tried, or mends little, it is the first step whose error is beyond
     tolerance; where none is, the function itself.
@@ -43,7 +43,7 @@ def cause(
         mended = sorted(worst.unequal - recorded.unequal)
         left = sorted(worst.unequal & recorded.unequal)
         if len(mended) > len(left):
-            return Cause("sensor", _sensor(sensor, model, mended, left), worst.t)
+            return Cause("sensor", _sensor(sensor, shown, mended, left), worst.t)
         tried = (
             [f"shown what was recorded as perceived, {_list(left)} not as measured either"] if left else []
         )
@@ -57,9 +57,8 @@ def cause(
     return Cause("function", "; ".join(["it acts otherwise on inputs within tolerance", *tried]), worst.t)
 
 
-def _sensor(beyond: list[Excess], model: str, mended: list[str], left: list[str]) -> str:
+def _sensor(beyond: list[Excess], shown: str, mended: list[str], left: list[str]) -> str:
     """What the function was shown, and what becomes as measured when it is shown what was recorded."""
-    shown = f"what {model} shows" if model else "the truth"
     text = (
         f"the function was shown {shown}; shown what was recorded as perceived, {_list(mended)} as measured"
     )
