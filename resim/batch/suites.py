@@ -12,8 +12,9 @@ from typing import Any
 
 import resim
 from resim.batch.asked import Asked, tasks
+from resim.batch.child import Failure
 from resim.batch.tasks import run
-from resim.batch.workers import Failure, run_all
+from resim.batch.workers import run_all
 from resim.store import whole_file, write_json
 from resim.verification.summary import summary
 

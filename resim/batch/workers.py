@@ -1,150 +1,147 @@
 """Tasks in child processes: what crashes, hangs or is killed costs its own task only.
 
-libsumo holds one simulation a process, and a fault in it ends the process; so every worker is a child, supervised by a
-thread, that keeps what it has loaded from task to task.
+libsumo holds one simulation a process, and a fault in it ends the process. So every thread that is given tasks, of this
+machine's pool or of a cluster's worker, supervises a child of its own, which keeps what it has loaded.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
-import queue
 import signal
+import subprocess
+import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, TypeVar
 
-from resim.core.errors import ResimError
+from resim.batch.child import Failure
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_SPAWN = multiprocessing.get_context("spawn")
+LARGEST = 2048
+"""MiB of memory from which on a child is replaced by a fresh one."""
+_AHEAD = 4
+"""Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
+_SERVE = "from resim.batch.child import main; main()"
 _PATIENCE = 5.0
 """s that a child has to end by itself."""
 
 
-@dataclass(frozen=True)
-class Failure:
-    """Why a task has no result. crashed: the process died, or the code did; else the input was wrong."""
-
-    reason: str
-    crashed: bool
-
-
 def run_all(
-    function: Callable[[Task], Result], tasks: Sequence[Task], *, workers: int, time_limit: float
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    *,
+    workers: int,
+    time_limit: float,
+    pool: Executor | None = None,
 ) -> Iterator[tuple[int, Result | Failure]]:
     """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
 
-    function: of a module, as children import it anew. time_limit: s of wall clock for one task. Closing the iterator
-    kills what still runs.
+    function: of a module, as children import it anew. time_limit: s of wall clock for one task. pool: that of a cluster
+    of so many workers; threads of this machine, if none is given. Closing the iterator kills what still runs here.
     """
-    todo: queue.SimpleQueue[int] = queue.SimpleQueue()
-    for k in range(len(tasks)):
-        todo.put(k)
-    done: queue.SimpleQueue[tuple[int, Result | Failure]] = queue.SimpleQueue()
-    supervisors = [
-        _Supervisor(function, tasks, todo, done, time_limit) for _ in range(min(workers, len(tasks)))
-    ]
-    for supervisor in supervisors:
-        supervisor.start()
+    children: list[_Child] = []
+    mine = ThreadPoolExecutor(workers, initializer=_keep, initargs=(children,))
+    there = pool or mine
+    waiting: dict[Future[Result | Failure], int] = {}
+    todo = iter(range(len(tasks)))
     try:
-        for _ in tasks:
-            yield done.get()
+        for k in todo:
+            waiting[there.submit(supervised, function, tasks[k], time_limit)] = k
+            if len(waiting) < _AHEAD * workers:
+                continue
+            yield from _finished(waiting)
+        while waiting:
+            yield from _finished(waiting)
     finally:
-        for supervisor in supervisors:
-            supervisor.stop()
-        for supervisor in supervisors:
-            supervisor.join()
+        for future in waiting:
+            future.cancel()
+        for child in children:
+            child.process.kill()
+        mine.shutdown(cancel_futures=True)
+        for child in children:
+            child.end()
 
 
-class _Supervisor(threading.Thread):
-    """Gives tasks to one child after another that ended."""
+def _keep(children: list[_Child]) -> None:
+    """Let this thread note the children that it starts."""
+    _own.children = children
 
-    def __init__(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Sequence[Any],
-        todo: queue.SimpleQueue[int],
-        done: queue.SimpleQueue[tuple[int, Any]],
-        time_limit: float,
-    ) -> None:
-        super().__init__(daemon=True)
-        self.function, self.tasks, self.todo, self.done, self.time_limit = (
-            function,
-            tasks,
-            todo,
-            done,
-            time_limit,
-        )
-        self.child: _Child | None = None
-        self.stopped = False
 
-    def run(self) -> None:
-        while not self.stopped:
-            try:
-                k = self.todo.get_nowait()
-            except queue.Empty:
-                break
-            try:
-                if self.child is None:
-                    self.child = _Child(self.function)
-                result = self.child.work(self.tasks[k], self.time_limit)
-            except Exception as e:
-                result = Failure(f"the task could not be given to a process: {e!r}", crashed=True)
-            if self.child is not None and not self.child.process.is_alive():
-                self.child.end()
-                self.child = None
-            self.done.put((k, result))
-        if self.child is not None:
-            self.child.end()
+def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
+    """Wait for one or more, and give them."""
+    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+    for future in done:
+        yield waiting.pop(future), future.result()
 
-    def stop(self) -> None:
-        """Take no more tasks, and end what runs."""
-        self.stopped = True
-        if self.child is not None and self.is_alive():
-            self.child.process.kill()
+
+def supervised(function: Callable[[Task], Result], task: Task, time_limit: float) -> Result | Failure:
+    """Give the result of a task from this thread's child process, or why there is none."""
+    try:
+        child: _Child | None = getattr(_own, "child", None)
+        if child is None or not child.alive:
+            child = _own.child = _Child()
+            getattr(_own, "children", []).append(child)
+        found: Result | Failure = child.work(function, task, time_limit)
+        return found
+    except OSError as e:
+        return Failure(f"no process could be started: {e}", crashed=True)
 
 
 class _Child:
     """A process that answers tasks."""
 
-    def __init__(self, function: Callable[[Any], Any]) -> None:
-        os.environ.setdefault(
-            "OMP_NUM_THREADS", "1"
-        )  # a process a core: more threads would get in each other's way
-        self.pipe, other = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(function, other), daemon=True)
-        self.process.start()
-        other.close()
+    def __init__(self) -> None:
+        inner_tasks, tasks = os.pipe()
+        results, inner_results = os.pipe()
+        environment = {
+            "OMP_NUM_THREADS": "1",
+            **os.environ,
+        }  # a core a process: threads would get in their way
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", _SERVE, str(inner_tasks), str(inner_results)],
+            pass_fds=(inner_tasks, inner_results), stdin=subprocess.DEVNULL, env=environment,
+        )  # fmt: skip
+        os.close(inner_tasks)
+        os.close(inner_results)
+        self.tasks, self.results = Connection(tasks, readable=False), Connection(results, writable=False)
+        self.alive = True
+        with contextlib.suppress(OSError):
+            self.tasks.send(sys.path)
 
-    def work(self, task: Any, time_limit: float) -> Any:
-        """Give the result of a task, or a Failure; the process may be dead then."""
+    def work(self, function: Callable[[Any], Any], task: Any, time_limit: float) -> Any:
+        """Give the result of a task, or a Failure; the process may have ended then."""
         try:
-            self.pipe.send(task)
-            if self.pipe.poll(time_limit):
-                return self.pipe.recv()
+            self.tasks.send((function, task))
+            if self.results.poll(time_limit):
+                result, memory = self.results.recv()
+                if memory > LARGEST:
+                    self.end()
+                return result
         except (EOFError, OSError):
-            self.process.join(_PATIENCE)
-            return Failure(f"the process {_ended(self.process.exitcode)}", crashed=True)
-        self.process.kill()
-        self.process.join()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(_PATIENCE)
+            code = self.process.poll()
+            self.end()
+            return Failure(f"the process {_ended(code)}", crashed=True)
+        self.end()
         return Failure(f"took longer than {time_limit:g} s", crashed=True)
 
     def end(self) -> None:
-        """End the process."""
-        self.pipe.close()
-        self.process.join(_PATIENCE)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
-        self.process.close()
+        """Kill the process; it has nothing to lose."""
+        self.alive = False
+        self.process.kill()
+        self.process.wait()
+        self.tasks.close()
+        self.results.close()
+
+
+_own = threading.local()
+"""Of each thread: its child, and where it notes the children that it starts."""
 
 
 def _ended(code: int | None) -> str:
@@ -152,21 +149,3 @@ def _ended(code: int | None) -> str:
         with contextlib.suppress(ValueError):
             return f"was ended by {signal.Signals(-code).name}"
     return f"ended with code {code}"
-
-
-def _serve(function: Callable[[Any], Any], pipe: Connection) -> None:
-    """Answer tasks until nobody asks any more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its children
-    while True:
-        try:
-            task = pipe.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            result = function(task)
-        except ResimError as e:
-            result = Failure(str(e), crashed=False)
-        except Exception as e:
-            where = traceback.extract_tb(e.__traceback__)[-1]
-            result = Failure(f"{e!r} in {where.name} ({Path(where.filename).name})", crashed=True)
-        pipe.send(result)

@@ -7,7 +7,8 @@ import os
 import pytest
 from batch.deeds import act
 
-from resim.batch.workers import Failure, run_all
+from resim.batch.child import Failure
+from resim.batch.workers import run_all
 
 
 @pytest.mark.parametrize("workers", [1, 2])
