@@ -10,10 +10,10 @@ import numpy as np
 
 from resim.core.geometry import Floats
 
-WIDTH, HEIGHT = 640.0, 236.0
-LEFT, RIGHT, TOP, BOTTOM = 72.0, 14.0, 30.0, 50.0
+WIDTH, HEIGHT = 640.0, 240.0
+LEFT, RIGHT, TOP, BOTTOM = 72.0, 14.0, 34.0, 50.0
 """Size and margins in the units of the view box; the texts grow on narrow screens (verification.css)."""
-SEEN = 0.3
+SEEN = 0.4
 """Units of the view box that a curve may be off."""
 
 
@@ -57,8 +57,8 @@ class Axes:
         x = self.x_of(t)
         anchor = "start" if x < 0.5 * WIDTH else "end"
         return (
-            f'<path class="mark" d="M{x:.1f} {TOP - 4.0:g}V{HEIGHT - BOTTOM:g}"/>'
-            f'<text class="marked" x="{x:.1f}" y="{TOP - 10.0:g}" text-anchor="{anchor}">{text}</text>'
+            f'<path class="mark" d="M{x:.1f} {TOP - 8.0:g}V{HEIGHT - BOTTOM:g}"/>'
+            f'<text class="marked" x="{x:.1f}" y="{TOP - 14.0:g}" text-anchor="{anchor}">{text}</text>'
         )
 
     def svg(self, inside: str, title: str) -> str:
@@ -70,23 +70,22 @@ class Axes:
 
     def _frame(self) -> str:
         bottom, right = HEIGHT - BOTTOM, WIDTH - RIGHT
-        out = [f'<text class="unit" x="2" y="{TOP - 10.0:g}">{self.label}</text>']
-        for value in ticks(*self.y):
-            y = self.y_of(value)
-            out.append(f'<path class="grid" d="M{LEFT:g} {y:.1f}H{right:g}"/>')
-            out.append(f'<text x="{LEFT - 7.0:g}" y="{y + 5.0:.1f}" text-anchor="end">{value:g}</text>')
-        for t in ticks(*self.t):
-            x = self.x_of(t)
-            out.append(f'<path class="grid" d="M{x:.1f} {bottom:g}v5"/>')
-            out.append(f'<text x="{x:.1f}" y="{bottom + 20.0:g}" text-anchor="middle">{t:g}</text>')
-        out.append(f'<path class="frame" d="M{LEFT:g} {TOP:g}V{bottom:g}H{right:g}"/>')
-        out.append(f'<text class="unit" x="{right:g}" y="{HEIGHT - 8.0:g}" text-anchor="end">t [s]</text>')
-        return "".join(out)
+        rows = [(round(self.y_of(value), 1), value) for value in ticks(*self.y)]
+        columns = [(round(self.x_of(t), 1), t) for t in ticks(*self.t)]
+        grid = "".join(f"M{LEFT:g} {y:g}H{right:g}" for y, _ in rows)
+        grid += "".join(f"M{x:g} {bottom:g}v5" for x, _ in columns)
+        values = "".join(f'<text x="{LEFT - 7.0:g}" y="{y + 5.0:g}">{value:g}</text>' for y, value in rows)
+        times = "".join(f'<text x="{x:g}" y="{bottom + 20.0:g}">{t:g}</text>' for x, t in columns)
+        return (
+            f'<path class="grid" d="{grid}"/><path class="frame" d="M{LEFT:g} {TOP:g}V{bottom:g}H{right:g}"/>'
+            f'<text x="2" y="{TOP - 14.0:g}">{self.label}</text><g text-anchor="end">{values}'
+            f'<text x="{right:g}" y="{HEIGHT - 8.0:g}">t [s]</text></g><g text-anchor="middle">{times}</g>'
+        )
 
     def _points(self, t: Floats, values: Floats) -> list[str]:
         x = np.array([self.x_of(float(one)) for one in t])
         y = np.array([self.y_of(float(one)) for one in values])
-        return [f"{x[k]:.1f} {y[k]:.1f}" for k in seen(x, y)]
+        return [f"{round(x[k], 1):g} {round(y[k], 1):g}" for k in seen(x, y)]
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[float]:

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Any
 
-from resim.report.tables import NONE, decision_words
+from resim.report.tables import decision_words
 from resim.report.verification.cells import (
+    NONE,
     Entry,
     badge,
     bullets,
@@ -88,10 +89,9 @@ def _means(told: Entry) -> str:
     """Mean differences of risk and comfort over the recordings, with their intervals."""
     rows = [_mean("largest risk", "", told["risk"], 4)]
     rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told["comfort"].items()]
-    note = "now less before, each recording the mean of its seeds; interval: bootstrap over the recordings"
+    note = "Now less before; each recording counts with the mean of its seeds, the interval is a bootstrap over them."
     head = ["", "mean difference", "95 % interval", "recordings"]
-    title = f'<h2>Risk and comfort <span class="note">{note}</span></h2>'
-    return title + rows_table(head, rows, "limits")
+    return f"<h2>Risk and comfort</h2><p>{note}</p>{rows_table(head, rows, 'limits')}"
 
 
 def _mean(name: str, unit: str, d: Entry | None, digits: int) -> str:
@@ -158,4 +158,4 @@ def _pairs(r: Entry) -> str:
         rows.append(row([seed, *named, *did, risk, *comfort, second(p["t"])]))
     measures = [f"{name} [{UNITS.get(name, '')}]" for name in r["pairs"][0]["comfort"]]
     head = ["", "lost", "gained", "decision before", "now", "risk", *measures, "they part at"]
-    return rows_table(head, rows)
+    return rows_table(head, rows, "pairs")

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from resim.report.tables import NONE
-
 Entry = Mapping[str, Any]
 """What verification.json holds of a recording, or a part of it."""
+
+NONE = "–"
 
 LOOKS: Mapping[str, str] = {
     "verified": "pass", "not verified": "fail", "invalid": "invalid", "error": "failed",
@@ -44,7 +44,7 @@ def filters(counts: Mapping[str, int]) -> str:
         for verdict, count in counts.items()
         if count
     )
-    return f'<p class="filters">{buttons} <span class="note">press one to see these only</span></p>'
+    return f'<p class="filters">{buttons} <i>press one to see these only</i></p>'
 
 
 def minus(text: str) -> str:
@@ -76,7 +76,7 @@ def spread(values: Sequence[float | None], digits: int, unit: str, sign: bool = 
     space = f" {unit}" if unit else ""
     if low == high:
         return f"{middle}{space}"
-    return f'{middle}{space} <span class="note">({low} to {high})</span>'
+    return f"{middle}{space} <i>({low} to {high})</i>"
 
 
 def counted(words: Sequence[str]) -> str:
@@ -88,21 +88,24 @@ def counted(words: Sequence[str]) -> str:
 def share(found: Entry) -> str:
     """Give a share of the seeds with its 95 % interval."""
     between = f"[{found['low']:.2f}, {found['high']:.2f}]"
-    return f'{found["count"]} of {found["of"]} <span class="note">{between}</span>'
+    return f"{found['count']} of {found['of']} <i>{between}</i>"
 
 
 def row(cells: Iterable[str], verdict: str = "") -> str:
-    """Give a table's row of cells that are HTML; the first is its head. verdict: to filter by."""
-    first, *others = cells
+    """Give a table's row of cells that are HTML; the first is its head. verdict: to filter by.
+
+    Cells are not closed, as HTML allows: a suite of a hundred recordings has many.
+    """
     about = f' data-verdict="{verdict}"' if verdict else ""
-    return f"<tr{about}><th>{first}</th>{''.join(f'<td>{cell}</td>' for cell in others)}</tr>"
+    return f"<tr{about}><th>{'<td>'.join(cells)}"
 
 
 def rows_table(head: Iterable[str], rows: Iterable[str], css: str = "") -> str:
     """Give a table of finished rows in a box in which it scrolls sideways."""
-    top = "".join(f"<th>{cell}</th>" for cell in head)
+    top = "".join(f"<th>{cell}" for cell in head)
     body = "\n".join(rows)
-    return f'<div class="wide"><table class="{css}"><thead><tr>{top}</tr></thead>\n<tbody>{body}</tbody></table></div>'
+    look = f' class="{css}"' if css else ""
+    return f'<div class="wide"><table{look}><thead><tr>{top}</thead>\n<tbody>{body}</tbody></table></div>'
 
 
 def bullets(texts: Iterable[str]) -> str:

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from resim.report.tables import NONE, decision_words
+from resim.report.tables import decision_words
 from resim.report.verification.cells import (
+    NONE,
     Entry,
     anchor,
     badge,
@@ -32,9 +33,8 @@ def drive(entry: Entry, traces: Mapping[str, Any], inputs: Entry) -> str:
         _differences(entry),
         measured_figure(entry["name"], entry, traces) if traces else "",
         "<h4>Ways through the simulation</h4>" + _ways(entry),
-        '<h4>KPIs <span class="note">outcome, worst value and when; ≠: not as in GT</span></h4>'
-        + kpi_table(entry),
-        '<h4>Errors of each step <span class="note">tolerance in grey; &gt;: beyond it</span></h4>'
+        "<h4>KPIs <i>outcome, worst value and when; ≠: not as in GT</i></h4>" + kpi_table(entry),
+        "<h4>Errors of each step <i>tolerance in grey; &gt;: beyond it</i></h4>"
         + errors_table(entry, inputs["tolerances"]),
         _seeds(entry),
         "<h4>Local validity</h4>" + ranges(entry) if entry["validity"] else "",
@@ -59,7 +59,9 @@ def reason(entry: Entry) -> str:
         return f"<b>Error</b>: {escape(entry['error'])}"
     cause = entry["cause"]
     if cause is None:
-        return f"Verified on {entry['way']}: KPIs and decision as measured, errors within tolerance."
+        of = entry["ways"][entry["way"]].get("share")
+        seeds = "" if of is None else f" in {share(of)} seeds"
+        return f"Verified on {entry['way']}{seeds}: KPIs and decision as measured, errors within tolerance."
     when = "" if cause["t"] is None else f", from <b>{cause['t']:.1f} s</b>"
     return f"First cause: <b>{cause['step']}</b>{when}: {escape(cause['text'])}."
 
@@ -100,15 +102,15 @@ def _ways(entry: Entry) -> str:
     for way, found in entry["ways"].items():
         cause = found["cause"]
         why = NONE if cause is None else f"{escape(cause['step'])}: {escape(cause['text'])}"
-        rests = ' <span class="note">the verdict rests on it</span>' if way == entry["way"] else ""
+        rests = " <i>the verdict rests on it</i>" if way == entry["way"] else ""
         cells = [kpis_equal(entry, way), decisions(entry, way), first_braking(found), why]
         rows.append(row([way + rests, badge(found["verdict"]), *cells]))
     if (shown := entry["recorded"]) is not None:
         same = "as measured" if shown["same_decision"] else "not as measured"
         text = escape("; ".join(shown["differences"])) or "acts as measured"
-        name = 'rGT <span class="note">shown what was recorded as perceived</span>'
+        name = "rGT <i>shown what was recorded as perceived</i>"
         rows.append(row([name, badge(shown["verdict"]), NONE, same, first_braking(shown), text]))
-    measured = f"decision <span class='note'>measured: {decision_words(entry['decision']['GT'])}</span>"
+    measured = f"decision <i>measured: {decision_words(entry['decision']['GT'])}</i>"
     head = ["", "verdict", "KPIs equal", measured, "first braking less GT", "first cause"]
     return rows_table(head, rows, "ways")
 
@@ -122,8 +124,8 @@ def _seeds(entry: Entry) -> str:
     for s in seeds:
         late = spread([s["reaction_difference"]], 2, "s")
         differ = escape(", ".join(dict.fromkeys(text.split(":")[0] for text in s["differences"])))
-        said = escape(s["failure"]) if s["failure"] else differ or NONE
-        rows.append(row([str(s["seed"]), s["verdict"], late, second(s["t"]), said]))
+        since = "" if s["t"] is None else second(s["t"])
+        rows.append(row([str(s["seed"]), s["verdict"], late, since, escape(s["failure"] or "") or differ]))
     head = ["seed", "verdict", "first braking less GT", "differs from", "in"]
     return f"<details><summary>Each seed</summary>{rows_table(head, rows)}</details>"
 

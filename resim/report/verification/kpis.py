@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from resim.report.tables import NONE
-from resim.report.verification.cells import Entry, minus, row, rows_table, share, spread
+from resim.report.verification.cells import NONE, Entry, minus, row, rows_table, share, spread
 
 SOURCES = ("GT", "SD", "rGT", "rSD")
 MODEL = "rGT+M"
@@ -29,12 +28,12 @@ def kpi_table(entry: Entry) -> str:
     model = any(MODEL in kpi for kpi in kpis.values())
     rows = []
     for name, kpi in kpis.items():
-        unit = "" if kpi["unit"] == "1" else f' <span class="note">{escape(kpi["unit"])}</span>'
+        unit = "" if kpi["unit"] == "1" else f" <i>{escape(kpi['unit'])}</i>"
         cells = [_kpi(kpi.get(s), kpi["GT"]) for s in sources]
         if model:
             cells.append(_over_seeds(kpi))
         rows.append(row([escape(name) + unit, *cells]))
-    return rows_table(["criterion", *sources, *([f"{MODEL}, equal to GT"] if model else [])], rows, "kpis")
+    return rows_table(["criterion", *sources, *([f"{MODEL}, seeds"] if model else [])], rows, "kpis")
 
 
 def _kpi(found: Entry | None, gt: Entry) -> str:
@@ -42,14 +41,20 @@ def _kpi(found: Entry | None, gt: Entry) -> str:
     if found is None:
         return NONE
     verdict = found["verdict"]
-    text = f'<b class="{verdict}">{verdict}</b>{_worst(found)}'
+    text = f"{_outcome(verdict)}{_worst(found)}"
     if verdict == "INVALID":
-        text += f' <span class="note">{escape(found["reason"])}</span>'
+        text += f" <i>{escape(found['reason'])}</i>"
     return text if verdict == gt["verdict"] else f'<span class="off">≠ {text}</span>'
 
 
+def _outcome(verdict: str) -> str:
+    return f"<b>{verdict}</b>" if verdict == "PASS" else f"<b class={verdict}>{verdict}</b>"
+
+
 def _worst(found: Entry) -> str:
-    if found["value"] is None or found["t"] is None:
+    """The worst value and when; nothing where there is none, or where what must not be never was."""
+    never = found["value"] == 0.0 and found["reason"] == "kept"
+    if never or found["value"] is None or found["t"] is None:
         return ""
     return f" {minus(format(found['value'], '.3g'))} at {found['t']:.1f} s"
 
@@ -58,14 +63,15 @@ def _over_seeds(kpi: Entry) -> str:
     """The share of the seeds that are as GT, how many pass and fail, and the range of their worst values."""
     runs, equal = kpi[MODEL], kpi["equal"][MODEL]
     counts = Counter(None if run is None else run["verdict"] for run in runs)
-    told = ", ".join(f'<b class="{o}">{o}</b> {counts[o]}' for o in OUTCOMES if counts[o])
+    told = ", ".join(f"{_outcome(o)} {counts[o]}" for o in OUTCOMES if counts[o])
     values = [run["value"] for run in runs if run is not None and run["value"] is not None]
     span = ""
-    if values:
+    if any(values):
         low, high = (minus(format(value, ".3g")) for value in (min(values), max(values)))
         span = f"; {low}" if low == high else f"; {low} to {high}"
-    text = f"{share(equal)} {told}{span}"
-    return text if equal["count"] == equal["of"] else f'<span class="off">≠ {text}</span>'
+    if equal["count"] == equal["of"]:
+        return f"{told} of {len(runs)}{span}"
+    return f'<span class="off">≠ {share(equal)} equal: {told}{span}</span>'
 
 
 def errors_table(entry: Entry, tolerances: Entry) -> str:
@@ -74,11 +80,11 @@ def errors_table(entry: Entry, tolerances: Entry) -> str:
     for step, kind in STEPS.items():
         if step in entry["errors"]:
             cells = [_error(who, q, entry["errors"][step], tolerances[kind]) for who, q in _columns()]
-            rows.append(row([f'{step} <span class="note">{kind}</span>', *cells]))
+            rows.append(row([f"{step} <i>{kind}</i>", *cells]))
     seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
     if seeds:
         cells = list(_pipeline(seeds, tolerances["pipeline"]["ego"]))
-        rows.append(row([f'PIPE of {MODEL} <span class="note">pipeline, median and range</span>', *cells]))
+        rows.append(row([f"PIPE of {MODEL} <i>pipeline, median and range</i>", *cells]))
     head = [f"{who.upper()} {q} [{QUANTITIES[q][0]}]" for who, q in _columns()]
     return rows_table(["error (RMS)", *head], rows, "rms")
 
@@ -107,5 +113,5 @@ def _held(text: str, value: float, limit: float | None) -> str:
     """Give an error beside its tolerance."""
     if limit is None:
         return text
-    beside = f'<span class="limit">{limit:g}</span>'
+    beside = f"<i>{limit:g}</i>"
     return f'<span class="off">&gt; {text}</span>{beside}' if value > limit else f"{text}{beside}"

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Any
 
-from resim.report.tables import NONE, decision_words
-from resim.report.verification.cells import Entry, badge, filters, link, row, rows_table, second
+from resim.report.tables import decision_words
+from resim.report.verification.cells import NONE, Entry, badge, filters, link, row, rows_table, second
 from resim.report.verification.drive import decisions, drive, first_braking, folded, kpis_equal, reason
 
 ORDER = ("error", "not verified", "invalid", "verified")
@@ -66,5 +66,5 @@ def _largest(way: Entry) -> str:
     unit = UNITS[e["quantity"]]
     return (
         f"{escape(e['step'])}: {e['who'].upper()} {NAMES[e['quantity']]} {e['value']:.3g} {unit} "
-        f'<span class="note">(tolerance {e["limit"]:g})</span>'
+        f"<i>(tolerance {e['limit']:g})</i>"
     )

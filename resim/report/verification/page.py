@@ -110,7 +110,7 @@ def _inputs(found: Entry) -> str:
 
 
 def _hash(found: str | None) -> str:
-    return '<span class="note">could not be read</span>' if found is None else f"<code>{found}</code>"
+    return "<i>could not be read</i>" if found is None else f"<code>{found}</code>"
 
 
 def _text(package: str, name: str) -> str:

@@ -24,7 +24,7 @@ def ranges(entry: Entry) -> str:
 
 
 def _range(v: Entry) -> str:
-    of = f'{escape(v["parameter"])} <span class="note">of object {escape(v["object"])}</span>'
+    of = f"{escape(v['parameter'])} <i>of object {escape(v['object'])}</i>"
     resolution = f"{v['resolution']:g} {escape(v['unit'])}, {v['tried']} variations run"
     return row([of, _end(v["low"], v["unit"]), _bar(v), _end(v["high"], v["unit"]), resolution])
 
@@ -35,9 +35,7 @@ def _end(end: Entry, unit: str) -> str:
     if len(end["flips"]) > 1:
         then = f"then {escape(', '.join(end['flips']))} flip"
     amount = minus(f"{end['amount']:+.3g}")
-    return (
-        f'<b>{amount} {escape(unit)}</b> <span class="note">{then or "nothing flips as far as tried"}</span>'
-    )
+    return f"<b>{amount} {escape(unit)}</b> <i>{then or 'nothing flips as far as tried'}</i>"
 
 
 def _bar(v: Entry) -> str:

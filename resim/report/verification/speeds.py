@@ -73,6 +73,8 @@ def _axes(t: Floats, curves: Curves) -> Axes:
 def _band(axes: Axes, t: Floats, speeds: Floats, css: str) -> str:
     """The range of the runs and their median; speeds (runs, K)."""
     there = np.isfinite(speeds).any(axis=0)
+    if not there.any():
+        return ""
     low, middle, high = (np.full(len(t), np.nan) for _ in range(3))
     low[there], middle[there], high[there] = np.nanquantile(speeds[:, there], [0.0, 0.5, 1.0], axis=0)
     area = axes.band(t, low, high, f"area {css}") if len(speeds) > 1 else ""
