@@ -1,6 +1,6 @@
 """The command line, one module per command."""
 
-from resim.cli import assess, check, imports, maps, perception, prediction, run, suite, verify
+from resim.cli import assess, check, imports, maps, perception, prediction, run, suite, sweep, verify
 from resim.cli.app import app, main
 
 __all__ = [
@@ -14,5 +14,6 @@ __all__ = [
     "prediction",
     "run",
     "suite",
+    "sweep",
     "verify",
 ]

@@ -24,7 +24,7 @@ def _verified(found: Mapping[str, Any]) -> None:
     table = Table(
         title=f"{found['inputs']['name']}: {found['inputs']['build']['label']}, simulated against measured"
     )
-    for column in ("recording", "verdict", "by", "KPIs equal", "decision measured", "first braking", "cause"):
+    for column in ("recording", "verdict", "by", "agrees", "decision measured", "first braking", "cause"):
         table.add_column(column)
     for r in found["recordings"]:
         if "way" not in r:

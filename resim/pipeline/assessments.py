@@ -35,7 +35,7 @@ from resim.scenario.scenario import Scenario
 from resim.sim.run import Run
 
 RATE = 10.0
-"""Scenes a second [Hz] that are assessed."""
+"""Scenes a second [Hz] that are assessed, if nothing else is said."""
 
 FINE = 100.0
 """Samples a second [Hz] in which collisions are looked for."""
@@ -52,7 +52,7 @@ class How:
     """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
 
     prediction: how objects may go on (None: as published); road_aware: along their lanes. only: objectifications to
-    compute besides those that criteria ask for, None for all.
+    compute besides those that criteria ask for, None for all. rate: scenes a second [Hz].
     """
 
     parameters: Parameters = DEFAULTS
@@ -61,6 +61,7 @@ class How:
     road_aware: bool = False
     criteria: Criteria | None = None
     only: tuple[str, ...] | None = None
+    rate: float = RATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +273,7 @@ def _assessed(
 
 def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     scenario = block.scenario
-    tracks = scenario.tracks(network, _times(scenario, RATE))
+    tracks = scenario.tracks(network, _times(scenario, how.rate))
     made = drive(
         tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
         predicted=how.prediction, road=network if how.road_aware else None,
@@ -281,7 +282,10 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     hits = tuple(sorted([*fine, *block.collisions]))
     own = () if how.criteria is None else how.criteria.own
     return assess(
-        Subject(made, network, how.parameters, block.functioning, hits, own), how.criteria, block.flaw, how.only
+        Subject(made, network, how.parameters, block.functioning, hits, own),
+        how.criteria,
+        block.flaw,
+        how.only,
     )
 
 

@@ -23,18 +23,20 @@ EXAMPLE = "See scenarios/suites/highway.toml, or make one with `resim suite new`
 _FILES = re.compile(r"(recording\.toml|(gt|sd|plan)\.(csv|parquet))")
 
 
-class _Model(BaseModel):
+class Strict(BaseModel):
+    """A file's part: what it does not know, and what is no number, is refused."""
+
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Entry(_Model):
+class Entry(Strict):
     """A recording of a suite: its folder, or a glob of folders; hash: SHA-256 of its content (`content_hash`)."""
 
     folder: str = Field(min_length=1)
     hash: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
 
 
-class SuiteFile(_Model):
+class SuiteFile(Strict):
     """What a suite's file says; paths from the folder of the file.
 
     bases: what is re-simulated; seeds, seed: how many runs with the perception model, and the first one's seed.
@@ -57,7 +59,7 @@ class SuiteFile(_Model):
     limits: Limits = Limits()
 
 
-class Suite(_Model):
+class Suite(Strict):
     """A suite, with its recordings found: folders by name, and the hashes that they must have."""
 
     path: Path
@@ -67,7 +69,7 @@ class Suite(_Model):
 
     def beside(self, name: str) -> Path:
         """Give the path of what the file names."""
-        return _joined(self.path, name)
+        return joined(self.path, name)
 
 
 def read_suite(path: Path) -> Suite:
@@ -79,22 +81,26 @@ def read_suite(path: Path) -> Suite:
         raise InputError(path, problems, EXAMPLE) from e
     if strange := [name for name in file.vary if name not in PARAMETERS]:
         raise InputError(path, f"vary: there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
+    folders, hashes = found_folders(path, file.recording)
+    return Suite(path=path, file=file, folders=folders, hashes=hashes)
+
+
+def found_folders(path: Path, entries: Sequence[Entry]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Give the recordings that the entries of the file at `path` name, and the hashes that they must have, by name."""
     found: list[Path] = []
     hashes: dict[Path, str] = {}
-    for entry in file.recording:
+    for entry in entries:
         folders = _folders(path, entry)
         if entry.hash is not None:
             hashes[folders[0]] = entry.hash
         found += [folder for folder in folders if folder not in found]
     named = dict(zip(_names(found), found, strict=True))
-    return Suite(
-        path=path, file=file, folders=named, hashes={n: hashes[f] for n, f in named.items() if f in hashes}
-    )
+    return named, {name: hashes[folder] for name, folder in named.items() if folder in hashes}
 
 
 def _folders(path: Path, entry: Entry) -> list[Path]:
     """The recordings of an entry; one that is not there is told of when its turn comes."""
-    whole = _joined(path, entry.folder)
+    whole = joined(path, entry.folder)
     if not glob.has_magic(entry.folder):
         return [whole]
     if entry.hash is not None:
@@ -111,7 +117,8 @@ def _matching(pattern: Path) -> Iterator[Path]:
     return root.glob(str(pattern.relative_to(root)) if pattern.anchor else str(pattern))
 
 
-def _joined(path: Path, name: str) -> Path:
+def joined(path: Path, name: str) -> Path:
+    """Give the path of what the file at `path` names."""
     return Path(os.path.normpath(path.parent / name))
 
 

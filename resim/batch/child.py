@@ -1,0 +1,55 @@
+"""What a child process of `resim.batch.workers` does: it answers tasks."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import sys
+import traceback
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from resim.core.errors import ResimError
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a task has no result. crashed: the process died, or the code did; else the input was wrong."""
+
+    reason: str
+    crashed: bool
+
+
+def memory() -> int:
+    """Give the largest memory [MiB] that this process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // (
+        1 << (20 if sys.platform == "darwin" else 10)
+    )
+
+
+def serve(tasks: Connection, results: Connection) -> None:
+    """Answer (function, task) with (result, memory) until nobody asks any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its children
+    sys.path[:] = tasks.recv()
+    while True:
+        try:
+            function, task = tasks.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            result = function(task)
+        except ResimError as e:
+            result = Failure(str(e), crashed=False)
+        except Exception as e:
+            where = traceback.extract_tb(e.__traceback__)[-1]
+            result = Failure(f"{e!r} in {where.name} ({Path(where.filename).name})", crashed=True)
+        try:
+            results.send((result, memory()))
+        except (BrokenPipeError, OSError):
+            return
+
+
+def main() -> None:
+    """Serve on the pipes that the command line names by their numbers."""
+    serve(Connection(int(sys.argv[1]), writable=False), Connection(int(sys.argv[2]), readable=False))

@@ -1,0 +1,81 @@
+"""What a child process does for one run of a sweep; what it has loaded serves the next."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from resim.assess.criteria import read_criteria
+from resim.core.errors import InputError
+from resim.perception.model import PerceptionModel, read_model
+from resim.pipeline import examined
+from resim.pipeline.single import Prepared, Row, prepare, run_once
+from resim.sim.adfunction import Build, load_build
+
+Values = tuple[tuple[str, float], ...]
+"""Parameters by name, as a sweep has them, and their values."""
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """One run: `values` are of the parameters that are swept."""
+
+    run: int
+    folder: Path
+    build: Path
+    perception: Path | None
+    criteria: Path
+    accept: tuple[str, ...]
+    values: Values
+    seed: int
+
+
+def run(task: RunTask) -> dict[str, Any]:
+    """Give the `row` of the run, and how long it took [s]."""
+    prepared = _prepared(task.folder, task.build, task.criteria, task.accept)
+    build, model = with_values(_build(task.build), task.values), _model(task.perception, task.values)
+    begin = time.perf_counter()
+    row: Row = run_once(prepared, build, model, task.seed)
+    return {"row": row, "time": time.perf_counter() - begin}
+
+
+@lru_cache(maxsize=32)
+def _prepared(folder: Path, build: Path, criteria: Path, accept: tuple[str, ...]) -> Prepared:
+    return prepare(examined(folder, accept=accept), _build(build), read_criteria(criteria), accept)
+
+
+@lru_cache(maxsize=32)
+def _build(path: Path) -> Build:
+    return load_build(path)
+
+
+@lru_cache(maxsize=32)
+def _model(path: Path | None, values: Values) -> PerceptionModel | None:
+    if path is None:
+        return None
+    mine = tuple(
+        f"{name.removeprefix('perception.')}={value!r}"
+        for name, value in values
+        if name.startswith("perception.")
+    )
+    return read_model(path, mine)
+
+
+def with_values(build: Build, values: Values) -> Build:
+    """Give the build with the parameters of the function and of the build that are swept. Raises InputError."""
+    own = {n.removeprefix("function."): value for n, value in values if n.startswith("function.")}
+    of = {n.removeprefix("build."): value for n, value in values if n.startswith("build.")}
+    if strange := [name for name in of if name != "cycle_time"]:
+        raise InputError(
+            build.path, f"a build has no parameter {strange[0]!r} to sweep", "There is build.cycle_time."
+        )
+    if cycle := [value for value in of.values() if value <= 0.0]:
+        raise InputError(
+            build.path, f"build.cycle_time {cycle[0]:g} s: expected more than 0", "Correct the range."
+        )
+    return replace(
+        build, parameters={**build.parameters, **own}, cycle_time=of.get("cycle_time", build.cycle_time)
+    )

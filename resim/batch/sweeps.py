@@ -1,0 +1,181 @@
+"""A sweep: every run in a supervised child, each result committed as it comes, one table at the end."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from resim.batch import journal
+from resim.batch.child import Failure
+from resim.batch.runs import RunTask, run, with_values
+from resim.batch.suites import versions
+from resim.batch.workers import run_all
+from resim.core.errors import InputError
+from resim.pipeline import file_hash
+from resim.pipeline.suite import content_hash
+from resim.pipeline.sweep import RUN, Sweep, runs
+from resim.sim.adfunction import load_build
+from resim.store import whole_file, write_json, write_parquet
+
+ATTEMPTS = 3
+"""How often a run is tried whose process crashes."""
+PART = 100_000
+"""Rows of one file of the table."""
+FAILED = "failed"
+"""End of a run that has no result: its process crashed every time, or it could not be begun."""
+
+Tell = Callable[[bool], None]
+"""Hears of each run that was done: whether it failed."""
+
+
+def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
+    """Give everything that the results follow from: what the file says, and hashes, paths from `out`.
+
+    Raises InputError for what cannot be read.
+    """
+    file = sweep.file
+
+    def told(path: Path, digest: str) -> dict[str, str]:
+        return {"path": Path(os.path.relpath(path.absolute(), out.absolute())).as_posix(), "hash": digest}
+
+    builds = {name: load_build(sweep.beside(name)) for name in file.build}
+    return {
+        "sweep": file.model_dump(mode="json"),
+        "criteria": told(sweep.beside(file.criteria), file_hash(sweep.beside(file.criteria))),
+        "perception": None
+        if file.perception is None
+        else told(sweep.beside(file.perception), file_hash(sweep.beside(file.perception))),
+        "builds": {name: {**told(b.path, b.hash), "label": b.label} for name, b in builds.items()},
+        "recordings": {name: told(folder, content_hash(folder)) for name, folder in sweep.folders.items()},
+    }
+
+
+def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
+    """Make the folder of the results, or go on in it. Raises InputError where it holds another sweep."""
+    path = out / "sweep.json"
+    if not path.is_file():
+        if out.is_dir() and any(out.iterdir()):
+            raise InputError(out, "exists and holds no sweep", "Name another with --out.")
+        (out / "journal").mkdir(parents=True, exist_ok=True)
+        with whole_file(path, (".json",)) as beside:
+            write_json({"versions": versions(), "inputs": told}, beside)
+        return
+    if not resume:
+        raise InputError(
+            out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
+        )
+    held = json.loads(path.read_text(encoding="utf-8"))
+    now = {"versions": versions(), "inputs": told}
+    if changed := [part for part in ("inputs", "versions") for name in _differ(held[part], now[part])]:
+        name = next(_differ(held[changed[0]], now[changed[0]]))
+        remedy = "Restore it, or begin anew with another --out."
+        raise InputError(out, f"{name} is not what it was when the sweep began", remedy)
+
+
+def _differ(old: Any, new: Any, name: str = "") -> Iterator[str]:
+    """Names of what differs."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            yield from _differ(old.get(key), new.get(key), f"{name}.{key}".lstrip("."))
+    elif old != new:
+        yield name
+
+
+def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
+    """Give the runs of the sweep, or of the i-th of N shards: every N-th run. Checks that parameters fit."""
+    every = runs(sweep)
+    names = [p.name for p in sweep.file.parameter]
+    for name in sweep.file.build:
+        first = tuple(zip(names, every.iloc[0][names].tolist(), strict=True))
+        build = with_values(load_build(sweep.beside(name)), first)
+        try:
+            build.make()
+        except TypeError as e:
+            raise InputError(
+                build.path, f"does not take the parameters of the sweep: {e}", "Correct them."
+            ) from e
+    return every[every[RUN] % shard[1] == shard[0] - 1]
+
+
+def execute(
+    sweep: Sweep,
+    out: Path,
+    *,
+    workers: int,
+    shard: tuple[int, int] = (1, 1),
+    pool: Executor | None = None,
+    tell: Tell = lambda failed: None,
+) -> None:
+    """Do what is missing of the sweep, or of a shard; each result is committed whole as soon as it is there."""
+    wanted = table(sweep, shard)
+    done = {entry[RUN] for entry in journal.read(out / "journal")}
+    todo = [task for task in tasks(sweep, wanted) if task.run not in done]
+    with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
+        for attempt in range(1, ATTEMPTS + 1):
+            crashed = []
+            found = run_all(run, todo, workers=workers, time_limit=sweep.file.time_limit, pool=pool)
+            for k, result in found:
+                if isinstance(result, Failure) and result.crashed and attempt < ATTEMPTS:
+                    crashed.append(todo[k])
+                    continue
+                file.append({RUN: todo[k].run, **_entry(result)})
+                tell(isinstance(result, Failure))
+            todo = sorted(crashed, key=lambda task: task.run)
+
+
+def _entry(result: dict[str, Any] | Failure) -> dict[str, Any]:
+    if isinstance(result, Failure):
+        return {"row": {"end": FAILED, "failure": result.reason}, "time": None}
+    return result
+
+
+def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
+    """Give the tasks of runs."""
+    file, names = sweep.file, [p.name for p in sweep.file.parameter]
+    perception = None if file.perception is None else sweep.beside(file.perception)
+    columns = zip(
+        wanted[RUN].tolist(), wanted["recording"].tolist(), wanted["build"].tolist(), wanted["seed"].tolist(),
+        wanted[names].to_numpy(dtype=float).tolist(), strict=True,
+    )  # fmt: skip
+    for number, recording, build, seed, values in columns:
+        yield RunTask(
+            number, sweep.folders[recording], sweep.beside(build), perception, sweep.beside(file.criteria),
+            file.accept, tuple(zip(names, values, strict=True)), seed,
+        )  # fmt: skip
+
+
+def compact(sweep: Sweep, out: Path) -> int:
+    """Write the table once every run is there, and give how many are missing.
+
+    runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
+    """
+    every = runs(sweep)
+    entries = {entry[RUN]: entry for entry in journal.read(out / "journal")}
+    missing = len(every) - len(entries)
+    if missing:
+        return missing
+    found = pd.DataFrame([entries[k]["row"] for k in every[RUN]], index=every.index)
+    whole = pd.concat([every, found.astype({c: float for c in found if _is_number(found[c])})], axis=1)
+    (out / "runs").mkdir(exist_ok=True)
+    for first in range(0, len(whole), PART):
+        with whole_file(out / "runs" / f"part-{first // PART:05d}.parquet", (".parquet",)) as path:
+            write_parquet(whole.iloc[first : first + PART], path)
+    times = pd.DataFrame({RUN: every[RUN], "time": [entries[k]["time"] for k in every[RUN]]})
+    with whole_file(out / "times.parquet", (".parquet",)) as path:
+        write_parquet(times, path)
+    held = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
+    counts = {"runs": len(whole), "failed": int((whole["end"] == FAILED).sum())}
+    with whole_file(out / "manifest.json", (".json",)) as path:
+        write_json({"schema": "resim-sweep-1", **held, **counts, "columns": list(whole.columns)}, path)
+    return 0
+
+
+def _is_number(column: pd.Series[Any]) -> bool:
+    known = column.dropna()
+    return bool(len(known)) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in known)

@@ -1,0 +1,91 @@
+"""One run of a sweep: a recording on GT with a build, a perception model and a seed; what it came to is one row."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from resim import fidelity
+from resim.assess.criteria import Criteria
+from resim.ingest import Recording
+from resim.perception.model import PerceptionModel
+from resim.perception.sensor import Sensor
+from resim.pipeline.assessments import How
+from resim.pipeline.outcomes import perceived_outcome
+from resim.pipeline.perceived import difference, end_error
+from resim.pipeline.result import Options, Resimulation
+from resim.pipeline.run import resimulate, run_on_gt
+from resim.pipeline.verify import COMPARED
+from resim.sim.adfunction import Build
+from resim.verification.outcome import COMFORT, Outcome
+
+RATE = 5.0
+"""Scenes a second [Hz] that are assessed in a sweep."""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A recording, described and ready to be simulated again and again. measured: what the EGO did, and when it braked.
+
+    criteria: that every run is judged by.
+    """
+
+    result: Resimulation
+    decision: list[str]
+    reaction: float | None
+    criteria: Criteria
+
+
+def prepare(recording: Recording, build: Build, criteria: Criteria, accept: Collection[str] = ()) -> Prepared:
+    """Describe what was measured, once for all runs. build: any; each run names its own."""
+    result = resimulate(recording, build, Options(bases=()), accept=accept)
+    driven = result.driven()["GT"]
+    assert driven is not None
+    decision = fidelity.decision(driven, result.network, ego=result.ego)
+    return Prepared(result, decision, fidelity.reaction_time(driven, ego=result.ego), criteria)
+
+
+def run_once(prepared: Prepared, build: Build, model: PerceptionModel | None, seed: int) -> Row:
+    """Simulate once and give what it came to: one value a column, None where there is none.
+
+    Times in s, errors in m, m/s and rad; `reaction_difference` and `same_decision` are against the measured drive.
+    """
+    result = replace(prepared.result, build=build)
+    p = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
+    how = How(criteria=prepared.criteria, only=COMPARED, rate=RATE)
+    found = perceived_outcome(p, result, how)
+    row: Row = {
+        "end": p.run.end,
+        "failure": p.run.failure or None,
+        "decision": ", ".join(found.decision),
+        "same_decision": None if p.run.failure else found.decision == prepared.decision,
+        "reaction": found.reaction,
+        "reaction_difference": difference(found.reaction, prepared.reaction),
+        "collision": found.collision,
+        "risk": found.risk,
+        "end_position_error": end_error(p.run.end, p.pipe),
+    }
+    row |= {
+        f"pipeline_{name}": value
+        for name, value in (found.errors or dict.fromkeys(["d", "v", "heading"])).items()
+    }
+    row |= {name: found.comfort[name] for name in COMFORT}
+    return row | _judged(found, prepared.criteria)
+
+
+def _judged(found: Outcome, criteria: Criteria) -> Row:
+    """The verdict, and of each criterion its KPI and worst value; a run that ended at once cannot be judged."""
+    row: Row = {"verdict": _overall(found.kpis)}
+    for c in criteria.criteria:
+        kpi = found.kpis.get(c.name)
+        row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome
+        row[f"value {c.name}"] = None if kpi is None else kpi.value
+    return row
+
+
+def _overall(kpis: Mapping[str, Any]) -> str:
+    outcomes = {kpi.outcome for kpi in kpis.values()} or {"INVALID"}
+    return next(verdict for verdict in ("FAIL", "INVALID", "PASS") if verdict in outcomes)
