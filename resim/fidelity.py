@@ -5,6 +5,7 @@ Errors are always later minus earlier, at equal times. Takes tracks and scenario
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -246,7 +247,8 @@ def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) ->
     A lane change ends in another lane, oncoming or not, and runs along the one it leaves.
     """
     at = network.to_road(x[:1], y[:1], heading=heading[:1])
-    length = float(np.hypot(np.diff(x), np.diff(y)).sum()) + 20.0
+    driven = float(np.hypot(np.diff(x), np.diff(y)).sum())
+    length = 100.0 * math.ceil(driven / 100.0 + 0.2)  # in such steps drives of one scenario share their path
     path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
     s, d = path.project(x, y)
     beyond = np.flatnonzero(np.abs(d) > np.interp(s, path.s, path.half_width))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import atan2, sqrt
 from typing import NamedTuple
 
@@ -88,10 +88,10 @@ class Path:
 
     def xy(self, s: ArrayLike, d: ArrayLike) -> tuple[Floats, Floats]:
         """Give the map positions [m] at s, d metres to the left; inverse of `project`."""
-        start = self._search.columns[0]
+        columns = self._search.columns
         s_ = np.asarray(s, dtype=float)
-        i = np.clip(np.searchsorted(start, s_, side="right") - 1, 0, len(start) - 1)
-        s0, px, py, tx, ty, step, ex, ey, dtx, dty = (column[i] for column in self._search.columns)
+        i = np.maximum(columns[0].searchsorted(s_, side="right") - 1, 0)
+        s0, px, py, tx, ty, step, ex, ey, dtx, dty = columns.take(i, axis=1)
         f = (s_ - s0) / step
         tx, ty = tx + f * dtx, ty + f * dty
         across = np.asarray(d) / np.hypot(tx, ty)
@@ -142,12 +142,12 @@ class Path:
 class _Search(NamedTuple):
     """What `project` needs, with a far point added to either end: K + 1 segments.
 
-    columns: s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
+    columns: (10, K + 1): s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
     score: (3, K + 1), gives of (x, y, 1) the squared distance to the middles, less a constant.
     rows: the columns as one tuple per segment.
     """
 
-    columns: list[Floats]
+    columns: Floats
     score: Floats
     rows: list[tuple[float, ...]]
 
@@ -158,10 +158,10 @@ def _search(path: Path) -> _Search:
     y = np.r_[path.y[0] - FAR * ty[0], path.y, path.y[-1] + FAR * ty[-1]]
     s = np.r_[path.s[0] - FAR, path.s, path.s[-1] + FAR]
     starts = (s, x, y, np.r_[tx[0], tx, tx[-1]], np.r_[ty[0], ty, ty[-1]])
-    columns = [column[:-1] for column in starts] + [np.diff(column) for column in starts]
+    columns = np.array([column[:-1] for column in starts] + [np.diff(column) for column in starts])
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
     score = np.ascontiguousarray([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
-    return _Search(columns, score, list(zip(*(c.tolist() for c in columns), strict=True)))
+    return _Search(columns, score, list(map(tuple, columns.T.tolist())))
 
 
 def _nearest(search: _Search, x: Floats, y: Floats) -> NDArray[np.intp]:
@@ -215,7 +215,7 @@ def _project_many(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats
     """Give s and d (N,) of points (N,), by the equations of `_foot`."""
     i, top = _nearest(search, x, y), len(search.rows) - 1
     for _ in range(TRIES):
-        s, px, py, tx, ty, step, ex, ey, dtx, dty = (column[i] for column in search.columns)
+        s, px, py, tx, ty, step, ex, ey, dtx, dty = search.columns.take(i, axis=1)
         ax, ay = x - px, y - py
         c0, c1 = ax * tx + ay * ty, ax * dtx + ay * dty - ex * tx - ey * ty
         root = np.sqrt(np.maximum(c1 * c1 + 4.0 * c0 * (ex * dtx + ey * dty), 0.0))
@@ -228,6 +228,7 @@ def _project_many(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats
     return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / np.hypot(tx, ty)
 
 
+@lru_cache(maxsize=64)
 def lane_path(
     net: RoadNetwork, road: str, lane: int, s: float, length: float, *,
     behind: float = 50.0, step: float = 1.0,
@@ -235,8 +236,8 @@ def lane_path(
     """Give the path from (road, lane, s) `length` [m] ahead and `behind` [m] back, see `follow` for the way.
 
     Points lie at most step [m] apart on the reference line, at every lane section's border too. Where the
-    road ends the path goes straight on, with the widths and the limit it had. Raises InputError where the
-    lane does not exist.
+    road ends the path goes straight on, with the widths and the limit it had. The last ones are kept, as one
+    scenario is driven again and again. Raises InputError where the lane does not exist.
     """
     if not net.has_lane(road, lane, s) or lane == 0:
         raise InputError(net.path, f"road {road} has no lane {lane} at s={s:.3f} m", "Choose one that exists")
