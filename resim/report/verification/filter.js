@@ -9,7 +9,10 @@ filters.forEach(button => button.addEventListener("click", () => {
 }));
 function openNamed() {
   const part = document.getElementById(decodeURIComponent(location.hash.slice(1)));
-  if (part instanceof HTMLDetailsElement) { part.open = true; part.scrollIntoView(); }
+  if (!(part instanceof HTMLDetailsElement)) return;
+  part.hidden = false;
+  part.open = true;
+  part.scrollIntoView();
 }
 window.addEventListener("hashchange", openNamed);
 openNamed();

@@ -32,8 +32,11 @@ def kpi_table(entry: Entry) -> str:
         cells = [_kpi(kpi.get(s), kpi["GT"]) for s in sources]
         if model:
             cells.append(_over_seeds(kpi))
+        off = kpi["difference"][entry["way"]]
+        cells.append(NONE if off is None else minus(f"{off:+.2g}") if off else "0")
         rows.append(row([escape(name) + unit, *cells]))
-    return rows_table(["criterion", *sources, *([f"{MODEL}, seeds"] if model else [])], rows, "kpis")
+    head = ["criterion", *sources, *([f"{MODEL}, seeds"] if model else []), f"{entry['way']} less GT"]
+    return rows_table(head, rows, "kpis")
 
 
 def _kpi(found: Entry | None, gt: Entry) -> str:
@@ -113,5 +116,5 @@ def _held(text: str, value: float, limit: float | None) -> str:
     """Give an error beside its tolerance."""
     if limit is None:
         return text
-    beside = f"<i>{limit:g}</i>"
+    beside = f"<i>≤ {limit:g}</i>"
     return f'<span class="off">&gt; {text}</span>{beside}' if value > limit else f"{text}{beside}"
