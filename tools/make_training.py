@@ -12,13 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from make_scenarios import LANE, ROOT, Drive, SensorErrors, profile, record, swerve
+from drives import LANE, Drive, Motion, profile, swerve
+from make_scenarios import ROOT, record
+from virtual_sensor import SensorErrors
 
 from resim.core.geometry import Floats
 from resim.road.path import Path as LanePath
 
-Motion = tuple[Floats, Floats]
-Traffic = Callable[[LanePath, Floats], dict[str, Motion]]
 FIRST_SEED = 1000
 
 

@@ -3,7 +3,7 @@
     python tools/validate_closure.py [MODEL] [--seeds 20] [--drives 1]
 
 Re-simulates scenarios/cut_in_brake on GT with the model, and with the virtual sensor itself that the drive was made
-with (tools/make_scenarios.py), other seeds: what no model can do better than. With --drives N the same is done
+with (tools/virtual_sensor.py), other seeds: what no model can do better than. With --drives N the same is done
 for N - 1 more drives of the same case, made with other seeds of the sensor in a temporary folder.
 """
 
@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from make_scenarios import DRIVES, ROOT, Sensor, record
+from drives import DRIVES
+from make_scenarios import ROOT, record
+from virtual_sensor import Sensor
 
 from resim import fidelity
 from resim.ingest import Recording, read_recording

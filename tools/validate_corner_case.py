@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from make_scenarios import DRIVES
+from drives import DRIVES
 
 from resim.ingest import read_recording
 from resim.pipeline import resimulate

@@ -9,10 +9,12 @@ import pytest
 
 from adfunc.constant_velocity import ConstantVelocity
 from adfunc.highway_pilot import HighwayPilot, quintic, time_to_collision
+from adfunc.highway_pilot_mirrored import MirroredHighwayPilot
 from adfunc.idm import Idm
 from adfunc.lane_keeping import Lane, in_corridor
+from resim.ingest.settings import SETTINGS, read_settings
 from resim.road.opendrive import RoadNetwork
-from resim.sim.adfunction import AdFunction, Command, EgoState, Perceived, Setup
+from resim.sim.adfunction import AdFunction, Command, EgoState, Perceived, Setup, load_build
 from resim.sim.dynamics import Kinematic
 
 RIGHT, LEFT = -5.25, -1.75  # y of lanes -2 and -1 of road 1, along +x
@@ -148,6 +150,28 @@ def test_the_pilots_plan_begins_where_it_is(network: RoadNetwork) -> None:
     np.testing.assert_allclose(plan[0], [world.t, world.state.x, world.state.y, world.state.v], atol=0.01)
     assert (np.diff(plan[:, 0]) > 0.0).all()
     assert plan[-1, 0] == pytest.approx(world.t + 3.0)
+
+
+def test_the_mirrored_pilot_evades_into_the_lane_that_is_taken(network: RoadNetwork) -> None:
+    cars = {"1": (360.0, RIGHT, 10.0, 0.0), "2": (298.0, LEFT, 25.0, 0.0)}
+    world = World(network, MirroredHighwayPilot(), cars=cars).run(6.0)
+    assert world.state.y == pytest.approx(LEFT, abs=0.3)
+
+
+def test_where_both_sides_are_free_the_mirrored_pilot_drives_like_the_other(network: RoadNetwork) -> None:
+    cars = {"1": (360.0, RIGHT, 10.0, 0.0)}
+    right, wrong = (
+        World(network, make(), cars=dict(cars)).run(6.0) for make in (HighwayPilot, MirroredHighwayPilot)
+    )
+    assert (wrong.state.x, wrong.state.y) == (right.state.x, right.state.y)
+
+
+def test_builds_of_one_function_differ_in_their_hash_and_the_recorded_one_is_that_of_the_drives() -> None:
+    builds = ROOT / "adfunc" / "builds"
+    hashes = {v: load_build(builds / f"highway_pilot-{v}.toml").hash for v in ("1.0", "1.1", "1.2")}
+    assert len(set(hashes.values())) == 3
+    drives = [ROOT / "scenarios" / "cut_in_brake", *(ROOT / "scenarios" / "neighbours").iterdir()]
+    assert {read_settings(drive / SETTINGS).build_hash for drive in drives} == {hashes["1.0"]}
 
 
 def test_time_to_collision_is_that_of_constant_motion() -> None:

@@ -1,5 +1,5 @@
 """A cycle of a perception model in the loop: with all of its parts, and with less; beside `Ideal` and the sensor of
-tools/make_scenarios.py.
+tools/virtual_sensor.py.
 
 Ten objects around the EGO on a motorway at 25 Hz; some of them brake, some change lane, some hide others.
 
@@ -23,7 +23,7 @@ from resim.sim.adfunction import EgoState
 from resim.sim.perception import Ideal, Perception, World
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-import make_scenarios
+from virtual_sensor import Sensor as VirtualSensor
 
 STEP, DURATION, OBJECTS, LANE = 0.04, 20.0, 10, 3.5
 
@@ -50,7 +50,7 @@ def motorway(n: int) -> list[World]:
 
 
 def parts() -> dict[str, Any]:
-    """A model with all parts, of the sizes of the sensor of tools/make_scenarios.py."""
+    """A model with all parts, of the sizes of the sensor of tools/virtual_sensor.py."""
     slopes = dict.fromkeys(FEATURES, 0.003)
     error = {
         q: {
@@ -98,7 +98,7 @@ def cases() -> dict[str, Perception]:
     flat |= {name: [[row[:1] for row in table] for table in flat[name]] for name in ("loss", "gain")}
     return {
         "Ideal": Ideal(),
-        "make_scenarios.Sensor": make_scenarios.Sensor(),
+        "virtual sensor": VirtualSensor(),
         "model: nothing": sensor(),
         "model: latency": sensor(latency=whole["latency"]),
         "model: errors": sensor(errors=whole["errors"]),
@@ -139,7 +139,7 @@ def main() -> None:
     print(f"{'µs a cycle':26} {'median':>8} {'fastest':>8}")
     for name, (median, fastest) in took.items():
         print(f"{name:26} {median:8.1f} {fastest:8.1f}")
-    figures = {"cycle_us": "all parts", "ideal_us": "Ideal", "virtual_sensor_us": "make_scenarios.Sensor"}
+    figures = {"cycle_us": "all parts", "ideal_us": "Ideal", "virtual_sensor_us": "virtual sensor"}
     medians = {figure: round(took[name][0], 2) for figure, name in figures.items()}
     print(json.dumps(medians | {"cycle_fastest_us": round(took["all parts"][1], 2)}))
 
