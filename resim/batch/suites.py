@@ -21,6 +21,8 @@ from resim.verification.summary import summary
 SCHEMA = "resim-verification-1"
 CASES, REPORTS = "cases", "reports"
 """Folders in the results: what each recording gave, and the re-simulation reports of those to look at."""
+LOOKS = ("report", "cli")
+"""Parts of resim that no result depends on."""
 LONGEST = 3600.0
 """s of wall clock for one recording, with all of its seeds and variations."""
 
@@ -103,8 +105,9 @@ def versions() -> dict[str, str]:
 def _code() -> str:
     """The hash of resim's own source: a version under development changes without a new number."""
     told = hashlib.sha256()
-    for path in sorted(Path(resim.__file__).parent.rglob("*")):
-        if path.suffix in (".py", ".json", ".css"):
+    root = Path(resim.__file__).parent
+    for path in sorted(root.rglob("*")):
+        if path.suffix in (".py", ".json") and path.relative_to(root).parts[0] not in LOOKS:
             told.update(path.read_bytes())
     return told.hexdigest()
 

@@ -48,6 +48,10 @@ class Compared:
             "differences": list(worst.differences),
             "error": worst.failure or None,
             "weight_lost": worst.weight_lost,
+            "reaction": {
+                "before": [p.reactions[0] for p in self.pairs],
+                "now": [p.reactions[1] for p in self.pairs],
+            },
             "pairs": [asdict(p) for p in self.pairs],
         }
 

@@ -7,6 +7,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterator, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Literal
 
@@ -123,16 +124,14 @@ def joined(path: Path, name: str) -> Path:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Names of recordings, each its own: of the folder, with as many folders above as it takes."""
-    names = [folder.absolute().name for folder in folders]
-    for k, folder in enumerate(folders):
-        if names.count(names[k]) > 1:
-            parts = [p for p in folder.absolute().parts if p.strip("/")]
-            names[k] = next(
-                n for depth in range(2, len(parts) + 1)
-                if (n := ".".join(parts[-depth:])) and n not in names
-            )  # fmt: skip
-    return [re.sub(r"[^\w.-]", "_", name) for name in names]
+    """Names of recordings, each its own: of the folder, with as many folders above as it takes, else with a number."""
+    out: list[str] = []
+    for folder in folders:
+        parts = [re.sub(r"[^\w.-]", "_", part) for part in folder.absolute().parts if part.strip("/")]
+        choices = [".".join(parts[-depth:]) for depth in range(1, len(parts) + 1)]
+        numbered = (f"{parts[-1]}.{number}" for number in count(2))
+        out.append(next(name for name in chain(choices, numbered) if name not in out))
+    return out
 
 
 def content_hash(folder: Path) -> str:

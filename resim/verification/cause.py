@@ -49,12 +49,14 @@ def cause(
         )
     if recorded is None and sensor:
         return Cause("sensor", f"{_told(sensor)}; not tried out", worst.t)
-    for step in ("fit", "simulation"):
+    steps: tuple[Step, ...] = ("sensor", "fit", "simulation")
+    for step in steps:
         if far := [excess for excess in worst.beyond if excess.step == step]:
             return Cause(step, "; ".join([_told(far), *tried]), worst.t)
     if recorded is None:
         tried = ["there are no sensor data: errors of perception cannot be told from the function's own"]
-    return Cause("function", "; ".join(["it acts otherwise on inputs within tolerance", *tried]), worst.t)
+    own = "no step before it is beyond tolerance: it acts otherwise itself, or a KPI is at its limit"
+    return Cause("function", "; ".join([own, *tried]), worst.t)
 
 
 def _sensor(beyond: list[Excess], shown: str, mended: list[str], left: list[str]) -> str:

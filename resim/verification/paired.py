@@ -12,7 +12,7 @@ from scipy.stats import bootstrap
 
 from resim.core.geometry import Floats
 from resim.verification.compare import kpi_text
-from resim.verification.outcome import COMFORT, Outcome
+from resim.verification.outcome import COMFORT, Kpi, Outcome
 
 Change = Literal["gained", "lost", "same"]
 
@@ -34,8 +34,8 @@ class Limits(BaseModel):
 class Pair:
     """One run of both builds, same scenario, same seed (None: without a perception model).
 
-    gained, lost: KPIs, with the new one's weight. risk, comfort: the new one's less the old one's. t: when [s] the
-    first difference shows. failures: of the functions.
+    gained, lost: KPIs; weight_lost: of these. decisions, reactions [s]: the old one's and the new one's. risk, comfort:
+    the new one's less the old one's. t: when [s] the first difference shows. failure: of the functions.
     """
 
     seed: int | None
@@ -43,6 +43,7 @@ class Pair:
     lost: tuple[str, ...]
     weight_lost: float
     decisions: tuple[list[str], list[str]]
+    reactions: tuple[float | None, float | None]
     risk: float | None
     comfort: Mapping[str, float | None]
     t: float | None
@@ -56,19 +57,26 @@ class Pair:
 
 
 def pair(seed: int | None, old: Outcome, new: Outcome, parted: float | None) -> Pair:
-    """Set the new build's run beside the old one's. parted: when [s] the EGOs part."""
-    changes = {name: _change(old.kpis[name].outcome, new.kpis[name].outcome) for name in old.kpis}
+    """Set the new build's run beside the old one's. parted: when [s] the EGOs part.
+
+    A run that ended before there was anything to judge has lost what the other passed.
+    """
+    lost_all = {
+        name: Kpi("INVALID", None, k.unit, None, "", k.weight, "no run") for name, k in old.kpis.items()
+    }
+    before, now = old.kpis, {**lost_all, **new.kpis}
+    changes = {name: _change(before[name].outcome, now[name].outcome) for name in before}
     gained, lost = (tuple(name for name, c in changes.items() if c == which) for which in ("gained", "lost"))
     told = [
-        f"{name}: {kpi_text(old.kpis[name])} before, {kpi_text(new.kpis[name])} now"
-        for name in (*lost, *gained)
+        f"{name}: {kpi_text(before[name])} before, {kpi_text(now[name])} now" for name in (*lost, *gained)
     ]
     if old.decision != new.decision:
         did = [", ".join(o.decision).replace("_", " ") or "nothing" for o in (old, new)]
         told.append(f"decision: {did[0]} before, {did[1]} now")
-    broken = [t for name in lost if (t := new.kpis[name].t) is not None]
+    broken = [t for name in lost if (t := now[name].t) is not None]
     return Pair(
-        seed, gained, lost, sum(new.kpis[name].weight for name in lost), (old.decision, new.decision),
+        seed, gained, lost, sum(now[name].weight for name in lost), (old.decision, new.decision),
+        (old.reaction, new.reaction),
         _minus(new.risk, old.risk), {name: _minus(new.comfort[name], old.comfort[name]) for name in COMFORT},
         min([*broken, *([] if parted is None or not told else [parted])], default=None), tuple(told),
         "; ".join(o.failure for o in (old, new) if o.failure),

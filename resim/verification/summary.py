@@ -60,11 +60,11 @@ def _builds(recordings: Sequence[Entry], limits: Limits) -> dict[str, Any]:
 
 
 def ranked(recordings: Sequence[Entry]) -> list[Entry]:
-    """Give the recordings that two builds differ on, worst regressions first: by weight lost, then by risk."""
+    """Give the recordings that the new build is worse or otherwise on, by weight lost, then by risk, the worst first."""
 
     def badness(entry: Entry) -> tuple[float, float]:
         risks = [p["risk"] for p in entry["pairs"] if p["risk"] is not None]
         return max(p["weight_lost"] for p in entry["pairs"]), max(risks, default=0.0)
 
-    differ = [r for r in recordings if r["verdict"] not in ("same", "error")]
+    differ = [r for r in recordings if r["verdict"] in ("worse", "changed")]
     return sorted(differ, key=badness, reverse=True)

@@ -48,10 +48,14 @@ def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Ma
     drawn = axes.line(t, measured["GT"], "thin")
     for which, speeds in known.items():
         drawn += _band(axes, found[which][0], np.atleast_2d(speeds), which)
+    drawn += "".join(_first_braking(axes, t, known, entry["reaction"]))
     drawn += _first_difference(axes, entry["t"])
     seeds = {which: f", {len(s)} seeds" if s.ndim == 2 else "" for which, s in known.items()}
     keys = [_key(f"{labels[which]} ({which}{text})", which) for which, text in seeds.items()]
-    return _figure(axes.svg(drawn, f"Speed of the EGO, {escape(name)}"), [*keys, _key("GT", "thin")])
+    return _figure(
+        axes.svg(drawn, f"Speed of the EGO, {escape(name)}"),
+        [*keys, _key("GT", "thin"), _key("first braking", "dot")],
+    )
 
 
 def _curves(traces: Mapping[str, Any]) -> tuple[Floats, dict[str, Floats]]:
@@ -92,7 +96,9 @@ def _first_braking(axes: Axes, t: Floats, curves: Curves, reaction: Mapping[str,
         every = np.atleast_2d(speeds)
         values = [np.interp(at, t, one, left=np.nan, right=np.nan) for one in every]
         if np.isfinite(values).any():
-            out.append(axes.dot(at, float(np.nanmedian(values)), DRIVES.get(drive, "m")))
+            out.append(
+                axes.dot(at, float(np.nanmedian(values)), DRIVES.get(drive, "m" if drive == MODEL else drive))
+            )
     return out
 
 
