@@ -60,7 +60,7 @@ def _builds(recordings: Sequence[Entry], limits: Limits) -> dict[str, Any]:
 
 
 def ranked(recordings: Sequence[Entry]) -> list[Entry]:
-    """Give the recordings that the new build is worse or otherwise on, by weight lost, then by risk, the worst first."""
+    """Give the recordings that the new build is worse or otherwise on, the worst first: weight lost, then risk."""
 
     def badness(entry: Entry) -> tuple[float, float]:
         risks = [p["risk"] for p in entry["pairs"] if p["risk"] is not None]
