@@ -36,7 +36,7 @@ class RunTask:
 def run(task: RunTask) -> dict[str, Any]:
     """Give the `row` of the run, and how long it took [s]."""
     prepared = _prepared(task.folder, task.build, task.criteria, task.accept)
-    build, model = with_values(_build(task.build), task.values), _model(task.perception, task.values)
+    build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
     row: Row = run_once(prepared, build, model, task.seed)
     return {"row": row, "time": time.perf_counter() - begin}
@@ -53,7 +53,8 @@ def _build(path: Path) -> Build:
 
 
 @lru_cache(maxsize=32)
-def _model(path: Path | None, values: Values) -> PerceptionModel | None:
+def swept_model(path: Path | None, values: Values) -> PerceptionModel | None:
+    """Give the model with the parameters of it that are swept, None without one. Raises InputError."""
     if path is None:
         return None
     mine = tuple(

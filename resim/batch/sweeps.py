@@ -7,13 +7,14 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pandas as pd
 
 from resim.batch import journal
 from resim.batch.child import Failure
-from resim.batch.runs import RunTask, run, with_values
+from resim.batch.runs import RunTask, Values, run, swept_model, with_values
 from resim.batch.suites import versions
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
@@ -88,19 +89,30 @@ def _differ(old: Any, new: Any, name: str = "") -> Iterator[str]:
 
 
 def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
-    """Give the runs of the sweep, or of the i-th of N shards: every N-th run. Checks that parameters fit."""
+    """Give the runs of the sweep, or of the i-th of N shards: every N-th run.
+
+    Raises InputError for parameters that the model or a build does not take.
+    """
     every = runs(sweep)
     names = [p.name for p in sweep.file.parameter]
+    values = every[names].to_numpy(dtype=float)
+    for row in sorted({*values.argmin(axis=0).tolist(), *values.argmax(axis=0).tolist()}):
+        _fits(sweep, tuple(zip(names, values[row].tolist(), strict=True)))
+    return every[every[RUN] % shard[1] == shard[0] - 1]
+
+
+def _fits(sweep: Sweep, values: Values) -> None:
+    """Raise InputError where the model or a build does not take these values."""
+    if sweep.file.perception is not None:
+        swept_model(sweep.beside(sweep.file.perception), values)
     for name in sweep.file.build:
-        first = tuple(zip(names, every.iloc[0][names].tolist(), strict=True))
-        build = with_values(load_build(sweep.beside(name)), first)
+        build = with_values(load_build(sweep.beside(name)), values)
         try:
             build.make()
-        except TypeError as e:
+        except Exception as e:
             raise InputError(
                 build.path, f"does not take the parameters of the sweep: {e}", "Correct them."
             ) from e
-    return every[every[RUN] % shard[1] == shard[0] - 1]
 
 
 def execute(
@@ -148,6 +160,20 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
             number, sweep.folders[recording], sweep.beside(build), perception, sweep.beside(file.criteria),
             file.accept, tuple(zip(names, values, strict=True)), seed,
         )  # fmt: skip
+
+
+def sample(sweep: Sweep, wanted: pd.DataFrame) -> tuple[float | None, float, list[str]]:
+    """Do a few runs and give the median time [s] of one, its size [bytes], and why any failed."""
+    some = wanted.groupby(["recording", "build"], sort=False).head(4).head(16)
+    found = [
+        r for _, r in run_all(run, list(tasks(sweep, some)), workers=1, time_limit=sweep.file.time_limit)
+    ]
+    failures = [r.reason for r in found if isinstance(r, Failure)]
+    good = [r for r in found if not isinstance(r, Failure)]
+    if not good:
+        return None, 0.0, failures
+    size = sum(len(json.dumps(r["row"])) for r in good) / len(good) / 4.0  # as Parquet packs it
+    return median(r["time"] for r in good), size, failures
 
 
 def compact(sweep: Sweep, out: Path) -> int:

@@ -76,7 +76,9 @@ def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
     """Wait for one or more, and give them."""
     done, _ = wait(waiting, return_when=FIRST_COMPLETED)
     for future in done:
-        yield waiting.pop(future), future.result()
+        why = future.exception()  # as of a cluster's worker that was killed over and over
+        result = future.result() if why is None else Failure(f"the pool lost it: {why!r}", crashed=True)
+        yield waiting.pop(future), result
 
 
 def supervised(function: Callable[[Task], Result], task: Task, time_limit: float) -> Result | Failure:

@@ -24,17 +24,24 @@ app = typer.Typer(
 )
 
 
-class _DriveByDefault(TyperGroup):
-    """`resim assess FOLDER` is `resim assess drive FOLDER`."""
+class _FirstByDefault(TyperGroup):
+    """`resim assess FOLDER` is `resim assess drive FOLDER`: the command that was added first stands for all."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front where none is named."""
-        return super().parse_args(ctx, args if args and args[0] in self.commands else ["drive", *args])
+        first = next(iter(self.commands))
+        return super().parse_args(ctx, args if args and args[0] in self.commands else [first, *args])
 
 
-assess_app = typer.Typer(cls=_DriveByDefault, rich_markup_mode=None)
+assess_app = typer.Typer(cls=_FirstByDefault, rich_markup_mode=None)
 app.add_typer(
     assess_app, name="assess", help="How dangerous was a drive, when, because of whom, and does it pass?"
+)
+
+
+sweep_app = typer.Typer(cls=_FirstByDefault, rich_markup_mode=None)
+app.add_typer(
+    sweep_app, name="sweep", help="How late, how wrong, how blind may perception be? Thousands of runs."
 )
 
 

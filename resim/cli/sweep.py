@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import app
+from resim.cli.app import sweep_app
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from resim.batch.sweeps import Tell
+    from resim.pipeline.sweep import Sweep
 
 
-@app.command()
+@sweep_app.command("run")
 def sweep(
     file: Annotated[
         Path, typer.Argument(help="Sweep (TOML): recordings, builds, parameters and their ranges, plan.")
@@ -28,24 +31,63 @@ def sweep(
         str, typer.Option(metavar="I/N", help="Do every N-th run only, from the I-th on: for job arrays.")
     ] = "1/1",
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores, if not given.")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, such as tcp://head:8786."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say how many runs it is, how long it takes, how large it gets.")
+    ] = False,
 ) -> None:
-    """Re-simulate recordings over and over, with the parameters of a plan, and judge every run."""
+    """Re-simulate recordings over and over, with the parameters of a plan, and judge every run.
+
+    What was finished is committed, run by run: after an interruption, --resume does what is missing.
+    """
     from resim.batch import journal
+    from resim.batch.cluster import cluster
     from resim.batch.sweeps import begin, compact, execute, inputs, table
     from resim.pipeline.sweep import read_sweep
 
     part = _shard(shard)
     wanted = read_sweep(file)
+    runs = table(wanted, part)
+    count = workers or os.cpu_count() or 1
+    if dry_run:
+        _estimate(wanted, runs, count)
+        return
     begin(out, inputs(wanted, out), resume=resume or part[1] > 1)
-    runs = set(table(wanted, part)["run"])
-    done = len(runs & {entry["run"] for entry in journal.read(out / "journal")})
-    with _progress(len(runs), done) as tell:
-        execute(wanted, out, workers=workers or os.cpu_count() or 1, shard=part, tell=tell)
+    numbers = set(runs["run"])
+    done = len(numbers & {entry["run"] for entry in journal.read(out / "journal")})
+    with ExitStack() as stack:
+        tell = stack.enter_context(_progress(len(runs), done))
+        if scheduler is None:
+            execute(wanted, out, workers=count, shard=part, tell=tell)
+        else:
+            there = stack.enter_context(cluster(scheduler))
+            typer.echo(f"dashboard: {there.dashboard}", err=True)
+            execute(wanted, out, workers=there.threads, shard=part, pool=there.pool, tell=tell)
     missing = compact(wanted, out)
     if missing:
         typer.echo(f"{out}: this shard is done; {missing} runs of others are missing")
-    else:
-        typer.echo(f"{out / 'runs'}: {len(table(wanted))} runs")
+        return
+    failed = sum(entry["row"]["end"] == "failed" for entry in journal.read(out / "journal"))
+    typer.echo(f"{out / 'runs'}: {len(runs)} runs, {failed} without a result")
+
+
+def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
+    """Do a few runs, and say how long all of them take."""
+    from resim.batch.sweeps import sample
+
+    each, size, failures = sample(wanted, runs)
+    if failures:
+        typer.echo(f"a run fails: {failures[0]}")
+    if each is None:
+        return
+    seconds = each * len(runs) / workers
+    told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"
+    typer.echo(
+        f"{len(runs)} runs of {each:.2f} s each, about {told} with {workers} processes, {size * len(runs) / 1e6:.1f} MB"
+    )
 
 
 def _shard(text: str) -> tuple[int, int]:

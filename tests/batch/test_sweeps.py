@@ -1,0 +1,215 @@
+"""Sweeps: every run is done once, whatever is killed, and the table is the same."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+import pytest
+
+from resim.batch import journal
+
+ROOT = Path(__file__).parents[2]
+Call = Callable[..., tuple[int, str, str]]
+
+SWEEP = """
+name = "small"
+criteria = "{root}/scenarios/criteria/highway.toml"
+build = [{builds}]
+perception = "{root}/adfunc/perception/proving_ground.json"
+seeds = 1
+time_limit = {limit}
+
+[[recording]]
+folder = "{root}/scenarios/cut_in_brake"
+
+[[parameter]]
+name = "perception.latency.speed"
+low = 0.0
+high = 1.2
+steps = 2
+"""
+
+FAULTY = '''
+import os
+import time
+
+from adfunc.highway_pilot import HighwayPilot
+
+
+class Faulty(HighwayPilot):
+    """Crashes the process, hangs, or raises, as its parameter says."""
+
+    def __init__(self, fault):
+        super().__init__()
+        self.fault = fault
+
+    def step(self, perceived):
+        if perceived.t > 1.0:
+            if self.fault == "crash":
+                os.kill(os.getpid(), 11)
+            if self.fault == "hang":
+                time.sleep(100.0)
+            if self.fault == "raise":
+                raise ValueError("no way out")
+        return super().step(perceived)
+'''
+
+
+def write(folder: Path, *faults: str, limit: float = 60.0) -> Path:
+    """A sweep of highway_pilot 1.0 and of a function with each fault."""
+    builds = [f'"{ROOT}/adfunc/builds/highway_pilot-1.0.toml"']
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "faulty.py").write_text(FAULTY)
+    for fault in faults:
+        head = f'name = "{fault}"\nversion = "1"\nfactory = "faulty:Faulty"\ntime_limit = 1.0\n'
+        (folder / f"{fault}.toml").write_text(f'{head}[parameters]\nfault = "{fault}"\n')
+        builds.append(f'"{fault}.toml"')
+    path = folder / "sweep.toml"
+    path.write_text(SWEEP.format(root=ROOT, builds=", ".join(builds), limit=limit))
+    return path
+
+
+def table(out: Path) -> pd.DataFrame:
+    return duckdb.sql(f"select * from '{out}/runs/*.parquet'").df()
+
+
+def bytes_of(out: Path) -> dict[str, str]:
+    files = [*sorted((out / "runs").iterdir()), out / "manifest.json"]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A sweep, and its results."""
+    folder = tmp_path_factory.mktemp("sweep")
+    path = write(folder, "raise", "crash", "hang", limit=20.0)
+    start(path, folder / "out", "--workers", "2").wait()
+    return path, folder / "out"
+
+
+def start(path: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "resim", "sweep", str(path), "--out", str(out), *more]
+    return subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+
+
+def test_every_run_has_a_row(undisturbed: tuple[Path, Path]) -> None:
+    found = table(undisturbed[1])
+    assert found["run"].tolist() == list(range(8))
+    assert sorted(found["perception.latency.speed"].unique()) == [0.0, 1.2]
+    good = found[found.build.str.endswith("highway_pilot-1.0.toml")]
+    assert (good.end == "duration").all()
+    assert good[good["perception.latency.speed"] == 0.0].decision.tolist() == ["brake, lane_change_left"]
+    assert good[good["perception.latency.speed"] == 1.2].decision.tolist() == ["brake"]
+    assert not good[good["perception.latency.speed"] == 0.0].same_decision.any()
+    assert (good["kpi no collision"] == "PASS").all()
+    assert good.risk.between(0.0, 1.0).all()
+
+
+def test_faults_of_the_function_cost_their_own_runs(undisturbed: tuple[Path, Path]) -> None:
+    found = table(undisturbed[1]).set_index("build")
+    assert (found.loc["raise.toml"].end == "function_failed").all()
+    assert found.loc["raise.toml"].failure.str.contains("no way out").all()
+    assert (found.loc["crash.toml"].end == "failed").all()
+    assert found.loc["crash.toml"].failure.tolist() == ["the process was ended by SIGSEGV"] * 2
+    assert (found.loc["hang.toml"].end == "function_failed").all()
+
+
+def test_killed_over_and_over_it_gives_the_same(undisturbed: tuple[Path, Path]) -> None:
+    """kill -9 of the command with all of its children, and of single children, at random times."""
+    path, out = undisturbed[0], undisturbed[0].with_name("killed")
+    rng = random.Random(4)
+    for _ in range(3):
+        process = start(path, out, "--workers", "2", "--resume")
+        time.sleep(rng.uniform(3.0, 7.0))
+        children = subprocess.run(
+            ["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False
+        ).stdout.split()
+        for child in rng.sample(children, min(1, len(children))):
+            os.kill(int(child), signal.SIGKILL)
+        time.sleep(rng.uniform(0.0, 1.0))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert start(path, out, "--resume").wait() == 0
+    entries = [entry["run"] for entry in journal.read(out / "journal")]
+    assert sorted(entries) == list(range(8))
+    assert bytes_of(out) == bytes_of(undisturbed[1])
+
+
+def test_shards_give_the_same(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    assert start(path, tmp_path / "whole").wait() == 0
+    for shard in ("2/2", "1/2"):
+        assert start(path, tmp_path / "parts", "--shard", shard).wait() == 0
+    assert bytes_of(tmp_path / "parts") == bytes_of(tmp_path / "whole")
+
+
+def test_a_line_that_was_cut_short_is_done_again(tmp_path: Path) -> None:
+    path = tmp_path / "1-of-1.jsonl"
+    with journal.Journal(path) as file:
+        file.append({"run": 0})
+        file.append({"run": 1})
+    path.write_bytes(path.read_bytes()[:-3])
+    assert [entry["run"] for entry in journal.read(tmp_path)] == [0]
+    with journal.Journal(path) as file:
+        file.append({"run": 2})
+    assert [entry["run"] for entry in journal.read(tmp_path)] == [0, 2]
+
+
+def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call: Call) -> None:
+    path, out = undisturbed
+    code, _, error = call("sweep", str(path), "--out", str(out))
+    assert (code, "--resume" in error) == (2, True)
+    text = path.read_text()
+    path.write_text(text.replace("high = 1.2", "high = 1.3"))
+    code, _, error = call("sweep", str(path), "--out", str(out), "--resume")
+    path.write_text(text)
+    assert code == 2
+    assert "sweep.parameter is not what it was when the sweep began" in error
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("perception.latency.speed", "perception.latency.sped", "latency.sped"),
+        ("perception.latency.speed", "function.no_such_thing", "no_such_thing"),
+        ("perception.latency.speed", "build.name", "build has no parameter 'name'"),
+        ('perception = "', '# perception = "', "without a model"),
+        ("scenarios/cut_in_brake", "scenarios/nowhere", "nowhere"),
+        ("steps = 2", "steps = 1", "steps"),
+    ],
+)
+def test_mistakes_are_told(tmp_path: Path, call: Call, old: str, new: str, told: str) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace(old, new))
+    code, _, error = call("sweep", str(path), "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert told in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_says_how_long_it_takes(tmp_path: Path, call: Call) -> None:
+    code, out, error = call("sweep", str(write(tmp_path)), "--out", str(tmp_path / "out"), "--dry-run")
+    assert (code, error) == (0, "")
+    assert "2 runs of 0." in out
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path]) -> None:
+    manifest = json.loads((undisturbed[1] / "manifest.json").read_text())
+    assert manifest["runs"] == 8
+    assert manifest["failed"] == 2
+    assert manifest["inputs"]["recordings"]["cut_in_brake"]["hash"]
+    assert manifest["columns"] == table(undisturbed[1]).columns.tolist()
