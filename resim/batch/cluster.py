@@ -31,7 +31,7 @@ def cluster(address: str) -> Iterator[Cluster]:
     except ImportError as e:
         raise InputError("--scheduler", "needs Dask", "pip install resim[cluster]") from e
     try:
-        client = Client(address, timeout=20)
+        client = Client(address, timeout=10)
     except (OSError, ValueError) as e:
         raise InputError(
             "--scheduler", f"{address}: no scheduler answers ({e})", "Start one, or correct it."
