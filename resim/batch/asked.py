@@ -56,6 +56,7 @@ class Asked(_Model):
     driven_by: tuple[str, ...]
     tolerances: Tolerances
     limits: Limits
+    reports: int
     recordings: dict[str, File]
     wanted: dict[str, str] = Field(description="hashes that the suite wants")
 
@@ -100,6 +101,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         driven_by=(*file.driven_by, *call.driven_by),
         tolerances=file.tolerances,
         limits=file.limits,
+        reports=file.reports,
         recordings={
             name: File(path=_beside(folder, base), hash=_content(folder))
             for name, folder in suite.folders.items()

@@ -13,7 +13,7 @@ from typing import Any
 import resim
 from resim.batch.asked import Asked, tasks
 from resim.batch.child import Failure
-from resim.batch.tasks import run
+from resim.batch.tasks import Task, report, reports_of, run
 from resim.batch.workers import run_all
 from resim.store import whole_file, write_json
 from resim.verification.summary import summary
@@ -55,19 +55,36 @@ def verify(
                 write_json({"key": keys[name], **found[name]}, path)
         tell(name, found[name]["entry"]["verdict"], False)
     recordings = [{"name": n, **_source(a, n), **found[n]["entry"]} for n in todo]
-    return {
-        "schema": SCHEMA,
-        "versions": versions(),
-        "inputs": a.model_dump(mode="json"),
-        "summary": summary(recordings, a.limits if a.against is not None else None),
-        "recordings": recordings,
-    }, {n: found[n]["traces"] for n in todo}
+    told = summary(recordings, a.limits if a.against is not None else None)
+    chosen = told["worst"][: a.reports]
+    for r in recordings:
+        names = reports_of(r["name"], builds=a.against is not None) if r["name"] in chosen else []
+        r["reports"] = [f"{REPORTS}/{name}" for name in names]
+    if out is not None:
+        _write_reports(recordings, out, [todo[name] for name in chosen], {*missing}, workers)
+    whole = {"schema": SCHEMA, "versions": versions(), "inputs": a.model_dump(mode="json"), "summary": told}
+    return {**whole, "recordings": recordings}, {n: found[n]["traces"] for n in todo}
+
+
+def _write_reports(
+    recordings: list[dict[str, Any]], out: Path, chosen: list[Task], fresh: set[str], workers: int
+) -> None:
+    """Write the reports of the chosen recordings that are fresh or have none yet; what fails has no report."""
+    by_name = {r["name"]: r for r in recordings}
+    todo = [
+        task
+        for task in chosen
+        if task.name in fresh or not all((out / path).is_file() for path in by_name[task.name]["reports"])
+    ]
+    for k, result in run_all(report, todo, workers=workers, time_limit=LONGEST):
+        if isinstance(result, Failure):
+            by_name[todo[k].name]["reports"] = []
 
 
 def _case(result: dict[str, Any] | Failure) -> dict[str, Any]:
     if not isinstance(result, Failure):
         return result
-    entry = {"verdict": "error", "error": result.reason, "crashed": result.crashed, "reports": []}
+    entry = {"verdict": "error", "error": result.reason, "crashed": result.crashed}
     return {"entry": entry, "traces": {}, "time": None}
 
 
@@ -80,7 +97,7 @@ def _kept(out: Path, name: str, key: str) -> dict[str, Any] | None:
     """What was found for a recording before, from the same inputs."""
     try:
         case: dict[str, Any] = json.loads((out / CASES / f"{name}.json").read_text(encoding="utf-8"))
-        if case["key"] == key and all((out / report).is_file() for report in case["entry"]["reports"]):
+        if case["key"] == key:
             return case
     except (OSError, ValueError, KeyError, TypeError):
         pass
@@ -89,7 +106,7 @@ def _kept(out: Path, name: str, key: str) -> dict[str, Any] | None:
 
 def _key(a: Asked, name: str) -> str:
     """What the result of a recording follows from."""
-    told = a.model_dump(mode="json", exclude={"recordings", "wanted", "suite", "name", "limits"})
+    told = a.model_dump(mode="json", exclude={"recordings", "wanted", "suite", "name", "limits", "reports"})
     told |= {"recording": a.recordings[name].model_dump(), "wanted": a.wanted.get(name)}
     told |= {"versions": versions(), "code": _code()}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()

@@ -23,6 +23,7 @@ from resim.pipeline import (
     assess_resimulation,
     examined,
     file_hash,
+    resimulate,
 )
 from resim.pipeline.builds import compare_builds
 from resim.pipeline.suite import content_hash
@@ -34,6 +35,8 @@ from resim.verification.tolerance import Tolerances
 
 RATE = 10.0
 """Samples a second [Hz] of the traces on the page."""
+BUILDS = ("before", "now")
+"""The older build and the newer one."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +79,7 @@ def _verify(task: Task, recording: Recording) -> dict[str, Any]:
     found = verify_recording(
         recording, load_build(task.build), demands, Options(bases=task.bases), _perceiving(task), task.accept
     )
-    entry = found.to_json()
-    reports = [] if entry["verdict"] == "verified" else [_report(task, found.result, "")]
-    return {"entry": {**entry, "reports": reports}, "traces": _traces(found.result)}
+    return {"entry": found.to_json(), "traces": _traces(found.result)}
 
 
 def _compare(task: Task, recording: Recording) -> dict[str, Any]:
@@ -86,11 +87,31 @@ def _compare(task: Task, recording: Recording) -> dict[str, Any]:
     found = compare_builds(
         recording, old, new, read_criteria(task.criteria), Options(bases=("GT",)), _perceiving(task), task.accept
     )  # fmt: skip
-    entry, results = found.to_json(), {"before": found.old, "now": found.new}
-    same = entry["verdict"] == "same"
-    reports = [] if same else [_report(task, r, f".{which}") for which, r in results.items()]
-    traces = {which: _traces(result) for which, result in results.items()}
-    return {"entry": {**entry, "reports": reports}, "traces": traces}
+    traces = {which: _traces(result) for which, result in zip(BUILDS, (found.old, found.new), strict=True)}
+    return {"entry": found.to_json(), "traces": traces}
+
+
+def reports_of(name: str, *, builds: bool) -> list[str]:
+    """Give the names of a recording's re-simulation reports: one, or one of each build."""
+    return [f"{name}.{which}.html" for which in BUILDS] if builds else [f"{name}.html"]
+
+
+def report(task: Task) -> None:
+    """Re-simulate the recording once more, and write its reports into `task.reports`."""
+    assert task.reports is not None
+    recording, how = examined(task.folder, accept=task.accept), How(criteria=read_criteria(task.criteria))
+    builds = [task.build] if task.against is None else [task.against, task.build]
+    bases: tuple[Basis, ...] = task.bases if task.against is None else ("GT",)
+    for name, build in zip(reports_of(task.name, builds=len(builds) > 1), builds, strict=True):
+        result = resimulate(
+            recording,
+            load_build(build),
+            Options(bases=bases),
+            perceiving=_perceiving(task),
+            accept=task.accept,
+        )
+        with whole_file(task.reports / name) as path:
+            write_report(result, assess_resimulation(result, how), path)
 
 
 def _perceiving(task: Task) -> Perceiving | None:
@@ -98,16 +119,6 @@ def _perceiving(task: Task) -> Perceiving | None:
         return None
     model = read_model(task.perception, task.settings)
     return Perceiving(model, task.seeds, task.settings, file_hash(task.perception))
-
-
-def _report(task: Task, result: Resimulation, which: str) -> str:
-    """Write the re-simulation report, and give its place from the results' folder."""
-    name = f"{task.name}{which}.html"
-    if task.reports is not None:
-        assessed = assess_resimulation(result, How(criteria=read_criteria(task.criteria)))
-        with whole_file(task.reports / name) as path:
-            write_report(result, assessed, path)
-    return f"reports/{name}"
 
 
 def _traces(result: Resimulation) -> dict[str, Any]:

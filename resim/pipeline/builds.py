@@ -13,7 +13,7 @@ from resim.pipeline.outcomes import outcomes, parted, perceived_outcome
 from resim.pipeline.perceived import Perceiving
 from resim.pipeline.result import Options, Resimulation
 from resim.pipeline.run import resimulate
-from resim.pipeline.verify import COMPARED
+from resim.pipeline.verify import COMPARED, has_plans
 from resim.sim.adfunction import Build
 from resim.sim.run import Run
 from resim.verification.outcome import Outcome
@@ -66,10 +66,11 @@ def compare_builds(
     accept: Collection[str] = (),
 ) -> Compared:
     """Re-simulate GT with both builds; with a perception model once a seed, else once."""
-    how = How(criteria=criteria, only=COMPARED)
     results = [
         resimulate(recording, build, options, perceiving=perceiving, accept=accept) for build in (old, new)
     ]
+    planned = all(has_plans(result) for result in results)
+    how = How(criteria=criteria, only=COMPARED, path="plan" if planned else "state")
     each = [_runs(result, how) for result in results]
     pairs = []
     for seed, (one, run) in each[0].items():

@@ -43,6 +43,7 @@ class SuiteFile(Strict):
     bases: what is re-simulated; seeds, seed: how many runs with the perception model, and the first one's seed.
     agreement: share of the seeds that must agree. vary: parameters of which the range is searched in which the verdicts
     hold. accept: codes of findings in spite of which to go on. driven_by: other builds whose recordings are taken.
+    reports: of how many recordings that are not good there is a re-simulation report, the worst first.
     """
 
     name: str = Field(min_length=1)
@@ -58,6 +59,7 @@ class SuiteFile(Strict):
     driven_by: tuple[str, ...] = ()
     tolerances: Tolerances = Tolerances()
     limits: Limits = Limits()
+    reports: int = Field(default=10, ge=0)
 
 
 class Suite(Strict):

@@ -43,10 +43,16 @@ class Demands:
     agreement: float = 0.9
     vary: tuple[str, ...] = ()
 
-    @property
-    def how(self) -> How:
-        """How drives are assessed: no more than what is compared."""
-        return How(criteria=self.criteria, only=COMPARED)
+    def how(self, result: Resimulation) -> How:
+        """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source."""
+        planned = result.recording.plan is not None and has_plans(result)
+        return How(criteria=self.criteria, only=COMPARED, path="plan" if planned else "state")
+
+
+def has_plans(result: Resimulation) -> bool:
+    """Say whether the function gave plans in every run; else drives can be compared by the EGO's state alone."""
+    runs = [b.run for b in result.branches.values()] + [p.run for p in result.perceived_runs]
+    return all(run.plans for run in runs)
 
 
 def may_verify(recording: Recording | Settings, build: Build, driven_by: tuple[str, ...]) -> bool:
@@ -76,34 +82,36 @@ def verify_recording(
             f"{recording.folder or recording.name}: has no sensor data, so basis SD has nothing to run"
         )
     result = resimulate(recording, build, options, perceiving=perceiving, accept=accept)
-    assessed = assess_resimulation(result, demands.how)
+    how = demands.how(result)
+    assessed = assess_resimulation(result, how)
     found = outcomes(result, assessed)
-    seeds = {p.seed: perceived_outcome(p, result, demands.how) for p in result.perceived_runs}
+    seeds = {p.seed: perceived_outcome(p, result, how) for p in result.perceived_runs}
     errors = rms(result.errors)
     judged = _judged(found, seeds, errors, demands)
     recorded = None
     if any(j.verdict == "not verified" for j in judged.values()):
-        recorded = _as_recorded(result, found["GT"], errors, demands)
+        recorded = _as_recorded(result, found["GT"], errors, demands, how)
     shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smooth as its splines"}
     if perceiving is not None:
         shown["rGT+M"] = f"what {perceiving.model.name} shows"
     causes: dict[Way, Cause | None] = {
-        way: cause(j, errors, demands.tolerances, recorded, shown[way]) for way, j in judged.items()
+        way: cause(j, errors, demands.tolerances, recorded, shown[way], oracle=build.needs_truth)
+        for way, j in judged.items()
     }
     out = Verified(
         result, found, seeds, errors, judged, causes, recorded, notes=(*result.warnings, *assessed.notes())
     )
     if demands.vary and out.verdict == "verified":
-        return _varied(out, assessed.blocks["GT"], demands)
+        return _varied(out, assessed.blocks["GT"], demands.vary, how)
     return out
 
 
-def _varied(found: Verified, measured: Assessment, demands: Demands) -> Verified:
+def _varied(found: Verified, measured: Assessment, parameters: tuple[str, ...], how: How) -> Verified:
     """Search how far the parameters can be varied; a note says where that cannot be done."""
     ranges, notes = [], []
-    for parameter in demands.vary:
+    for parameter in parameters:
         try:
-            ranges.append(validity(found.result, parameter, critical(measured), demands.how))
+            ranges.append(validity(found.result, parameter, critical(measured), how))
         except ResimError as e:
             notes.append(f"{parameter} is not varied: {e}")
     return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))
@@ -123,11 +131,13 @@ def _judged(
     return out
 
 
-def _as_recorded(result: Resimulation, measured: Outcome, errors: Rms, demands: Demands) -> Comparison | None:
+def _as_recorded(
+    result: Resimulation, measured: Outcome, errors: Rms, demands: Demands, how: How
+) -> Comparison | None:
     """The run on GT that shows the function what was recorded as perceived; None where nothing was, or for oracles."""
     recording, whole = result.recording, measured_tracks(result.recording)
     if "SD" not in whole or result.build.needs_truth:
         return None
     shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
     run = run_on_gt(result, perception=shown)
-    return compare("rGT+M", measured, perceived_outcome(run, result, demands.how), errors, demands.tolerances)
+    return compare("rGT+M", measured, perceived_outcome(run, result, how), errors, demands.tolerances)

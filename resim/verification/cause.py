@@ -22,22 +22,28 @@ class Cause:
 
 
 def cause(
-    judged: Judged, errors: Rms, tolerances: Tolerances, recorded: Comparison | None, shown: str = "the truth"
+    judged: Judged,
+    errors: Rms,
+    tolerances: Tolerances,
+    recorded: Comparison | None,
+    shown: str = "the truth",
+    *,
+    oracle: bool = False,
 ) -> Cause | None:
     """Give the cause of a verdict that is not good, None for a good one.
 
     recorded: the re-simulation on ground truth in which the function was shown what was recorded as perceived, None
-    where nothing was. shown: what the function was shown in the runs of the verdict. In the order of the chain
-    (Wagner 2021, 5.3.2): the sensor's error is the cause where most of what differs is as measured once the function is
-    shown what was recorded; where that cannot be tried, or mends little, it is the first step whose error is beyond
-    tolerance; where none is, the function itself.
+    where nothing was. shown: what the function was shown in the runs of the verdict. oracle: it places the EGO where it
+    was measured, whatever it is shown. In the order of the chain (Wagner 2021, 5.3.2): the sensor's error is the cause
+    where most of what differs is as measured once the function is shown what was recorded; where that cannot be tried,
+    or mends little, it is the first step whose error is beyond tolerance; where none is, the function itself.
     """
     if judged.verdict in ("verified", "error"):
         return None
     worst = judged.worst
     if judged.verdict == "invalid":
         return Cause("criteria", f"cannot be judged: {', '.join(_invalid(worst))}", worst.t)
-    sensor = list(tolerances.beyond("sensor", errors.get("S", {})))
+    sensor = [] if oracle else list(tolerances.beyond("sensor", errors.get("S", {})))
     tried = []
     if recorded is not None:
         mended = sorted(worst.unequal - recorded.unequal)
@@ -53,6 +59,8 @@ def cause(
     for step in steps:
         if far := [excess for excess in worst.beyond if excess.step == step]:
             return Cause(step, "; ".join([_told(far), *tried]), worst.t)
+    if oracle:
+        return Cause("criteria", "a KPI is at its limit: the EGO was placed where it was measured", worst.t)
     if recorded is None:
         tried = ["there are no sensor data: errors of perception cannot be told from the function's own"]
     own = "no step before it is beyond tolerance: it acts otherwise itself, or a KPI is at its limit"

@@ -26,6 +26,12 @@ def summary(recordings: Sequence[Entry], limits: Limits | None) -> dict[str, Any
     return {
         **{verdict: counts[verdict] for verdict in VERDICTS},
         "causes": dict(sorted(causes.items())),
+        "worst": [
+            r["name"]
+            for verdict in ("not verified", "invalid")
+            for r in recordings
+            if r["verdict"] == verdict
+        ],
         "good": counts["verified"] == len(recordings),
     }
 

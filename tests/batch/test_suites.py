@@ -112,10 +112,6 @@ def test_the_mirrored_lane_check_is_found_with_scenario_and_second(
     assert verdicts(out)["overtake"] == "same"
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the risk of a measured drive with plans is along its plan, of an oracle's without along its state",
-)
 def test_replay_is_verified_on_the_whole_highway_suite(call: Call, tmp_path: Path) -> None:
     out = tmp_path / "out"
     call("verify", HIGHWAY, "--build", REPLAY, "--out", out, "--workers", 2)

@@ -131,7 +131,7 @@ def test_killed_over_and_over_it_gives_the_same(undisturbed: tuple[Path, Path]) 
     """kill -9 of the command with all of its children, and of single children, at random times."""
     path, out = undisturbed[0], undisturbed[0].with_name("killed")
     rng = random.Random(4)
-    for _ in range(3):
+    for _ in range(2):
         process = start(path, out, "--workers", "2", "--resume")
         time.sleep(rng.uniform(3.0, 7.0))
         children = subprocess.run(
