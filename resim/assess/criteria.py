@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -18,7 +19,7 @@ from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Objectificatio
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Bools, Floats
-from resim.core.plugin import load_named
+from resim.core.plugin import load_named, sources
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
@@ -98,11 +99,12 @@ class _CriteriaFile(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Criteria:
-    """What a drive has to keep to, and the user's own objectifications."""
+    """What a drive has to keep to, and the user's own objectifications. hash: SHA-256 of the file and their sources."""
 
     name: str
     criteria: tuple[Criterion, ...]
     own: tuple[Objectification, ...] = ()
+    hash: str = ""
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,8 @@ class Verdict:
 def read_criteria(path: Path) -> Criteria:
     """Read a TOML file of criteria. Raises InputError naming every fault."""
     try:
-        file = _CriteriaFile.model_validate(parse_toml(read_file(path, EXAMPLE), path, EXAMPLE))
+        raw = read_file(path, EXAMPLE)
+        file = _CriteriaFile.model_validate(parse_toml(raw, path, EXAMPLE))
     except ValidationError as e:
         faults = [
             p for p in e.errors() if p["type"] != "too_short"
@@ -141,7 +144,9 @@ def read_criteria(path: Path) -> Criteria:
             raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
     if strange := [c.measure for c in file.criterion if c.measure not in known]:
         raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
-    return Criteria(file.name, file.criterion, own)
+    modules = [load_named(path, o.function, "objectification")[1] for o in file.objectification]
+    digest = hashlib.sha256(b"\0".join([raw, *map(sources, modules)])).hexdigest()
+    return Criteria(file.name, file.criterion, own, digest)
 
 
 def _own(path: Path, own: OwnObjectification) -> Objectification:

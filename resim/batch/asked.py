@@ -10,13 +10,16 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from resim.assess.criteria import read_criteria
 from resim.batch.tasks import Task
 from resim.core.errors import InputError, ResimError
 from resim.ingest.settings import SETTINGS, read_settings
-from resim.pipeline import file_hash
+from resim.perception.model import read_model
+from resim.pipeline import check_codes, file_hash
 from resim.pipeline.suite import Suite, content_hash
 from resim.pipeline.verify import UNKNOWN, may_verify
 from resim.sim.adfunction import load_build
+from resim.variation import PARAMETERS
 from resim.verification.paired import Limits
 from resim.verification.tolerance import Tolerances
 
@@ -83,6 +86,15 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
     perception = call.perception or (None if file.perception is None else suite.beside(file.perception))
     if call.settings and perception is None:
         raise InputError("--set", f"{call.settings[0]!r} without a model", "Name one with --perception.")
+    if call.seeds is not None and perception is None:
+        raise InputError("--seeds", "are runs with a perception model", "Name one with --perception.")
+    if strange := [name for name in call.vary if name not in PARAMETERS]:
+        raise InputError("--vary", f"there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
+    if call.against is not None and (call.vary or call.driven_by):
+        raise InputError("--against", "compares builds alone", "Leave out --vary and --driven-by.")
+    check_codes(file.accept)
+    if perception is not None:
+        read_model(perception, call.settings)
     criteria = suite.beside(file.criteria)
     count = call.seeds or file.seeds
     return Asked(
@@ -90,7 +102,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         suite=_file(suite.path, base),
         build=_build(call.build, base),
         against=None if call.against is None else _build(call.against, base),
-        criteria=_file(criteria, base),
+        criteria=File(path=_beside(criteria, base), hash=read_criteria(criteria).hash),
         perception=None if perception is None else _file(perception, base),
         settings=call.settings,
         seeds=() if perception is None else tuple(range(file.seed, file.seed + count)),
@@ -118,13 +130,15 @@ def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:
     except ValidationError as e:
         raise InputError(path, "is not what `resim verify` writes", remedy) from e
     base = path.parent
-    files = [before.criteria, before.build, before.against, before.perception]
+    files = [before.build, before.against, before.perception]
     now: list[tuple[str, str | None, str | None]] = []
     for one in files:
         if isinstance(one, Named):
             now.append((one.path, one.hash, load_build(_there(base, one)).hash))
         elif one is not None:
             now.append((one.path, one.hash, _hash(_there(base, one))))
+    criteria = before.criteria
+    now.append((criteria.path, criteria.hash, read_criteria(_there(base, criteria)).hash))
     now += [(r.path, r.hash, _content(_there(base, r))) for r in before.recordings.values()]
     if changed := [name for name, old, new in now if old != new]:
         more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
@@ -155,11 +169,12 @@ def refuse_others(a: Asked, base: Path) -> None:
 
 
 def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
-    """Give a task for each recording that can be read, by name. base: what the paths are from."""
+    """Give a task for each recording, by name. base: what the paths are from."""
     against = None if a.against is None else _there(base, a.against)
     return {
         name: Task(
-            name, _there(base, file), a.wanted.get(name), _there(base, a.build), against, _there(base, a.criteria),
+            name, _there(base, file), a.wanted.get(name) or file.hash, _there(base, a.build), against,
+            _there(base, a.criteria),
             a.bases, None if a.perception is None else _there(base, a.perception), a.settings, a.seeds, a.agreement,
             a.tolerances, a.vary, a.accept, reports,
         )

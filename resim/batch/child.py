@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import sys
+import threading
+import time
 import traceback
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -31,6 +34,7 @@ def memory() -> int:
 def serve(tasks: Connection, results: Connection) -> None:
     """Answer (function, task) with (result, memory) until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its children
+    threading.Thread(target=_mourn, args=(os.getppid(),), daemon=True).start()
     sys.path[:] = tasks.recv()
     while True:
         try:
@@ -48,6 +52,13 @@ def serve(tasks: Connection, results: Connection) -> None:
             results.send((result, memory()))
         except (BrokenPipeError, OSError):
             return
+
+
+def _mourn(parent: int) -> None:
+    """End with the parent, also one that was killed in the middle of a task."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
 
 
 def main() -> None:

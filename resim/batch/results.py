@@ -16,15 +16,22 @@ from resim.report import junit, write_verification_page
 from resim.store import Results, json_text, whole_file
 
 VERIFICATION = Results(
-    "inputs.json", re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{CASES}|{REPORTS}")
+    "inputs.json",
+    re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{CASES}|{REPORTS}|\..+\.\d+\.new"),
 )
 REMEDY = "Give the verification.json that `resim verify` wrote."
 
 
 def begin(out: Path, a: Asked) -> None:
     """Make the folder, or go on in it: say in it what is asked for, and take away what is of other recordings."""
-    told = {"versions": versions(), "inputs": a.model_dump(mode="json")}
-    _write(out / VERIFICATION.mark, json_text(told))
+    told = json_text({"versions": versions(), "inputs": a.model_dump(mode="json")})
+    mark = out / VERIFICATION.mark
+    if not mark.is_file() or mark.read_text(encoding="utf-8") != told:
+        for name in ("verification.json", "verification.html", "junit.xml"):  # they are of something else
+            (out / name).unlink(missing_ok=True)
+    _write(mark, told)
+    for path in [*out.glob(".*.new"), *out.glob("*/.*.new")]:  # of one that was killed
+        path.unlink()
     for path in (out / CASES).glob("*.json"):
         if path.stem not in a.recordings:
             path.unlink()
@@ -46,6 +53,9 @@ def read(path: Path) -> dict[str, Any]:
     """Read a verification.json. Raises InputError."""
     try:
         found: dict[str, Any] = json.loads(read_file(path, REMEDY))
+        names = [str(r["name"]) for r in found["recordings"]]
+        if not names or not isinstance(found["versions"], dict) or not isinstance(found["inputs"], dict):
+            raise TypeError
         if found["schema"] != "resim-verification-1":
             raise InputError(
                 path, f"has the schema {found['schema']!r}, expected resim-verification-1", REMEDY

@@ -49,8 +49,8 @@ def verify(
     results = run_all(run, [todo[n] for n in missing], workers=workers, time_limit=LONGEST)
     for k, result in results:
         name = missing[k]
-        found[name] = _case(result)
-        if out is not None and not isinstance(result, Failure):
+        found[name] = _case(result, todo[name], a.recordings[name].path)
+        if out is not None and found[name]["entry"]["verdict"] != "error":
             with whole_file(out / CASES / f"{name}.json", (".json",)) as path:
                 write_json({"key": keys[name], **found[name]}, path)
         tell(name, found[name]["entry"]["verdict"], False)
@@ -69,22 +69,23 @@ def verify(
 def _write_reports(
     recordings: list[dict[str, Any]], out: Path, chosen: list[Task], fresh: set[str], workers: int
 ) -> None:
-    """Write the reports of the chosen recordings that are fresh or have none yet; what fails has no report."""
+    """Write the reports of the chosen recordings that are fresh or have none yet."""
     by_name = {r["name"]: r for r in recordings}
     todo = [
         task
         for task in chosen
         if task.name in fresh or not all((out / path).is_file() for path in by_name[task.name]["reports"])
     ]
-    for k, result in run_all(report, todo, workers=workers, time_limit=LONGEST):
-        if isinstance(result, Failure):
-            by_name[todo[k].name]["reports"] = []
+    for _ in run_all(report, todo, workers=workers, time_limit=LONGEST):
+        pass
 
 
-def _case(result: dict[str, Any] | Failure) -> dict[str, Any]:
+def _case(result: dict[str, Any] | Failure, task: Task, place: str) -> dict[str, Any]:
+    """A recording's result; what failed is told without where on this machine it lies."""
     if not isinstance(result, Failure):
         return result
-    entry = {"verdict": "error", "error": result.reason, "crashed": result.crashed}
+    reason = result.reason.replace(str(task.folder), place)
+    entry = {"verdict": "error", "error": reason, "crashed": result.crashed}
     return {"entry": entry, "traces": {}, "time": None}
 
 

@@ -67,7 +67,7 @@ def run(task: Task) -> dict[str, Any]:
     """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
     begin = time.perf_counter()
     if task.hash is not None and (found := content_hash(task.folder)) != task.hash:
-        problem = f"its content has the hash {found[:12]}…, the suite says {task.hash[:12]}…"
+        problem = f"its content has the hash {found[:12]}…, expected was {task.hash[:12]}…"
         raise InputError(task.folder, problem, "Restore the recording, or make the suite anew.")
     recording = examined(task.folder, accept=task.accept)
     out = _verify(task, recording) if task.against is None else _compare(task, recording)

@@ -5,6 +5,7 @@ Exit code 0: done; 1: done, and the verdict is bad; 2: the input or the call is 
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import Annotated, Any
 
@@ -65,6 +66,7 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
 
 def main() -> None:
     """Run the command line."""
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # what runs is ended, too
     try:
         app(standalone_mode=True)
     except BadVerdictError as e:

@@ -82,6 +82,8 @@ def verify(
 
     count = workers or os.cpu_count() or 1
     if replay is not None:
+        if any(given for given in (suite, build, out, against, perception, settings, seeds, vary, driven_by)):
+            raise InputError("--replay", "says itself what to repeat", "Give nothing else but --workers.")
         _replay(replay, count)
         return
     if suite is None or build is None or out is None:
@@ -129,7 +131,7 @@ def _replay(path: Path, workers: int) -> None:
                  if found["versions"].get(n) != v]  # fmt: skip
         typer.echo(f"made with other versions: {'; '.join(other)}")
     was = {r["name"]: r for r in before["recordings"]}
-    differ = [r["name"] for r in found["recordings"] if r != was.get(r["name"])]
+    differ = [r["name"] for r in found["recordings"] if json_text(r) != json_text(was.get(r["name"]))]
     raise BadVerdictError(
         f"{path}: not the same bytes; recordings that differ: {', '.join(differ) or 'none'}"
     )

@@ -27,6 +27,8 @@ def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large
         return path.read_bytes()
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
+    except ValueError as e:  # a name with a zero byte
+        raise InputError(path, f"cannot be read ({e})", remedy) from e
 
 
 def parse_toml(raw: bytes, path: Path, remedy: str = "") -> dict[str, Any]:

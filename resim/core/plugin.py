@@ -40,11 +40,23 @@ def sources(module: ModuleType) -> bytes:
             continue
         known[one.__name__] = source = Path(_file(one)).read_bytes()
         nodes = list(ast.walk(ast.parse(source))) if _file(one).endswith(".py") else []
-        names = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+        froms = [
+            (node.module, node.names) for node in nodes if isinstance(node, ast.ImportFrom) and node.module
+        ]
+        names = {module for module, _ in froms} | {
+            f"{module}.{a.name}" for module, each in froms for a in each
+        }
         names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         imported = [sys.modules[name] for name in sorted(names) if name in sys.modules]
-        todo += [m for m in imported if _file(m) and Path(_file(m)).parent == folder]
+        todo += [m for m in imported if _file(m) and _own(Path(_file(m)), folder)]
     return b"\0".join(sorted(known.values()))
+
+
+def _own(file: Path, folder: Path) -> bool:
+    """Whether a file lies in the folder, or in a package below it that is no installed one."""
+    return file.parent == folder or (
+        file.is_relative_to(folder) and not {"site-packages", "resim"} & set(file.relative_to(folder).parts)
+    )
 
 
 def _file(module: ModuleType) -> str:

@@ -16,39 +16,48 @@ from resim.pipeline.outcomes import perceived_outcome
 from resim.pipeline.result import Resimulation
 from resim.pipeline.run import run_on_gt
 from resim.variation import PARAMETERS, vary
+from resim.verification.outcome import Kpi
 from resim.verification.validity import Validity, search
 
+FAILED = "the function failed"
+"""Stands for the criteria that flip where the function fails."""
 
-def validity(result: Resimulation, parameter: str, whom: str, how: How) -> Validity:
-    """Search the range of a parameter of one object in which every KPI of the simulation stays.
+
+def validity(
+    result: Resimulation, measured: Mapping[str, Kpi], parameter: str, whom: str, how: How
+) -> Validity:
+    """Search the range of a parameter of one object in which every KPI of the simulation stays that of the drive.
 
     Simulated on GT, with the perception model of the re-simulation if it has one: a KPI is then what most of the seeds
-    give. Raises ResimError where there is nothing to vary.
+    give. Raises ResimError where there is nothing to vary, or a KPI is another already without a change.
     """
-    base = _kpis(result, how)
 
     def flips(amount: float) -> tuple[str, ...]:
         scenario = vary(result.described["GT"], result.network, whom, parameter, amount)
-        found = _kpis(replace(result, described={**result.described, "GT": scenario}), how)
-        return tuple(name for name, outcome in base.items() if found.get(name) != outcome)
+        return _unlike(replace(result, described={**result.described, "GT": scenario}), measured, how)
 
+    if at_once := flips(0.0):
+        raise ResimError(f"simulated on GT, {', '.join(at_once)} is not as measured without any change")
     which = PARAMETERS[parameter]
     low, high, tried = search(flips, which.most, which.resolution)
     return Validity(parameter, which.unit, whom, low, high, which.resolution, tried)
 
 
-def _kpis(result: Resimulation, how: How) -> Mapping[str, str]:
-    """The outcome of each criterion when GT's scenario is simulated: over seeds that of most, in a tie the first."""
+def _unlike(result: Resimulation, measured: Mapping[str, Kpi], how: How) -> tuple[str, ...]:
+    """Which criteria come out otherwise when GT's scenario is simulated: by most of the seeds, in a tie the first."""
     seen = result.perceiving
     runs = [run_on_gt(result)] if seen is None else [
         run_on_gt(result, perception=Sensor(seen.model), seed=seed) for seed in seen.seeds
     ]  # fmt: skip
+    if any(run.run.failure for run in runs):
+        return (FAILED,)
     each = [perceived_outcome(run, result, how).kpis for run in runs]
-    names = dict.fromkeys(name for kpis in each for name in kpis)
-    return {
-        name: Counter(kpis[name].outcome for kpis in each if name in kpis).most_common(1)[0][0]
-        for name in names
-    }
+    out = []
+    for name, kpi in measured.items():
+        found = Counter(kpis[name].outcome if name in kpis else "INVALID" for kpis in each)
+        if found.most_common(1)[0][0] != kpi.outcome:
+            out.append(name)
+    return tuple(out)
 
 
 def critical(assessment: Assessment) -> str:

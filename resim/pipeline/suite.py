@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import json
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -104,11 +105,12 @@ def found_folders(path: Path, entries: Sequence[Entry]) -> tuple[dict[str, Path]
 def _folders(path: Path, entry: Entry) -> list[Path]:
     """The recordings of an entry; one that is not there is told of when its turn comes."""
     whole = joined(path, entry.folder)
-    if not glob.has_magic(entry.folder):
+    if entry.hash is not None or not glob.has_magic(entry.folder):
         return [whole]
-    if entry.hash is not None:
-        raise InputError(path, f"recording {entry.folder!r} is a glob and has a hash", "Name the folders.")
-    found = sorted(f for f in _matching(whole) if (f / SETTINGS).is_file())
+    try:
+        found = sorted(f for f in _matching(whole) if (f / SETTINGS).is_file())
+    except ValueError as e:
+        raise InputError(path, f"recording {entry.folder!r} is no glob ({e})", "Correct it.") from e
     if not found:
         raise InputError(path, f"recording {entry.folder!r}: no recording is there", "Correct the glob.")
     return found
@@ -154,10 +156,11 @@ def new_suite(folders: Sequence[Path], criteria: Path, out: Path, name: str) -> 
         return Path(os.path.relpath(path.absolute(), out.absolute().parent)).as_posix()
 
     entries = [
-        f'[[recording]]\nfolder = "{beside(folder)}"\nhash = "{content_hash(folder)}"\n' for folder in folders
+        f'[[recording]]\nfolder = {json.dumps(beside(folder))}\nhash = "{content_hash(folder)}"\n'
+        for folder in folders
     ]
     head = (
-        f'name = "{name}"\ncriteria = "{beside(criteria)}"\nbases = ["GT", "SD"]\n'
+        f'name = {json.dumps(name)}\ncriteria = {json.dumps(beside(criteria))}\nbases = ["GT", "SD"]\n'
         "seeds = 20  # with a perception model\nagreement = 0.9  # of the seeds\n\n"
     )
     return head + "\n".join(entries) + "\n" + tolerances_text()

@@ -21,7 +21,7 @@ class Verified:
 
     outcomes: of GT, SD, rGT, rSD, as far as they are there; seeds: of the runs with the perception model, by seed.
     judged, causes: by way. recorded: the run on GT that showed the function what was recorded as perceived, beside the
-    measured drive, where that was tried. validity: by parameter, or why there is none.
+    measured drive, where that was tried. validity: a range a parameter; notes say why there is none.
     """
 
     result: Resimulation

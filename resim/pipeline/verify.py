@@ -111,7 +111,9 @@ def _varied(found: Verified, measured: Assessment, parameters: tuple[str, ...], 
     ranges, notes = [], []
     for parameter in parameters:
         try:
-            ranges.append(validity(found.result, parameter, critical(measured), how))
+            ranges.append(
+                validity(found.result, found.outcomes["GT"].kpis, parameter, critical(measured), how)
+            )
         except ResimError as e:
             notes.append(f"{parameter} is not varied: {e}")
     return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))

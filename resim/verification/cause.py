@@ -46,13 +46,15 @@ def cause(
     sensor = [] if oracle else list(tolerances.beyond("sensor", errors.get("S", {})))
     tried = []
     if recorded is not None:
-        mended = sorted(worst.unequal - recorded.unequal)
-        left = sorted(worst.unequal & recorded.unequal)
+        mended = sorted(worst.unequal & recorded.equal)
+        left = sorted(worst.unequal - recorded.equal)
         if len(mended) > len(left):
             return Cause("sensor", _sensor(sensor, shown, mended, left), worst.t)
         tried = (
             [f"shown what was recorded as perceived, {_list(left)} not as measured either"] if left else []
         )
+        if recorded.failure:
+            tried = [f"shown what was recorded as perceived, the function failed: {recorded.failure}"]
     if recorded is None and sensor:
         return Cause("sensor", f"{_told(sensor)}; not tried out", worst.t)
     steps: tuple[Step, ...] = ("sensor", "fit", "simulation")

@@ -24,8 +24,8 @@ class Comparison:
 
     kpis: by criterion, "invalid" where either cannot be judged. same_decision: whether the EGO did the same, in the
     same order. reaction_difference [s]: simulated less measured first braking. late: whether it is beyond tolerance.
-    beyond: errors of the steps that are. t: when [s] the first difference shows, None where none does. failure: why
-    the function failed, or "".
+    beyond: errors of the steps that are. whole: both ended alike, so that nothing passes for being cut short. t: when
+    [s] the first difference shows, None where none does. failure: why the function failed, or "".
     """
 
     kpis: Mapping[str, Equality]
@@ -36,15 +36,25 @@ class Comparison:
     t: float | None
     differences: tuple[str, ...]
     failure: str
+    whole: bool = True
+
+    @property
+    def equal(self) -> frozenset[str]:
+        """What is as measured, by the names of `unequal`; nothing where the function failed."""
+        if self.failure:
+            return frozenset()
+        kpis = {name for name, equality in self.kpis.items() if equality == "equal"}
+        return frozenset(kpis | {"decision", "first braking", "pipeline error", "end"} - self.unequal)
 
     @property
     def unequal(self) -> frozenset[str]:
-        """What is not as measured: criteria by name, "decision", "first braking", "pipeline error"."""
+        """What is not as measured: criteria by name, "decision", "first braking", "pipeline error", "end"."""
         found = {name for name, equality in self.kpis.items() if equality == "differs"}
         others = {
             "decision": not self.same_decision,
             "first braking": self.late,
             "pipeline error": any(excess.step == "pipeline" for excess in self.beyond),
+            "end": not self.whole,
         }
         return frozenset(found | {name for name, differs in others.items() if differs})
 
@@ -100,6 +110,9 @@ def compare(
     if simulated.errors is not None:
         beyond += tolerances.beyond("pipeline", {"ego": simulated.errors})
     told = list(_differences(kpis, measured, simulated))
+    whole = simulated.whole or measured.collision
+    if not whole or measured.collision != simulated.collision:
+        told.append((None, _ended(measured, simulated)))
     if late and reaction is not None and tolerances.reaction is not None:
         begun = min(t for t in (measured.reaction, simulated.reaction) if t is not None)
         told.append((begun, f"first braking {reaction:+.2f} s (tolerance {tolerances.reaction:g} s)"))
@@ -113,7 +126,19 @@ def compare(
         t=min(times, default=None),
         differences=(*(text for _, text in told), *(f"{e.step} error: {e}" for e in beyond)),
         failure=simulated.failure,
+        whole=whole and measured.collision == simulated.collision,
     )
+
+
+def _ended(measured: Outcome, simulated: Outcome) -> str:
+    """How the simulation ended otherwise than the drive."""
+    if measured.collision != simulated.collision:
+        return (
+            "the EGO collides in the drive alone"
+            if measured.collision
+            else "the EGO collides in simulation alone"
+        )
+    return f"the simulation ended early: {simulated.end.replace('_', ' ')}"
 
 
 def _equality(measured: Kpi, simulated: Kpi | None) -> Equality:

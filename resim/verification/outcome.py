@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 KpiOutcome = Literal["PASS", "FAIL", "INVALID"]
 
@@ -49,9 +49,10 @@ class Outcome:
         """What the EGO did, in order of time."""
         return [name for _, name in self.events]
 
-    def to_json(self) -> dict[str, Any]:
-        """Give it as JSON has it."""
-        return {"decision": self.decision, **asdict(self)}
+    @property
+    def whole(self) -> bool:
+        """Whether it lasted to the scenario's end."""
+        return self.end in ("", "duration")
 
 
 COMFORT: Mapping[str, str] = {

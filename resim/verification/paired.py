@@ -14,6 +14,8 @@ from resim.core.geometry import Floats
 from resim.verification.compare import kpi_text
 from resim.verification.outcome import COMFORT, Kpi, Outcome
 
+ENDED = "lasts to the end"
+"""Stands among KPIs lost where the new build's run ended early and the old one's did not."""
 Change = Literal["gained", "lost", "same"]
 
 
@@ -70,17 +72,27 @@ def pair(seed: int | None, old: Outcome, new: Outcome, parted: float | None) -> 
     told = [
         f"{name}: {kpi_text(before[name])} before, {kpi_text(now[name])} now" for name in (*lost, *gained)
     ]
+    if old.whole and not new.whole:  # what it would have passed or failed later is not known
+        gained, lost = (), (*lost, ENDED)
+    if ENDED in lost:
+        told.append(f"it ends by {new.end.replace('_', ' ')} now")
     if old.decision != new.decision:
         did = [", ".join(o.decision).replace("_", " ") or "nothing" for o in (old, new)]
         told.append(f"decision: {did[0]} before, {did[1]} now")
-    broken = [t for name in lost if (t := now[name].t) is not None]
+    broken = [t for name in lost if name != ENDED and (t := now[name].t) is not None]
     return Pair(
-        seed, gained, lost, sum(now[name].weight for name in lost), (old.decision, new.decision),
+        seed, gained, lost, _weight(lost, now), (old.decision, new.decision),
         (old.reaction, new.reaction),
         _minus(new.risk, old.risk), {name: _minus(new.comfort[name], old.comfort[name]) for name in COMFORT},
         min([*broken, *([] if parted is None or not told else [parted])], default=None), tuple(told),
         "; ".join(o.failure for o in (old, new) if o.failure),
     )  # fmt: skip
+
+
+def _weight(lost: Sequence[str], now: Mapping[str, Kpi]) -> float:
+    """The weight of what is lost; a run that does not last weighs as much as the gravest criterion."""
+    gravest = max((kpi.weight for kpi in now.values()), default=1.0)
+    return sum(gravest if name == ENDED else now[name].weight for name in lost)
 
 
 def _change(old: str, new: str) -> Change:

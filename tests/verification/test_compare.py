@@ -81,6 +81,21 @@ def test_a_failed_function_is_an_error() -> None:
     assert compare("rGT", drive(), replace(drive(), failure="raised"), SMALL, FREE).verdict == "error"
 
 
+@pytest.mark.parametrize("end", ["collision", "off_road"])
+def test_a_simulation_that_is_cut_short_is_not_verified(end: str) -> None:
+    """What it did not live to see cannot have passed."""
+    found = compare("rGT", drive(), replace(drive(), end=end, collision=end == "collision"), SMALL, FREE)
+    assert found.verdict == "not verified"
+    assert "end" in found.unequal
+    assert ("collides in simulation alone" in found.differences[0]) == (end == "collision")
+
+
+def test_both_may_collide() -> None:
+    hit = replace(drive(), collision=True)
+    assert compare("rGT", hit, replace(hit, end="collision"), SMALL, FREE).verdict == "verified"
+    assert compare("rGT", hit, replace(drive(), end="duration"), SMALL, FREE).verdict == "not verified"
+
+
 def test_errors_of_single_runs_are_held_against_the_pipelines_tolerance() -> None:
     found = compare("rGT+M", drive(), replace(drive(), errors={"d": 1.6}), SMALL, FREE)
     assert found.differences == ("pipeline error: EGO position 1.6 m (tolerance 1.5 m)",)
@@ -129,6 +144,13 @@ def test_the_sensor_is_the_cause_where_showing_what_was_recorded_mends_it() -> N
     assert found.step == "sensor"
     assert "decision is as measured" in found.text
     assert "TO position 1.6 m (tolerance 1 m)" in found.text
+
+
+def test_a_trial_in_which_the_function_fails_explains_nothing() -> None:
+    failed = compare("rGT+M", drive(), replace(drive(), kpis={}, failure="raised"), SMALL, FREE)
+    found = found_cause({"S": 1.6}, failed)
+    assert found.step == "function"
+    assert "the function failed: raised" in found.text
 
 
 def test_a_small_sensor_error_may_explain_it_too() -> None:

@@ -30,6 +30,14 @@ def test_kpis_gained_and_lost(old: str, new: str, gained: tuple[str, ...], lost:
     assert found.comfort["longitudinal acceleration"] == pytest.approx(1.0)
 
 
+def test_a_run_that_is_cut_short_loses_and_gains_nothing() -> None:
+    short = drive("PASS", end="collision", collision=True)
+    found = pair(0, drive("FAIL", end="duration"), short, 2.5)
+    assert (found.gained, found.lost, found.weight_lost) == ((), ("lasts to the end",), 3.0)
+    assert "it ends by collision now" in found.differences
+    assert pair(0, short, short, None).lost == ()
+
+
 def test_a_loss_is_told_from_where_the_drives_part() -> None:
     assert pair(0, drive("PASS"), drive("FAIL"), 2.5).t == 2.5
     assert pair(0, drive("PASS"), drive("PASS"), 2.5).t is None
