@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -231,7 +231,15 @@ def amount(value: float, unit: str) -> str:
     return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
 
 
-def overall(verdicts: Mapping[str, Verdict]) -> Outcome:
+class HasOutcome(Protocol):
+    """A verdict or a KPI."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Give PASS, FAIL or INVALID."""
+
+
+def overall(verdicts: Mapping[str, HasOutcome]) -> Outcome:
     """Give FAIL where one fails, else INVALID where one is, else PASS."""
     outcomes = {v.outcome for v in verdicts.values()}
     return "FAIL" if "FAIL" in outcomes else "INVALID" if "INVALID" in outcomes else "PASS"

@@ -16,7 +16,7 @@ from resim.core.errors import InputError, ResimError
 from resim.ingest.settings import SETTINGS, read_settings
 from resim.perception.model import read_model
 from resim.pipeline import check_codes, file_hash
-from resim.pipeline.suite import Suite, content_hash
+from resim.pipeline.suite import Suite, content_hash, relative
 from resim.pipeline.verify import UNKNOWN, may_verify
 from resim.sim.adfunction import load_build
 from resim.variation import PARAMETERS
@@ -102,7 +102,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         suite=_file(suite.path, base),
         build=_build(call.build, base),
         against=None if call.against is None else _build(call.against, base),
-        criteria=File(path=_beside(criteria, base), hash=read_criteria(criteria).hash),
+        criteria=File(path=relative(criteria, base), hash=read_criteria(criteria).hash),
         perception=None if perception is None else _file(perception, base),
         settings=call.settings,
         seeds=() if perception is None else tuple(range(file.seed, file.seed + count)),
@@ -115,7 +115,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         limits=file.limits,
         reports=file.reports,
         recordings={
-            name: File(path=_beside(folder, base), hash=_content(folder))
+            name: File(path=relative(folder, base), hash=_content(folder))
             for name, folder in suite.folders.items()
         },
         wanted=dict(suite.hashes),
@@ -186,12 +186,8 @@ def _there(base: Path, file: File) -> Path:
     return Path(os.path.normpath(base / file.path))
 
 
-def _beside(path: Path, base: Path) -> str:
-    return Path(os.path.relpath(path.absolute(), base.absolute())).as_posix()
-
-
 def _file(path: Path, base: Path) -> File:
-    return File(path=_beside(path, base), hash=_hash(path))
+    return File(path=relative(path, base), hash=_hash(path))
 
 
 def _hash(path: Path) -> str:
@@ -203,7 +199,7 @@ def _hash(path: Path) -> str:
 
 def _build(path: Path, base: Path) -> Named:
     build = load_build(path)
-    return Named(path=_beside(path, base), hash=build.hash, label=build.label)
+    return Named(path=relative(path, base), hash=build.hash, label=build.label)
 
 
 def _content(folder: Path) -> str | None:

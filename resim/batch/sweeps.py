@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
+from itertools import chain
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import pandas as pd
 
+from resim.assess.criteria import read_criteria
 from resim.batch import journal
 from resim.batch.child import Failure
 from resim.batch.runs import RunTask, Values, run, swept_model, with_values
@@ -19,7 +20,7 @@ from resim.batch.suites import versions
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
 from resim.pipeline import file_hash
-from resim.pipeline.suite import content_hash
+from resim.pipeline.suite import content_hash, relative
 from resim.pipeline.sweep import RUN, Sweep, runs
 from resim.sim.adfunction import load_build
 from resim.store import whole_file, write_json, write_parquet
@@ -43,12 +44,12 @@ def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
     file = sweep.file
 
     def told(path: Path, digest: str) -> dict[str, str]:
-        return {"path": Path(os.path.relpath(path.absolute(), out.absolute())).as_posix(), "hash": digest}
+        return {"path": relative(path, out), "hash": digest}
 
     builds = {name: load_build(sweep.beside(name)) for name in file.build}
     return {
         "sweep": file.model_dump(mode="json"),
-        "criteria": told(sweep.beside(file.criteria), file_hash(sweep.beside(file.criteria))),
+        "criteria": told(sweep.beside(file.criteria), read_criteria(sweep.beside(file.criteria)).hash),
         "perception": None
         if file.perception is None
         else told(sweep.beside(file.perception), file_hash(sweep.beside(file.perception))),
@@ -72,9 +73,8 @@ def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
             out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
         )
     held = json.loads(path.read_text(encoding="utf-8"))
-    now = {"versions": versions(), "inputs": told}
-    if changed := [part for part in ("inputs", "versions") for name in _differ(held[part], now[part])]:
-        name = next(_differ(held[changed[0]], now[changed[0]]))
+    differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
+    if (name := next(differ, None)) is not None:
         remedy = "Restore it, or begin anew with another --out."
         raise InputError(out, f"{name} is not what it was when the sweep began", remedy)
 
@@ -176,16 +176,17 @@ def sample(sweep: Sweep, wanted: pd.DataFrame) -> tuple[float | None, float, lis
     return median(r["time"] for r in good), size, failures
 
 
-def compact(sweep: Sweep, out: Path) -> int:
-    """Write the table once every run is there, and give how many are missing.
+def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
+    """Write the table once every run is there; give how many runs are missing, and how many have no result.
 
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
     every = runs(sweep)
     entries = {entry[RUN]: entry for entry in journal.read(out / "journal")}
     missing = len(every) - len(entries)
+    failed = sum(entry["row"]["end"] == FAILED for entry in entries.values())
     if missing:
-        return missing
+        return missing, failed
     found = pd.DataFrame([entries[k]["row"] for k in every[RUN]], index=every.index)
     whole = pd.concat([every, found.astype({c: float for c in found if _is_number(found[c])})], axis=1)
     (out / "runs").mkdir(exist_ok=True)
@@ -196,10 +197,10 @@ def compact(sweep: Sweep, out: Path) -> int:
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(times, path)
     held = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
-    counts = {"runs": len(whole), "failed": int((whole["end"] == FAILED).sum())}
+    counts = {"runs": len(whole), "failed": failed}
     with whole_file(out / "manifest.json", (".json",)) as path:
         write_json({"schema": "resim-sweep-1", **held, **counts, "columns": list(whole.columns)}, path)
-    return 0
+    return 0, failed
 
 
 def _is_number(column: pd.Series[Any]) -> bool:

@@ -66,11 +66,10 @@ def sweep(
             there = stack.enter_context(cluster(scheduler))
             typer.echo(f"dashboard: {there.dashboard}", err=True)
             execute(wanted, out, workers=there.threads, shard=part, pool=there.pool, tell=tell)
-    missing = compact(wanted, out)
+    missing, failed = compact(wanted, out)
     if missing:
         typer.echo(f"{out}: this shard is done; {missing} runs of others are missing")
         return
-    failed = sum(entry["row"]["end"] == "failed" for entry in journal.read(out / "journal"))
     typer.echo(f"{out / 'runs'}: {len(runs)} runs, {failed} without a result")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rich.console import Console
 from rich.table import Table
 
 from resim.cli.verdicts import console
@@ -37,10 +38,9 @@ def _verified(found: Mapping[str, Any]) -> None:
         )  # fmt: skip
     out = console()
     out.print(table)
+    _print_errors(found, out)
     for r in found["recordings"]:
-        if r["error"] is not None:
-            out.print(f"{r['name']}: error: {r['error']}", highlight=False)
-        elif r["cause"] is not None:
+        if r["error"] is None and r["cause"] is not None:
             when = "" if r["cause"]["t"] is None else f" at {r['cause']['t']:.1f} s"
             out.print(
                 f"{r['name']}: {r['verdict']}{when}: {r['cause']['step']}: {r['cause']['text']}",
@@ -51,6 +51,13 @@ def _verified(found: Mapping[str, Any]) -> None:
     told = found["summary"]
     counts = ", ".join(f"{told[name]} {name}" for name in ("verified", "not verified", "invalid", "error"))
     out.print(f"{len(found['recordings'])} recordings: {counts}", highlight=False)
+
+
+def _print_errors(found: Mapping[str, Any], out: Console) -> None:
+    """What is broken, apart from what is not good."""
+    for r in found["recordings"]:
+        if r["error"] is not None:
+            out.print(f"{r['name']}: error: {r['error']}", highlight=False)
 
 
 def _equal(r: Entry) -> str:
@@ -104,9 +111,7 @@ def _compared(found: Mapping[str, Any]) -> None:
         )  # fmt: skip
     out = console()
     out.print(table)
-    for r in found["recordings"]:
-        if r["error"] is not None:
-            out.print(f"{r['name']}: error: {r['error']}", highlight=False)
+    _print_errors(found, out)
     risk = told["risk"]
     if risk is not None:
         between = "" if risk["low"] is None else f" [{risk['low']:+.4f}, {risk['high']:+.4f}]"

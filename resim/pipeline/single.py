@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
 from resim import fidelity
-from resim.assess.criteria import Criteria
+from resim.assess.criteria import Criteria, overall
 from resim.ingest import Recording
 from resim.perception.model import PerceptionModel
 from resim.perception.sensor import Sensor
@@ -78,14 +78,9 @@ def run_once(prepared: Prepared, build: Build, model: PerceptionModel | None, se
 
 def _judged(found: Outcome, criteria: Criteria) -> Row:
     """The verdict, and of each criterion its KPI and worst value; a run that ended at once cannot be judged."""
-    row: Row = {"verdict": _overall(found.kpis)}
+    row: Row = {"verdict": overall(found.kpis) if found.kpis else "INVALID"}
     for c in criteria.criteria:
         kpi = found.kpis.get(c.name)
         row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome
         row[f"value {c.name}"] = None if kpi is None else kpi.value
     return row
-
-
-def _overall(kpis: Mapping[str, Any]) -> str:
-    outcomes = {kpi.outcome for kpi in kpis.values()} or {"INVALID"}
-    return next(verdict for verdict in ("FAIL", "INVALID", "PASS") if verdict in outcomes)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -29,6 +29,9 @@ class Strict(BaseModel):
     """A file's part: what it does not know, and what is no number, is refused."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+File = TypeVar("File", bound=Strict)
 
 
 class Entry(Strict):
@@ -76,13 +79,18 @@ class Suite(Strict):
         return joined(self.path, name)
 
 
-def read_suite(path: Path) -> Suite:
-    """Read a suite and find its recordings. Raises InputError naming every fault."""
+def read_strict(path: Path, kind: type[File], example: str) -> File:
+    """Read a TOML file of this kind. Raises InputError naming every fault; example: where one is to be seen."""
     try:
-        file = SuiteFile.model_validate(parse_toml(read_file(path, EXAMPLE), path, EXAMPLE))
+        return kind.model_validate(parse_toml(read_file(path, example), path, example))
     except ValidationError as e:
         problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in e.errors())
-        raise InputError(path, problems, EXAMPLE) from e
+        raise InputError(path, problems, example) from e
+
+
+def read_suite(path: Path) -> Suite:
+    """Read a suite and find its recordings. Raises InputError naming every fault."""
+    file = read_strict(path, SuiteFile, EXAMPLE)
     if strange := [name for name in file.vary if name not in PARAMETERS]:
         raise InputError(path, f"vary: there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
     folders, hashes = found_folders(path, file.recording)
@@ -127,6 +135,11 @@ def joined(path: Path, name: str) -> Path:
     return Path(os.path.normpath(path.parent / name))
 
 
+def relative(path: Path, folder: Path) -> str:
+    """Give a path as seen from a folder, the same on every machine."""
+    return Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix()
+
+
 def _names(folders: Sequence[Path]) -> list[str]:
     """Names of recordings, each its own: of the folder, with as many folders above as it takes, else with a number."""
     out: list[str] = []
@@ -152,15 +165,13 @@ def content_hash(folder: Path) -> str:
 def new_suite(folders: Sequence[Path], criteria: Path, out: Path, name: str) -> str:
     """Give the text of a suite of these recordings, with their hashes, for a file at `out`. Raises InputError."""
 
-    def beside(path: Path) -> str:
-        return Path(os.path.relpath(path.absolute(), out.absolute().parent)).as_posix()
-
+    folder_of = out.absolute().parent
     entries = [
-        f'[[recording]]\nfolder = {json.dumps(beside(folder))}\nhash = "{content_hash(folder)}"\n'
+        f'[[recording]]\nfolder = {json.dumps(relative(folder, folder_of))}\nhash = "{content_hash(folder)}"\n'
         for folder in folders
     ]
     head = (
-        f'name = {json.dumps(name)}\ncriteria = {json.dumps(beside(criteria))}\nbases = ["GT", "SD"]\n'
+        f'name = {json.dumps(name)}\ncriteria = {json.dumps(relative(criteria, folder_of))}\nbases = ["GT", "SD"]\n'
         "seeds = 20  # with a perception model\nagreement = 0.9  # of the seeds\n\n"
     )
     return head + "\n".join(entries) + "\n" + tolerances_text()

@@ -7,12 +7,11 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from resim.core.errors import InputError
-from resim.core.files import parse_toml, read_file
 from resim.experiment.design import Parameter, design
-from resim.pipeline.suite import Entry, Strict, found_folders, joined, read_suite
+from resim.pipeline.suite import Entry, Strict, found_folders, joined, read_strict, read_suite
 
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
 RUN = "run"
@@ -56,11 +55,7 @@ class Sweep(Strict):
 
 def read_sweep(path: Path) -> Sweep:
     """Read a sweep and find its recordings. Raises InputError naming every fault."""
-    try:
-        file = SweepFile.model_validate(parse_toml(read_file(path, EXAMPLE), path, EXAMPLE))
-    except ValidationError as e:
-        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in e.errors())
-        raise InputError(path, problems, EXAMPLE) from e
+    file = read_strict(path, SweepFile, EXAMPLE)
     if bool(file.recording) == (file.suite is not None):
         raise InputError(path, "names both or neither of recording and suite", "Name one of them.")
     names = [p.name for p in file.parameter]
