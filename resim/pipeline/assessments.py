@@ -241,7 +241,7 @@ def _run_blocks(
     measured = _measured(seen if len(seen) else None, recorded, findings)
     out = {
         name: _Block(
-            scenarios[name], recorded, replace(measured, of_truth=name == "GT"), hits[name],
+            _simulated(name, scenarios, report), recorded, replace(measured, of_truth=name == "GT"), hits[name],
             _left_out(tracks[tracks.source == name], scenarios[name]),
         )
         for name in ("GT", "SD")
@@ -257,6 +257,14 @@ def _run_blocks(
                 scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name], flaw
             )
     return out
+
+
+def _simulated(basis: str, scenarios: Mapping[str, Scenario], report: Mapping[str, Any]) -> Scenario:
+    """What was measured, up to the last whole step of a simulation of all of it: both are judged at the same times."""
+    again = scenarios.get(f"r{basis}")
+    if again is None or report["end"][f"r{basis}"] != "duration":
+        return scenarios[basis]
+    return replace(scenarios[basis], duration=again.duration)
 
 
 def _assessed(

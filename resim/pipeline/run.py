@@ -195,10 +195,12 @@ def _ego_window(tracks: Tracks, ego: str, where: str) -> Tracks:
     return tracks.window(first, last)
 
 
-def _describe(tracks: Tracks, recording: Recording, network: RoadNetwork, what: str) -> Scenario:
+def _describe(
+    tracks: Tracks, recording: Recording, network: RoadNetwork, what: str, driven: Scenario | None = None
+) -> Scenario:
     return describe(
         tracks, network, ego=recording.ego, map_name=map_name(recording.map),
-        description=f"{recording.name}: {what}", environment=recording.environment,
+        description=f"{recording.name}: {what}", environment=recording.environment, driven=driven,
     )  # fmt: skip
 
 
@@ -225,7 +227,7 @@ def _branch(
         )  # fmt: skip
     with clock.stage(f"fit r{basis}"):
         enough = run.truth.valid[0].sum() >= 2
-        refit = _describe(run.truth, recording, network, f"r{basis}") if enough else None
+        refit = _describe(run.truth, recording, network, f"r{basis}", scenario) if enough else None
     return Branch(run, refit)
 
 

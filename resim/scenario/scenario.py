@@ -22,6 +22,9 @@ SIZES: Mapping[str, tuple[float, float]] = {
 }  # fmt: skip
 """Length and width [m] of objects whose file, as published, does not say them."""
 
+_EXACT = 1e-6
+"""m; how exactly an object that is told where to be is there."""
+
 
 @dataclass(frozen=True)
 class RoadPosition:
@@ -112,11 +115,13 @@ def describe(
     map_name: str,
     description: str = "",
     environment: Mapping[str, str] | None = None,
+    driven: Scenario | None = None,
 ) -> Scenario:
     """Fit every object of the tracks and give the scenario.
 
-    Objects seen fewer than twice have no trace and are left out; an EGO that is not there from the first
-    time on raises ResimError.
+    driven: the scenario that the tracks are a simulation of. Who kept to it is described by it: a new fit could only
+    be worse. Objects seen fewer than twice have no trace and are left out; an EGO that is not there from the first time
+    on raises ResimError.
     """
     row = tracks.index(ego)
     if not tracks.valid[row, :1].all() or tracks.valid[row].sum() < 2:
@@ -124,7 +129,8 @@ def describe(
             f"EGO {ego!r} is not there at the first time, t = {tracks.t[0]:g} s; cut the recording to it"
         )
     seen = np.flatnonzero(tracks.valid.sum(axis=1) >= 2)
-    members = {int(n): _fit_object(tracks, int(n), network) for n in seen}
+    kept = {} if driven is None else _kept(tracks, driven, network)
+    members = {n: kept.get(str(tracks.ids[n])) or _fit_object(tracks, n, network) for n in seen.tolist()}
     return Scenario(
         map=map_name,
         duration=float(tracks.span()[1][row] - tracks.t[0]),
@@ -133,6 +139,22 @@ def describe(
         description=description,
         environment=dict(environment or {}),
     )
+
+
+def _kept(tracks: Tracks, driven: Scenario, network: RoadNetwork) -> dict[str, ScenarioObject]:
+    """Give whom the tracks show all along their traces in a scenario, to a simulation's step at the ends."""
+    step = float(np.diff(tracks.t).max())
+    told = driven.tracks(network, tracks.t)
+    out = {}
+    for row, member in enumerate((driven.ego, *driven.objects)):
+        if member.id not in tracks.ids or not (own := tracks.valid[n := tracks.index(member.id)]).any():
+            continue
+        first, last = tracks.t[own][[0, -1]].tolist()
+        whole = first - member.v.x[0] < step and member.v.x[-1] - last < step
+        away = np.hypot(tracks.x[n] - told.x[row], tracks.y[n] - told.y[row])[own]
+        if whole and (away <= _EXACT).all():
+            out[member.id] = member
+    return out
 
 
 def _fit_object(tracks: Tracks, n: int, network: RoadNetwork) -> ScenarioObject:
