@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,8 @@ from resim.batch.suites import CASES, REPORTS, versions
 from resim.core.errors import InputError
 from resim.core.files import read_file
 from resim.report import junit, write_verification_page
-from resim.store import Results, json_text, whole_file
+from resim.store import VERIFICATION, json_text, whole_file
 
-VERIFICATION = Results(
-    "inputs.json",
-    re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{CASES}|{REPORTS}|\..+\.\d+\.new"),
-)
 REMEDY = "Give the verification.json that `resim verify` wrote."
 
 

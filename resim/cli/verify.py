@@ -76,9 +76,8 @@ def verify(
     function crashed.
     """
     from resim.batch.asked import Call, asked, refuse_others
-    from resim.batch.results import VERIFICATION
     from resim.pipeline.suite import read_suite
-    from resim.store import check_output
+    from resim.store import VERIFICATION, check_output
 
     count = workers or os.cpu_count() or 1
     if replay is not None:

@@ -1,34 +1,34 @@
-"""Results on disk: a run's folder, written whole or not at all."""
+"""Folders of results: told by what they hold, written whole or not at all, deleted only where all is of resim."""
 
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 import json
 import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import duckdb
-import pandas as pd
-
-import resim
 from resim.core.errors import InputError
-from resim.pipeline import Assessed, MapCheck, Resimulation, map_name
-from resim.scenario.jscen import write_jscen
 
 
 @dataclass(frozen=True)
 class Results:
-    """A kind of results folder: the file that tells it from others, and the names of all that resim writes there."""
+    """A kind of results folder: the file that tells it from others, and the names of all that resim writes there.
+
+    inside: names of the files in each folder of it.
+    """
 
     mark: str
     names: re.Pattern[str]
+    inside: Mapping[str, re.Pattern[str]] = field(default_factory=dict)
 
+
+_HALF = r"\..+\.\d+\.new"
+"""A file that was being written when its process was killed."""
+_JSON, _PAGES = re.compile(rf".+\.json|{_HALF}"), re.compile(rf".+\.html|{_HALF}")
 
 RUN = Results(
     "run.json",
@@ -39,6 +39,19 @@ RUN = Results(
 )
 ASSESSMENT = Results("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
 CONVERSION = Results("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
+VERIFICATION = Results(
+    "inputs.json",
+    re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|cases|reports|{_HALF}"),
+    {"cases": _JSON, "reports": _PAGES},
+)
+SWEEP = Results(
+    "sweep.json",
+    re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|runs|journal|{_HALF}"),
+    {
+        "runs": re.compile(rf"part-\d+\.parquet|{_HALF}"),
+        "journal": re.compile(r"\d+-of-\d+\.jsonl"),
+    },
+)
 
 
 def check_output(folder: Path, kind: Results = RUN) -> None:
@@ -68,6 +81,38 @@ def _is_result(mark: Path) -> bool:
         return "resim" in json.loads(mark.read_text(encoding="utf-8"))["versions"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
+
+
+def remove_results(folder: Path, kind: Results) -> None:
+    """Delete a folder of results of this kind, or nothing at all.
+
+    Raises InputError where it is none, holds anything that is no result of resim's, or cannot be deleted.
+    """
+    remedy = "Look what it is, and delete it yourself."
+    try:
+        if folder.is_symlink():
+            raise InputError(folder, "is a link, which is not followed to delete anything", remedy)
+        if not _is_result(folder / kind.mark):
+            raise InputError(folder, f"is not a results folder (it has no {kind.mark} of resim's)", remedy)
+        if strange := next(_strange(folder, kind), None):
+            raise InputError(folder, f"holds {strange}, which is no result of resim's", remedy)
+        aside = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+        folder.rename(aside)  # what is deleted only in part never looks like a result
+        shutil.rmtree(aside)
+    except OSError as e:
+        raise InputError(folder, f"cannot be deleted: {e.strerror}", remedy) from e
+
+
+def _strange(folder: Path, kind: Results) -> Iterator[str]:
+    """Names of what resim does not write into such a folder."""
+    for path in sorted(folder.iterdir()):
+        within = kind.inside.get(path.name)
+        if path.is_symlink() or not kind.names.fullmatch(path.name) or path.is_dir() != (within is not None):
+            yield path.name
+        elif within is not None:
+            for file in sorted(path.iterdir()):
+                if file.is_symlink() or file.is_dir() or not within.fullmatch(file.name):
+                    yield f"{path.name}/{file.name}"
 
 
 @contextlib.contextmanager
@@ -118,75 +163,3 @@ def whole_file(path: Path, kinds: tuple[str, ...] = (".html", ".htm")) -> Iterat
         raise InputError(path, f"cannot be written: {e}", "Name another with --out.") from e
     finally:
         beside.unlink(missing_ok=True)
-
-
-def write_json(data: Any, path: Path) -> None:
-    """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
-    path.write_text(json_text(data), encoding="utf-8")
-
-
-def json_text(data: Any) -> str:
-    """Give JSON as `write_json` writes it."""
-    return "".join(_json(data, "")) + "\n"
-
-
-def _json(data: Any, indent: str) -> Iterator[str]:
-    """JSON in pieces; dictionaries and lists of them are spread over lines."""
-    deeper = indent + "  "
-    if isinstance(data, Mapping) and data:
-        start = "{\n"
-        for key, value in data.items():
-            yield f"{start}{deeper}{json.dumps(str(key))}: "
-            yield from _json(value, deeper)
-            start = ",\n"
-        yield f"\n{indent}}}"
-    elif isinstance(data, list | tuple) and any(isinstance(value, Mapping | list | tuple) for value in data):
-        start = "[\n"
-        for value in data:
-            yield start + deeper
-            yield from _json(value, deeper)
-            start = ",\n"
-        yield f"\n{indent}]"
-    else:
-        yield json.dumps(data, allow_nan=False)
-
-
-def write_parquet(table: pd.DataFrame, path: Path) -> None:
-    """Write a Parquet file through DuckDB (libsumo brings an Arrow of its own that pyarrow would clash with)."""
-    with duckdb.connect(config={"threads": 1}) as connection:
-        connection.register("frame", table)
-        try:
-            connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
-        except duckdb.IOException as e:
-            raise OSError(f"{path.name}: {str(e).splitlines()[0]}") from e
-
-
-def write_resimulation(result: Resimulation, folder: Path) -> None:
-    """Write report.json, tracks, answers and plans, the JSCEN files with their map, run.json."""
-    shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
-    for name, scenario in result.scenarios().items():
-        write_jscen(scenario, folder / f"{name}.jscen.json")
-    write_parquet(result.tracks_frame(), folder / "tracks.parquet")
-    write_parquet(result.answers_frame(), folder / "answers.parquet")
-    write_parquet(result.plans_frame(), folder / "plans.parquet")
-    write_json(result.report(), folder / "report.json")
-    write_json(result.provenance(), folder / RUN.mark)
-
-
-def write_conversion(found: MapCheck, folder: Path) -> None:
-    """Write the SUMO net of a map and conversion.json: what is wrong in the map, and every lane's error."""
-    name = map_name(found.network.path).removesuffix(".xodr")
-    shutil.copyfile(found.net.path, folder / f"{name}.net.xml")
-    versions = {p: importlib.metadata.version(p) for p in ("eclipse-sumo", "shapely", "numpy")}
-    write_json(
-        {"versions": {"resim": resim.__version__, **versions}, **found.report()}, folder / CONVERSION.mark
-    )
-
-
-def write_assessment(found: Assessed, folder: Path) -> None:
-    """Write assessment.json and kpis.parquet."""
-    versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
-    write_json(
-        {"versions": {"resim": resim.__version__, **versions}, **found.to_json()}, folder / ASSESSMENT.mark
-    )
-    write_parquet(found.kpi_frame(), folder / "kpis.parquet")

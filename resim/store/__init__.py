@@ -1,0 +1,41 @@
+"""Results on disk: folders written whole, their files, and (`resim.store.catalog`) where to find them again."""
+
+from resim.store.folders import (
+    ASSESSMENT,
+    CONVERSION,
+    RUN,
+    SWEEP,
+    VERIFICATION,
+    Results,
+    check_output,
+    remove_results,
+    whole_file,
+    whole_folder,
+)
+from resim.store.writing import (
+    json_text,
+    write_assessment,
+    write_conversion,
+    write_json,
+    write_parquet,
+    write_resimulation,
+)
+
+__all__ = [
+    "ASSESSMENT",
+    "CONVERSION",
+    "RUN",
+    "SWEEP",
+    "VERIFICATION",
+    "Results",
+    "check_output",
+    "json_text",
+    "remove_results",
+    "whole_file",
+    "whole_folder",
+    "write_assessment",
+    "write_conversion",
+    "write_json",
+    "write_parquet",
+    "write_resimulation",
+]

@@ -1,0 +1,97 @@
+"""Results as files: JSON and Parquet, the same bytes for the same result, and what each job writes of them."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import duckdb
+
+import resim
+from resim.store.folders import ASSESSMENT, CONVERSION, RUN
+
+if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
+    import pandas as pd
+
+    from resim.pipeline import Assessed, MapCheck, Resimulation
+
+
+def write_json(data: Any, path: Path) -> None:
+    """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
+    path.write_text(json_text(data), encoding="utf-8")
+
+
+def json_text(data: Any) -> str:
+    """Give JSON as `write_json` writes it."""
+    return "".join(_json(data, "")) + "\n"
+
+
+def _json(data: Any, indent: str) -> Iterator[str]:
+    """JSON in pieces; dictionaries and lists of them are spread over lines."""
+    deeper = indent + "  "
+    if isinstance(data, Mapping) and data:
+        start = "{\n"
+        for key, value in data.items():
+            yield f"{start}{deeper}{json.dumps(str(key))}: "
+            yield from _json(value, deeper)
+            start = ",\n"
+        yield f"\n{indent}}}"
+    elif isinstance(data, list | tuple) and any(isinstance(value, Mapping | list | tuple) for value in data):
+        start = "[\n"
+        for value in data:
+            yield start + deeper
+            yield from _json(value, deeper)
+            start = ",\n"
+        yield f"\n{indent}]"
+    else:
+        yield json.dumps(data, allow_nan=False)
+
+
+def write_parquet(table: pd.DataFrame, path: Path) -> None:
+    """Write a Parquet file through DuckDB (libsumo brings an Arrow of its own that pyarrow would clash with)."""
+    with duckdb.connect(config={"threads": 1}) as connection:
+        connection.register("frame", table)
+        try:
+            connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+        except duckdb.IOException as e:
+            raise OSError(f"{path.name}: {str(e).splitlines()[0]}") from e
+
+
+def write_resimulation(result: Resimulation, folder: Path) -> None:
+    """Write report.json, tracks, answers and plans, the JSCEN files with their map, run.json."""
+    from resim.pipeline import map_name
+    from resim.scenario.jscen import write_jscen
+
+    shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
+    for name, scenario in result.scenarios().items():
+        write_jscen(scenario, folder / f"{name}.jscen.json")
+    write_parquet(result.tracks_frame(), folder / "tracks.parquet")
+    write_parquet(result.answers_frame(), folder / "answers.parquet")
+    write_parquet(result.plans_frame(), folder / "plans.parquet")
+    write_json(result.report(), folder / "report.json")
+    write_json(result.provenance(), folder / RUN.mark)
+
+
+def write_conversion(found: MapCheck, folder: Path) -> None:
+    """Write the SUMO net of a map and conversion.json: what is wrong in the map, and every lane's error."""
+    from resim.pipeline import map_name
+
+    name = map_name(found.network.path).removesuffix(".xodr")
+    shutil.copyfile(found.net.path, folder / f"{name}.net.xml")
+    versions = {p: importlib.metadata.version(p) for p in ("eclipse-sumo", "shapely", "numpy")}
+    write_json(
+        {"versions": {"resim": resim.__version__, **versions}, **found.report()}, folder / CONVERSION.mark
+    )
+
+
+def write_assessment(found: Assessed, folder: Path) -> None:
+    """Write assessment.json and kpis.parquet."""
+    versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
+    write_json(
+        {"versions": {"resim": resim.__version__, **versions}, **found.to_json()}, folder / ASSESSMENT.mark
+    )
+    write_parquet(found.kpi_frame(), folder / "kpis.parquet")
