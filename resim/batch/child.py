@@ -45,7 +45,7 @@ def serve(tasks: Connection, results: Connection) -> None:
             result = function(task)
         except ResimError as e:
             result = Failure(str(e), crashed=False)
-        except Exception as e:
+        except BaseException as e:  # also what a function raises to end the process, or to look interrupted
             where = traceback.extract_tb(e.__traceback__)[-1]
             result = Failure(f"{e!r} in {where.name} ({Path(where.filename).name})", crashed=True)
         try:

@@ -106,7 +106,8 @@ class _Child:
         }  # a core a process: threads would get in their way
         self.process = subprocess.Popen(
             [sys.executable, "-c", _SERVE, str(inner_tasks), str(inner_results)],
-            pass_fds=(inner_tasks, inner_results), stdin=subprocess.DEVNULL, env=environment,
+            pass_fds=(inner_tasks, inner_results), stdin=subprocess.DEVNULL, stdout=2,
+            env=environment,
         )  # fmt: skip
         os.close(inner_tasks)
         os.close(inner_results)

@@ -34,6 +34,14 @@ def test_a_process_is_used_again() -> None:
     assert len({pid for _, pid in found.values()}) <= 2
 
 
+def test_a_task_that_raises_what_ends_a_process_costs_itself_only(capfd: pytest.CaptureFixture[str]) -> None:
+    found = dict(run_all(act, [("interrupt", 0), ("print", 1)], workers=1, time_limit=30.0))
+    assert found[0] == Failure("KeyboardInterrupt() in act (deeds.py)", crashed=True)
+    assert found[1][0] == 1
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "what a function has to say\n")
+
+
 def test_what_hangs_is_ended() -> None:
     found = dict(run_all(act, [("hang", 0), ("do", 1)], workers=1, time_limit=1.5))
     assert found[0] == Failure("took longer than 1.5 s", crashed=True)

@@ -128,3 +128,27 @@ def test_real_vehicles_are_fitted_within_a_centimetre(name: str) -> None:
     assert len(errors) >= 10
     assert np.median(errors) < 0.01
     assert max(errors) < 0.05
+
+
+def test_who_kept_to_its_trace_in_simulation_is_described_by_it(network: RoadNetwork) -> None:
+    told = describe(straight("abc"), network, ego="a", map_name="m.xodr")
+    run = told.tracks(
+        network, 0.01 + np.arange(100) / 25.0
+    )  # steps, which the trace outlasts by less than one
+    x = run.x.copy()
+    x[1] += 1e-3 * np.arange(100)  # b did not keep to it
+    found = describe(replace(run, x=x), network, ego="a", map_name="m.xodr", driven=told)
+    assert found.ego is told.ego
+    assert [o is p for o, p in zip(found.objects, told.objects, strict=True)] == [False, True]
+    assert found.duration == pytest.approx(3.96)
+    short = run.window(0.0, 2.0)  # as after a collision
+    assert describe(short, network, ego="a", map_name="m.xodr", driven=told).ego is not told.ego
+
+
+def test_who_is_not_there_in_simulation_is_not_described(network: RoadNetwork) -> None:
+    told = describe(straight("abc"), network, ego="a", map_name="m.xodr")
+    run = told.tracks(network, np.arange(100) / 25.0)
+    valid = run.valid.copy()
+    valid[1] = False
+    found = describe(replace(run, valid=valid), network, ego="a", map_name="m.xodr", driven=told)
+    assert [o.id for o in found.objects] == ["c"]

@@ -8,7 +8,8 @@ from resim.report.verification.cells import Entry, minus, row, rows_table
 
 MEANING = (
     "Within each interval no KPI flips in simulation. That is no proof for the interval: it is what <b>one real "
-    "re-check at its end</b> would legitimise, and no further (Groh 2018, III.C)."
+    "re-check at its end</b> would legitimise, and no further (Groh 2018, III.C). A flip and back between two "
+    "variations that were run would not have been seen."
 )
 WIDTH, MIDDLE = 220.0, 110.0
 """Of a bar's view box; no change is in the middle."""
