@@ -60,6 +60,21 @@ class Parameter(BaseModel):
         """Give the value at which the others are varied."""
         return float(self.at(np.array([0.5]))[0]) if self.base is None else self.base
 
+    def share(self, x: Floats) -> Floats:
+        """Give the share (N,) of the distribution that lies below values x (N,): the inverse of `at`.
+
+        Of values that are listed, the middle of each one's share.
+        """
+        if self.values:
+            place = np.argmin(np.abs(np.asarray(x)[:, None] - np.array(self.values)), axis=1)
+            return np.asarray((place + 0.5) / len(self.values))
+        low, high = float(self.low or 0.0), float(self.high or 0.0)
+        if self.mean is None or self.std is None:
+            return np.clip((x - low) / (high - low), 0.0, 1.0)
+        first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
+        below: Floats = (ndtr((x - self.mean) / self.std) - first) / (last - first)
+        return np.clip(below, 0.0, 1.0)
+
     def at(self, share: Floats) -> Floats:
         """Give the values below which a share (N,) in [0, 1] of the distribution lies."""
         if self.values:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.stats import binomtest
+from resim.experiment.intervals import wilson
 
 
 @dataclass(frozen=True)
@@ -24,5 +24,5 @@ class Share:
 
 def share(agrees: list[bool]) -> Share:
     """Give the share of those that agree, of one or more."""
-    interval = binomtest(sum(agrees), len(agrees)).proportion_ci(0.95, method="wilson")
-    return Share(sum(agrees), len(agrees), float(interval.low), float(interval.high))
+    low, high = wilson(sum(agrees), len(agrees))
+    return Share(sum(agrees), len(agrees), float(low), float(high))

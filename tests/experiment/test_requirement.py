@@ -1,0 +1,138 @@
+"""Implied requirements and boundaries against known ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from resim.core.geometry import Floats
+from resim.experiment.boundary import crossings, grid_map, smooth_map
+from resim.experiment.requirement import Side, requirement
+from resim.experiment.response import levels
+
+LEVELS = np.linspace(0.0, 1.0, 11)
+
+
+def passing(x: Floats, share: Floats, seeds: int = 10, seed: int = 0) -> Floats:
+    return (np.random.default_rng(seed).random((len(x), seeds)) < share[:, None]).astype(float)
+
+
+def test_under_a_value_enough_pass() -> None:
+    x = np.repeat(LEVELS, 20)
+    found = requirement(passing(x, np.where(x < 0.55, 1.0, 0.0)), levels(x, 20), 0.95, "under")
+    assert (found.found, found.low, found.high, found.next_high) == ("limit", None, 0.5, LEVELS[6])
+    assert found.high_interval == (0.5, 0.5)
+    assert (found.share, found.high_share, found.runs) == (1.0, 1.0, 6 * 200)
+
+
+def test_it_counts_all_runs_below() -> None:
+    """Of 11 levels the last two fail half: 10 of them pass 95 %, and 11 do not."""
+    x = np.repeat(LEVELS, 20)
+    y = np.ones((len(x), 2))
+    y[x > 0.85, 0] = 0.0
+    found = requirement(y, levels(x, 20), 0.95, "under")
+    assert found.high == pytest.approx(0.9)
+    assert (found.share, found.high_share) == (pytest.approx(0.95), 0.5)
+
+
+@pytest.mark.parametrize("seeds", [1, 10])
+def test_the_interval_holds_the_truth(seeds: int) -> None:
+    """Shares that fall from 1 to 0 around 0.5; the level up to which 95 % pass is known."""
+    x = np.repeat(np.linspace(0.0, 1.0, 51), 30)
+    share = 1.0 / (1.0 + np.exp((x - 0.5) / 0.05))
+    values = np.unique(x)
+    cumulated = np.cumsum(share.reshape(51, 30)[:, 0]) / np.arange(1, 52)
+    truth = float(values[np.flatnonzero(cumulated >= 0.95)[-1]])
+    held = 0
+    for seed in range(40):
+        found = requirement(passing(x, share, seeds, seed), levels(x, 20), 0.95, "under")
+        assert found.high_interval is not None
+        low, high = found.high_interval
+        assert low is not None
+        assert high is not None
+        held += low <= truth <= high
+    assert held >= 35
+
+
+@pytest.mark.parametrize("side", ["under", "over", "between"])
+def test_all_and_none(side: Side) -> None:
+    x = np.repeat(LEVELS, 4)
+    whole = requirement(np.ones((len(x), 2)), levels(x, 20), 0.95, side)
+    assert (whole.found, whole.low, whole.high, whole.share) == ("whole", None, None, 1.0)
+    none = requirement(np.zeros((len(x), 2)), levels(x, 20), 0.95, side)
+    assert (none.found, none.low, none.high) == ("none", None, None)
+
+
+def test_from_both_sides() -> None:
+    x = np.repeat(np.linspace(-1.0, 1.0, 11), 10)
+    y = passing(x, np.where(np.abs(x - 0.2) < 0.5, 1.0, 0.1))
+    between = requirement(y, levels(x, 20), 0.95, "between")
+    assert (between.low, between.high) == (pytest.approx(-0.2), pytest.approx(0.6))
+    assert (between.next_low, between.next_high) == (pytest.approx(-0.4), pytest.approx(0.8))
+    assert requirement(y, levels(x, 20), 0.95, "under").found == "none"
+    over = requirement(passing(x, np.where(x > 0.1, 1.0, 0.0)), levels(x, 20), 0.95, "over")
+    assert (over.low, over.high) == (pytest.approx(0.2), None)
+
+
+def test_a_parameter_that_does_nothing_has_no_limit() -> None:
+    x = np.repeat(LEVELS, 20)
+    found = requirement(passing(x, np.full(len(x), 0.94)), levels(x, 20), 0.95, "between")
+    assert found.found == "unclear"
+
+
+def test_a_parameter_alone_is_drawn_by_its_runs() -> None:
+    found = requirement(
+        passing(LEVELS, np.where(LEVELS < 0.55, 1.0, 0.3), 20), levels(LEVELS, 20), 0.95, "under"
+    )
+    assert found.high == 0.5
+    assert found.high_interval == (0.5, 0.5)
+
+
+def grid(a: int, b: int) -> tuple[Floats, Floats]:
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, a), np.linspace(0.0, 1.0, b))
+    return x.ravel(), y.ravel()
+
+
+def test_the_boundary_of_a_grid() -> None:
+    x, b = grid(21, 5)
+    share = np.clip(0.5 - (x - 0.3 - 0.4 * b) / 0.2, 0.0, 1.0)
+    y = np.tile(np.arange(100) < 100.0 * share[:, None] - 1e-9, 1).astype(float)
+    found = crossings(grid_map(y, levels(x, 50), levels(b, 50)), 0.5)
+    assert [c.b for c in found] == np.unique(b).tolist()
+    for c in found:
+        assert c.at == pytest.approx(0.3 + 0.4 * c.b, abs=0.01)
+        assert c.below <= c.at <= c.above
+        assert not c.rises
+        assert c.low is not None
+        assert c.high is not None
+        assert c.low < c.at < c.high
+
+
+def test_few_seeds_cannot_show_a_high_share() -> None:
+    x, b = grid(5, 3)
+    y = np.repeat((x < 0.6).astype(float)[:, None], 5, axis=1)
+    found = crossings(grid_map(y, levels(x, 50), levels(b, 50)), 0.95)
+    assert len(found) == 3
+    assert all(c.low is None for c in found)  # 5 of 5 is 57 % or more
+
+
+@pytest.mark.parametrize("seeds", [1, 5])
+def test_the_boundary_of_drawn_points(seeds: int) -> None:
+    u = np.random.default_rng(0).random((2000, 2))
+    y = passing(u, np.where(u[:, 0] < 0.3 + 0.4 * u[:, 1], 1.0, 0.0), seeds)
+    mesh = np.linspace(0.0, 1.0, 25)
+    found = smooth_map(y, u, mesh, mesh, (mesh, mesh))
+    assert found.width is not None
+    inner = [c for c in crossings(found, 0.5) if 0.1 < c.b < 0.9]
+    assert len(inner) >= 18
+    for c in inner:
+        assert c.at == pytest.approx(0.3 + 0.4 * c.b, abs=0.05)
+        assert not c.rises
+
+
+def test_a_map_is_open_where_nothing_was_drawn() -> None:
+    u = np.random.default_rng(0).random((400, 2)) * [0.5, 1.0]
+    mesh = np.linspace(0.0, 1.0, 25)
+    found = smooth_map(passing(u, u[:, 0] + 0.2), u, mesh, mesh, (mesh, mesh))
+    assert np.isnan(found.share[:, -1]).all()
+    assert np.isfinite(found.share[12, 5])
