@@ -52,6 +52,11 @@ def _nets_in_a_cache_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> N
     os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _a_catalog_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    os.environ["RESIM_CATALOG"] = str(tmp_path_factory.mktemp("catalog") / "catalog.sqlite")
+
+
 @pytest.fixture(scope="session")
 def network() -> RoadNetwork:
     """The proving ground: road 1 straight over 2040 m, lanes -1 to -3 along +x."""

@@ -1,6 +1,6 @@
 """The command line, one module per command."""
 
-from resim.cli import assess, check, imports, maps, perception, prediction, run, suite, sweep, verify
+from resim.cli import assess, check, imports, maps, perception, prediction, run, runs, suite, sweep, verify
 from resim.cli.app import app, main
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "perception",
     "prediction",
     "run",
+    "runs",
     "suite",
     "sweep",
     "verify",

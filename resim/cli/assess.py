@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, assess_app
+from resim.cli.runs import register
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,13 +92,14 @@ def assess(
     found = assess_folder(drive, how, accept or [])
     if out is not None:
         with whole_folder(out, ASSESSMENT) as folder:
-            write_assessment(found, folder)
+            write_assessment(found, folder, drive)
             write_assessment_page(found, folder / "assessment.html")
     print_worst(found)
     print_verdicts(found)
     print_notes(found)
     if out is not None:
         typer.echo(f"\nassessment: {out / 'assessment.html'}")
+        register(out)
     refuse_bad(found)
 
 

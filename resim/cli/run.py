@@ -10,6 +10,7 @@ import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
 from resim.cli.assess import CriteriaFile, refuse_bad, wanted
+from resim.cli.runs import register
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def run(
         write_report(result, assessed, folder / "report.html")
     _print(result, assessed)
     typer.echo(f"\nreport: {out / 'report.html'}")
+    register(out)
     if result.failure:
         raise BadVerdictError(result.failure)
     if assessed.criteria is not None:

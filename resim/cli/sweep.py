@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import sweep_app
+from resim.cli.runs import register
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ def sweep(
         typer.echo(f"{out}: this shard is done; {missing} runs of others are missing")
         return
     typer.echo(f"{out / 'runs'}: {len(runs)} runs, {failed} without a result")
+    register(out)
 
 
 def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:

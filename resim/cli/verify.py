@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from resim.cli.app import BadVerdictError, app
+from resim.cli.runs import register
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -108,6 +109,7 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
     write(out, found, traces)
     print_verification(found)
     typer.echo(f"\nverification: {out / 'verification.html'}")
+    register(out)
     _end(found, outcome_code(found))
 
 

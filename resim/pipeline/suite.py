@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -154,11 +154,21 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def content_hash(folder: Path) -> str:
     """Give the SHA-256 of a recording: of its settings, tables and map. Raises InputError."""
     settings = read_settings(folder / SETTINGS)
-    told = hashlib.sha256()
-    for file in sorted(p for p in folder.iterdir() if _FILES.fullmatch(p.name)):
-        told.update(f"{file.name} {hashlib.sha256(read_file(file, EXAMPLE)).hexdigest()}\n".encode())
+    files = {
+        p.name: hashlib.sha256(read_file(p, EXAMPLE)).hexdigest()
+        for p in folder.iterdir()
+        if _FILES.fullmatch(p.name)
+    }
     road = read_file(folder / settings.map, "The recording names a map that is not there.")
-    told.update(f"map {hashlib.sha256(road).hexdigest()}\n".encode())
+    return hash_of_hashes(files, hashlib.sha256(road).hexdigest())
+
+
+def hash_of_hashes(files: Mapping[str, str], road: str) -> str:
+    """Give the SHA-256 of a recording from those of its files by name (others are left out) and of its map."""
+    told = hashlib.sha256()
+    for name in sorted(name for name in files if _FILES.fullmatch(name)):
+        told.update(f"{name} {files[name]}\n".encode())
+    told.update(f"map {road}\n".encode())
     return told.hexdigest()
 
 

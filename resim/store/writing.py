@@ -88,10 +88,30 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     )
 
 
-def write_assessment(found: Assessed, folder: Path) -> None:
-    """Write assessment.json and kpis.parquet."""
+def write_assessment(found: Assessed, folder: Path, drive: Path | None = None) -> None:
+    """Write assessment.json and kpis.parquet. drive: the folder that was assessed, where it is not written to, too."""
     versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
+    criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
+    inputs = {**({} if drive is None else _drive_inputs(drive, found.name)), "criteria": criteria}
     write_json(
-        {"versions": {"resim": resim.__version__, **versions}, **found.to_json()}, folder / ASSESSMENT.mark
+        {"versions": {"resim": resim.__version__, **versions}, "inputs": inputs, **found.to_json()},
+        folder / ASSESSMENT.mark,
     )
     write_parquet(found.kpi_frame(), folder / "kpis.parquet")
+
+
+def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
+    """The recording and the build of what `resim run` wrote, or of a recording."""
+    from resim.ingest.settings import SETTINGS, read_settings
+    from resim.pipeline.suite import content_hash, hash_of_hashes
+
+    if (drive / RUN.mark).is_file():
+        hashes = json.loads((drive / RUN.mark).read_bytes())["hashes"]
+        build = json.loads((drive / "report.json").read_bytes())["build"]
+        return {
+            "recording": {"name": name, "hash": hash_of_hashes(hashes, hashes["map"])},
+            "build": {"label": f"{build['name']}-{build['version']}", "hash": hashes["build"]},
+        }
+    settings = read_settings(drive / SETTINGS)
+    drove = None if settings.build is None else {"label": settings.build, "hash": settings.build_hash}
+    return {"recording": {"name": name, "hash": content_hash(drive)}, "build": drove}

@@ -1,0 +1,139 @@
+"""Results of the catalog in the terminal, and as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from resim.store.entry import Entry, Outcome
+
+
+def line(entry: Entry) -> str:
+    """Give a result in a few words."""
+    from resim.store.catalog import SHORT
+
+    return f"{entry.id[:SHORT]} {entry.kind} {entry.name!r}: {_verdict(entry) or 'not judged'}"
+
+
+def _verdict(entry: Entry) -> str:
+    """The verdict, and how many of how many are good."""
+    total = sum(entry.counts.values())
+    good = next(iter(entry.counts.values()), 0)
+    return f"{entry.verdict} ({good}/{total})" if total > 1 else entry.verdict
+
+
+def summary(entry: Entry) -> dict[str, Any]:
+    """Give what a list says of a result; table: where the rows of a sweep are."""
+    return {
+        "id": entry.id, "kind": entry.kind, "name": entry.name, "folder": str(entry.folder),
+        "state": entry.state(), "host": entry.host, "written": entry.written, "resim": entry.resim,
+        "verdict": entry.verdict or None, "counts": dict(entry.counts), "recordings": entry.names("recording"),
+        "builds": entry.names("build"), "against": entry.names("against"), "table": _table(entry),
+    }  # fmt: skip
+
+
+def _table(entry: Entry) -> str | None:
+    """Where the rows of a sweep are."""
+    return str(entry.folder / "runs" / "*.parquet") if entry.kind == "sweep" else None
+
+
+def print_list(found: list[Entry]) -> None:
+    """Print a line a result."""
+    from rich.table import Table
+
+    from resim.cli.verdicts import console
+    from resim.store.catalog import SHORT
+
+    if not found:
+        typer.echo("no results")
+        return
+    heads = ("id", "written (UTC)", "kind", "name\nbuild", "verdict (good/all)\nfolder")
+    table = Table(*heads, box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column, fixed in zip(table.columns, (True, True, True, False, False), strict=True):
+        column.no_wrap, column.overflow = fixed, "fold"
+    for e in found:
+        state = e.state()
+        of = {"there": "", "elsewhere": f" (of {e.host})"}.get(state, f" ({state})")
+        builds = ", ".join(e.names("build")) + "".join(f" against {name}" for name in e.names("against"))
+        written = e.written[:16].replace("T", " ")
+        what, came = f"{e.name}\n{builds}", f"{_verdict(e) or '–'}\n{_short(e.folder)}{of}"
+        table.add_row(e.id[:SHORT], written, e.kind, what, came)
+    console().print(table)
+
+
+def _short(folder: Path) -> str:
+    """A folder as seen from here, where it is below."""
+    here = Path.cwd()
+    return str(folder.relative_to(here)) if folder.is_relative_to(here) else str(folder)
+
+
+def print_entry(entry: Entry) -> None:
+    """Print all that the catalog holds of a result."""
+    from rich.table import Table
+
+    from resim.cli.verdicts import console
+
+    out = console()
+    state = {
+        "there": "", "gone": " (gone)", "changed": " (holds something else since)", "elsewhere": f" (of {entry.host})",
+    }[entry.state()]  # fmt: skip
+    told = {
+        "result": line(entry), "id": entry.id,
+        "written": f"{entry.written[:19].replace('T', ' ')} UTC by resim {entry.resim}, on {entry.host}",
+        "folder": f"{entry.folder}{state}",
+    }  # fmt: skip
+    if entry.counts:
+        told["counts"] = ", ".join(f"{count} {verdict}" for verdict, count in entry.counts.items())
+    for page in ("report.html", "verification.html", "assessment.html"):
+        if (entry.folder / page).is_file():
+            told["page"] = str(entry.folder / page)
+    if (rows := _table(entry)) is not None:
+        told["rows"] = f"duckdb.sql({json.dumps(f'select * from {_literal(rows)}')}).df()"
+    for name, text in told.items():
+        out.print(f"{name:8} {text}", highlight=False, soft_wrap=True)
+    inputs = Table("input", "name", "SHA-256", "path", title="what went in")
+    for i in entry.inputs:
+        inputs.add_row(i.role, i.name, i.hash[:12] or "–", i.path or "–")
+    out.print(inputs)
+    _print_outcomes(entry.outcomes)
+
+
+def _print_outcomes(outcomes: tuple[Outcome, ...]) -> None:
+    """Verdicts, in the columns that any of them has; the build where it is not the same in all."""
+    from rich.table import Table
+
+    from resim.cli.verdicts import console
+
+    rows = [_cells(outcome) for outcome in outcomes]
+    names = [n for n in rows[0] if n != "build" or len({row[n] for row in rows}) > 1] if rows else []
+    held = [name for name in names if any(row[name] for row in rows)]
+    table = Table(*held, title="what came out")
+    for column in table.columns:
+        column.overflow = "fold"
+    for row in rows:
+        table.add_row(*(row[name] or "–" for name in held))
+    console().print(table)
+
+
+def _cells(o: Outcome) -> dict[str, str]:
+    """An outcome by column, "" for what is not told."""
+    several = f"{o.runs}: {o.passes} PASS, {o.fails} FAIL, {o.invalids} INVALID, {o.failures} failed"
+    return {
+        "recording": o.recording,
+        "build": o.build,
+        "of": o.source,
+        "verdict": o.verdict,
+        "runs": "" if o.runs is None else several,
+        "collisions": "" if o.collisions is None else str(o.collisions),
+        "same decision": "" if o.same_decision is None else f"{100.0 * o.same_decision:.3g} %",
+        "why": o.cause,
+    }
+
+
+def _literal(text: str) -> str:
+    """A text as SQL has it."""
+    return "'" + text.replace("'", "''") + "'"

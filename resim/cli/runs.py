@@ -1,0 +1,167 @@
+"""`resim runs`: the catalog of results, in which sweeps, builds, recordings and verdicts are found again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from resim.cli.app import app
+from resim.cli.entries import line, print_entry, print_list, summary
+from resim.core.errors import InputError, ResimError
+
+if TYPE_CHECKING:
+    from resim.store.catalog import Catalog
+    from resim.store.entry import Entry
+
+runs = typer.Typer(
+    help="Results of before: find, show, add and forget them in the catalog (RESIM_CATALOG).",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(runs, name="runs")
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+class KindChoice(StrEnum):
+    """Kinds of results."""
+
+    run = "run"
+    assessment = "assessment"
+    verification = "verification"
+    sweep = "sweep"
+
+
+def register(folder: Path) -> None:
+    """Put finished results into the user's catalog; where that fails, one line says so and the job stays as it is."""
+    from resim.store.catalog import user_catalog
+    from resim.store.reading import read_entry
+
+    try:
+        if (catalog := user_catalog()) is not None:
+            catalog.add(read_entry(folder))
+    except ResimError as e:
+        typer.echo(f"resim: warning: the results are whole, but not in the catalog: {e}", err=True)
+
+
+@runs.command("list")
+def list_results(
+    kind: Annotated[KindChoice | None, typer.Option(help="Results of this kind only.")] = None,
+    build: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Part of a build's label, or how its hash begins.")
+    ] = None,
+    recording: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Part of a recording's name, or how its hash begins.")
+    ] = None,
+    verdict: Annotated[
+        str | None,
+        typer.Option(
+            help="Over all or of any recording: PASS, FAIL, INVALID, failed, verified, 'not verified', ..."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List results, the newest first, and say which folders are gone or hold something else since."""
+    from resim.store.reading import VERDICTS
+
+    if verdict is not None and verdict.lower() not in {v.lower() for v in VERDICTS}:
+        raise InputError("--verdict", f"there is no {verdict!r}", f"There are: {', '.join(VERDICTS)}.")
+    found = _catalog().find(
+        kind=None if kind is None else kind.value, build=build, recording=recording, verdict=verdict
+    )
+    if as_json:
+        typer.echo(json.dumps([summary(e) for e in found], indent=2))
+    else:
+        print_list(found)
+
+
+@runs.command()
+def show(
+    result: Annotated[str, typer.Argument(metavar="ID|FOLDER", help="Its id, or four digits of it or more.")],
+    as_json: AsJson = False,
+) -> None:
+    """Show all that the catalog holds of a result: what went in, verdicts, where its files lie."""
+    entry = _catalog().get(result)
+    if as_json:
+        told = {"inputs": [asdict(i) for i in entry.inputs], "outcomes": [asdict(o) for o in entry.outcomes]}
+        typer.echo(json.dumps({**summary(entry), **told}, indent=2))
+    else:
+        print_entry(entry)
+
+
+@runs.command()
+def add(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Folders of results, such as of a cluster.")
+    ],
+) -> None:
+    """Put results that were made elsewhere, or before, into the catalog: all of them, or none."""
+    from resim.store.reading import read_entry
+
+    catalog = _catalog()
+    entries = [read_entry(folder) for folder in folders]
+    for entry in entries:
+        catalog.add(entry)
+        typer.echo(line(entry))
+
+
+@runs.command()
+def rm(
+    results: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids or folders.")],
+    files: Annotated[
+        bool, typer.Option("--files", help="Delete their folders, too, if they hold nothing but results.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before folders are deleted.")] = False,
+) -> None:
+    """Forget results; their folders stay, unless --files is given."""
+    catalog = _catalog()
+    entries = {entry.id: entry for entry in map(catalog.get, results)}.values()
+    doomed = [entry for entry in entries if _is_deletable(entry)] if files else []
+    if doomed and not yes and not _confirmed(doomed):
+        typer.echo("nothing was removed")
+        return
+    for entry in entries:
+        if entry in doomed:
+            _delete(entry)
+        catalog.forget(entry)
+        typer.echo(f"{'deleted' if entry in doomed else 'forgotten'}: {line(entry)}, {entry.folder}")
+
+
+def _catalog() -> Catalog:
+    from resim.store.catalog import user_catalog
+    from resim.store.tables import VARIABLE
+
+    if (catalog := user_catalog()) is None:
+        raise InputError(VARIABLE, "says that there is no catalog", "Unset it, or name a file or database.")
+    return catalog
+
+
+def _is_deletable(entry: Entry) -> bool:
+    """Whether the folder is there to delete. Raises InputError where it is not what the catalog holds."""
+    state, remedy = entry.state(), "Leave out --files to forget it only."
+    if state == "changed":
+        raise InputError(entry.folder, "holds something else since it was put into the catalog", remedy)
+    if state == "elsewhere":
+        raise InputError(entry.folder, f"is of the machine {entry.host!r}, and not to be seen here", remedy)
+    return state == "there"
+
+
+def _confirmed(doomed: list[Entry]) -> bool:
+    for entry in doomed:
+        typer.echo(f"{line(entry)}, {entry.folder}", err=True)
+    try:
+        return typer.confirm(f"Delete {'these folders' if len(doomed) > 1 else 'this folder'}?", err=True)
+    except typer.Abort:
+        raise InputError("--files", "asks before it deletes, and nobody answered", "Say --yes.") from None
+
+
+def _delete(entry: Entry) -> None:
+    from resim.store import remove_results
+    from resim.store.entry import KINDS
+
+    remove_results(entry.folder, KINDS[entry.kind][1])
