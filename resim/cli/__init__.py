@@ -1,6 +1,19 @@
 """The command line, one module per command."""
 
-from resim.cli import assess, check, imports, maps, perception, prediction, run, runs, suite, sweep, verify
+from resim.cli import (
+    assess,
+    check,
+    imports,
+    maps,
+    perception,
+    prediction,
+    run,
+    runs,
+    suite,
+    sweep,
+    sweep_report,
+    verify,
+)
 from resim.cli.app import app, main
 
 __all__ = [
@@ -16,5 +29,6 @@ __all__ = [
     "runs",
     "suite",
     "sweep",
+    "sweep_report",
     "verify",
 ]

@@ -16,6 +16,8 @@ WIDTHS = (0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3)
 """Widths of the kernel that are tried, as shares of the parameters' distributions."""
 TRIED = 1500
 """Points by which the width is chosen."""
+ENOUGH = 12.0
+"""Points that a kernel must reach on the whole, for a quarter of them in a corner to be NEAR enough."""
 NEAR, LEAST = 3.0, 0.5
 """Points that a place of the map must have, and the kernel's weight of them together; else it is left open."""
 
@@ -64,12 +66,13 @@ def smooth_map(y: Floats, u: Floats, a: Floats, b: Floats, at: tuple[Floats, Flo
     """Give the map of drawn points, smoothed by a Gaussian kernel (Nadaraya 1964, Watson 1964) on a mesh.
 
     y (K, S): 1 where a run passes; u (K, 2): the points as shares of the parameters' distributions; a (A,), b (B,): the
-    mesh likewise; at: the values there. The width is the one by which points are best told from the others; the
-    interval is Wilson's, with as many points as the kernel's weights come to (Kish 1965).
+    mesh likewise; at: the values there. The width is that by which points are best told from the others, or more where
+    too few would be near; the interval is Wilson's, with as many points as the kernel's weights come to (Kish 1965).
     """
     known = np.isfinite(y).any(axis=1)
     passed, u = np.nanmean(y[known], axis=1), u[known]
-    width = _width(u[:TRIED], passed[:TRIED])
+    least = float(np.sqrt(ENOUGH / (4.0 * np.pi * len(u))))
+    width = max(_width(u[:TRIED], passed[:TRIED]), least)
     over_a, over_b = (_kernel(mesh[:, None] - u[:, k], width) for k, mesh in enumerate((a, b)))
     weight = over_b @ over_a.T
     with np.errstate(invalid="ignore", divide="ignore"):

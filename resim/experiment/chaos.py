@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -19,9 +20,11 @@ from resim.experiment.intervals import CONFIDENCE, Ints
 
 DEGREE, TERMS = 14, 200
 """Largest degree, and number of polynomials, that are tried."""
+LARGEST = 4_000_000
+"""Points times polynomials up to which they are tried."""
 WORSE = 2
 """How many degrees in turn may be no better before no more are tried."""
-DRAWS, PART = 400, 50
+DRAWS, PART = 200, 50
 """Bootstrap draws, and how many of them at once."""
 
 
@@ -92,22 +95,35 @@ def _best(share: Floats, mean: Floats) -> _Fit | None:
 
 def _fits(share: Floats, mean: Floats) -> Iterator[_Fit]:
     """Fits of rising degree, as long as there are two points or more for each polynomial."""
-    points, parameters = share.shape
+    raw = np.ascontiguousarray(share).tobytes()
     for degree in range(1, DEGREE + 1):
-        exponents = _exponents(parameters, degree)
-        if len(exponents) > min(TERMS, points // 2):
+        made = _basis(raw, share.shape[1], degree)
+        if made is None:
             return
-        basis = np.ones((points, len(exponents)))
-        for i in range(parameters):
-            one = legvander(2.0 * share[:, i] - 1.0, degree) * np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
-            basis *= one[:, exponents[:, i]]
-        q, r = np.linalg.qr(basis)
-        if np.abs(np.diag(r)).min() < 1e-8 * np.abs(np.diag(r)).max():
-            return  # fewer levels than the degree asks for
-        solver = np.linalg.solve(r, q.T)
+        exponents, basis, solver, lever = made
         coefficients = solver @ mean
-        lever = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
         yield _Fit(exponents, coefficients, solver, (mean - basis @ coefficients) / (1.0 - lever))
+
+
+@lru_cache(maxsize=DEGREE)
+def _basis(raw: bytes, parameters: int, degree: int) -> tuple[Ints, Floats, Floats, Floats] | None:
+    """Exponents (T, P), polynomials at the points (K, T), their solver (T, K) and leverages (K,).
+
+    The outcomes of a sweep share them, so they are kept. None with too few points, or too few levels.
+    """
+    share = np.frombuffer(raw).reshape(-1, parameters)
+    points = len(share)
+    exponents = _exponents(parameters, degree)
+    if len(exponents) > min(TERMS, points // 2, max(LARGEST // points, parameters + 1)):
+        return None
+    basis = np.ones((points, len(exponents)))
+    for i in range(parameters):
+        one = legvander(2.0 * share[:, i] - 1.0, degree) * np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
+        basis *= one[:, exponents[:, i]]
+    q, r = np.linalg.qr(basis)
+    if np.abs(np.diag(r)).min() < 1e-8 * np.abs(np.diag(r)).max():
+        return None
+    return exponents, basis, np.linalg.solve(r, q.T), np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
 
 
 def _exponents(parameters: int, degree: int) -> Ints:

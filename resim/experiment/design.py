@@ -66,7 +66,7 @@ class Parameter(BaseModel):
         Of values that are listed, the middle of each one's share.
         """
         if self.values:
-            place = np.argmin(np.abs(np.asarray(x)[:, None] - np.array(self.values)), axis=1)
+            place = np.argmin(np.abs(np.asarray(x)[:, None] - np.sort(self.values)), axis=1)
             return np.asarray((place + 0.5) / len(self.values))
         low, high = float(self.low or 0.0), float(self.high or 0.0)
         if self.mean is None or self.std is None:
@@ -78,7 +78,7 @@ class Parameter(BaseModel):
     def at(self, share: Floats) -> Floats:
         """Give the values below which a share (N,) in [0, 1] of the distribution lies."""
         if self.values:
-            taken: Floats = np.array(self.values).take((share * len(self.values)).astype(int), mode="clip")
+            taken: Floats = np.sort(self.values).take((share * len(self.values)).astype(int), mode="clip")
             return taken
         low, high = float(self.low or 0.0), float(self.high or 0.0)
         if self.mean is None or self.std is None:

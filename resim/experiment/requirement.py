@@ -25,9 +25,10 @@ class Requirement:
 
     side: "under", up to `high`; "over", from `low` on; "between" the two. found: "limit" where there are such bounds;
     "whole" where it holds in the whole range swept, "none" where it holds nowhere, "unclear" where a bound may be
-    anywhere in the range, or levels differ by no more than chance. low, high: the bounds, at levels that were swept, never between them, None where there is
-    none; low_interval, high_interval: their 95 % intervals, an end None where no level may be enough. share: of the
-    runs within the bounds that pass; runs: how many they are. low_share, high_share: of the runs at the bound itself.
+    anywhere in the range, or levels differ by no more than chance. low, high: the bounds, at levels that were swept,
+    never between them, None where there is none; low_interval, high_interval: their 95 % intervals, an end None where
+    no level may be enough. share: of the runs within the bounds that pass; runs: how many they are. low_share,
+    high_share: of the runs at the bound itself.
     next_low, next_high: the levels beyond the bounds.
     """
 

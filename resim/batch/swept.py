@@ -1,0 +1,67 @@
+"""A finished sweep: what it was made from, and the table of its runs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from pydantic import ValidationError
+
+from resim.batch import journal
+from resim.core.errors import InputError
+from resim.core.files import read_file
+from resim.experiment.design import Parameter
+from resim.store.rows import read_rows
+
+SCHEMA = "resim-sweep-1"
+RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """A finished sweep in its folder: manifest.json, its parameters, and a row a run."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    parameters: tuple[Parameter, ...]
+    rows: pd.DataFrame
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """What the results follow from (`resim.batch.sweeps.inputs`)."""
+        found: dict[str, Any] = self.manifest["inputs"]
+        return found
+
+    @property
+    def file(self) -> dict[str, Any]:
+        """What the sweep's file said."""
+        found: dict[str, Any] = self.inputs["sweep"]
+        return found
+
+
+def read_swept(folder: Path) -> Swept:
+    """Read a sweep's folder. Raises InputError where there is none, where it is not finished, or damaged."""
+    resume = RESUME.format(folder=folder)
+    if not (folder / "sweep.json").is_file():
+        raise InputError(folder, "holds no sweep", "Name the folder that `resim sweep --out` wrote.")
+    path = folder / "manifest.json"
+    if not path.is_file():
+        done = len({entry["run"] for entry in journal.read(folder / "journal")})
+        raise InputError(folder, f"its sweep is not finished, {done} runs are there so far", resume)
+    try:
+        manifest = json.loads(read_file(path, resume))
+        if manifest["schema"] != SCHEMA:
+            raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
+        parameters = tuple(Parameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
+        columns, count = list(manifest["columns"]), int(manifest["runs"])
+    except (ValueError, KeyError, TypeError, ValidationError) as e:
+        raise InputError(path, "is not what `resim sweep` writes", resume) from e
+    rows = read_rows(folder)
+    if len(rows) != count or rows["run"].nunique() != count:
+        raise InputError(folder / "runs", f"holds {len(rows)} runs, expected {count}", resume)
+    if lost := [name for name in columns if name not in rows]:
+        raise InputError(folder / "runs", f"has no column {lost[0]!r}", resume)
+    return Swept(folder, manifest, parameters, rows)

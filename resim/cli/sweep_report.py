@@ -1,0 +1,77 @@
+"""`resim sweep report` and `resim sweep repeat`: what a sweep found, and one of its runs again."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from resim.cli.app import BadVerdictError, sweep_app
+
+
+@sweep_app.command("report")
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Page to write (HTML), with a JSON file beside it; DIR/report.html if not given."),
+    ] = None,
+) -> None:
+    """Say what a sweep found: requirements, boundaries, sensitivity, responses, and the worst runs.
+
+    Writes a page and, with all numbers, a JSON file of the same name.
+    """
+    from resim.batch.analysis import analyse
+    from resim.batch.swept import read_swept
+    from resim.core.errors import InputError
+    from resim.pipeline.suite import relative
+    from resim.report.sweep import overview_line, requirement_lines, write_sweep_page
+    from resim.store import whole_file, write_json
+
+    page = folder / "report.html" if out is None else out
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise InputError("--out", f"{str(page)!r} is no page", "Name an .html file.")
+    swept = read_swept(folder)
+    found = analyse(swept, shlex.quote(relative(folder, Path.cwd())))
+    with whole_file(page) as path:
+        write_sweep_page(found, path)
+    with whole_file(page.with_suffix(".json"), (".json",)) as path:
+        write_json(found, path)
+    for section in found["sections"]:
+        typer.echo(f"{section['recording']}, {section['build']}: {overview_line(section)}")
+        for what, lines in requirement_lines(section, found["parameters"], found["demanded"]):
+            typer.echo(f"  {what}")
+            for line in lines:
+                typer.echo(f"    {line}")
+    typer.echo(f"\nreport: {page}")
+
+
+@sweep_app.command("repeat")
+def repeat_run(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
+    run: Annotated[int, typer.Argument(min=0, help="Number of the run, as in the report and the table.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for its traces and report; an earlier result there is replaced.")
+    ],
+) -> None:
+    """Do one run of a sweep again, compare it with its row in the table, and write what `resim run` writes of it.
+
+    Ends with 1 where the run is not the same as in the sweep.
+    """
+    from resim.batch.repeat import other_versions, repeat, task_of, write_traces
+    from resim.batch.swept import read_swept
+    from resim.store import check_output
+
+    check_output(out)
+    swept = read_swept(folder)
+    task = task_of(swept, run)
+    differ = repeat(swept, task)
+    lost = write_traces(task, out)
+    typer.echo(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")
+    if differ:
+        told = "; ".join(f"{name} {was!r} in the sweep, now {now!r}" for name, (was, now) in differ.items())
+        changed = "".join(f"; {name}" for name in other_versions(swept))
+        raise BadVerdictError(f"run {run} is not the same: {told}{changed}")
+    typer.echo(f"run {run}: the same as in the sweep")

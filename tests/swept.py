@@ -1,0 +1,81 @@
+"""A finished sweep with a known truth, as `resim sweep` writes it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from resim.experiment.design import Parameter, Plan, design
+from resim.store import write_json, write_parquet
+
+LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
+BIAS = Parameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=9)
+GAP = Parameter(name="function.time_gap", low=0.5, high=2.5, steps=3)
+TWO, THREE = (LATENCY, BIAS), (LATENCY, BIAS, GAP)
+
+
+def write_swept(
+    folder: Path, parameters: tuple[Parameter, ...] = TWO, plan: Plan = "grid", *, points: int = 0, seeds: int = 5,
+    sections: tuple[tuple[str, str], ...] = (("cut_in", "pilot-1.0"),), failed: int = 0,
+) -> pd.DataFrame:  # fmt: skip
+    """Write a sweep whose risk is 0.2 latency + 0.02 |bias - 0.5| and noise, and whose limit of risk is 0.1.
+
+    failed: how many of the first runs have no result. Gives the table.
+    """
+    x = design(parameters, plan, points, 0)
+    shape = (len(sections), len(x), seeds)
+    s, p, k = (index.ravel() for index in np.indices(shape))
+    table = {
+        "run": np.arange(len(s)), "recording": np.array([name for name, _ in sections])[s],
+        "build": np.array([f"../{build}.toml" for _, build in sections])[s], "point": p, "seed": k,
+    }  # fmt: skip
+    table |= {q.name: x[p, i] for i, q in enumerate(parameters)}
+    rows = pd.DataFrame(table | _outcomes(x[p], failed))
+    inputs: dict[str, Any] = {
+        "sweep": {
+            "name": "known", "plan": plan, "seeds": seeds, "time_limit": 60.0, "accept": [],
+            "parameter": [q.model_dump(mode="json") for q in parameters],
+        },
+        "criteria": {"path": "highway.toml", "hash": "0" * 64},
+        "perception": {"path": "model.json", "hash": "1" * 64},
+        "builds": {f"../{b}.toml": {"path": f"../{b}.toml", "hash": "2" * 64, "label": b} for _, b in sections},
+        "recordings": {name: {"path": f"../{name}", "hash": "3" * 64} for name, _ in sections},
+    }  # fmt: skip
+    (folder / "runs").mkdir(parents=True)
+    write_parquet(rows, folder / "runs" / "part-00000.parquet")
+    held = {"versions": {"resim": "0.1.0"}, "inputs": inputs}
+    write_json(held, folder / "sweep.json")
+    more = {"runs": len(rows), "failed": failed, "columns": list(rows.columns)}
+    write_json({"schema": "resim-sweep-1", **held, **more}, folder / "manifest.json")
+    return rows
+
+
+def _outcomes(x: np.ndarray[Any, np.dtype[np.float64]], failed: int) -> dict[str, Any]:
+    rng = np.random.default_rng(7)
+    latency, bias = x[:, 0], x[:, 1]
+    risk = np.maximum(0.2 * latency + 0.02 * np.abs(bias - 0.5) + rng.normal(0.0, 0.005, len(x)), 0.0)
+    hit, same = risk > 0.22, latency > 0.3 + 0.1 * bias
+    out: dict[str, Any] = {
+        "end": np.full(len(x), "duration", dtype=object), "failure": np.full(len(x), None, dtype=object),
+        "decision": np.where(same, "brake", "brake, lane_change_left").astype(object),
+        "same_decision": same.astype(object),
+        "reaction": 6.0 + latency, "reaction_difference": latency - 0.5, "collision": hit.astype(object), "risk": risk,
+        "end_position_error": np.hypot(bias, latency),
+        "verdict": np.where(risk > 0.1, "FAIL", "PASS").astype(object),
+        "kpi accident risk": np.where(risk > 0.1, "FAIL", "PASS").astype(object), "value accident risk": risk,
+        "kpi lane": np.full(len(x), "PASS", dtype=object), "value lane": np.full(len(x), -0.5),
+    }  # fmt: skip
+    for name, column in out.items():
+        column[:failed] = {"end": "failed", "failure": "the process was ended by SIGSEGV"}.get(
+            name, None if column.dtype == object else np.nan
+        )
+    return out
+
+
+def read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
