@@ -133,16 +133,58 @@ def _paths(
             out[n] = _sampled(times, way, start + ahead)
             chosen[n] = "driven"
     elif path == "plan":
-        made = np.array([when for when, _ in plans])
-        latest = np.searchsorted(made, t + _SAME, side="right") - 1
-        for n in np.flatnonzero(latest >= 0).tolist():
-            plan = plans[latest[n]][1]
-            if t[n] - made[latest[n]] <= FRESH and plan[-1, 0] > t[n] + _SAME:
-                out[n] = _planned(plan, ego[n], t[n] + ahead)
-                out[n, :, :2] += ego[n, :2] - out[n, 0, :2]
-                out[n, 0] = ego[n, :4]
-                chosen[n] = "plan"
+        scenes, of = _fresh(t, plans)
+        if scenes:
+            ways = _planned_ways(of, ego[scenes], t[scenes, None] + ahead)
+            ways[..., :2] += ego[scenes, None, :2] - ways[:, :1, :2]
+            ways[:, 0] = ego[scenes, :4]
+            out[scenes] = ways
+        for n in scenes:
+            chosen[n] = "plan"
     return out, tuple(chosen)
+
+
+def _fresh(t: Floats, plans: Plans) -> tuple[list[int], list[Floats]]:
+    """The scenes that have a plan of at most FRESH, and their plans."""
+    latest = np.searchsorted(np.array([when for when, _ in plans]), t + _SAME, side="right") - 1
+    found = ((n, *plans[k]) for n, k in enumerate(latest.tolist()) if k >= 0)
+    fresh = [(n, plan) for n, when, plan in found if t[n] - when <= FRESH and plan[-1, 0] > t[n] + _SAME]
+    return [n for n, _ in fresh], [plan for _, plan in fresh]
+
+
+def _planned_ways(plans: list[Floats], ego: Floats, at: Floats) -> Floats:
+    """The ways (B, K, 4) of plans at times (B, K), as `_planned`; all at once those that are alike."""
+    out = np.empty((*at.shape, 4))
+    length = len(plans[0])
+    alike = np.array([len(p) == length > 1 and p[0, 0] <= at[n, 0] + _SAME for n, p in enumerate(plans)])
+    if alike.any():
+        t, x, y, v = np.moveaxis(np.stack([p for p, same in zip(plans, alike, strict=True) if same]), 2, 0)
+        dx, dy = _slope(x, t), _slope(y, t)
+        heading = np.unwrap(np.arctan2(dy, dx) + np.where(v < 0.0, np.pi, 0.0), axis=1)
+        out[alike] = _sampled_all(t, np.stack([x, y, heading, v], axis=2), at[alike])
+        alike[alike] = (np.hypot(dx, dy) > SLOW).all(axis=1)
+    for n in np.flatnonzero(~alike).tolist():
+        out[n] = _planned(plans[n], ego[n], at[n])
+    return out
+
+
+def _slope(f: Floats, t: Floats) -> Floats:
+    """Derivatives (B, M) of f by t, both (B, M), as `numpy.gradient` has them for each row."""
+    step, rise = np.diff(t), np.diff(f) / np.diff(t)
+    inner = (step[:, 1:] * rise[:, :-1] + step[:, :-1] * rise[:, 1:]) / (step[:, :-1] + step[:, 1:])
+    return np.concatenate([rise[:, :1], inner, rise[:, -1:]], axis=1)
+
+
+def _sampled_all(t: Floats, rows: Floats, at: Floats) -> Floats:
+    """Poses (B, K, 4) at times (B, K), as `_sampled` for each of B ways (B, M, 4) at t (B, M)."""
+    j = np.clip((t[:, None, :] <= at[..., None]).sum(axis=2) - 1, 0, t.shape[1] - 2)
+    t0, t1 = (np.take_along_axis(t, j + k, axis=1) for k in (0, 1))
+    one, two = (np.take_along_axis(rows, (j + k)[..., None], axis=1) for k in (0, 1))
+    out: Floats = one + (np.clip((at - t0) / (t1 - t0), 0.0, 1.0))[..., None] * (two - one)
+    beyond = np.maximum(at - t[:, -1:], 0.0) * rows[:, -1:, 3]
+    out[..., 0] += beyond * np.cos(rows[:, -1:, 2])
+    out[..., 1] += beyond * np.sin(rows[:, -1:, 2])
+    return out
 
 
 def _planned(plan: Floats, ego: Floats, at: Floats) -> Floats:

@@ -21,13 +21,13 @@ from resim.assess.risk import DEFAULTS, Parameters
 from resim.assess.risk.prediction import Prediction
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
-from resim.core.tracks import whole_id
+from resim.core.tracks import Strings, whole_id
 from resim.fidelity import collisions
 from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
 from resim.ingest.tables import read_table
 from resim.pipeline.recordings import examined
-from resim.pipeline.result import Resimulation, perceived_frame, plan_frame
+from resim.pipeline.result import Resimulation
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
@@ -162,8 +162,10 @@ def assess_run(run: Run, scenario: Scenario, network: RoadNetwork, how: How) -> 
     t = np.array([p.t for p in run.perceived])
     failed = f"the function failed: {run.failure}" if run.failure else ""
     hits = tuple((c.t, c.id) for c in run.collisions)
-    functioning = _functioning(perceived_frame(run.perceived), t, t, 0.0)
-    plans = _plans(plan_frame({"run": run.plans}))
+    counts = [len(p.ids) for p in run.perceived]
+    ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in run.perceived)])
+    functioning = _functioning(np.repeat(t, counts), ids, t, t, 0.0)
+    plans = tuple((when, _in_order(plan)) for when, plan in run.plans)
     return _assess(_Block(scenario, plans, functioning, hits, failed), network, how)
 
 
@@ -250,7 +252,7 @@ def _run_blocks(
     for name in ("rGT", "rSD"):
         if name in scenarios:
             t = answers.t[answers.source == name].to_numpy(dtype=float)
-            functioning = _functioning(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
+            functioning = _listed(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
             failed = report["failure"].get(name)
             flaw = f"the function failed: {failed}" if failed else ""
             out[name] = _Block(
@@ -314,6 +316,13 @@ def _plans(frame: pd.DataFrame | None) -> Plans:
     return tuple(zip(made.tolist(), np.split(values[:, 1:], first[1:]), strict=True))
 
 
+def _in_order(plan: Floats) -> Floats:
+    """A plan by its times, each once."""
+    if (np.diff(plan[:, 0]) > 0.0).all():
+        return plan
+    return np.asarray(plan[np.unique(plan[:, 0], return_index=True)[1]])
+
+
 def _left_out(tracks: pd.DataFrame, scenario: Scenario) -> str:
     """Say which objects near the EGO have no motion that a scenario could describe: they were seen only once."""
     ego = scenario.ego.id
@@ -332,15 +341,23 @@ def _measured(seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, fl
     answers = np.array([when for when, _ in plans]) if len(plans) else None
     if seen is None:
         return Functioning(None, np.empty(0, dtype=str), np.empty((0, 0), dtype=bool), np.inf, answers)
-    return _functioning(seen, np.unique(seen.t.to_numpy(dtype=float)), answers, findings.get(DELAY) or 0.0)
+    return _listed(seen, np.unique(seen.t.to_numpy(dtype=float)), answers, findings.get(DELAY) or 0.0)
 
 
-def _functioning(seen: pd.DataFrame, lists: Floats, answers: Floats | None, delay: float) -> Functioning:
-    """Lists of perceived objects from their rows (t, id); parts of one object count as that one."""
-    known = set(seen.id.unique().tolist())
-    whole = {name: whole_id(name, known) for name in known}
-    ids, row = np.unique(seen.id.map(whole).to_numpy(dtype=str), return_inverse=True)
-    at = np.searchsorted(lists, seen.t.to_numpy(dtype=float))
+def _listed(seen: pd.DataFrame, lists: Floats, answers: Floats | None, delay: float) -> Functioning:
+    """Lists of perceived objects from the rows of a table."""
+    return _functioning(seen.t.to_numpy(dtype=float), seen.id.to_numpy(dtype=str), lists, answers, delay)
+
+
+def _functioning(
+    t: Floats, seen: Strings, lists: Floats, answers: Floats | None, delay: float
+) -> Functioning:
+    """Lists of perceived objects from when [s] who was seen (N,); parts of one object count as that one."""
+    names, of = np.unique(seen, return_inverse=True)
+    known = set(names.tolist())
+    whole = np.array([whole_id(name, known) for name in names.tolist()], dtype=str)
+    ids, row = np.unique(whole, return_inverse=True)
+    row, at = row[of], np.searchsorted(lists, t)
     table = np.zeros((len(ids), len(lists)), dtype=bool)
     table[row, np.minimum(at, len(lists) - 1)] = True
     gaps = np.concatenate([np.diff(lists[o]) for o in table] or [np.diff(lists)])

@@ -82,14 +82,18 @@ def first_contact(a: Floats, b: Floats, h: Floats, size_a: Floats, size_b: Float
     """
     pairs, steps = a.shape[0], a.shape[1] - 1
     at = np.full(pairs, np.inf)
-    now = boxes_overlap(
-        a[..., 0], a[..., 1], a[..., 2], size_a[:, None, 0], size_a[:, None, 1],
-        b[..., 0], b[..., 1], b[..., 2], size_b[:, None, 0], size_b[:, None, 1],
+    near = _near(a, b, h, 0.5 * (np.hypot(*size_a.T) + np.hypot(*size_b.T)))
+    now = np.zeros(a.shape[:2], dtype=bool)
+    now[:, :-1] |= near
+    now[:, 1:] |= near
+    p, k = np.nonzero(now)  # elsewhere the boxes are apart
+    now[p, k] = boxes_overlap(
+        a[p, k, 0], a[p, k, 1], a[p, k, 2], size_a[p, 0], size_a[p, 1],
+        b[p, k, 0], b[p, k, 1], b[p, k, 2], size_b[p, 0], size_b[p, 1],
     )  # fmt: skip
     met = np.where(now.any(axis=1), now.argmax(axis=1), steps)
     at[now[:, 0]] = 0.0
-    reach = 0.5 * (np.hypot(*size_a.T) + np.hypot(*size_b.T))
-    p, j = np.nonzero(_near(a, b, h, reach) & (np.arange(steps) < np.maximum(met, 1)[:, None]))
+    p, j = np.nonzero(near & (np.arange(steps) < np.maximum(met, 1)[:, None]))
     some = ~now[p, 0]
     p, j = p[some], j[some]
     entry = _of_steps(_Steps(a, b, h, p, j), size_a[p].T, size_b[p].T)

@@ -142,7 +142,7 @@ def _drac(p: Pair) -> tuple[Floats, States]:
         ego = motion.along(q.plan, way, pace)
         return np.isinf(first_contact(ego, motion.straight(q.state, t), q.h, q.ego_size, q.size))
 
-    at = first_contact(p.steady(p.t), motion.straight(p.state, p.t), p.h, p.ego_size, p.size)
+    at = first_contact(p.steady, motion.straight(p.state, p.t), p.h, p.ego_size, p.size)
     conflict = np.isfinite(at)
     need = np.full(len(at), np.inf)
     for braking in np.arange(COARSE, MOST + 0.5 * COARSE, COARSE):

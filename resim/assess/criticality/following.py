@@ -31,8 +31,10 @@ def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> Measure:
 
 def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
     n = max(2, int(np.ceil(reach / 2.0)))
-    s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(p.plan), n + 1))
-    ego = motion.along(p.plan, s, np.ones_like(s))  # 1 m/s: metres are seconds
+    scenes, of = np.unique(p.scene, return_inverse=True)
+    s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(scenes), n + 1))
+    ego = motion.along(p.every.plan[scenes], s, np.ones_like(s))[of]  # 1 m/s: metres are seconds
+    s = s[of]
     there = p.state.copy()
     there[:, 3] = 0.0
     gap = first_contact(ego, motion.straight(there, s), np.full(len(s), reach / n), p.ego_size, p.size)

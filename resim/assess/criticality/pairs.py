@@ -20,8 +20,13 @@ CHUNK = 2048  # pairs looked at together: bounds memory
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """P pairs of the EGO and one object, all complete; fields as in `Pairs`, rows (P, ...)."""
+    """P pairs of the EGO and one object, all complete; fields as in `Pairs`, rows (P, ...).
 
+    every: the scenes that they are of, pair p of scene[p].
+    """
+
+    every: Pairs
+    scene: Rows
     plan: Floats
     ego_size: Floats
     state: Floats
@@ -49,7 +54,7 @@ class Pair:
         """Give these pairs."""
         path = None if self.path is None else self.path[rows]
         return replace(
-            self, plan=self.plan[rows], ego_size=self.ego_size[rows], state=self.state[rows],
+            self, scene=self.scene[rows], plan=self.plan[rows], ego_size=self.ego_size[rows], state=self.state[rows],
             size=self.size[rows], path=path,
         )  # fmt: skip
 
@@ -57,10 +62,10 @@ class Pair:
         """Give the EGO's plan (P, N, 4) at t (P, N)."""
         return motion.sample(self.plan, self.step, t)
 
-    def steady(self, t: Floats) -> Floats:
-        """Give the EGO (P, N, 4) along the path of its plan, at its present speed."""
-        pace = np.abs(self.plan[:, 0, 3, None]) + 0.0 * t
-        return motion.along(self.plan, pace * t, pace)
+    @property
+    def steady(self) -> Floats:
+        """The EGO (P, N + 1, 4) over the horizon along the path of its plan, at its present speed."""
+        return self.every.steady[self.scene]
 
     def expected(self, t: Floats) -> Floats:
         """Give the objects (P, N, 4): their driven path if it is known, else acceleration and yaw rate kept."""
@@ -114,6 +119,13 @@ class Pairs:
         """The horizon [s]."""
         return (self.plan.shape[1] - 1) * self.step if self.horizon is None else self.horizon
 
+    @cached_property
+    def steady(self) -> Floats:
+        """The EGO (S, N + 1, 4) over the horizon along the path of its plan, at its present speed."""
+        n = max(1, round(self.span / self.step))
+        pace = np.repeat(np.abs(self.plan[:, 0, 3, None]), n + 1, axis=1)
+        return motion.along(self.plan, pace * (np.arange(n + 1) * (self.span / n)), pace)
+
     def complete(self, columns: int = 6) -> Bools:
         """Say (S, K) which pairs have all input: no NaN in the first columns of the state, no size of 0.
 
@@ -148,6 +160,6 @@ class Pairs:
             path = None if self.path is None else self.path[i, j]
             state_ij, size = self.state[i, j], self.size[i, j]
             value[i, j], state[i, j] = of(
-                Pair(self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span)
+                Pair(self, i, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span)
             )
         return Measure(name, unit, value, state, bad)

@@ -22,7 +22,7 @@ def ttc(pairs: Pairs) -> Measure:
 
 
 def _ttc(p: Pair) -> tuple[Floats, States]:
-    at = first_contact(p.steady(p.t), motion.straight(p.state, p.t), p.h, p.ego_size, p.size)
+    at = first_contact(p.steady, motion.straight(p.state, p.t), p.h, p.ego_size, p.size)
     return stated(at, conflict=np.isfinite(at))
 
 
@@ -59,5 +59,5 @@ def thw(pairs: Pairs) -> Measure:
 def _thw(p: Pair) -> tuple[Floats, States]:
     there = p.state.copy()
     there[:, 3] = 0.0
-    at = first_contact(p.steady(p.t), motion.straight(there, p.t), p.h, p.ego_size, p.size)
+    at = first_contact(p.steady, motion.straight(there, p.t), p.h, p.ego_size, p.size)
     return stated(at, conflict=np.isfinite(at), defined=p.plan[:, 0, 3] > 0.0)
