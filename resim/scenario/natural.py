@@ -33,7 +33,7 @@ class Natural:
         h = np.diff(knots)
         i = np.clip(np.searchsorted(knots, nodes, side="right") - 1, 0, k - 2)
         u, w, hi = nodes - knots[i], knots[i + 1] - nodes, h[i]
-        left, right = (w**3 / hi - hi * w) / 6.0, (u**3 / hi - hi * u) / 6.0
+        left, right = (w * w / hi - hi) * w / 6.0, (u * u / hi - hi) * u / 6.0
         matrix, rhs = np.eye(k), np.zeros((k, k))
         j = np.arange(1, k - 1)
         matrix[j, j - 1], matrix[j, j], matrix[j, j + 1] = h[:-1], 2.0 * (h[:-1] + h[1:]), h[1:]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resim.assess.drive import drive
+from resim.assess.drive import _planned, _planned_ways, drive
 from resim.core.errors import ResimError
 
 
@@ -102,3 +102,29 @@ def test_tracks_without_accelerations_or_without_the_ego_are_refused(tracks):
         drive(replace(motion, a=None), ego=ego)
     with pytest.raises(ResimError, match="no object"):
         drive(motion, ego="nobody")
+
+
+def test_ways_of_many_plans_are_those_of_each():
+    rng = np.random.default_rng(5)
+    plans = []
+    for n in range(12):
+        t = 0.2 * n + np.cumsum(rng.uniform(0.1, 0.4, 13))
+        v = rng.uniform(1.0, 30.0) * np.ones(13)
+        turn = 0.3 * n + np.cumsum(rng.normal(0.0, 0.1, 13))
+        x, y = np.cumsum(v * np.cos(turn) * 0.2), np.cumsum(v * np.sin(turn) * 0.2)
+        plans.append(np.column_stack([t, x, y, v]))
+    plans[3][:, 1:] = [5.0, 5.0, 0.0]  # stands: no point tells a heading
+    plans[4][5:, 1:] = [*plans[4][5, 1:3], 0.0]  # comes to a stand
+    plans[5] = plans[5][:7]
+    plans[6] = plans[6][:1]
+    plans[7][:, 0] += 1.0  # begins later than its scene
+    plans[8][:, 3] *= -1.0  # reverses
+    ego = np.column_stack([[p[0, 1], p[0, 2], 0.1, 10.0, 0.0, 0.0] for p in plans]).T
+    begin = np.array([p[min(1, len(p) - 1), 0] for p in plans])
+    begin[7] -= 1.0
+    at = begin[:, None] + np.arange(31) * 0.1
+    each = np.stack([_planned(p, e, when) for p, e, when in zip(plans, ego, at, strict=True)])
+    together = _planned_ways(plans, ego, at)
+    turned = np.remainder(together[..., 2] - each[..., 2] + np.pi, 2.0 * np.pi) - np.pi
+    np.testing.assert_allclose(turned, 0.0, atol=1e-9)
+    np.testing.assert_allclose(together[..., [0, 1, 3]], each[..., [0, 1, 3]], atol=1e-9)
