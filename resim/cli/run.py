@@ -101,7 +101,7 @@ def run(
     assessed = assess_resimulation(result, how)
     with whole_folder(out) as folder:
         write_resimulation(result, folder)
-        write_assessment(assessed, folder)
+        write_assessment(assessed, folder, folder)
         write_report(result, assessed, folder / "report.html")
     _print(result, assessed)
     typer.echo(f"\nreport: {out / 'report.html'}")

@@ -153,9 +153,9 @@ def _is_deletable(entry: Entry) -> bool:
 
 def _confirmed(doomed: list[Entry]) -> bool:
     for entry in doomed:
-        typer.echo(f"{line(entry)}, {entry.folder}", err=True)
+        typer.echo(f"{line(entry)}, {entry.folder}")
     try:
-        return typer.confirm(f"Delete {'these folders' if len(doomed) > 1 else 'this folder'}?", err=True)
+        return typer.confirm(f"Delete {'these folders' if len(doomed) > 1 else 'this folder'}?")
     except typer.Abort:
         raise InputError("--files", "asks before it deletes, and nobody answered", "Say --yes.") from None
 

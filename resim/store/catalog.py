@@ -160,7 +160,9 @@ class Catalog:
             reason = str(getattr(e, "orig", None) or e).strip().splitlines()[0]
             raise InputError(self.name, f"cannot be used as the catalog ({reason})", REMEDY) from None
         except OSError as e:
-            raise InputError(self.name, f"cannot be used as the catalog ({e.strerror})", REMEDY) from None
+            raise InputError(
+                self.name, f"cannot be used as the catalog ({e.strerror}: {e.filename})", REMEDY
+            ) from None
         except UnicodeError as e:
             raise InputError(self.name, f"takes no name that is not UTF-8 ({e})", "Rename it.") from None
 

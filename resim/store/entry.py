@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -88,7 +89,8 @@ class Entry:
     @property
     def id(self) -> str:
         """Tell the entry from all others: the same content in the same folder has the same id, 16 hex digits."""
-        return hashlib.sha256(f"{self.kind}\n{self.folder}\n{self.digest}".encode()).hexdigest()[:16]
+        told = os.fsencode(f"{self.kind}\n{self.folder}\n{self.digest}")
+        return hashlib.sha256(told).hexdigest()[:16]
 
     def names(self, role: str) -> list[str]:
         """Give the names of the inputs of a role."""

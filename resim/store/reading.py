@@ -106,7 +106,7 @@ def _assessment(folder: Path) -> _Found:
         sources = ("rGT", "rSD") if simulated else ("GT", "SD")
         builds = dict.fromkeys(sources, build["label"])
     name = of["recording"]["name"]
-    found = list(_judged(_blocks(assessed), name, builds, {}))
+    found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))
     inputs = (*told, *_criteria(assessed))
     verdict = FAILED if assessed.get("failures") else _overall(o.verdict for o in found)
     return _Found(name, assessed["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))

@@ -88,11 +88,11 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     )
 
 
-def write_assessment(found: Assessed, folder: Path, drive: Path | None = None) -> None:
-    """Write assessment.json and kpis.parquet. drive: the folder that was assessed, where it is not written to, too."""
+def write_assessment(found: Assessed, folder: Path, drive: Path) -> None:
+    """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
     versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
     criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
-    inputs = {**({} if drive is None else _drive_inputs(drive, found.name)), "criteria": criteria}
+    inputs = {**_drive_inputs(drive, found.name), "criteria": criteria}
     write_json(
         {"versions": {"resim": resim.__version__, **versions}, "inputs": inputs, **found.to_json()},
         folder / ASSESSMENT.mark,
