@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from resim.batch.points import Outcome, Points, equal, failed, label, points_of, unit_of
-from resim.batch.swept import Swept
+from resim.batch.swept import Swept, limits
 from resim.core.geometry import Bools, Floats
 from resim.experiment.boundary import MESH, Map, crossings, grid_map, smooth_map
 from resim.experiment.design import Parameter
@@ -59,7 +59,7 @@ def _section(swept: Swept, rows: pd.DataFrame, place: str) -> dict[str, Any]:
     """What was found for one recording and build."""
     points, outcomes = points_of(swept, rows)
     recording, build = str(rows["recording"].iloc[0]), str(rows["build"].iloc[0])
-    constant = {o.name: o for o in outcomes if _constant(o.y)}
+    constant, asked = {o.name: o for o in outcomes if _constant(o.y)}, limits(swept)
     return {
         "recording": recording,
         "build": swept.inputs["builds"][build]["label"],
@@ -68,7 +68,11 @@ def _section(swept: Swept, rows: pd.DataFrame, place: str) -> dict[str, Any]:
             {"name": o.name, "label": o.label, "unit": o.unit, "share": o.share, "value": _first(o.y)}
             for o in constant.values()
         ],
-        "outcomes": [_outcome(o, points) for o in outcomes if o.name not in constant],
+        "outcomes": [
+            {**_outcome(o, points), "limit": asked.get(o.name.removeprefix("kpi "))}
+            for o in outcomes
+            if o.name not in constant
+        ],
         "worst": _worst(rows, swept.parameters, place),
     }
 

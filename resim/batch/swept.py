@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,9 @@ from typing import Any
 import pandas as pd
 from pydantic import ValidationError
 
+from resim.assess.criteria import read_criteria
 from resim.batch import journal
-from resim.core.errors import InputError
+from resim.core.errors import InputError, ResimError
 from resim.core.files import read_file
 from resim.experiment.design import Parameter
 from resim.store.rows import read_rows
@@ -40,6 +42,23 @@ class Swept:
         """What the sweep's file said."""
         found: dict[str, Any] = self.inputs["sweep"]
         return found
+
+
+def limits(swept: Swept) -> dict[str, str]:
+    """Say what each criterion asks for, by name; nothing where their file is not any more what it was in the sweep."""
+    told = swept.inputs["criteria"]
+    try:
+        found = read_criteria(Path(os.path.normpath(swept.folder / told["path"])))
+    except ResimError:
+        return {}
+    if found.hash != told["hash"]:
+        return {}
+    words = {"below": "not below", "above": "not above", "beyond": "not beyond ±"}
+    return {
+        c.name: f"{c.measure} {words[c.side]} {c.limit:g}".replace("± ", "±")
+        + (f" for {c.duration:g} s" if c.duration else "")
+        for c in found.criteria
+    }
 
 
 def read_swept(folder: Path) -> Swept:

@@ -17,7 +17,8 @@ from resim.report.tables import table
 DASHED = ' stroke-dasharray="6 4"'
 REDRAW = (
     "document.querySelectorAll('details').forEach(d => "
-    "d.addEventListener('toggle', () => window.dispatchEvent(new Event('resize'))))"
+    "d.addEventListener('toggle', () => window.dispatchEvent(new Event('resize'))));"
+    "addEventListener('hashchange', () => document.getElementById(location.hash.slice(1))?.setAttribute('open', ''))"
 )
 """Figures in a part that was folded get its width once it is open."""
 PLANS = {

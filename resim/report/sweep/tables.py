@@ -103,8 +103,8 @@ def constant(section: Entry) -> str:
     """Say what is the same in all runs."""
     shares = [o for o in section["constant"] if o["share"]]
     groups: Mapping[str, list[str]] = {
-        "In all runs": [escape(o["label"]) for o in shares if o["value"] == 1.0],
-        "In no run": [escape(o["label"]) for o in shares if o["value"] == 0.0],
+        "Good in all runs": [escape(o["label"]) for o in shares if o["value"] == 1.0],
+        "Good in no run": [escape(o["label"]) for o in shares if o["value"] == 0.0],
         "Does not vary, or was not measured": [
             f"{escape(o['label'])} ({'no value' if o['value'] is None else quantity(o['value'], o['unit'])})"
             for o in section["constant"] if not o["share"]
@@ -116,7 +116,7 @@ def constant(section: Entry) -> str:
 def worst(section: Entry, parameters: Sequence[Entry]) -> str:
     """Give the worst runs, each with the command that repeats it."""
     names = [escape(axis_title(p)) for p in parameters]
-    head = ["run", *names, "seed", "risk", "what", "decision", "repeat it"]
+    head = ["run", *names, "seed", "risk", "fails", "decision", "repeat it"]
     rows = [
         [
             str(w["run"]), *(plain(w["parameters"][p["name"]]) for p in parameters), str(w["seed"]),

@@ -17,7 +17,8 @@ KEEPS = {
 
 def keeps(outcome: Entry) -> str:
     """Say what a run does that is good by an outcome."""
-    return KEEPS.get(outcome["name"], f"“{outcome['label']}” is passed")
+    limit = f": {outcome['limit']}" if outcome.get("limit") else ""
+    return KEEPS.get(outcome["name"], f"“{outcome['label']}” is passed{limit}")
 
 
 def axis_title(parameter: Entry) -> str:
@@ -58,8 +59,14 @@ def overview_line(section: Entry) -> str:
 def requirement_lines(
     section: Entry, parameters: Sequence[Entry], demanded: float
 ) -> Iterator[tuple[str, list[str]]]:
-    """Give of each outcome that varies what is good by it, and a sentence or more for each parameter."""
+    """Give of each outcome what is good by it, and a sentence or more for each parameter; of criteria that vary."""
     by_name = {p["name"]: p for p in parameters}
+    for o in section["constant"]:
+        if o["name"] in KEEPS:
+            yield (
+                keeps(o),
+                ["holds in every run" if o["value"] == 1.0 else "holds in no run, at no value swept"],
+            )
     for outcome in section["outcomes"]:
         if outcome["share"]:
             lines = [
