@@ -91,7 +91,7 @@ def _overview(rows: pd.DataFrame) -> dict[str, Any]:
     lost = failed(rows)
     did = rows.loc[~lost, "decision"].fillna("").value_counts(sort=False).sort_index(kind="stable")
     reasons = rows.loc[lost, "failure"].fillna("no result").value_counts(sort=False).sort_index()
-    risk = rows["risk"].to_numpy(dtype=float)
+    risk = rows.loc[~lost, "risk"].to_numpy(dtype=float)
     return {
         "runs": len(rows),
         "points": int(rows["point"].nunique()),
@@ -242,7 +242,7 @@ def _worst(rows: pd.DataFrame, parameters: Sequence[Parameter], place: str) -> l
             "parameters": {p.name: number(float(row[p.name])) for p in parameters},
             "end": str(row["end"]), "failure": None if pd.isna(row["failure"]) else str(row["failure"]),
             "decision": None if pd.isna(row["decision"]) else str(row["decision"]),
-            "collision": bool(hit[k]), "risk": number(float(risk[k])),
+            "collision": None if pd.isna(row["collision"]) else bool(hit[k]), "risk": number(float(risk[k])),
             "failing": [str(c).removeprefix("kpi ") for c in kpis if row[c] != "PASS"],
             "command": f"resim sweep repeat {place} {run} --out {place}-run-{run}",
         })  # fmt: skip

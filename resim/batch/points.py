@@ -69,7 +69,7 @@ def points_of(swept: Swept, rows: pd.DataFrame) -> tuple[Points, list[Outcome]]:
 
 
 def _columns(rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:
-    """Name, label, unit, whether it is a share, and values of each outcome. What failed is never good."""
+    """Name, label, unit, whether it is a share, and values of each outcome; what failed is not good and has none."""
     good = ~failed(rows).to_numpy()
     for name, words in FIXED.items():
         yield name, words, "", True, (good & equal(rows[name], GOOD[name])).astype(float)
@@ -78,11 +78,11 @@ def _columns(rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]
         yield f"kpi {name}", name, "", True, (good & equal(rows[f"kpi {name}"], "PASS")).astype(float)
     risk = rows["risk"].to_numpy(dtype=float)
     for name, (words, of) in VALUES.items():
-        yield name, words, of, False, rows[name].to_numpy(dtype=float)
+        yield name, words, of, False, np.where(good, rows[name].to_numpy(dtype=float), np.nan)
     for name in criteria:
         value = rows[f"value {name}"].to_numpy(dtype=float)
         if not np.array_equal(value, risk, equal_nan=True):
-            yield f"value {name}", f"worst value of {name}", "", False, value
+            yield f"value {name}", f"worst value of {name}", "", False, np.where(good, value, np.nan)
 
 
 def equal(column: pd.Series[Any], value: str | bool) -> Bools:

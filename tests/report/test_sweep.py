@@ -79,6 +79,7 @@ def test_the_worst_runs_come_first(call: Call, tmp_path: Path) -> None:
     worst = section["worst"]
     assert [w["run"] for w in worst[:2]] == [0, 1]
     assert all(w["collision"] for w in worst[2:])
+    assert worst[0]["collision"] is None
     risks = [w["risk"] for w in worst[2:]]
     assert risks == sorted(risks, reverse=True)
     assert len(worst) == 10
@@ -86,6 +87,30 @@ def test_the_worst_runs_come_first(call: Call, tmp_path: Path) -> None:
     assert "2 of 495 runs failed" in page
     lane = outcome(found, "kpi lane")  # what failed passes nothing
     assert lane["mean"] == pytest.approx(493 / 495, abs=1e-5)
+
+
+def test_where_all_fail_nothing_is_kept(call: Call, tmp_path: Path) -> None:
+    found, _, said = report(call, tmp_path / "failed", failed=495)
+    assert found["sections"][0]["outcomes"] == []
+    assert found["sections"][0]["largest_risk"] is None
+    assert said.count("no value swept keeps it, it holds in no run; 495 runs failed, which keep nothing") == 3
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"plan": "halton", "points": 1, "seeds": 1}, {"plan": "latin_hypercube", "points": 3, "seeds": 1},
+        {"seeds": 1}, {"failed": 250},
+        {"plan": "sobol", "points": 64, "parameters": (LATENCY.model_copy(
+            update={"low": None, "high": None, "values": (0.9, 0.0, 0.3)}), BIAS.model_copy(
+            update={"mean": 0.3, "std": 0.4}))},
+    ],
+    ids=["one point", "three points", "one seed", "half failed", "values and a normal distribution"],
+)  # fmt: skip
+def test_small_and_broken_sweeps_have_a_report(call: Call, tmp_path: Path, more: dict[str, Any]) -> None:
+    found, page, _ = report(call, tmp_path / "odd", **more)
+    assert len(found["sections"]) == 1
+    assert "Worst runs" in page
 
 
 def test_what_is_drawn_is_smoothed_and_fitted(call: Call, tmp_path: Path) -> None:

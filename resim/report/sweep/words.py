@@ -61,12 +61,12 @@ def requirement_lines(
 ) -> Iterator[tuple[str, list[str]]]:
     """Give of each outcome what is good by it, and a sentence or more for each parameter; of criteria that vary."""
     by_name = {p["name"]: p for p in parameters}
+    none = "no value swept keeps it, it holds in no run"
+    if section["failed"]:
+        none += f"; {section['failed']} runs failed, which keep nothing"
     for o in section["constant"]:
         if o["name"] in KEEPS:
-            yield (
-                keeps(o),
-                ["holds in every run" if o["value"] == 1.0 else "holds in no run, at no value swept"],
-            )
+            yield keeps(o), ["holds in every run" if o["value"] == 1.0 else none]
     for outcome in section["outcomes"]:
         if outcome["share"]:
             lines = [
