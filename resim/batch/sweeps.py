@@ -21,7 +21,7 @@ from resim.batch.workers import run_all
 from resim.core.errors import InputError
 from resim.pipeline import file_hash
 from resim.pipeline.suite import content_hash, relative
-from resim.pipeline.sweep import RUN, Sweep, runs
+from resim.pipeline.sweep import OUTCOMES, RUN, Sweep, boundaries, runs
 from resim.sim.adfunction import load_build
 from resim.store import whole_file, write_json, write_parquet
 
@@ -93,12 +93,23 @@ def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
 
     Raises InputError for parameters that the model or a build does not take.
     """
-    every = runs(sweep)
+    _has_outcome(sweep)
+    every = runs(sweep)  # of an adaptive plan the first round, which has the extremes
     names = [p.name for p in sweep.file.parameter]
     values = every[names].to_numpy(dtype=float)
     for row in sorted({*values.argmin(axis=0).tolist(), *values.argmax(axis=0).tolist()}):
         _fits(sweep, tuple(zip(names, values[row].tolist(), strict=True)))
     return every[every[RUN] % shard[1] == shard[0] - 1]
+
+
+def _has_outcome(sweep: Sweep) -> None:
+    """Raise InputError where an adaptive plan asks for an outcome that runs do not have."""
+    if sweep.file.plan != "adaptive":
+        return
+    known = [*OUTCOMES, *(c.name for c in read_criteria(sweep.beside(sweep.file.criteria)).criteria)]
+    if sweep.file.adaptive.outcome not in known:
+        problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is none of this sweep's"
+        raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
 
 
 def _fits(sweep: Sweep, values: Values) -> None:
@@ -122,23 +133,44 @@ def execute(
     workers: int,
     shard: tuple[int, int] = (1, 1),
     pool: Executor | None = None,
+    expect: Callable[[int], None] = lambda total: None,
     tell: Tell = lambda failed: None,
 ) -> None:
-    """Do what is missing of the sweep, or of a shard; each result is committed whole as soon as it is there."""
-    wanted = table(sweep, shard)
-    done = {entry[RUN] for entry in journal.read(out / "journal")}
-    todo = [task for task in tasks(sweep, wanted) if task.run not in done]
+    """Do what is missing of the sweep, or of a shard; each result is committed whole as soon as it is there.
+
+    expect: hears how many runs it is, which grow with an adaptive plan.
+    """
     with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
-        for attempt in range(1, ATTEMPTS + 1):
-            crashed = []
-            found = run_all(run, todo, workers=workers, time_limit=sweep.file.time_limit, pool=pool)
-            for k, result in found:
-                if isinstance(result, Failure) and result.crashed and attempt < ATTEMPTS:
-                    crashed.append(todo[k])
-                    continue
-                file.append({RUN: todo[k].run, **_entry(result)})
+        todo: list[RunTask] | None = None
+        while todo is None or (todo and sweep.file.plan == "adaptive"):
+            rows = _rows(sweep, out)
+            wanted = runs(sweep, rows)
+            expect(len(wanted))
+            mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
+            todo = [task for task in tasks(sweep, mine) if task.run not in rows]
+            for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
+                file.append({RUN: number, **_entry(result)})
                 tell(isinstance(result, Failure))
-            todo = sorted(crashed, key=lambda task: task.run)
+
+
+def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
+    """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
+    needed = sweep.file.plan == "adaptive"
+    return {entry[RUN]: entry["row"] if needed else {} for entry in journal.read(out / "journal")}
+
+
+def _tried(
+    todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
+) -> Iterator[tuple[int, dict[str, Any] | Failure]]:
+    """Give the result of each run by its number; what crashes is tried again after all others."""
+    for attempt in range(1, ATTEMPTS + 1):
+        crashed = []
+        for k, result in run_all(run, todo, workers=workers, time_limit=time_limit, pool=pool):
+            if isinstance(result, Failure) and result.crashed and attempt < ATTEMPTS:
+                crashed.append(todo[k])
+            else:
+                yield todo[k].run, result
+        todo = sorted(crashed, key=lambda task: task.run)
 
 
 def _entry(result: dict[str, Any] | Failure) -> dict[str, Any]:
@@ -181,8 +213,9 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
 
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
-    every = runs(sweep)
     entries = {entry[RUN]: entry for entry in journal.read(out / "journal")}
+    rows = {number: entry["row"] for number, entry in entries.items()}
+    every = runs(sweep, rows)
     missing = len(every) - len(entries)
     failed = sum(entry["row"]["end"] == FAILED for entry in entries.values())
     if missing:
@@ -198,8 +231,11 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
         write_parquet(times, path)
     held = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
     counts = {"runs": len(whole), "failed": failed}
+    grown = {"boundaries": boundaries(sweep, rows)} if sweep.file.plan == "adaptive" else {}
     with whole_file(out / "manifest.json", (".json",)) as path:
-        write_json({"schema": "resim-sweep-1", **held, **counts, "columns": list(whole.columns)}, path)
+        write_json(
+            {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}, path
+        )
     return 0, failed
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -56,23 +57,43 @@ def sweep(
     if dry_run:
         _estimate(wanted, runs, count)
         return
+    if part[1] > 1 and wanted.file.plan == "adaptive":
+        problem = "an adaptive plan has no shards: what to run next follows from all results"
+        raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
     begin(out, inputs(wanted, out), resume=resume or part[1] > 1)
-    numbers = set(runs["run"])
-    done = len(numbers & {entry["run"] for entry in journal.read(out / "journal")})
+    numbers = {entry["run"] for entry in journal.read(out / "journal")}
+    done = sum(number % part[1] == part[0] - 1 for number in numbers)
     with ExitStack() as stack:
-        tell = stack.enter_context(_progress(len(runs), done))
-        if scheduler is None:
-            execute(wanted, out, workers=count, shard=part, tell=tell)
-        else:
+        expect, tell = stack.enter_context(_progress(part[1], done))
+        pool = None
+        if scheduler is not None:
             there = stack.enter_context(cluster(scheduler))
             typer.echo(f"dashboard: {there.dashboard}", err=True)
-            execute(wanted, out, workers=there.threads, shard=part, pool=there.pool, tell=tell)
+            pool, count = there.pool, there.threads
+        execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell)
     missing, failed = compact(wanted, out)
     if missing:
         typer.echo(f"{out}: this shard is done; {missing} runs of others are missing")
         return
-    typer.echo(f"{out / 'runs'}: {len(runs)} runs, {failed} without a result")
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    typer.echo(f"{out / 'runs'}: {manifest['runs']} runs, {failed} without a result")
+    for found in manifest.get("boundaries", ()):
+        _tell_boundary(found, len(wanted.file.build) > 1)
     register(out)
+
+
+def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
+    """Say what an adaptive plan found."""
+    of = f"{found['recording']}, {found['build']}" if builds else found["recording"]
+    cells = len(found["cells"])
+    told = (
+        f"the outcome changes in {cells} cell{'s' * (cells != 1)} of the stated width"
+        if cells
+        else "the outcome is the same everywhere"
+    )
+    if not found["known"]:
+        told = "the boundary is not known to the stated width: give more points"
+    typer.echo(f"{of}: {told} ({found['points']} points)")
 
 
 def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
@@ -86,9 +107,8 @@ def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
         return
     seconds = each * len(runs) / workers
     told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"
-    typer.echo(
-        f"{len(runs)} runs of {each:.2f} s each, about {told} with {workers} processes, {size * len(runs) / 1e6:.1f} MB"
-    )
+    count = f"{'at least ' * (wanted.file.plan == 'adaptive')}{len(runs)} runs of {each:.2f} s each"
+    typer.echo(f"{count}, about {told} with {workers} processes, {size * len(runs) / 1e6:.1f} MB")
 
 
 def _shard(text: str) -> tuple[int, int]:
@@ -99,7 +119,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 @contextmanager
-def _progress(total: int, done: int) -> Iterator[Tell]:
+def _progress(shards: int, done: int) -> Iterator[tuple[Callable[[int], None], Tell]]:
     """A bar on a terminal: runs, rate, failures, time left."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -111,11 +131,14 @@ def _progress(total: int, done: int) -> Iterator[Tell]:
     )  # fmt: skip
     failures = 0
     with bar:
-        task = bar.add_task("0 failed", total=total, completed=done)
+        task = bar.add_task("0 failed", total=None, completed=done)
+
+        def expect(total: int) -> None:
+            bar.update(task, total=-(-total // shards))
 
         def tell(failed: bool) -> None:
             nonlocal failures
             failures += failed
             bar.update(task, description=f"{failures} failed", advance=1)
 
-        yield tell
+        yield expect, tell

@@ -12,6 +12,7 @@ from scipy.stats import qmc
 from resim.core.geometry import Floats
 
 Plan = Literal["grid", "sobol", "halton", "latin_hypercube", "one_at_a_time"]
+"""Plans that are known before the first run; the adaptive one is in `resim.experiment.adaptive`."""
 
 
 class Parameter(BaseModel):
@@ -20,7 +21,7 @@ class Parameter(BaseModel):
     name: of a perception model ("perception.latency.speed"), a build ("build.cycle_time") or an AD function
     ("function.threat_time"). steps: values of a grid, evenly from low to high. mean, std: of a normal distribution, cut
     off at low and high, where it is not uniform. base: the value that the others are varied at, one at a time; the
-    middle, if not given.
+    middle, if not given. width: how exactly an adaptive plan finds where the outcome changes.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -33,6 +34,7 @@ class Parameter(BaseModel):
     mean: float | None = None
     std: float | None = Field(default=None, gt=0.0)
     base: float | None = None
+    width: float | None = Field(default=None, gt=0.0)
 
     @model_validator(mode="after")
     def _whole(self) -> Parameter:

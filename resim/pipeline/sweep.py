@@ -2,20 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pydantic import Field
 
 from resim.core.errors import InputError
-from resim.experiment.design import Parameter, design
+from resim.core.geometry import Floats
+from resim.experiment.adaptive import Lattice, Places, boundary, wanted
+from resim.experiment.design import Parameter, Plan, design
 from resim.pipeline.suite import Entry, Strict, found_folders, joined, read_strict, read_suite
 
+Indices = NDArray[Any]
+Row = Mapping[str, Any]
+"""What a run came to, one value a column; see `resim.pipeline.single`."""
+LARGEST = 1e15
+"""Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
 RUN = "run"
 """Column of the tables: which run it is, counted from 0."""
+
+
+OUTCOMES = ("verdict", "same_decision", "no collision")
+"""Outcomes of every run, besides those of the criteria."""
+
+
+class Adaptive(Strict):
+    """Where an adaptive plan spends its runs: where the share of a point's seeds that are good falls below `share`.
+
+    outcome: "verdict" (PASS), "same_decision" (as measured), "no collision", or a criterion's name (PASS).
+    """
+
+    outcome: str = "verdict"
+    share: float = Field(default=0.5, gt=0.0, le=1.0)
+
+    def good(self, row: Row) -> bool:
+        """Say whether a run is good; one without a result is not."""
+        if self.outcome == "same_decision":
+            return row.get("same_decision") is True
+        if self.outcome == "no collision":
+            return row.get("collision") is False
+        return row.get("verdict" if self.outcome == "verdict" else f"kpi {self.outcome}") == "PASS"
 
 
 class SweepFile(Strict):
@@ -23,7 +54,7 @@ class SweepFile(Strict):
 
     recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
     that perception parameters are parameters of. plan, points, seed: see `resim.experiment.design`. seeds: runs of each
-    point, the first with seed 0. time_limit: s of wall clock for one run.
+    point, the first with seed 0. time_limit: s of wall clock for one run. adaptive: of the plan of that name.
     """
 
     name: str = Field(min_length=1)
@@ -32,7 +63,8 @@ class SweepFile(Strict):
     build: tuple[str, ...] = Field(min_length=1)
     perception: str | None = None
     criteria: str = Field(min_length=1)
-    plan: Literal["grid", "sobol", "halton", "latin_hypercube", "one_at_a_time"] = "grid"
+    plan: Plan | Literal["adaptive"] = "grid"
+    adaptive: Adaptive = Adaptive()
     points: int = Field(default=64, ge=1, le=10_000_000)
     seed: int = Field(default=0, ge=0)
     seeds: int = Field(default=5, ge=1, le=100_000)
@@ -63,20 +95,130 @@ def read_sweep(path: Path) -> Sweep:
         raise InputError(path, f"parameter {twice[0]!r} stands twice", "Take one away.")
     if file.perception is None and (of := [name for name in names if name.startswith("perception.")]):
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
+    _check_plan(path, file)
     if file.suite is not None:
         return Sweep(path=path, file=file, folders=read_suite(joined(path, file.suite)).folders)
     return Sweep(path=path, file=file, folders=found_folders(path, file.recording)[0])
 
 
-def runs(sweep: Sweep) -> pd.DataFrame:
-    """Give a row a run, in order: run, recording, build, point, seed, and each parameter by its name."""
+def _check_plan(path: Path, file: SweepFile) -> None:
+    """Raise InputError for parameters that the plan cannot vary."""
+    if file.plan != "adaptive":
+        if wide := [p.name for p in file.parameter if p.width is not None]:
+            raise InputError(
+                path, f"parameter {wide[0]!r} has a width, the plan is {file.plan}", 'plan = "adaptive"'
+            )
+        return
+    for p in file.parameter:
+        if p.low is None or p.mean is not None or p.width is None:
+            problem = f"parameter {p.name!r}: an adaptive plan needs low, high and width, and no mean"
+            raise InputError(path, problem, "Correct it, or take another plan.")
+    first = int(np.prod([p.steps for p in file.parameter]))
+    if first > file.points:
+        raise InputError(
+            path, f"points = {file.points} is less than the {first} of the first grid (steps)", "Give more."
+        )
+    size = float(np.prod(Lattice.over(file.parameter).counts + 1.0))
+    if size > LARGEST:
+        raise InputError(path, f"the widths cut the ranges into {size:.0e} points", "Give larger widths.")
+
+
+def runs(sweep: Sweep, rows: Mapping[int, Row] | None = None) -> pd.DataFrame:
+    """Give a row a run, in order: run, recording, build, point, seed, and each parameter by its name.
+
+    rows: the results so far, by run. An adaptive plan has more runs the more results there are; all others ignore them.
+    """
     file = sweep.file
+    if file.plan == "adaptive":
+        return _grown(sweep, rows or {})
     points = design(file.parameter, file.plan, file.points, file.seed)
     recordings, builds = list(sweep.folders), list(file.build)
     shape = (len(recordings), len(builds), len(points), file.seeds)
     r, b, p, s = (index.ravel() for index in np.indices(shape))
+    return _table(sweep, r, b, p, s, points[p])
+
+
+def _table(
+    sweep: Sweep, r: Indices, b: Indices, point: Indices, seed: Indices, values: Floats
+) -> pd.DataFrame:
+    """Runs in this order: indices (R,) of recording and build, point and seed, and parameters (R, P)."""
     table = {
-        RUN: np.arange(len(r)), "recording": np.array(recordings)[r], "build": np.array(builds)[b],
-        "point": p, "seed": s,
+        RUN: np.arange(len(r)), "recording": np.array(list(sweep.folders))[r],
+        "build": np.array(sweep.file.build)[b], "point": point, "seed": seed,
     }  # fmt: skip
-    return pd.DataFrame(table | {q.name: points[p, k] for k, q in enumerate(file.parameter)})
+    return pd.DataFrame(table | {q.name: values[:, k] for k, q in enumerate(sweep.file.parameter)})
+
+
+def boundaries(sweep: Sweep, rows: Mapping[int, Row]) -> list[dict[str, Any]]:
+    """Give what an adaptive plan found: recording, build, points, the cells in which the outcome changes, and whether
+    these are as small as asked for (`known`). A cell: low and high of each parameter.
+    """
+    searches, _ = _searched(sweep, rows)
+    recordings, out = list(sweep.folders), []
+    for search in searches:
+        low = boundary(search.lattice, search.places, search.good)
+        cells = np.stack([search.lattice.values(low), search.lattice.values(low + 1)], axis=2)
+        out.append({
+            "recording": recordings[search.recording], "build": sweep.file.build[search.build],
+            "points": len(search.places), "known": not len(wanted(search.lattice, search.places, search.good)),
+            "cells": cells.tolist(),
+        })  # fmt: skip
+    return out
+
+
+def _grown(sweep: Sweep, rows: Mapping[int, Row]) -> pd.DataFrame:
+    """The runs of an adaptive plan, as far as they are known."""
+    seeds, (searches, parts) = sweep.file.seeds, _searched(sweep, rows)
+    sizes = [seeds * len(places) for _, _, places in parts]
+    r, b = (np.repeat([part[k] for part in parts], sizes) for k in (0, 1))
+    places = np.repeat(np.concatenate([places for _, _, places in parts]), seeds, axis=0)
+    lattice = searches[0].lattice
+    number = np.tile(np.arange(seeds), len(places) // seeds)
+    return _table(sweep, r, b, lattice.numbers(places), number, lattice.values(places))
+
+
+def _searched(sweep: Sweep, rows: Mapping[int, Row]) -> tuple[list[_Search], list[tuple[int, int, Places]]]:
+    """Go round by round: the next one follows from all results of those before; its runs come after theirs.
+
+    Gives the searches, one for each recording and build, and what to run: recording, build, points.
+    """
+    file, count, parts = sweep.file, 0, []
+    lattice = Lattice.over(file.parameter)
+    pairs = np.indices((len(sweep.folders), len(file.build))).reshape(2, -1).T.tolist()
+    searches = [_Search(lattice, r, b) for r, b in pairs]
+    whole = True
+    while whole and not all(search.done for search in searches):
+        for search in searches:
+            places = search.next(file.points)
+            numbers = count + np.arange(len(places) * file.seeds).reshape(-1, file.seeds)
+            count += numbers.size
+            parts.append((search.recording, search.build, places))
+            results = [[rows.get(n) for n in seeds] for seeds in numbers.tolist()]
+            whole &= all(row is not None for seeds in results for row in seeds)
+            if whole:
+                search.take(places, results, file.adaptive)
+    return searches, parts
+
+
+class _Search:
+    """The boundary of one recording and build as far as it is known."""
+
+    def __init__(self, lattice: Lattice, recording: int, build: int) -> None:
+        self.lattice, self.recording, self.build = lattice, recording, build
+        self.places = np.empty((0, len(lattice.first)), dtype=np.intp)
+        self.good = np.empty(0, dtype=bool)
+        self.done = False
+
+    def next(self, most: int) -> Places:
+        """Give the points of the next round, none where the search is done, or it would be more than `most` in all."""
+        places = wanted(self.lattice, self.places, self.good)
+        self.done = self.done or not 0 < len(places) <= most - len(self.places)
+        return places[:0] if self.done else places
+
+    def take(self, places: Places, results: list[list[Row | None]], plan: Adaptive) -> None:
+        """Note what came of a round's points."""
+        good = [
+            np.mean([plan.good(row) for row in seeds if row is not None]) >= plan.share for seeds in results
+        ]
+        self.places = np.concatenate([self.places, places])
+        self.good = np.append(self.good, np.array(good, dtype=bool))

@@ -1,0 +1,111 @@
+"""The adaptive plan: points where an outcome changes, until the boundary is known to a stated width.
+
+Bisection in as many dimensions as there are parameters: a grid to begin with, and every cell in which some points pass
+and some do not is halved along all sides that are wider than asked for. A point that a finer neighbour has on a cell's
+side is the cell's too, so that a boundary is followed wherever it goes. What lies within one cell of the first grid
+and touches none of its corners is not found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.geometry import Bools, Floats
+from resim.experiment.design import Parameter
+
+Places = NDArray[np.intp]
+_CELLS = 512
+"""Cells looked at together: bounds memory."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where points may be: each parameter's range in `first` cells, that are halved `halvings` times (P,)."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    first: tuple[int, ...]
+    halvings: tuple[int, ...]
+
+    @classmethod
+    def over(cls, parameters: Sequence[Parameter]) -> Lattice:
+        """Give the lattice of parameters with low, high and width: steps - 1 cells, and as fine as their width asks."""
+        ranges = [
+            (float(p.low or 0.0), float(p.high or 0.0), p.steps - 1, float(p.width or 0.0))
+            for p in parameters
+        ]
+        halvings = [
+            max(0, int(np.ceil(np.log2((high - low) / n / width) - 1e-9))) for low, high, n, width in ranges
+        ]
+        low, high, first, _ = zip(*ranges, strict=True)
+        return cls(low, high, first, tuple(halvings))
+
+    @cached_property
+    def counts(self) -> Places:
+        """Finest cells (P,) along each parameter."""
+        counts: Places = np.array(self.first) << np.array(self.halvings)
+        return counts
+
+    def values(self, places: Places) -> Floats:
+        """Give the values (R, P) of lattice points (R, P)."""
+        low, high = np.array(self.low), np.array(self.high)
+        return np.asarray(low + (high - low) * places / self.counts)
+
+    def numbers(self, places: Places) -> NDArray[np.int64]:
+        """Give each lattice point (R, P) its number, the same in every sweep of these parameters."""
+        strides = np.cumprod([1, *(self.counts + 1)[:0:-1]], dtype=np.int64)[::-1]
+        out: NDArray[np.int64] = places.astype(np.int64) @ strides
+        return out
+
+
+def wanted(lattice: Lattice, places: Places, passed: Bools) -> Places:
+    """Give the points (R, P) to try next, in order; none where the boundary is known to the width.
+
+    places: (K, P) the points that were tried, passed: (K,) what came of them.
+    """
+    corners = [_corners(cells, size) for cells, size, _ in _levels(lattice, places, passed)]
+    every = np.unique(np.concatenate(corners), axis=0)
+    return np.asarray(every[~np.isin(lattice.numbers(every), lattice.numbers(places))])
+
+
+def boundary(lattice: Lattice, places: Places, passed: Bools) -> Places:
+    """Give the finest cells (C, P), each by its lowest corner and in order, in which the outcome changes."""
+    *_, (cells, _, mixed) = _levels(lattice, places, passed)
+    return np.unique(cells[mixed], axis=0)
+
+
+def _levels(lattice: Lattice, places: Places, passed: Bools) -> Iterator[tuple[Places, Places, Bools]]:
+    """From the first cells to the finest: lowest corners (C, P), size (P,), and in which (C,) the outcome changes."""
+    size = 1 << np.array(lattice.halvings)
+    starts = (step * np.arange(n) for step, n in zip(size.tolist(), lattice.first, strict=True))
+    cells = np.array(list(product(*starts)), dtype=np.intp)
+    while True:
+        mixed = _mixed(cells, size, places, passed)
+        yield cells, size, mixed
+        if (size == 1).all():
+            return
+        half = np.maximum(size // 2, 1)
+        sides = [(0, h) if s > h else (0,) for s, h in zip(size.tolist(), half.tolist(), strict=True)]
+        cells = np.concatenate([cells[mixed] + np.array(side) for side in product(*sides)])
+        size = half
+
+
+def _corners(cells: Places, size: Places) -> Places:
+    """The corners (C 2^P, P) of cells."""
+    return np.concatenate([cells + np.array(corner) for corner in product(*((0, s) for s in size.tolist()))])
+
+
+def _mixed(cells: Places, size: Places, places: Places, passed: Bools) -> Bools:
+    """Say (C,) in which cells, their sides with them, points both pass and do not."""
+    out = np.zeros(len(cells), dtype=bool)
+    for first in range(0, len(cells), _CELLS):
+        low = cells[first : first + _CELLS, None]
+        inside = ((places >= low) & (places <= low + size)).all(axis=2)
+        out[first : first + _CELLS] = (inside & passed).any(axis=1) & (inside & ~passed).any(axis=1)
+    return out

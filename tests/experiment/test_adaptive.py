@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from resim.experiment.adaptive import Lattice, boundary, wanted
+from resim.experiment.design import Parameter
+
+
+def grown(lattice: Lattice, passes: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """All points that the plan asks for, and what came of them."""
+    places, passed = np.empty((0, len(lattice.first)), dtype=np.intp), np.empty(0, dtype=bool)
+    while len(more := wanted(lattice, places, passed)):
+        places = np.concatenate([places, more])
+        passed = passes(lattice.values(places))
+    return places, passed
+
+
+def parameters(*width: float, steps: int = 5) -> list[Parameter]:
+    names = ("perception.latency.speed", "perception.latency.position", "function.time_gap")
+    return [
+        Parameter(name=name, low=0.0, high=1.0, steps=steps, width=w)
+        for name, w in zip(names, width, strict=False)
+    ]
+
+
+def test_a_threshold_is_found_by_bisection() -> None:
+    lattice = Lattice.over(parameters(0.001))
+    places, passed = grown(lattice, lambda x: x[:, 0] < 0.3217)
+    (cell,) = boundary(lattice, places, passed)
+    low, high = lattice.values(np.array([cell, cell + 1]))[:, 0]
+    assert low < 0.3217 <= high
+    assert high - low <= 0.001
+    assert len(places) == 5 + 8
+
+
+def test_two_thresholds_are_both_found() -> None:
+    lattice = Lattice.over(parameters(0.01))
+    places, passed = grown(lattice, lambda x: np.abs(x[:, 0] - 0.5) < 0.21)
+    found = lattice.values(boundary(lattice, places, passed))[:, 0]
+    assert found == pytest.approx([0.285, 0.71], abs=0.01)
+
+
+def test_a_curve_is_followed_over_its_whole_length() -> None:
+    lattice = Lattice.over(parameters(0.02, 0.02))
+
+    def passes(x: np.ndarray) -> np.ndarray:
+        return np.asarray(x[:, 1] < 0.5 + 0.3 * np.sin(5.0 * x[:, 0]))
+
+    places, passed = grown(lattice, passes)
+    fine = np.stack(
+        [m.ravel() for m in np.meshgrid(*(np.arange(n + 1) for n in lattice.counts), indexing="ij")], axis=1
+    )
+    truth = passes(lattice.values(fine))
+    expected = boundary(lattice, fine, truth)  # of all points
+    np.testing.assert_array_equal(
+        np.unique(boundary(lattice, places, passed), axis=0), np.unique(expected, axis=0)
+    )
+    assert len(places) < 0.25 * len(fine)
+
+
+def test_a_width_that_the_first_grid_has_asks_for_no_more() -> None:
+    lattice = Lattice.over(parameters(0.25, 0.25))
+    places, _ = grown(lattice, lambda x: x.sum(axis=1) < 0.9)
+    assert len(places) == 25
+
+
+def test_widths_of_their_own() -> None:
+    lattice = Lattice.over(parameters(0.01, 0.25, 0.1))
+    assert lattice.counts.tolist() == [128, 4, 16]
+    places, passed = grown(lattice, lambda x: x[:, 0] + 0.1 * x[:, 2] < 0.5)
+    cells = lattice.values(boundary(lattice, places, passed))
+    assert np.all(np.abs(cells[:, 0] + 0.1 * cells[:, 2] - 0.5) < 0.02)
+
+
+def test_where_nothing_changes_the_first_grid_is_all() -> None:
+    lattice = Lattice.over(parameters(0.001, 0.001))
+    places, passed = grown(lattice, lambda x: np.ones(len(x), dtype=bool))
+    assert len(places) == 25
+    assert not len(boundary(lattice, places, passed))
