@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -30,6 +31,8 @@ def cluster(address: str) -> Iterator[Cluster]:
         from distributed import Client
     except ImportError as e:
         raise InputError("--scheduler", "needs Dask", "pip install resim[cluster]") from e
+    for name in ("distributed", "distributed.client", "distributed.utils"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # a scheduler that is gone is told of once, by us
     try:
         client = Client(address, timeout=10)
     except (OSError, ValueError) as e:

@@ -18,12 +18,14 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from resim.batch.child import Failure
+from resim.core.errors import ResimError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 LARGEST = 2048
 """MiB of memory from which on a child is replaced by a fresh one."""
+GONE = "the cluster's scheduler is gone. What was finished is kept: start it, and go on with --resume."
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
 _SERVE = "from resim.batch.child import main; main()"
@@ -73,9 +75,11 @@ def _keep(children: list[_Child]) -> None:
 
 
 def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
-    """Wait for one or more, and give them."""
+    """Wait for one or more, and give them. Raises ResimError where the pool is gone."""
     done, _ = wait(waiting, return_when=FIRST_COMPLETED)
     for future in done:
+        if future.cancelled():
+            raise ResimError(GONE)
         why = future.exception()  # as of a cluster's worker that was killed over and over
         result = future.result() if why is None else Failure(f"the pool lost it: {why!r}", crashed=True)
         yield waiting.pop(future), result
