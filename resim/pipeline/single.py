@@ -57,15 +57,16 @@ def run_once(prepared: Prepared, build: Build, model: PerceptionModel | None, se
     p = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
     how = How(criteria=prepared.criteria, only=COMPARED, rate=RATE)
     found = perceived_outcome(p, result, how)
+    failed = bool(p.run.failure)  # what it did until then says nothing of what it would have come to
     row: Row = {
         "end": p.run.end,
         "failure": p.run.failure or None,
         "decision": ", ".join(found.decision),
-        "same_decision": None if p.run.failure else found.decision == prepared.decision,
+        "same_decision": None if failed else found.decision == prepared.decision,
         "reaction": found.reaction,
         "reaction_difference": difference(found.reaction, prepared.reaction),
-        "collision": found.collision,
-        "risk": found.risk,
+        "collision": found.collision or (None if failed else False),
+        "risk": None if failed else found.risk,
         "end_position_error": end_error(p.run.end, p.pipe),
     }
     row |= {

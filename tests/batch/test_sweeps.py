@@ -122,6 +122,7 @@ def test_faults_of_the_function_cost_their_own_runs(undisturbed: tuple[Path, Pat
     found = table(undisturbed[1]).set_index("build")
     assert (found.loc["raise.toml"].end == "function_failed").all()
     assert found.loc["raise.toml"].failure.str.contains("no way out").all()
+    assert found.loc["raise.toml"][["risk", "collision", "same_decision"]].isna().all(axis=None)
     assert (found.loc["crash.toml"].end == "failed").all()
     assert found.loc["crash.toml"].failure.tolist() == ["the process was ended by SIGSEGV"] * 2
     assert (found.loc["hang.toml"].end == "function_failed").all()
