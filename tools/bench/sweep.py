@@ -1,0 +1,141 @@
+"""Runs of a sweep a second and core, what a second worker brings, what the engine costs, and whether memory grows.
+
+    python tools/bench/sweep.py [--runs 100] [--rounds 3] [--long 0] [--seconds 10]
+
+A run is a re-simulation of 10 s at 25 Hz with five traffic objects (a drive of tools/bench/verify.py) by
+highway_pilot-1.0 with the trained perception model, with its errors and criticality, risk at 5 Hz. Targets: 15 runs a
+second and core, 30 being the goal; two workers 1.8 times one; less than 5 % for the engine.
+
+In turns, in each round: the same runs in a plain loop in this process, by one worker and by two, journal and all.
+Counted from the first result of each worker on: what a worker loads first is told as `start_s`. The best of the rounds
+counts, as what else the machine does only slows. `--long N`: N runs more with two workers, of drives of `--seconds`,
+and every tenth of the way the memory of the children and of this process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from resim.batch.runs import run
+from resim.batch.sweeps import begin, execute, inputs, tasks
+from resim.pipeline.sweep import Sweep, read_sweep, runs
+
+sys.path.insert(0, str(Path(__file__).parent))
+from verify import drive, record
+
+ROOT = Path(__file__).parents[2]
+SWEEP = """
+name = "bench"
+criteria = "{root}/scenarios/criteria/highway.toml"
+build = ["{root}/adfunc/builds/highway_pilot-1.0.toml"]
+perception = "{root}/adfunc/perception/proving_ground.json"
+seeds = {seeds}
+
+[[recording]]
+folder = "drive"
+
+[[parameter]]
+name = "perception.latency.speed"
+low = 0.0
+high = 1.0
+steps = 10
+"""
+
+
+def sweep_of(home: Path, count: int) -> Sweep:
+    """A sweep of so many runs of the drive in a folder."""
+    path = home / f"sweep_{count}.toml"
+    path.write_text(SWEEP.format(root=ROOT, seeds=count // 10), encoding="utf-8")
+    return read_sweep(path)
+
+
+def plain(sweep: Sweep) -> float:
+    """Seconds a run in a loop in this process."""
+    every = list(tasks(sweep, runs(sweep)))
+    run(every[0])
+    begun = time.perf_counter()
+    for task in every:
+        run(task)
+    return (time.perf_counter() - begun) / len(every)
+
+
+def swept(sweep: Sweep, home: Path, workers: int) -> tuple[float, float]:
+    """Seconds a run by so many workers, all of them loaded; and seconds until they were."""
+    out = home / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    begin(out, inputs(sweep, out), resume=False)
+    came: list[float] = []
+    begun = time.perf_counter()
+    execute(sweep, out, workers=workers, tell=lambda failed: came.append(time.perf_counter()))
+    return (came[-1] - came[workers - 1]) / (len(came) - workers), came[workers - 1] - begun
+
+
+def memory() -> tuple[int, int]:
+    """MiB of the largest child, and of this process."""
+    told = subprocess.run(
+        ["ps", "-o", "rss=,comm=", "--ppid", str(os.getpid())], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    children = [int(line.split()[0]) for line in told if "python" in line]
+    own = Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]
+    return max(children, default=0) // 1024, int(own) * os.sysconf("SC_PAGE_SIZE") // 2**20
+
+
+def long(sweep: Sweep, home: Path, count: int) -> None:
+    """Do many runs, and print memory on the way."""
+    out = home / "long"
+    begin(out, inputs(sweep, out), resume=False)
+    done, begun = 0, time.perf_counter()
+    print("| runs | s | largest worker [MiB] | command [MiB] |\n|---|---|---|---|")
+
+    def tell(failed: bool) -> None:
+        nonlocal done
+        done += 1
+        if done == 100 or done % (count // 10) == 0:
+            print(
+                f"| {done} | {time.perf_counter() - begun:.0f} | {memory()[0]} | {memory()[1]} |", flush=True
+            )
+
+    execute(sweep, out, workers=2, tell=tell)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--long", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        home = Path(temporary)
+        record("drive", replace(drive(0), duration=given.seconds), home / "drive")
+        if given.long:
+            long(sweep_of(home, given.long), home, given.long)
+            return
+        print(
+            f"load before {os.getloadavg()[0]:.2f}\n| round | plain loop [s a run] | 1 worker | 2 workers |\n|---|---|---|---|"
+        )
+        found = []
+        for number in range(given.rounds):
+            sweep, double = sweep_of(home, given.runs), sweep_of(home, 2 * given.runs)
+            one, start = swept(sweep, home, 1)
+            row = (plain(sweep), one, swept(double, home, 2)[0])
+            found.append((*row, start))
+            print(f"| {number + 1} | " + " | ".join(f"{s:.4f}" for s in row) + " |", flush=True)
+    alone, one, two, start = (min(column) for column in zip(*found, strict=True))
+    print(json.dumps({
+        "runs_per_s_core": round(1.0 / one, 1), "goal": 30.0, "target": 15.0,
+        "scaling": round(one / two, 2), "overhead": round(one / alone - 1.0, 3), "start_s": round(start, 1),
+    }))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
