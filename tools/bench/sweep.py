@@ -120,9 +120,8 @@ def main() -> None:
         if given.long:
             long(sweep_of(home, given.long), home, given.long)
             return
-        print(
-            f"load before {os.getloadavg()[0]:.2f}\n| round | plain loop [s a run] | 1 worker | 2 workers |\n|---|---|---|---|"
-        )
+        print(f"load before {os.getloadavg()[0]:.2f}; seconds a run")
+        print("| round | plain loop | 1 worker | 2 workers |\n|---|---|---|---|")
         found = []
         for number in range(given.rounds):
             sweep, double = sweep_of(home, given.runs), sweep_of(home, 2 * given.runs)
