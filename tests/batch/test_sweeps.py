@@ -149,6 +149,38 @@ def test_killed_over_and_over_it_gives_the_same(undisturbed: tuple[Path, Path]) 
     assert bytes_of(out) == bytes_of(undisturbed[1])
 
 
+def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("seeds = 1", "seeds = 3"))
+    assert start(path, tmp_path / "whole").wait() == 0
+    command = f"ulimit -f 4; exec {sys.executable} -m resim sweep {path} --out {tmp_path / 'out'} --workers 1"
+    stopped = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert stopped.returncode == 2
+    assert "1-of-1.jsonl: cannot be written" in stopped.stderr
+    assert "go on with --resume: nothing is lost" in stopped.stderr
+    assert 1 <= len(list(journal.read(tmp_path / "out" / "journal"))) < 6
+    assert start(path, tmp_path / "out", "--resume").wait() == 0
+    assert bytes_of(tmp_path / "out") == bytes_of(tmp_path / "whole")
+
+
+def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
+    path = write(tmp_path, "hang", limit=100.0)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "resim", "sweep", str(path), "--out", str(tmp_path / "out"), "--workers", "2"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    time.sleep(4.0)
+    children = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the children too
+    _, error = process.communicate(timeout=20.0)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert children.stdout.split()
+    for pid in children.stdout.split():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(pid), 0)
+
+
 def test_shards_give_the_same(tmp_path: Path) -> None:
     path = write(tmp_path)
     assert start(path, tmp_path / "whole").wait() == 0
