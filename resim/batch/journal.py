@@ -45,12 +45,17 @@ class Journal:
 
 
 def read(folder: Path) -> Iterator[dict[str, Any]]:
+    """Give the entries of all journals in a folder."""
+    return map(json.loads, lines(folder))
+
+
+def lines(folder: Path) -> Iterator[bytes]:
     """Give all whole lines of all journals in a folder."""
     for path in sorted(folder.glob("*.jsonl")):
-        with path.open("rb") as lines:
-            for line in lines:
+        with path.open("rb") as file:
+            for line in file:
                 if line.endswith(b"\n"):
-                    yield json.loads(line)
+                    yield line
 
 
 def _whole(path: Path) -> int:

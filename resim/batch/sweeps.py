@@ -213,22 +213,21 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
 
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
-    entries = {entry[RUN]: entry for entry in journal.read(out / "journal")}
-    rows = {number: entry["row"] for number, entry in entries.items()}
+    lines = {json.loads(line)[RUN]: line for line in journal.lines(out / "journal")}
+    rows = _rows(sweep, out)
     every = runs(sweep, rows)
-    missing = len(every) - len(entries)
-    failed = sum(entry["row"]["end"] == FAILED for entry in entries.values())
+    missing = len(every) - len(lines)
     if missing:
-        return missing, failed
-    found = pd.DataFrame([entries[k]["row"] for k in every[RUN]], index=every.index)
-    whole = pd.concat([every, found.astype({c: float for c in found if _is_number(found[c])})], axis=1)
+        return missing, 0
+    found = _found([lines[k] for k in every[RUN]])
+    failed = int((found["end"] == FAILED).sum())
+    whole = pd.concat([every, found.drop(columns="time")], axis=1)
     (out / "runs").mkdir(exist_ok=True)
     for first in range(0, len(whole), PART):
         with whole_file(out / "runs" / f"part-{first // PART:05d}.parquet", (".parquet",)) as path:
             write_parquet(whole.iloc[first : first + PART], path)
-    times = pd.DataFrame({RUN: every[RUN], "time": [entries[k]["time"] for k in every[RUN]]})
     with whole_file(out / "times.parquet", (".parquet",)) as path:
-        write_parquet(times, path)
+        write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
     held = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
     counts = {"runs": len(whole), "failed": failed}
     grown = {"boundaries": boundaries(sweep, rows)} if sweep.file.plan == "adaptive" else {}
@@ -237,6 +236,16 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
             {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}, path
         )
     return 0, failed
+
+
+def _found(lines: list[bytes]) -> pd.DataFrame:
+    """Results and times as a table, from lines of the journal; by parts, as entries take much more memory than rows."""
+    parts = []
+    for first in range(0, len(lines), PART // 10):
+        entries = [json.loads(line) for line in lines[first : first + PART // 10]]
+        parts.append(pd.DataFrame([{**entry["row"], "time": entry["time"]} for entry in entries]))
+    found = pd.concat(parts, ignore_index=True)
+    return found.astype({c: float for c in found if _is_number(found[c])})
 
 
 def _is_number(column: pd.Series[Any]) -> bool:

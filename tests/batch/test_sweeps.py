@@ -169,14 +169,18 @@ def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
         [sys.executable, "-m", "resim", "sweep", str(path), "--out", str(tmp_path / "out"), "--workers", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    time.sleep(4.0)
-    children = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False)
+    children: list[str] = []
+    while len(children) < 2 and process.poll() is None:
+        time.sleep(0.2)
+        found = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False)
+        children = found.stdout.split()
+    time.sleep(1.0)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the children too
     _, error = process.communicate(timeout=20.0)
     assert process.returncode == 130
     assert "Traceback" not in error
-    assert children.stdout.split()
-    for pid in children.stdout.split():
+    assert len(children) == 2
+    for pid in children:
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid), 0)
 
