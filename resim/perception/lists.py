@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import cmath
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, wrap_angle
 from resim.perception.clutter import KIND, FalseObject
@@ -17,8 +19,13 @@ class Held:
 
     def __init__(self, seen: Perceived) -> None:
         self.seen_last = seen
-        ego = seen.ego
-        self.places = complex(ego.x, ego.y) + (seen.x_ego + 1j * seen.y_ego) * cmath.rect(1.0, ego.heading)
+
+    @cached_property
+    def places(self) -> NDArray[np.complex128]:
+        """Where the objects are in the map (N,), x + iy [m]; many a list is followed by the next at once."""
+        seen, ego = self.seen_last, self.seen_last.ego
+        there: NDArray[np.complex128] = (seen.x_ego + 1j * seen.y_ego) * cmath.rect(1.0, ego.heading)
+        return complex(ego.x, ego.y) + there
 
     def seen(self, t: float, ego: EgoState) -> Perceived:
         """Give the list at t [s], in the frame of the EGO where it believes itself to be."""

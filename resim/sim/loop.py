@@ -122,11 +122,13 @@ class _Loop:
         state: VehicleState | None = None
         answer: Command | Placement = Command(0.0, 0.0)
         ego = self.plan.state(0, 0)
-        session.add(EGO, float(self.length[0]), float(self.width[0]), abs(ego.v))
+        session.add(EGO, float(self.length[0]), float(self.width[0]), abs(self.plan.state(0, begin).v))
         for phase in self.stage.phases:
-            phase.enter(session)
+            if phase.shown:
+                phase.enter(session)
             for k in range(phase.first, phase.after):
-                self.said.extend(session.advance(phase.commands[k - phase.first], ego))
+                if phase.shown:
+                    self.said.extend(session.advance(phase.commands[k - phase.first], ego))
                 self.ego.extend((ego.x, ego.y, ego.heading, ego.v, ego.a, ego.yaw_rate))
                 self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look(stop_at_collision):
@@ -230,7 +232,7 @@ class _Loop:
         """Give what SUMO said: (4, N, T) front bumper x, y, angle, speed, EGO first; NaN where nothing is."""
         out = np.full((4, len(self.members), len(self.plan.t)), np.nan)
         said, used = np.array(self.said), 0
-        for phase in self.stage.phases:
+        for phase in (p for p in self.stage.phases if p.shown):
             rows = [0, *phase.rows.tolist()]
             steps = slice(phase.first, min(phase.after, self.steps))
             size = 4 * len(rows) * max(steps.stop - steps.start, 0)

@@ -27,12 +27,13 @@ Rows = NDArray[np.intp]
 class Phase:
     """Steps first <= k < after, in which the same n traffic objects are there.
 
-    rows: (n,) of the guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
-    what SUMO is told. position: (K, n) x + iy [m]. heading [rad], v [m/s]: (K, n). The rest: (n,).
+    shown: whether SUMO sees them; of the lead-in, of which no reading is kept, it knows nothing. rows: (n,) of the
+    guide. names: SUMO's, whatever characters the ids have. commands: per step, per object, what SUMO is told. position: (K, n) x + iy [m]. heading [rad], v [m/s]: (K, n). The rest: (n,).
     """
 
     first: int
     after: int
+    shown: bool
     t: Floats
     rows: Rows
     names: tuple[str, ...]
@@ -84,14 +85,14 @@ def staged(scenario: Scenario, network: RoadNetwork, step: float, relaxation: fl
 
 
 def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
-    """Cut the run where traffic objects come or go; members are the EGO and then the traffic objects."""
+    """Cut the run where traffic objects come or go, and at the start; members: the EGO, then the traffic objects."""
     length, width = (np.array([getattr(m, name) for m in members]) for name in ("length", "width"))
     ids, kind = (np.array([getattr(m, name) for m in members], dtype=str) for name in ("id", "kind"))
     changes = np.flatnonzero((plan.present[1:, 1:] != plan.present[1:, :-1]).any(axis=0)) + 1
-    borders = [0, *changes.tolist(), len(plan.t)]
+    borders = sorted({0, plan.begin, *changes.tolist(), len(plan.t)})
     before: tuple[str, ...] = ()
     for first, after in pairwise(borders):
-        rows = 1 + np.flatnonzero(plan.present[1:, first])
+        rows, shown = 1 + np.flatnonzero(plan.present[1:, first]), first >= plan.begin
         x, y, heading, v = (c[rows, first:after].T.copy() for c in (plan.x, plan.y, plan.heading, plan.v))
         names = tuple(f"{n}" for n in rows.tolist())
         position = x + 1j * y
@@ -102,6 +103,7 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
         yield Phase(
             first=first,
             after=after,
+            shown=shown,
             t=plan.t[first:after],
             rows=rows,
             names=names,
@@ -116,4 +118,4 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
             length=who[2],
             width=who[3],
         )
-        before = names
+        before = names if shown else ()
