@@ -24,6 +24,9 @@ from resim.core.geometry import Floats, boxes_overlap
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 
+NEAR = 1.0 + 1e-9
+"""By what distances of centres are compared with the circles around boxes: rounding must not part who touch."""
+
 _SAME = 1e-9
 Kind = Literal["functional", "quantitative", "legal"]
 KINDS: tuple[Kind, ...] = ("quantitative", "legal", "functional")
@@ -169,12 +172,16 @@ def scene_of(drive: Drive, t: float) -> int:
 
 def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:
     """Give when [s] the EGO's box touches whose, for every sample."""
-    row = tracks.index(ego)
+    row, radius = tracks.index(ego), 0.5 * np.hypot(tracks.length, tracks.width)
+    apart = np.hypot(tracks.x - tracks.x[row], tracks.y - tracks.y[row])
+    near = apart <= NEAR * (radius + radius[row])[:, None]  # else the circles around the boxes are apart
+    near[row] = False
+    n, i = np.nonzero(near)
     hit = boxes_overlap(
-        tracks.x[row], tracks.y[row], tracks.heading[row], tracks.length[row], tracks.width[row],
-        tracks.x, tracks.y, tracks.heading, tracks.length[:, None], tracks.width[:, None],
+        tracks.x[row, i], tracks.y[row, i], tracks.heading[row, i], tracks.length[row], tracks.width[row],
+        tracks.x[n, i], tracks.y[n, i], tracks.heading[n, i], tracks.length[n], tracks.width[n],
     )  # fmt: skip
-    return sorted((float(tracks.t[i]), str(tracks.ids[n])) for n, i in np.argwhere(hit) if n != row)
+    return sorted(zip(tracks.t[i[hit]].tolist(), tracks.ids[n[hit]].tolist(), strict=True))
 
 
 OBJECTIFICATIONS = _all()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,9 @@ SIZES: Mapping[str, tuple[float, float]] = {
 
 _EXACT = 1e-6
 """m; how exactly an object that is told where to be is there."""
+
+_KEPT = 100_000
+"""Samples up to which the states of traffic objects are kept for the next run."""
 
 
 @dataclass(frozen=True)
@@ -73,38 +77,58 @@ class Scenario:
 
     def traces(self, network: RoadNetwork) -> tuple[Trace, ...]:
         """Give the traces of EGO and objects, in this order, in the map frame."""
-        everyone = (self.ego, *self.objects)
-        starts = [m.start for m in everyone]
-        x, y = network.to_xy(
-            np.array([p.road for p in starts]), np.array([p.lane for p in starts]),
-            np.array([p.s for p in starts]), np.array([p.t for p in starts]),
-        )  # fmt: skip
-        places = zip(x.tolist(), y.tolist(), everyone, strict=True)
-        return tuple(Trace(x0, y0, member.v, member.heading) for x0, y0, member in places)
+        return _traces((self.ego, *self.objects), network)
 
     def tracks(self, network: RoadNetwork, t: ArrayLike) -> Tracks:
         """Give EGO and objects, in this order, at times t (T,) [s] as the splines have them."""
         t, everyone = np.asarray(t, dtype=float), (self.ego, *self.objects)
-        states = [trace.states(t) for trace in self.traces(network)]
-
-        def stack(name: str) -> Floats:
-            return np.array([getattr(s, name) for s in states]).reshape(len(everyone), len(t))
-
-        x = stack("x")
+        own = _states((self.ego,), network, t)
+        few = len(self.objects) * len(t) <= _KEPT
+        others = (
+            _kept_states(self.objects, network, t.tobytes()) if few else _states(self.objects, network, t)
+        )
+        x, y, heading, v, a, yaw_rate = np.concatenate([own, others], axis=1)
         return Tracks(
             t=t,
             ids=np.array([member.id for member in everyone], dtype=str),
             kind=np.array([member.kind for member in everyone], dtype=str),
             x=x,
-            y=stack("y"),
-            heading=wrap_angle(stack("heading")),
-            v=stack("v"),
+            y=y,
+            heading=wrap_angle(heading),
+            v=v,
             length=np.array([member.length for member in everyone]),
             width=np.array([member.width for member in everyone]),
             valid=np.isfinite(x),
-            yaw_rate=stack("yaw_rate"),
-            a=stack("a"),
+            yaw_rate=yaw_rate,
+            a=a,
         )
+
+
+def _traces(members: Sequence[ScenarioObject], network: RoadNetwork) -> tuple[Trace, ...]:
+    starts = [m.start for m in members]
+    x, y = network.to_xy(
+        np.array([p.road for p in starts]), np.array([p.lane for p in starts]),
+        np.array([p.s for p in starts]), np.array([p.t for p in starts]),
+    )  # fmt: skip
+    places = zip(x.tolist(), y.tolist(), members, strict=True)
+    return tuple(Trace(x0, y0, member.v, member.heading) for x0, y0, member in places)
+
+
+def _states(members: Sequence[ScenarioObject], network: RoadNetwork, t: Floats) -> Floats:
+    """States (6, N, T) of members at times t (T,): x, y, heading, v, a, yaw rate."""
+    out = np.empty((6, len(members), len(t)))
+    for n, trace in enumerate(_traces(members, network) if members else ()):
+        s = trace.states(t)
+        out[:, n] = s.x, s.y, s.heading, s.v, s.a, s.yaw_rate
+    return out
+
+
+@lru_cache(maxsize=16)
+def _kept_states(members: tuple[ScenarioObject, ...], network: RoadNetwork, t: bytes) -> Floats:
+    """`_states` of traffic objects at times (T,) as bytes: every run of a sweep asks for the same."""
+    states = _states(members, network, np.frombuffer(t))
+    states.setflags(write=False)
+    return states
 
 
 def describe(

@@ -103,12 +103,12 @@ def first_contact(a: Floats, b: Floats, h: Floats, size_a: Floats, size_b: Float
 
 def _near(a: Floats, b: Floats, h: Floats, reach: Floats) -> Bools:
     """Steps (P, N - 1) in which the circles around both boxes may touch."""
-    offset = b[..., :2] - a[..., :2]
-    d = np.hypot(offset[..., 0], offset[..., 1])
-    chord = np.hypot(*np.moveaxis(np.diff(offset, axis=1), 2, 0))
-    pace = (np.abs(a[..., 3]) + np.abs(b[..., 3])) * h[:, None]
-    stray = BULGE * (pace[:, :-1] + pace[:, 1:] + 2.0 * chord)
-    return np.asarray(0.5 * (d[:, :-1] + d[:, 1:] - chord) <= reach[:, None] + stray)
+    x, y = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
+    dx, dy = x[:, 1:] - x[:, :-1], y[:, 1:] - y[:, :-1]
+    d, chord = np.sqrt(x * x + y * y), np.sqrt(dx * dx + dy * dy)
+    pace = (BULGE * h)[:, None] * (np.abs(a[..., 3]) + np.abs(b[..., 3]))
+    gap = 0.5 * (d[:, :-1] + d[:, 1:]) - (0.5 + 2.0 * BULGE) * chord
+    return np.asarray(gap <= reach[:, None] + (pace[:, :-1] + pace[:, 1:]))
 
 
 def _of_steps(steps: _Steps, size_a: Floats, size_b: Floats) -> Floats:

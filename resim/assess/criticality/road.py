@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from resim.assess.criticality.contact import Rows
 from resim.assess.criticality.measure import Measure, State
 from resim.core.geometry import Bools, Floats, box_corners
 from resim.core.tracks import Tracks
-from resim.road.opendrive import RoadNetwork
+from resim.road.opendrive import RoadNetwork, RoadPositions
 
 
 def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
@@ -17,8 +19,7 @@ def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
     The limit is that of the lane the box's centre is in (`RoadNetwork.speed_limit`). NOT_DEFINED where there is no
     limit or the centre is on no lane; NOT_COMPUTED where there is no sample.
     """
-    where, valid = np.nonzero(tracks.valid), tracks.valid
-    place = network.to_road(tracks.x[where], tracks.y[where], heading=tracks.heading[where])
+    where, valid, place = np.nonzero(tracks.valid), tracks.valid, _places(tracks, network)
     limit = np.where(place.on_road, network.speed_limit(place.road, place.lane, place.s), np.nan)
     return _told("speed over limit", "m/s", tracks.v[where] - limit, valid)
 
@@ -30,9 +31,8 @@ def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
     length of the box, angles against the lane's direction; off all lanes, of the nearest one that vehicles drive on.
     NOT_DEFINED where the size is unknown; NOT_COMPUTED where there is no sample.
     """
-    where = np.nonzero(tracks.valid)
+    where, place = np.nonzero(tracks.valid), _places(tracks, network)
     heading = tracks.heading[where]
-    place = network.to_road(tracks.x[where], tracks.y[where], heading=heading)
     turn = heading - network.lane_heading(place.road, place.lane, place.s)
     length, width = _sizes(tracks, where[0])
     half = 0.5 * (length * np.abs(np.sin(turn)) + width * np.abs(np.cos(turn)))
@@ -53,6 +53,13 @@ def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
     return _told(
         "corners off the road", "1", np.where(np.isfinite(length + width), off, np.nan), tracks.valid
     )
+
+
+@lru_cache(maxsize=1)
+def _places(tracks: Tracks, network: RoadNetwork) -> RoadPositions:
+    """Where the centres (samples,) of all valid samples are on the road; kept for the next measure of the tracks."""
+    where = np.nonzero(tracks.valid)
+    return network.to_road(tracks.x[where], tracks.y[where], heading=tracks.heading[where])
 
 
 def _sizes(tracks: Tracks, row: Rows) -> tuple[Floats, Floats]:
