@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import atan2, sqrt
+from math import atan2
 from typing import NamedTuple
 
 import numpy as np
@@ -77,25 +78,23 @@ class Path:
 
         i: the segment that the point's call before gave, to look from there; -1 to look everywhere.
         """
-        rows = self._search.rows
+        search = self._search
         if i < 0:
-            i = int(_nearest(self._search, np.array([x]), np.array([y]))[0])
-        s, d, tx, ty, i, found = _foot_on(rows, i, x, y)
+            i = int(_nearest(search, np.array([x]), np.array([y]))[0])
+        s, d, tx, ty, i, found = search.foot(search.table, i, x, y)
         if not found:
-            i = int(_nearest(self._search, np.array([x]), np.array([y]))[0])
-            s, d, tx, ty, i, found = _foot_on(rows, i, x, y)
+            i = int(_nearest(search, np.array([x]), np.array([y]))[0])
+            s, d, tx, ty, i, found = search.foot(search.table, i, x, y)
         return s, d, atan2(ty, tx), i
 
     def xy(self, s: ArrayLike, d: ArrayLike) -> tuple[Floats, Floats]:
         """Give the map positions [m] at s, d metres to the left; inverse of `project`."""
-        columns = self._search.columns
-        s_ = np.asarray(s, dtype=float)
-        i = np.maximum(columns[0].searchsorted(s_, side="right") - 1, 0)
-        s0, px, py, tx, ty, step, ex, ey, dtx, dty = columns.take(i, axis=1)
-        f = (s_ - s0) / step
-        tx, ty = tx + f * dtx, ty + f * dty
-        across = np.asarray(d) / np.hypot(tx, ty)
-        return px + f * ex - across * ty, py + f * ey + across * tx
+        search = self._search
+        s_, d_ = np.asarray(s, dtype=float), np.asarray(d, dtype=float)
+        if s_.shape != d_.shape:
+            s_, d_ = np.broadcast_arrays(s_, d_)
+        x, y = search.positions(search.table, s_.flatten(), d_.flatten()).reshape(2, *s_.shape)
+        return x, y
 
     def at(self, s: float) -> PathPoint:
         """Give the path at one s [m], linear between points (speed_limit: of the point before)."""
@@ -144,15 +143,20 @@ class _Search(NamedTuple):
 
     columns: (10, K + 1): s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
     score: (3, K + 1), gives of (x, y, 1) the squared distance to the middles, less a constant.
-    rows: the columns as one tuple per segment.
+    table: the columns, turned: a row per segment. foot, positions: what is compiled to work on it.
     """
 
     columns: Floats
     score: Floats
-    rows: list[tuple[float, ...]]
+    table: Floats
+    foot: Callable[..., tuple[float, float, float, float, int, bool]]
+    positions: Callable[..., Floats]
 
 
 def _search(path: Path) -> _Search:
+    # compiled: numba is imported where it is used only
+    from resim.road import kernel
+
     tx, ty = np.cos(path.heading), np.sin(path.heading)
     x = np.r_[path.x[0] - FAR * tx[0], path.x, path.x[-1] + FAR * tx[-1]]
     y = np.r_[path.y[0] - FAR * ty[0], path.y, path.y[-1] + FAR * ty[-1]]
@@ -161,7 +165,7 @@ def _search(path: Path) -> _Search:
     columns = np.array([column[:-1] for column in starts] + [np.diff(column) for column in starts])
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
     score = np.ascontiguousarray([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
-    return _Search(columns, score, list(map(tuple, columns.T.tolist())))
+    return _Search(columns, score, np.ascontiguousarray(columns.T), kernel.foot, kernel.positions)
 
 
 def _nearest(search: _Search, x: Floats, y: Floats) -> NDArray[np.intp]:
@@ -174,46 +178,15 @@ def _nearest(search: _Search, x: Floats, y: Floats) -> NDArray[np.intp]:
 def _project_few(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """As `_project_many`, point by point: three times faster for the handful that a step asks for."""
     nearest = _nearest(search, x, y).tolist()
-    found = [_foot(search.rows, *entry) for entry in zip(nearest, x.tolist(), y.tolist(), strict=True)]
+    places = zip(nearest, x.tolist(), y.tolist(), strict=True)
+    found = [search.foot(search.table, *place)[:2] for place in places]
     out = np.array(found, dtype=float).reshape(-1, 2)
     return out[:, 0], out[:, 1]
 
 
-def _foot(rows: list[tuple[float, ...]], i: int, x: float, y: float) -> tuple[float, float]:
-    """Give s and d of a point, sought from segment i."""
-    return _foot_on(rows, i, x, y)[:2]
-
-
-def _foot_on(
-    rows: list[tuple[float, ...]], i: int, x: float, y: float
-) -> tuple[float, float, float, float, int, bool]:
-    """Give s, d, the tangent, the segment, and whether it is the right one, of a point sought from segment i.
-
-    With a = p - P from the segment's start P, chord e, tangents T and T + dT:
-    (a - f e) · (T + f dT) = 0, quadratic in f, and d = (T + f dT) x (a - f e) / |T + f dT|.
-    """
-    top, found = len(rows) - 1, False
-    for _ in range(TRIES):
-        s, px, py, tx, ty, step, ex, ey, dtx, dty = rows[i]
-        ax, ay = x - px, y - py
-        c0, c1 = ax * tx + ay * ty, ax * dtx + ay * dty - ex * tx - ey * ty
-        square = c1 * c1 + 4.0 * c0 * (ex * dtx + ey * dty)
-        below = (sqrt(square) if square > 0.0 else 0.0) - c1
-        f = 2.0 * c0 / (below if below > TINY else TINY)
-        if f < -TINY and i > 0:
-            i -= 1
-        elif f > 1.0 + TINY and i < top:
-            i += 1
-        else:
-            found = True
-            break
-    tx, ty = tx + f * dtx, ty + f * dty
-    return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / sqrt(tx * tx + ty * ty), tx, ty, i, found
-
-
 def _project_many(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Give s and d (N,) of points (N,), by the equations of `_foot`."""
-    i, top = _nearest(search, x, y), len(search.rows) - 1
+    """Give s and d (N,) of points (N,), by the equations of `kernel.foot`."""
+    i, top = _nearest(search, x, y), len(search.table) - 1
     for _ in range(TRIES):
         s, px, py, tx, ty, step, ex, ey, dtx, dty = search.columns.take(i, axis=1)
         ax, ay = x - px, y - py

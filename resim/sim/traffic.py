@@ -28,7 +28,8 @@ class Phase:
     """Steps first <= k < after, in which the same n traffic objects are there.
 
     shown: whether SUMO sees them; of the lead-in, of which no reading is kept, it knows nothing. rows: (n,) of the
-    guide. names: SUMO's, whatever characters the ids have. commands: per step, per object, what SUMO is told. position: (K, n) x + iy [m]. heading [rad], v [m/s]: (K, n). The rest: (n,).
+    guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
+    what SUMO is told. position: (K, n) x + iy [m]. heading [rad], v [m/s]: (K, n). The rest: (n,).
     """
 
     first: int
