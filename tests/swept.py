@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from resim.experiment.design import Parameter, Plan, design
+from resim.pipeline.sweep import Sweep, SweepFile, boundaries, runs
 from resim.store import write_json, write_parquet
 
 LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
@@ -35,9 +36,46 @@ def write_swept(
     }  # fmt: skip
     table |= {q.name: x[p, i] for i, q in enumerate(parameters)}
     rows = pd.DataFrame(table | _outcomes(x[p], failed))
+    _write(folder, rows, parameters, {"plan": plan, "seeds": seeds}, sections, {"failed": failed})
+    return rows
+
+
+def write_adaptive(
+    folder: Path, parameters: tuple[Parameter, ...], *, points: int = 1000, share: float = 0.5, seeds: int = 5,
+    outcome: str = "same_decision",
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Write an adaptive sweep of the same truth: as measured where the latency is above 0.3 s + 0.1 bias.
+
+    With less than 0.04 s more, the last of the seeds is not. Gives its boundaries.
+    """
+    file = SweepFile.model_validate({
+        "name": "known", "recording": [{"folder": "cut_in"}], "build": ["../pilot-1.0.toml"], "plan": "adaptive",
+        "criteria": "highway.toml", "perception": "model.json", "adaptive": {"outcome": outcome, "share": share},
+        "points": points, "seeds": seeds, "parameter": [p.model_dump() for p in parameters],
+    })  # fmt: skip
+    sweep = Sweep(path=folder / "sweep.toml", file=file, folders={"cut_in": folder})
+    rows: dict[int, Any] = {}
+    while len(table := runs(sweep, rows)) > len(rows):
+        x = table[[p.name for p in parameters]].to_numpy()
+        found = pd.DataFrame(_outcomes(x, 0))
+        over = x[:, 0] - 0.3 - 0.1 * (x[:, 1] if x.shape[1] > 1 else 0.0)
+        found["same_decision"] = ((over > 0.04) | (over > 0.0) & (table["seed"] < seeds - 1)).astype(object)
+        rows = dict(enumerate(found.to_dict("records")))
+    told = boundaries(sweep, rows)
+    more = {"plan": "adaptive", "seeds": seeds, "points": points, "adaptive": file.adaptive.model_dump()}
+    whole = pd.concat([table, found], axis=1)
+    _write(folder, whole, parameters, more, (("cut_in", "pilot-1.0"),), {"failed": 0, "boundaries": told})
+    return told
+
+
+def _write(
+    folder: Path, rows: pd.DataFrame, parameters: tuple[Parameter, ...], file: dict[str, Any],
+    sections: tuple[tuple[str, str], ...], told: dict[str, Any],
+) -> None:  # fmt: skip
+    """Write the folder of a finished sweep. file, told: what else its file and its manifest say."""
     inputs: dict[str, Any] = {
         "sweep": {
-            "name": "known", "plan": plan, "seeds": seeds, "time_limit": 60.0, "accept": [],
+            "name": "known", **file, "time_limit": 60.0, "accept": [],
             "parameter": [q.model_dump(mode="json") for q in parameters],
         },
         "criteria": {"path": "highway.toml", "hash": "0" * 64},
@@ -49,14 +87,13 @@ def write_swept(
     write_parquet(rows, folder / "runs" / "part-00000.parquet")
     held = {"versions": {"resim": "0.1.0"}, "inputs": inputs}
     write_json(held, folder / "sweep.json")
-    more = {"runs": len(rows), "failed": failed, "columns": list(rows.columns)}
+    more = {"runs": len(rows), **told, "columns": list(rows.columns)}
     write_json({"schema": "resim-sweep-1", **held, **more}, folder / "manifest.json")
-    return rows
 
 
 def _outcomes(x: np.ndarray[Any, np.dtype[np.float64]], failed: int) -> dict[str, Any]:
     rng = np.random.default_rng(7)
-    latency, bias = x[:, 0], x[:, 1]
+    latency, bias = x[:, 0], x[:, 1] if x.shape[1] > 1 else np.zeros(len(x))
     risk = np.maximum(0.2 * latency + 0.02 * np.abs(bias - 0.5) + rng.normal(0.0, 0.005, len(x)), 0.0)
     hit, same = risk > 0.22, latency > 0.3 + 0.1 * bias
     out: dict[str, Any] = {

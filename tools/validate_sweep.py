@@ -90,7 +90,8 @@ def main() -> None:
         low, high = np.array(lattice.low), np.array(lattice.high)
         places = np.round((values - low) / (high - low) * lattice.counts).astype(int)
         cells[name] = {
-            tuple(c) for c in boundary(lattice, places, found[name]["same_decision"].to_numpy() >= 0.5)
+            tuple(c)
+            for c in boundary(lattice, places, found[name]["same_decision"].to_numpy() >= 0.5)[0].tolist()
         }
         print(f"{name}: {len(places)} points, the decision changes in {len(cells[name])} cells")
     print(f"cells of the fine grid that the adaptive plan has: {len(cells['fine'] & cells['adaptive'])}; "

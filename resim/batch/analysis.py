@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from resim.batch.boundary import boundary
 from resim.batch.points import Outcome, Points, equal, failed, label, points_of, unit_of
 from resim.batch.swept import Swept, limits
 from resim.core.geometry import Bools, Floats
@@ -34,15 +35,14 @@ WORST = 10
 def analyse(swept: Swept, place: str) -> dict[str, Any]:
     """Give what report.json holds. place: the folder of the results, as the commands name it."""
     rows = swept.rows
-    groups = rows.groupby(["recording", "build"], sort=False)
+    groups, adaptive = rows.groupby(["recording", "build"], sort=False), swept.file["plan"] == "adaptive"
     return {
         "schema": SCHEMA,
         "name": swept.file["name"],
         "plan": swept.file["plan"],
         "versions": swept.manifest["versions"],
         "inputs": swept.inputs,
-        "confidence": CONFIDENCE,
-        "demanded": DEMANDED,
+        **({} if adaptive else {"confidence": CONFIDENCE, "demanded": DEMANDED}),
         "runs": len(rows),
         "failed": int(failed(rows).sum()),
         "parameters": [_parameter(p) for p in swept.parameters],
@@ -59,21 +59,31 @@ def _section(swept: Swept, rows: pd.DataFrame, place: str) -> dict[str, Any]:
     """What was found for one recording and build."""
     points, outcomes = points_of(swept, rows)
     recording, build = str(rows["recording"].iloc[0]), str(rows["build"].iloc[0])
-    constant, asked = {o.name: o for o in outcomes if _constant(o.y)}, limits(swept)
+    constant = [o for o in outcomes if _constant(o.y)]
     return {
         "recording": recording,
         "build": swept.inputs["builds"][build]["label"],
         **_overview(rows),
         "constant": [
             {"name": o.name, "label": o.label, "unit": o.unit, "share": o.share, "value": _first(o.y)}
-            for o in constant.values()
+            for o in constant
         ],
+        **_varying(swept, rows, points, outcomes),
+        "worst": _worst(rows, swept.parameters, place),
+    }
+
+
+def _varying(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What follows from the parameters; where points lie by what came of others, nothing but the boundary."""
+    if swept.file["plan"] == "adaptive":
+        return {"boundary": boundary(swept, rows, points, outcomes)}
+    asked = limits(swept)
+    return {
         "outcomes": [
             {**_outcome(o, points), "limit": asked.get(o.name.removeprefix("kpi "))}
             for o in outcomes
-            if o.name not in constant
-        ],
-        "worst": _worst(rows, swept.parameters, place),
+            if not _constant(o.y)
+        ]
     }
 
 

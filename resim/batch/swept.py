@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
@@ -76,6 +77,7 @@ def read_swept(folder: Path) -> Swept:
             raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
         parameters = tuple(Parameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
         columns, count = list(manifest["columns"]), int(manifest["runs"])
+        _check_boundaries(manifest, len(parameters))
     except (ValueError, KeyError, TypeError, ValidationError) as e:
         raise InputError(path, "is not what `resim sweep` writes", resume) from e
     rows = read_rows(folder)
@@ -84,3 +86,11 @@ def read_swept(folder: Path) -> Swept:
     if lost := [name for name in columns if name not in rows]:
         raise InputError(folder / "runs", f"has no column {lost[0]!r}", resume)
     return Swept(folder, manifest, parameters, rows)
+
+
+def _check_boundaries(manifest: dict[str, Any], parameters: int) -> None:
+    """Raise KeyError, TypeError or ValueError where an adaptive sweep's manifest does not have its boundaries."""
+    if manifest["inputs"]["sweep"]["plan"] == "adaptive":
+        for told in manifest["boundaries"]:
+            np.array(told["cells"], dtype=float).reshape(-1, parameters, 2)
+            _ = told["recording"], told["build"], told["known"]

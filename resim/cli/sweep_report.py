@@ -27,7 +27,7 @@ def report(
     from resim.batch.swept import read_swept
     from resim.core.errors import InputError
     from resim.pipeline.suite import relative
-    from resim.report.sweep import overview_line, requirement_lines, write_sweep_page
+    from resim.report.sweep import boundary_lines, overview_line, requirement_lines, write_sweep_page
     from resim.store import whole_file, write_json
 
     page = folder / "report.html" if out is None else out
@@ -41,7 +41,12 @@ def report(
         write_json(found, path)
     for section in found["sections"]:
         typer.echo(f"{section['recording']}, {section['build']}: {overview_line(section)}")
-        for what, lines in requirement_lines(section, found["parameters"], found["demanded"]):
+        told = (
+            boundary_lines(section, found["parameters"])
+            if "boundary" in section
+            else requirement_lines(section, found["parameters"], found["demanded"])
+        )
+        for what, lines in told:
             typer.echo(f"  {what}")
             for line in lines:
                 typer.echo(f"    {line}")

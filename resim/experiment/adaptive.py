@@ -69,31 +69,53 @@ def wanted(lattice: Lattice, places: Places, passed: Bools) -> Places:
 
     places: (K, P) the points that were tried, passed: (K,) what came of them.
     """
-    corners = [_corners(cells, size) for cells, size, _ in _levels(lattice, places, passed)]
+    corners = [_corners(cells, size) for cells, size in _levels(lattice, places, passed)]
     every = np.unique(np.concatenate(corners), axis=0)
     return np.asarray(every[~np.isin(lattice.numbers(every), lattice.numbers(places))])
 
 
-def boundary(lattice: Lattice, places: Places, passed: Bools) -> Places:
-    """Give the finest cells (C, P), each by its lowest corner and in order, in which the outcome changes."""
-    *_, (cells, _, mixed) = _levels(lattice, places, passed)
-    return np.unique(cells[mixed], axis=0)
+def boundary(lattice: Lattice, places: Places, passed: Bools) -> tuple[Places, Places]:
+    """Give the cells in which the outcome changes, in order: their lowest and highest corners, each (C, P).
+
+    The finest ones, and larger ones where points that would halve them have not been tried.
+    """
+    tried, (cells, size), found = lattice.numbers(places), _first(lattice), []
+    while True:
+        cells = cells[_mixed(cells, size, places, passed)]
+        if not len(cells) or (size == 1).all():
+            break
+        parts, half = _halved(cells, size)
+        known = np.isin(lattice.numbers(_corners(parts, half)), tried).reshape(-1, len(cells)).all(axis=0)
+        found.append((cells[~known], size))
+        cells, size = _halved(cells[known], size)
+    found.append((cells, size))
+    low = np.concatenate([lowest for lowest, _ in found])
+    high = np.concatenate([lowest + step for lowest, step in found])
+    order = np.lexsort(low.T[::-1])
+    return low[order], high[order]
 
 
-def _levels(lattice: Lattice, places: Places, passed: Bools) -> Iterator[tuple[Places, Places, Bools]]:
-    """From the first cells to the finest: lowest corners (C, P), size (P,), and in which (C,) the outcome changes."""
+def _levels(lattice: Lattice, places: Places, passed: Bools) -> Iterator[tuple[Places, Places]]:
+    """From the first cells to the finest, where the outcome changes: lowest corners (C, P), and size (P,)."""
+    cells, size = _first(lattice)
+    yield cells, size
+    while not (size == 1).all():
+        cells, size = _halved(cells[_mixed(cells, size, places, passed)], size)
+        yield cells, size
+
+
+def _first(lattice: Lattice) -> tuple[Places, Places]:
+    """The cells (C, P) of the first grid, and their size (P,)."""
     size = 1 << np.array(lattice.halvings)
     starts = (step * np.arange(n) for step, n in zip(size.tolist(), lattice.first, strict=True))
-    cells = np.array(list(product(*starts)), dtype=np.intp)
-    while True:
-        mixed = _mixed(cells, size, places, passed)
-        yield cells, size, mixed
-        if (size == 1).all():
-            return
-        half = np.maximum(size // 2, 1)
-        sides = [(0, h) if s > h else (0,) for s, h in zip(size.tolist(), half.tolist(), strict=True)]
-        cells = np.concatenate([cells[mixed] + np.array(side) for side in product(*sides)])
-        size = half
+    return np.array(list(product(*starts)), dtype=np.intp), size
+
+
+def _halved(cells: Places, size: Places) -> tuple[Places, Places]:
+    """The parts (S C, P) of cells that are halved along all sides longer than 1, and their size (P,)."""
+    half = np.maximum(size // 2, 1)
+    sides = [(0, h) if s > h else (0,) for s, h in zip(size.tolist(), half.tolist(), strict=True)]
+    return np.concatenate([cells + np.array(side) for side in product(*sides)]), half
 
 
 def _corners(cells: Places, size: Places) -> Places:

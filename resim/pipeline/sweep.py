@@ -41,7 +41,9 @@ class Adaptive(Strict):
     share: float = Field(default=0.5, gt=0.0, le=1.0)
 
     def good(self, row: Row) -> bool:
-        """Say whether a run is good; one without a result is not."""
+        """Say whether a run is good; one that failed, or is without a result, is not."""
+        if row.get("end") == "failed" or row.get("failure"):
+            return False
         if self.outcome == "same_decision":
             return row.get("same_decision") is True
         if self.outcome == "no collision":
@@ -156,8 +158,8 @@ def boundaries(sweep: Sweep, rows: Mapping[int, Row]) -> list[dict[str, Any]]:
     searches, _ = _searched(sweep, rows)
     recordings, out = list(sweep.folders), []
     for search in searches:
-        low = boundary(search.lattice, search.places, search.good)
-        cells = np.stack([search.lattice.values(low), search.lattice.values(low + 1)], axis=2)
+        ends = boundary(search.lattice, search.places, search.good)
+        cells = np.stack([search.lattice.values(end) for end in ends], axis=2)
         out.append({
             "recording": recordings[search.recording], "build": sweep.file.build[search.build],
             "points": len(search.places), "known": not len(wanted(search.lattice, search.places, search.good)),

@@ -29,8 +29,7 @@ def parameters(*width: float, steps: int = 5) -> list[Parameter]:
 def test_a_threshold_is_found_by_bisection() -> None:
     lattice = Lattice.over(parameters(0.001))
     places, passed = grown(lattice, lambda x: x[:, 0] < 0.3217)
-    (cell,) = boundary(lattice, places, passed)
-    low, high = lattice.values(np.array([cell, cell + 1]))[:, 0]
+    low, high = (float(lattice.values(end)[0, 0]) for end in boundary(lattice, places, passed))
     assert low < 0.3217 <= high
     assert high - low <= 0.001
     assert len(places) == 5 + 8
@@ -39,7 +38,7 @@ def test_a_threshold_is_found_by_bisection() -> None:
 def test_two_thresholds_are_both_found() -> None:
     lattice = Lattice.over(parameters(0.01))
     places, passed = grown(lattice, lambda x: np.abs(x[:, 0] - 0.5) < 0.21)
-    found = lattice.values(boundary(lattice, places, passed))[:, 0]
+    found = lattice.values(boundary(lattice, places, passed)[0])[:, 0]
     assert found == pytest.approx([0.285, 0.71], abs=0.01)
 
 
@@ -55,9 +54,7 @@ def test_a_curve_is_followed_over_its_whole_length() -> None:
     )
     truth = passes(lattice.values(fine))
     expected = boundary(lattice, fine, truth)  # of all points
-    np.testing.assert_array_equal(
-        np.unique(boundary(lattice, places, passed), axis=0), np.unique(expected, axis=0)
-    )
+    np.testing.assert_array_equal(boundary(lattice, places, passed), expected)
     assert len(places) < 0.25 * len(fine)
 
 
@@ -71,7 +68,7 @@ def test_widths_of_their_own() -> None:
     lattice = Lattice.over(parameters(0.01, 0.25, 0.1))
     assert lattice.counts.tolist() == [128, 4, 16]
     places, passed = grown(lattice, lambda x: x[:, 0] + 0.1 * x[:, 2] < 0.5)
-    cells = lattice.values(boundary(lattice, places, passed))
+    cells = lattice.values(boundary(lattice, places, passed)[0])
     assert np.all(np.abs(cells[:, 0] + 0.1 * cells[:, 2] - 0.5) < 0.02)
 
 
@@ -79,4 +76,16 @@ def test_where_nothing_changes_the_first_grid_is_all() -> None:
     lattice = Lattice.over(parameters(0.001, 0.001))
     places, passed = grown(lattice, lambda x: np.ones(len(x), dtype=bool))
     assert len(places) == 25
-    assert not len(boundary(lattice, places, passed))
+    assert not len(boundary(lattice, places, passed)[0])
+
+
+def test_what_was_not_halved_is_told_as_large_as_it_is() -> None:
+    lattice = Lattice.over(parameters(0.05, 0.05))
+    places = wanted(lattice, np.empty((0, 2), dtype=np.intp), np.empty(0, dtype=bool))
+    low, high = boundary(lattice, places, lattice.values(places)[:, 0] < 0.3)
+    np.testing.assert_allclose(lattice.values(low), [[0.25, y] for y in (0.0, 0.25, 0.5, 0.75)])
+    np.testing.assert_allclose(lattice.values(high - low), 0.25)
+    more = wanted(lattice, places, lattice.values(places)[:, 0] < 0.3)
+    places = np.concatenate([places, more[lattice.values(more)[:, 1] <= 0.25]])
+    low, high = boundary(lattice, places, lattice.values(places)[:, 0] < 0.3)
+    assert lattice.values(high - low)[:, 0].tolist() == [0.125, 0.125, 0.25, 0.25, 0.25]

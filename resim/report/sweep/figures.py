@@ -72,7 +72,7 @@ def map_figure(outcome: Entry, a: Entry, b: Entry) -> go.Figure:
     figure = go.Figure(
         go.Heatmap(
             x=compact(x), y=compact(y), z=compact(share), zmin=0.0, zmax=1.0, colorscale=SCALE,
-            customdata=np.stack([low, high], axis=-1), colorbar=_bar(),
+            customdata=np.stack([low, high], axis=-1), colorbar=share_bar(),
             hovertemplate=f"{a['label']} %{{x:.4g}} {a['unit']}<br>{b['label']} %{{y:.4g}} {b['unit']}<br>"
             f"{keeps(outcome)}: <b>%{{z:.0%}}</b> [%{{customdata[0]:.0%}}, %{{customdata[1]:.0%}}]<extra></extra>",
         )
@@ -94,7 +94,8 @@ def _contour(x: Floats, y: Floats, z: Floats, level: float, color: str, dashed: 
     )  # fmt: skip
 
 
-def _bar() -> dict[str, Any]:
+def share_bar() -> dict[str, Any]:
+    """Give the bar that explains the colours of `SCALE`."""
     return {"thickness": 10, "len": 1.0, "tickformat": ".0%", "tickvals": [0.0, 0.5, 1.0], "outlinewidth": 0,
             "tickfont": {"size": 11}, "xpad": 4}  # fmt: skip
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from resim.report.document import document
 from resim.report.plots import sample, to_html
 from resim.report.sweep import tables
+from resim.report.sweep.boundary import boundary_html
 from resim.report.sweep.figures import DEMANDED, HALF, map_figure, response_figure
 from resim.report.sweep.words import Entry, keeps, overview_line, percent, quantity, requirement_lines
 from resim.report.tables import table
@@ -27,7 +28,21 @@ PLANS = {
     "sobol": "Sobol points",
     "halton": "Halton points",
     "latin_hypercube": "Latin hypercube",
+    "adaptive": "adaptive, where an outcome changes",
 }
+
+READING = (
+    "<h2>How to read it</h2><ul>"
+    "<li>The plan spends its runs where the outcome changes: it halves every cell that has good and other points, "
+    "until the cells are as small as asked for. Its points are therefore <b>not spread over the ranges</b>, and no "
+    "share of runs, sensitivity or response is told: they would be those of the points, not of the parameters. For "
+    "these, sweep the same parameters with another plan.</li>"
+    "<li>A point is good where enough of its seeds are; near the boundary chance decides, too, which makes it wider "
+    "than a cell. Good at every point tried is no more than that: it holds for the points, and says nothing of how "
+    "rarely a run between them is otherwise.</li>"
+    "<li>What lies within one cell of the first grid and touches none of its points is not found.</li>"
+    "<li>A run that failed is never good.</li></ul>"
+)
 
 
 def write_sweep_page(found: Entry, path: Path) -> None:
@@ -39,7 +54,11 @@ def page(found: Entry) -> str:
     """Give the page's HTML."""
     css = files("resim.report.sweep").joinpath("sweep.css").read_text(encoding="utf-8")
     several = len(found["sections"]) > 1
-    body = [f"<style>{css}</style><main>\n", _header(found), tables.overview(found["sections"])]
+    body = [
+        f"<style>{css}</style><main>\n",
+        _header(found),
+        tables.overview(found["sections"], shares=found["plan"] != "adaptive"),
+    ]
     for k, section in enumerate(found["sections"]):
         inside = "".join(_section(found, section, k))
         if several:
@@ -53,7 +72,9 @@ def page(found: Entry) -> str:
 def _header(found: Entry) -> str:
     first, inputs = found["sections"][0], found["inputs"]
     plan = escape(str(PLANS.get(found["plan"], found["plan"])))
-    facts = [("plan", f"{plan}: {first['points']} points, {first['seeds']} seeds each")]
+    counts = sorted({s["points"] for s in found["sections"]})  # of an adaptive plan, each section has its own
+    points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
+    facts = [("plan", f"{plan}: {points} points, {first['seeds']} seeds each")]
     facts += [
         (name, escape(Path(inputs[name]["path"]).name))
         for name in ("perception", "criteria")
@@ -65,19 +86,27 @@ def _header(found: Entry) -> str:
     ]
     listed = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in facts)
     line = f'<p class="line">{escape(overview_line(first))}.</p>' if len(found["sections"]) == 1 else ""
-    known = "" if found["plan"] in PLANS else (
-        '<div class="warnings">The points of this plan are not spread as the parameters are: shares and indices are '
-        "those of the points that were run, not of the ranges.</div>"
-    )  # fmt: skip
     return (
         f'<header><p class="kind">Sweep report</p><h1>{escape(found["name"])}</h1><dl class="facts">{listed}</dl>\n'
-        f"{line}{known}</header>\n"
+        f"{line}</header>\n"
     )
 
 
 def _section(found: Entry, section: Entry, k: int) -> Iterator[str]:
-    parameters = found["parameters"]
     yield tables.failures(section)
+    if "boundary" in section:
+        yield boundary_html(section, found["parameters"], k)
+    else:
+        yield from _spread(found, section, k)
+    yield f"<h2>The same in all runs</h2>\n{tables.constant(section)}"
+    yield "<h2>Worst runs <i>failed first, then collisions, then by risk, then by criteria that fail</i></h2>\n"
+    yield "<p>The commands are for the folder that this report was made from.</p>"
+    yield tables.worst(section, found["parameters"])
+
+
+def _spread(found: Entry, section: Entry, k: int) -> Iterator[str]:
+    """What points that are spread over the ranges tell of these."""
+    parameters = found["parameters"]
     yield f"<h2>Requirements <i>in {percent(found['demanded'])} of runs</i></h2>\n{_requirements(found, section)}"
     yield _maps(section, parameters, k)
     yield "<h2>Sensitivity <i>shares of the variance of all runs, with 95 % intervals</i></h2>\n"
@@ -86,10 +115,6 @@ def _section(found: Entry, section: Entry, k: int) -> Iterator[str]:
         outcomes = [o for o in section["outcomes"] if o["share"] == share]
         if outcomes:
             yield f"<h2>{words} <i>mean and 95 % band over points</i></h2>\n{_responses(outcomes, parameters, k)}"
-    yield f"<h2>The same in all runs</h2>\n{tables.constant(section)}"
-    yield "<h2>Worst runs <i>failed first, then collisions, then by risk, then by criteria that fail</i></h2>\n"
-    yield "<p>The commands are for the folder that this report was made from.</p>"
-    yield tables.worst(section, parameters)
 
 
 def _requirements(found: Entry, section: Entry) -> str:
@@ -142,6 +167,8 @@ def _responses(outcomes: Sequence[Entry], parameters: Sequence[Entry], k: int) -
 
 
 def _reading(found: Entry) -> str:
+    if found["plan"] == "adaptive":
+        return READING
     return (
         "<h2>How to read it</h2><ul>"
         "<li>All intervals are of 95 %. What is counted is points of the plan, not runs: the seeds of a point are no "

@@ -14,13 +14,13 @@ def title(section: Entry) -> str:
     return f"{escape(section['recording'])} · {escape(section['build'])}"
 
 
-def overview(sections: Sequence[Entry]) -> str:
-    """Give a row a section: what came of its runs."""
+def overview(sections: Sequence[Entry], *, shares: bool) -> str:
+    """Give a row a section: what came of its runs, and as shares of them where these say something."""
     rows = [
         [
             f'<a href="#s-{k}">{title(s)}</a>' if len(sections) > 1 else title(s), str(s["runs"]),
-            f"<b>{s['failed']}</b>" if s["failed"] else "0", _of(s["passed"], s), str(s["collisions"]),
-            _of(s["same_decision"], s), NONE if s["largest_risk"] is None else percent(s["largest_risk"]),
+            f"<b>{s['failed']}</b>" if s["failed"] else "0", _of(s["passed"], s, shares), str(s["collisions"]),
+            _of(s["same_decision"], s, shares), NONE if s["largest_risk"] is None else percent(s["largest_risk"]),
             _decisions(s),
         ]
         for k, s in enumerate(sections)
@@ -38,8 +38,8 @@ def overview(sections: Sequence[Entry]) -> str:
     return table(head, rows, "overview")
 
 
-def _of(count: int, section: Entry) -> str:
-    return f"{count} <i>{percent(count / section['runs'])}</i>"
+def _of(count: int, section: Entry, shares: bool) -> str:
+    return f"{count} <i>{percent(count / section['runs'])}</i>" if shares else str(count)
 
 
 def _decisions(section: Entry) -> str:
