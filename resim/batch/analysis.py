@@ -181,7 +181,7 @@ def _sobol(s: Sensitivity, names: Sequence[str]) -> dict[str, Any]:
 
 def _requirements(y: Floats, points: Points, i: int) -> list[dict[str, Any]]:
     """From each side; of a parameter around zero, and where neither side keeps it, between two bounds."""
-    step = levels(points.x[:, i], FINE, points.along(i))
+    step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
     around = bool(step.low[0] < 0.0 < step.high[-1])
     sides: tuple[Side, ...] = ("between",) if around else ("under", "over")
     found = [requirement(y, step, DEMANDED, side) for side in sides]

@@ -62,18 +62,20 @@ def chaos(share: Floats, y: Floats) -> Chaos | None:
 
     The degree is the one with the least error where each point is left out (Q2 is 1 less that error as a share of the
     variance). Of each index the noise of its coefficients is taken off; intervals are a wild bootstrap over points, of
-    the residuals where each is left out.
+    the residuals where each is left out. A parameter with one value has no polynomials, and indices of 0.
     """
+    varied = np.ptp(share, axis=0) > 0.0
     n = np.isfinite(y).sum(axis=1)
     mean = np.nansum(y, axis=1) / n
     free = int((n - 1).sum())
     noise = float(np.nansum((y - mean[:, None]) ** 2)) / free if free > 0 else 0.0
-    fit = _best(share, mean)
+    fit = _best(share[:, varied], mean) if varied.any() else None
     if fit is None:
         return None
     rest = fit.error
     between = max(rest - noise * float(np.mean(1.0 / n)), 0.0)
-    (first, total), intervals, left = _indices(fit, noise + between)
+    (first, total), intervals, left = (np.zeros((2, len(varied), *end)) for end in ((), (2,), ()))
+    (first[varied], total[varied]), intervals[:, varied], left = _indices(fit, noise + between)
     of_noise = noise / (noise + between) if noise + between > 0.0 else 0.0
     return Chaos(
         first, intervals[0], total, intervals[1],

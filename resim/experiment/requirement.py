@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from resim.core.geometry import Floats
-from resim.experiment.intervals import CONFIDENCE, Ints
-from resim.experiment.response import Levels
+from resim.experiment.intervals import CONFIDENCE, Ints, wilson
+from resim.experiment.response import LEAST, Levels
 
 DRAWS = 1000
 """Bootstrap draws."""
@@ -25,10 +25,10 @@ class Requirement:
 
     side: "under", up to `high`; "over", from `low` on; "between" the two. found: "limit" where there are such bounds;
     "whole" where it holds in the whole range swept, "none" where it holds nowhere, "unclear" where a bound may be
-    anywhere in the range, or levels differ by no more than chance. low, high: the bounds, at levels that were swept,
-    never between them, None where there is none; low_interval, high_interval: their 95 % intervals, an end None where
-    no level may be enough. share: of the runs within the bounds that pass; runs: how many they are. low_share,
-    high_share: of the runs at the bound itself.
+    anywhere in the range, levels differ by no more than chance, or that cannot be told: with one run a level, or all
+    points in one. low, high: the bounds, at levels that were swept, never between them, None where there is none;
+    low_interval, high_interval: their 95 % intervals, an end None where no level may be enough. share: of the runs
+    within the bounds that pass; runs: how many they are. low_share, high_share: of the runs at the bound itself.
     next_low, next_high: the levels beyond the bounds.
     """
 
@@ -51,7 +51,9 @@ def requirement(y: Floats, levels: Levels, demanded: float, side: Side) -> Requi
 
     y (K, S): 1 where a run passes, by point and seed, NaN where there is none. "under" begins at the lowest level,
     "over" ends at the highest, "between" is free at both ends: the widest, of equal ones that with the most passing.
-    The interval is a bootstrap over the points of each level; where levels are single points, over their runs.
+    The interval is a bootstrap over the points of each level; where levels are single points, over their runs. Few
+    that agree never differ in a bootstrap: where a level has fewer than LEAST points, the interval reaches as far as
+    Wilson's of all runs within a bound holds the demanded share, and "none" is "unclear" where some range's does.
     """
     n = np.isfinite(y).sum(axis=1)
     used = (levels.of >= 0) & (n > 0)
@@ -59,8 +61,11 @@ def requirement(y: Floats, levels: Levels, demanded: float, side: Side) -> Requi
     passes, runs = (np.asarray(np.bincount(of, m, len(levels)), dtype=float)[None] for m in (c, n))
     first, last = _widest(passes, runs, levels, demanded, side)
     i, j = int(first[0]), int(last[0])
+    few = int(np.bincount(of, minlength=len(levels)).min()) < LEAST
     if i < 0:
-        return Requirement(side, "none", runs=int(n.sum()))
+        may = few and _widest(passes, runs, levels, demanded, side, possible=True)[0][0] >= 0
+        told = not may and (len(levels) > 1 or not levels.binned)
+        return Requirement(side, "none" if told else "unclear", runs=int(n.sum()))
     count = int(runs[0, i : j + 1].sum())
     share = float(passes[0, i : j + 1].sum()) / count
     if (i, j) == (0, len(levels) - 1):
@@ -69,6 +74,8 @@ def requirement(y: Floats, levels: Levels, demanded: float, side: Side) -> Requi
     top = len(levels) - 1
     lower, upper = i > 0, j < top
     low, high = _tails(np.where(firsts < 0, top + 1, firsts)), _tails(lasts)
+    if few:
+        low, high = _wider(passes[0], runs[0], demanded, (i, j), (low, high))
     vague = not _differ(y[used], of, len(levels))
     vague |= (lower and low[0] <= 0 and low[1] >= top) or (upper and high[0] <= 0 and high[1] >= top)
     at = (passes[0] / np.maximum(runs[0], 1.0)).tolist()
@@ -86,9 +93,12 @@ def requirement(y: Floats, levels: Levels, demanded: float, side: Side) -> Requi
 
 
 def _differ(y: Floats, of: Ints, count: int) -> bool:
-    """Whether levels differ by more than chance would have them: analysis of variance of the points, 5 % (Fisher)."""
+    """Whether levels differ by more than chance would have them: analysis of variance of the points, 5 % (Fisher).
+
+    Where each level is a single point, of its runs; of one run each, chance is not known, and nothing differs.
+    """
     values, group = np.nanmean(y, axis=1), of
-    if len(values) == len(np.unique(of)):  # a level is a single point: of its runs
+    if len(values) == len(np.unique(of)):
         known = np.isfinite(y)
         values, group = y[known], np.broadcast_to(of[:, None], y.shape)[known]
     n = np.bincount(group, minlength=count)
@@ -97,13 +107,43 @@ def _differ(y: Floats, of: Ints, count: int) -> bool:
     within = float(np.sum((values - mean[group]) ** 2))
     levels = int((n > 0).sum())
     free = len(values) - levels
-    if free < 1 or within <= 1e-12 * between:
+    if free < 1:
+        return False
+    if within <= 1e-12 * between:
         return between > 0.0
     return float(fdtrc(levels - 1.0, free, between / (levels - 1.0) / (within / free))) < 1.0 - CONFIDENCE
 
 
-def _widest(passes: Floats, runs: Floats, levels: Levels, demanded: float, side: Side) -> tuple[Ints, Ints]:
-    """First and last level of the widest range that holds, -1 for none; passes, runs (B, G): of each draw and level."""
+def _wider(
+    passes: Floats,
+    runs: Floats,
+    demanded: float,
+    at: tuple[int, int],
+    ends: tuple[tuple[int, int], tuple[int, int]],
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The ends of the lower and of the upper bound's interval, as far as Wilson's says; at: where the bounds are."""
+    (i, j), (low, high) = at, ends
+    up, down = i + _shown(passes[i:], runs[i:], demanded), j - _shown(passes[j::-1], runs[j::-1], demanded)
+    sure_up, sure_down = up[0] if up[0] >= i else -1, down[0] if down[0] <= j else len(runs)
+    return (
+        (min(low[0], int(down[1])), max(low[1], int(sure_down))),
+        (min(high[0], int(sure_up)), max(high[1], int(up[1]))),
+    )
+
+
+def _shown(passes: Floats, runs: Floats, demanded: float) -> Ints:
+    """The farthest levels (2,) up to which Wilson's interval is above the demanded share, or holds it; -1 for none."""
+    ends = np.stack(wilson(np.cumsum(passes), np.cumsum(runs))) >= demanded
+    return np.where(ends.any(axis=1), ends.shape[1] - 1 - np.argmax(ends[:, ::-1], axis=1), -1)
+
+
+def _widest(
+    passes: Floats, runs: Floats, levels: Levels, demanded: float, side: Side, *, possible: bool = False
+) -> tuple[Ints, Ints]:
+    """First and last level of the widest range that holds, -1 for none; passes, runs (B, G): of each draw and level.
+
+    possible: that Wilson's interval of the share reaches what is demanded is enough.
+    """
     none = np.zeros((len(passes), 1))
     c, n = (np.concatenate([none, np.cumsum(counts, axis=1)], axis=1) for counts in (passes, runs))
     count = len(levels)
@@ -114,6 +154,8 @@ def _widest(passes: Floats, runs: Floats, levels: Levels, demanded: float, side:
         first, last = np.arange(count), np.full(count, count - 1)
     within, of = c[:, last + 1] - c[:, first], n[:, last + 1] - n[:, first]
     share = np.divide(within, of, out=np.zeros_like(within), where=of > 0)
+    if possible:
+        share = np.nan_to_num(wilson(within, of)[1])
     width = (levels.high[last] - levels.low[first]) / max(levels.high[-1] - levels.low[0], 1e-300)
     score = np.where((share >= demanded - 1e-12) & (of > 0), width + 1e-6 * share, -1.0)
     best = score.argmax(axis=1)

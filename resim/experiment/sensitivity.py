@@ -78,18 +78,27 @@ def anova(y: Floats) -> Sensitivity:
 
     From each part the noise of the seeds is taken off that its degrees of freedom let in (epsilon squared, T. L.
     Kelley, 1935). The grid is no sample, so what is uncertain is what seeds did: intervals are by leaving out one seed
-    at a time (jackknife, Student's t), and there are none with fewer than three seeds.
+    at a time (jackknife, Student's t), and there are none with fewer than three seeds. A cell that has that seed alone
+    keeps it.
     """
     parameters, seeds = y.ndim - 1, y.shape[-1]
     first, total, noise = _indices(y)
     intervals = np.full((2, parameters, 2), np.nan)
     if seeds >= LEAST_SEEDS:
-        without = np.array([np.stack(_indices(np.delete(y, s, axis=-1))[:2]) for s in range(seeds)])
+        without = np.array([np.stack(_indices(_without(y, s))[:2]) for s in range(seeds)])
         error = np.sqrt((seeds - 1.0) * without.var(axis=0))
         half = error * stdtrit(seeds - 1.0, 0.5 + 0.5 * CONFIDENCE)
         middle = np.stack([first, total])
         intervals = np.clip(np.stack([middle - half, middle + half], axis=-1), 0.0, 1.0)
     return Sensitivity(first, intervals[0], total, intervals[1], noise, 0.0, "anova")
+
+
+def _without(y: Floats, seed: int) -> Floats:
+    """The runs y (L1, ..., LP, S) less those of a seed, but for cells that would be left with none."""
+    out = np.delete(y, seed, axis=-1)
+    alone = ~np.isfinite(out).any(axis=-1)
+    out[alone, 0] = y[alone, seed]
+    return out
 
 
 def _indices(y: Floats) -> tuple[Floats, Floats, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from resim.core.geometry import Floats
 from resim.experiment.boundary import crossings, grid_map, smooth_map
@@ -78,6 +79,76 @@ def test_a_parameter_that_does_nothing_has_no_limit() -> None:
     x = np.repeat(LEVELS, 20)
     found = requirement(passing(x, np.full(len(x), 0.94)), levels(x, 20), 0.95, "between")
     assert found.found == "unclear"
+
+
+@pytest.mark.filterwarnings("ignore:The balance properties")
+@pytest.mark.parametrize("engine", [qmc.Sobol, qmc.Halton, qmc.LatinHypercube])
+def test_what_is_drawn_tells_of_the_parameter_that_matters(engine: type[qmc.QMCEngine]) -> None:
+    claimed, missed = 0, 0
+    for seed in range(100):
+        x = engine(2, rng=np.random.default_rng(seed)).random((32, 40, 48)[seed % 3])
+        y = passing(x, 1.0 / (1.0 + np.exp((x[:, 0] - 0.6) / 0.05)), 5, seed)
+        steps = [levels(x[:, i], 50, None, np.delete(x, i, axis=1)) for i in (0, 1)]
+        one, two = ([requirement(y, step, 0.95, side).found for side in ("under", "over")] for step in steps)
+        missed += "limit" not in one
+        claimed += "limit" in two
+    assert claimed < 10
+    assert missed < 10
+
+
+def test_a_level_of_what_is_drawn_holds_several_points() -> None:
+    for count in (16, 33, 50, 200):
+        x = np.random.default_rng(count).random((count, 2))
+        found = levels(x[:, 0], 50, None, x[:, 1:])
+        assert np.bincount(found.of).min() >= 8
+        assert len(found) == count // 8
+    drawn = levels(np.repeat(LEVELS, 8), 50, None, np.random.default_rng(0).random((88, 1)))
+    assert (len(drawn), drawn.binned) == (11, False)
+    few = np.random.default_rng(0).random((12, 2))
+    y = passing(few, np.where(few[:, 0] < 0.5, 1.0, 0.0), 5)
+    assert requirement(y, levels(few[:, 0], 50, None, few[:, 1:]), 0.95, "under").found == "unclear"
+
+
+def test_a_grid_keeps_its_levels() -> None:
+    x, b = grid(11, 3)
+    found = levels(x, 50, None, b[:, None])
+    assert (len(found), found.binned) == (11, False)
+    alone = levels(LEVELS, 50, None, np.zeros((11, 2)))
+    assert (len(alone), alone.binned) == (11, False)
+    drawn = levels(LEVELS, 50, None, np.zeros((11, 0)))
+    assert (len(drawn), drawn.binned) == (11, False)
+    used = np.arange(33) < 11
+    assert len(levels(x, 50, used, b[:, None])) == 11
+
+
+@pytest.mark.parametrize("width", [0.03, 0.08, 0.15])
+@pytest.mark.parametrize("seeds", [1, 3, 5])
+@pytest.mark.parametrize("count", [11, 21])
+def test_few_runs_a_level_have_wide_intervals(count: int, seeds: int, width: float) -> None:
+    x = np.linspace(0.0, 1.0, count)
+    share = 1.0 / (1.0 + np.exp((x - 0.55) / width))
+    truth = float(x[np.flatnonzero(np.cumsum(share) / np.arange(1, count + 1) >= 0.95)[-1]])
+    held, told = 0, 0
+    for seed in range(60):
+        found = requirement(passing(x, share, seeds, seed), levels(x, 50), 0.95, "under")
+        if found.found == "limit":
+            assert found.high_interval is not None
+            low, high = found.high_interval
+            told += 1
+            held += (low is None or low <= truth) and high is not None and truth <= high
+            assert low != high
+    assert held >= 0.9 * told
+    assert (told > 40) == (seeds > 1)
+
+
+def test_few_runs_reach_as_far_from_the_other_side() -> None:
+    y = np.repeat((LEVELS > 0.45).astype(float)[:, None], 5, axis=1)
+    over = requirement(y, levels(LEVELS, 50), 0.95, "over")
+    assert (over.found, over.low, over.low_interval) == ("limit", 0.5, (0.5, None))
+    between = requirement(np.minimum(y, y[::-1]), levels(LEVELS, 50), 0.95, "between")
+    assert (between.low, between.high) == (0.5, 0.5)
+    y[-1, 0] = 0.0  # 4 of 5
+    assert requirement(y[[0, 10]], levels(LEVELS[[0, 10]], 50), 0.95, "over").found == "unclear"
 
 
 def test_a_parameter_alone_is_drawn_by_its_runs() -> None:

@@ -85,6 +85,29 @@ def test_intervals_of_a_noisy_grid_hold_the_truth() -> None:
     assert held >= 80  # two intervals of 95 % each
 
 
+def test_a_cell_with_one_run_does_not_widen_the_interval() -> None:
+    x = design(GRID, "grid", 0, 0)
+    y = 100.0 + 10.0 * x[:, :1] + np.random.default_rng(0).normal(0.0, 0.1, (len(x), 5))
+    whole = found(x, y, grid=True)
+    y[17, 1:] = np.nan
+    s = found(x, y, grid=True)
+    assert s.method == "anova"
+    assert s.first_interval == pytest.approx(whole.first_interval, abs=0.002)
+    assert s.total_interval == pytest.approx(whole.total_interval, abs=0.002)
+
+
+def test_a_parameter_with_one_value_leaves_the_others_theirs() -> None:
+    share = qmc.Sobol(3, rng=np.random.default_rng(1)).random(256)
+    y = share[:, :1] + 2.0 * share[:, 2:]
+    share[:, 1] = 0.5
+    s = found(share, y, grid=False)
+    assert s.total == pytest.approx([0.2, 0.0, 0.8], abs=0.01)
+    assert s.first[1] == 0.0
+    assert (s.first_interval[1] == 0.0).all()
+    assert (s.total_interval[1] == 0.0).all()
+    assert sensitivity(np.full((64, 2), 0.5), y[:64], grid=False) is None
+
+
 def test_there_is_nothing_where_there_is_nothing() -> None:
     x = design(GRID, "grid", 0, 0)
     assert sensitivity(x, np.ones((len(x), 3)), grid=True) is None
