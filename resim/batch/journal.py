@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -19,6 +20,14 @@ class Journal:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
+        except BlockingIOError as e:
+            os.close(self._file)
+            problem = "is written by another `resim sweep` at this moment"
+            raise InputError(path, problem, "Wait for that one, or end it.") from e
+        except OSError:
+            pass  # a file system without locks
         os.ftruncate(self._file, _whole(path))
         os.lseek(self._file, 0, os.SEEK_END)
 
@@ -45,17 +54,25 @@ class Journal:
 
 
 def read(folder: Path) -> Iterator[dict[str, Any]]:
-    """Give the entries of all journals in a folder."""
-    return map(json.loads, lines(folder))
+    """Give the entries of all journals in a folder. Raises InputError for a damaged one."""
+    for _, entry in entries(folder):
+        yield entry
 
 
-def lines(folder: Path) -> Iterator[bytes]:
-    """Give all whole lines of all journals in a folder."""
+def entries(folder: Path) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """Give all whole lines of all journals in a folder, and what they say. Raises InputError for a damaged one."""
     for path in sorted(folder.glob("*.jsonl")):
         with path.open("rb") as file:
-            for line in file:
-                if line.endswith(b"\n"):
-                    yield line
+            for number, line in enumerate(file, 1):
+                if not line.endswith(b"\n"):
+                    continue
+                try:
+                    entry = json.loads(line)
+                    entry["run"], entry["row"]["end"], entry["time"]
+                except (ValueError, KeyError, TypeError) as e:
+                    problem = f"line {number} is damaged"
+                    raise InputError(path, problem, "Take the line away: its run is then done again.") from e
+                yield line, entry
 
 
 def _whole(path: Path) -> int:

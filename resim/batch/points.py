@@ -55,10 +55,10 @@ def points_of(swept: Swept, rows: pd.DataFrame) -> tuple[Points, list[Outcome]]:
     _, first, of = np.unique(rows["point"].to_numpy(), return_index=True, return_inverse=True)
     x = rows[names].to_numpy(dtype=float)[first]
     u = np.stack([p.share(x[:, i]) for i, p in enumerate(swept.parameters)], axis=1)
-    seeds, seed = np.unique(rows["seed"].to_numpy(), return_inverse=True)
+    seed = rows.groupby("point").cumcount().to_numpy()  # each point has seeds of its own
 
     def by_point(values: Floats) -> Floats:
-        y = np.full((len(first), len(seeds)), np.nan)
+        y = np.full((len(first), int(seed.max()) + 1), np.nan)
         y[of, seed] = values
         return y
 

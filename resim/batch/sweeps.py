@@ -19,10 +19,11 @@ from resim.batch.runs import RunTask, Values, run, swept_model, with_values
 from resim.batch.suites import versions
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
-from resim.pipeline import file_hash
+from resim.pipeline import Options, file_hash
 from resim.pipeline.suite import content_hash, relative
 from resim.pipeline.sweep import OUTCOMES, RUN, Sweep, boundaries, runs
 from resim.sim.adfunction import load_build
+from resim.sim.driver import cycle_steps
 from resim.store import whole_file, write_json, write_parquet
 
 ATTEMPTS = 3
@@ -62,21 +63,37 @@ def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
     """Make the folder of the results, or go on in it. Raises InputError where it holds another sweep."""
     path = out / "sweep.json"
     if not path.is_file():
-        if out.is_dir() and any(out.iterdir()):
-            raise InputError(out, "exists and holds no sweep", "Name another with --out.")
-        (out / "journal").mkdir(parents=True, exist_ok=True)
+        _make(out)
         with whole_file(path, (".json",)) as beside:
             write_json({"versions": versions(), "inputs": told}, beside)
-        return
-    if not resume:
+    elif not resume:
         raise InputError(
             out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
         )
-    held = json.loads(path.read_text(encoding="utf-8"))
-    differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
+    remedy = "Restore it, or begin anew with another --out."
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(path, "is not what `resim sweep` writes", remedy) from e
     if (name := next(differ, None)) is not None:
-        remedy = "Restore it, or begin anew with another --out."
         raise InputError(out, f"{name} is not what it was when the sweep began", remedy)
+
+
+def _make(out: Path) -> None:
+    """Make the folder, unless another shard does so at this moment. Raises InputError where it is of something else."""
+    remedy = "Name another with --out."
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        held = [path for path in out.iterdir() if not path.name.endswith(".new")]
+        strange = [p for p in held if p.name not in ("sweep.json", "journal")]
+        strange += [
+            p for p in (out / "journal").glob("*") if not (out / "sweep.json").is_file() and p.stat().st_size
+        ]
+    except OSError as e:
+        raise InputError(out, f"cannot be made or read: {e.strerror}", remedy) from e
+    if strange:
+        raise InputError(out, "exists and holds no sweep", remedy)
 
 
 def _differ(old: Any, new: Any, name: str = "") -> Iterator[str]:
@@ -99,14 +116,32 @@ def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
     values = every[names].to_numpy(dtype=float)
     for row in sorted({*values.argmin(axis=0).tolist(), *values.argmax(axis=0).tolist()}):
         _fits(sweep, tuple(zip(names, values[row].tolist(), strict=True)))
+    for name in {"build.cycle_time"} & set(names):
+        _cycles(sweep, name, every[name].unique().tolist())
     return every[every[RUN] % shard[1] == shard[0] - 1]
+
+
+def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
+    """Raise ResimError where a cycle time is no multiple of the simulation's step."""
+    if sweep.file.plan == "adaptive":
+        remedy = "Take another plan, with values = [...]."
+        raise InputError(
+            sweep.path, f"an adaptive plan cannot halve {name}: it is a multiple of the step", remedy
+        )
+    for build in map(load_build, map(sweep.beside, sweep.file.build)):
+        for value in values:
+            cycle_steps(with_values(build, ((name, value),)), Options().step)
 
 
 def _has_outcome(sweep: Sweep) -> None:
     """Raise InputError where an adaptive plan asks for an outcome that runs do not have."""
     if sweep.file.plan != "adaptive":
         return
-    known = [*OUTCOMES, *(c.name for c in read_criteria(sweep.beside(sweep.file.criteria)).criteria)]
+    known = list(
+        dict.fromkeys(
+            [*OUTCOMES, *(c.name for c in read_criteria(sweep.beside(sweep.file.criteria)).criteria)]
+        )
+    )
     if sweep.file.adaptive.outcome not in known:
         problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is none of this sweep's"
         raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
@@ -149,8 +184,8 @@ def execute(
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
             for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
-                file.append({RUN: number, **_entry(result)})
-                tell(isinstance(result, Failure))
+                file.append({RUN: number, **_entry(result, sweep)})
+                tell(isinstance(result, Failure) or result["row"]["failure"] is not None)
 
 
 def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
@@ -173,10 +208,15 @@ def _tried(
         todo = sorted(crashed, key=lambda task: task.run)
 
 
-def _entry(result: dict[str, Any] | Failure) -> dict[str, Any]:
-    if isinstance(result, Failure):
-        return {"row": {"end": FAILED, "failure": result.reason}, "time": None}
-    return result
+def _entry(result: dict[str, Any] | Failure, sweep: Sweep) -> dict[str, Any]:
+    """What the journal holds of a result; files as the sweep names them, wherever it lies."""
+    if not isinstance(result, Failure):
+        return result
+    file, reason = sweep.file, result.reason
+    named = [*file.build, file.criteria, *([] if file.perception is None else [file.perception])]
+    for name, path in [*((name, sweep.beside(name)) for name in named), *sweep.folders.items()]:
+        reason = reason.replace(str(path), name)
+    return {"row": {"end": FAILED, "failure": reason}, "time": None}
 
 
 def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
@@ -209,18 +249,18 @@ def sample(sweep: Sweep, wanted: pd.DataFrame) -> tuple[float | None, float, lis
 
 
 def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
-    """Write the table once every run is there; give how many runs are missing, and how many have no result.
+    """Write the table once every run is there; give how many runs are missing, and how many failed.
 
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
-    lines = {json.loads(line)[RUN]: line for line in journal.lines(out / "journal")}
+    lines = {entry[RUN]: line for line, entry in journal.entries(out / "journal")}
     rows = _rows(sweep, out)
     every = runs(sweep, rows)
     missing = len(every) - len(lines)
     if missing:
         return missing, 0
     found = _found([lines[k] for k in every[RUN]])
-    failed = int((found["end"] == FAILED).sum())
+    failed = int(found["failure"].notna().sum())
     whole = pd.concat([every, found.drop(columns="time")], axis=1)
     (out / "runs").mkdir(exist_ok=True)
     for first in range(0, len(whole), PART):

@@ -53,6 +53,7 @@ def sweep(
     part = _shard(shard)
     wanted = read_sweep(file)
     runs = table(wanted, part)
+    told = inputs(wanted, out)
     count = workers or os.cpu_count() or 1
     if dry_run:
         _estimate(wanted, runs, count)
@@ -60,7 +61,7 @@ def sweep(
     if part[1] > 1 and wanted.file.plan == "adaptive":
         problem = "an adaptive plan has no shards: what to run next follows from all results"
         raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
-    begin(out, inputs(wanted, out), resume=resume or part[1] > 1)
+    begin(out, told, resume=resume or part[1] > 1)
     numbers = {entry["run"] for entry in journal.read(out / "journal")}
     done = sum(number % part[1] == part[0] - 1 for number in numbers)
     with ExitStack() as stack:
@@ -76,7 +77,7 @@ def sweep(
         typer.echo(f"{out}: this shard is done; {missing} runs of others are missing")
         return
     manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-    typer.echo(f"{out / 'runs'}: {manifest['runs']} runs, {failed} without a result")
+    typer.echo(f"{out / 'runs'}: {manifest['runs']} runs, {failed} failed")
     for found in manifest.get("boundaries", ()):
         _tell_boundary(found, len(wanted.file.build) > 1)
     register(out)
@@ -89,7 +90,7 @@ def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
     told = (
         f"the outcome changes in {cells} cell{'s' * (cells != 1)} of the stated width"
         if cells
-        else "the outcome is the same everywhere"
+        else "the outcome is the same at all points tried"
     )
     if not found["known"]:
         told = "the boundary is not known to the stated width: give more points"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Literal
 
 import numpy as np
@@ -19,9 +20,10 @@ class Parameter(BaseModel):
     """A parameter that is swept: its range, or the values that it takes, in its own unit.
 
     name: of a perception model ("perception.latency.speed"), a build ("build.cycle_time") or an AD function
-    ("function.threat_time"). steps: values of a grid, evenly from low to high. mean, std: of a normal distribution, cut
-    off at low and high, where it is not uniform. base: the value that the others are varied at, one at a time; the
-    middle, if not given. width: how exactly an adaptive plan finds where the outcome changes.
+    ("function.threat_time"). steps: values of a grid, evenly from low to high; of a normal distribution evenly in
+    probability. mean, std: of a normal distribution, cut off at low and high, where it is not uniform. base: the value
+    that the others are varied at, one at a time; the middle, if not given. width: how exactly an adaptive plan finds
+    where the outcome changes.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -107,5 +109,8 @@ def design(parameters: tuple[Parameter, ...], plan: Plan, points: int, seed: int
         return np.unique(np.concatenate([base[None], *rows]), axis=0)
     rng = np.random.default_rng(seed)
     engines = {"sobol": qmc.Sobol, "halton": qmc.Halton, "latin_hypercube": qmc.LatinHypercube}
-    share = engines[plan](d=len(parameters), rng=rng).random(points)
+    with warnings.catch_warnings(
+        action="ignore", category=UserWarning
+    ):  # as many as asked for, balanced or not
+        share = engines[plan](d=len(parameters), rng=rng).random(points)
     return np.stack([p.at(share[:, k]) for k, p in enumerate(parameters)], axis=1)

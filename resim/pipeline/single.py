@@ -57,24 +57,31 @@ def run_once(prepared: Prepared, build: Build, model: PerceptionModel | None, se
     p = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
     how = How(criteria=prepared.criteria, only=COMPARED, rate=RATE)
     found = perceived_outcome(p, result, how)
-    failed = bool(p.run.failure)  # what it did until then says nothing of what it would have come to
     row: Row = {
         "end": p.run.end,
         "failure": p.run.failure or None,
         "decision": ", ".join(found.decision),
-        "same_decision": None if failed else found.decision == prepared.decision,
+        "same_decision": found.decision == prepared.decision,
         "reaction": found.reaction,
         "reaction_difference": difference(found.reaction, prepared.reaction),
-        "collision": found.collision or (None if failed else False),
-        "risk": None if failed else found.risk,
+        "collision": found.collision,
+        "risk": found.risk,
         "end_position_error": end_error(p.run.end, p.pipe),
     }
-    row |= {
-        f"pipeline_{name}": value
-        for name, value in (found.errors or dict.fromkeys(["d", "v", "heading"])).items()
-    }
+    errors = found.errors or dict.fromkeys(["d", "v", "heading"])
+    row |= {f"pipeline_{name}": value for name, value in errors.items()}
     row |= {name: found.comfort[name] for name in COMFORT}
-    return row | _judged(found, prepared.criteria)
+    row |= _judged(found, prepared.criteria)
+    return _without_values(row) if p.run.failure else row
+
+
+def _without_values(row: Row) -> Row:
+    """The row of a run that failed: what it did until then says nothing of what it would have come to."""
+    said = ("end", "failure", "decision", "verdict")
+    return {
+        name: value if name in said or name.startswith("kpi ") or (name == "collision" and value) else None
+        for name, value in row.items()
+    }
 
 
 def _judged(found: Outcome, criteria: Criteria) -> Row:

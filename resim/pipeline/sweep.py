@@ -56,7 +56,7 @@ class SweepFile(Strict):
 
     recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
     that perception parameters are parameters of. plan, points, seed: see `resim.experiment.design`. seeds: runs of each
-    point, the first with seed 0. time_limit: s of wall clock for one run. adaptive: of the plan of that name.
+    point. time_limit: s of wall clock for one run. adaptive: of the plan of that name.
     """
 
     name: str = Field(min_length=1)
@@ -92,6 +92,8 @@ def read_sweep(path: Path) -> Sweep:
     file = read_strict(path, SweepFile, EXAMPLE)
     if bool(file.recording) == (file.suite is not None):
         raise InputError(path, "names both or neither of recording and suite", "Name one of them.")
+    if again := [name for name in file.build if file.build.count(name) > 1]:
+        raise InputError(path, f"build {again[0]!r} stands twice", "Take one away.")
     names = [p.name for p in file.parameter]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(path, f"parameter {twice[0]!r} stands twice", "Take one away.")
@@ -137,7 +139,18 @@ def runs(sweep: Sweep, rows: Mapping[int, Row] | None = None) -> pd.DataFrame:
     recordings, builds = list(sweep.folders), list(file.build)
     shape = (len(recordings), len(builds), len(points), file.seeds)
     r, b, p, s = (index.ravel() for index in np.indices(shape))
-    return _table(sweep, r, b, p, s, points[p])
+    return _table(sweep, r, b, p, _seeds(points, file.seeds)[p, s], points[p])
+
+
+def _seeds(points: Floats, count: int) -> Indices:
+    """Seeds (R, count) of the runs at points (R, P): drawn from their values, the same ones in every plan.
+
+    Each point has its own, so that what two points say of a parameter is said twice; recordings and builds share them.
+    """
+    rounded = np.array([[float(f"{value:.9g}") + 0.0 for value in row] for row in points.tolist()])
+    words = rounded.reshape(len(points), -1).view(np.uint32).tolist()
+    drawn = [np.random.SeedSequence(row).generate_state(count) for row in words]
+    return np.array(drawn, dtype=np.int64).reshape(-1, count)
 
 
 def _table(
@@ -175,7 +188,7 @@ def _grown(sweep: Sweep, rows: Mapping[int, Row]) -> pd.DataFrame:
     r, b = (np.repeat([part[k] for part in parts], sizes) for k in (0, 1))
     places = np.repeat(np.concatenate([places for _, _, places in parts]), seeds, axis=0)
     lattice = searches[0].lattice
-    number = np.tile(np.arange(seeds), len(places) // seeds)
+    number = _seeds(lattice.values(places[::seeds]), seeds).ravel()
     return _table(sweep, r, b, lattice.numbers(places), number, lattice.values(places))
 
 

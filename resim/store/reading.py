@@ -32,12 +32,12 @@ LARGEST = 2_000_000_000
 REMEDY = "Make it again; it may be of an older version."
 _COUNTS = """
 SELECT recording, build, count(*), count(*) FILTER (verdict = 'PASS'), count(*) FILTER (verdict = 'FAIL'),
-  count(*) FILTER (verdict = 'INVALID'), count(*) FILTER ("end" = 'failed'), count(*) FILTER (collision),
+  count(*) FILTER (verdict = 'INVALID'), count(*) FILTER (failure IS NOT NULL), count(*) FILTER (collision),
   avg(same_decision::DOUBLE), [{bad}]::BIGINT[]
 FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true))
 GROUP BY recording, build ORDER BY min(run)
 """
-_TYPES = {"verdict": "VARCHAR", "end": "VARCHAR", "collision": "BOOLEAN", "same_decision": "BOOLEAN"}
+_TYPES = {"verdict": "VARCHAR", "failure": "VARCHAR", "collision": "BOOLEAN", "same_decision": "BOOLEAN"}
 _KPI = "kpi "
 """What the columns with the verdicts by a criterion begin with."""
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import pandas as pd
 import pytest
 
 from resim.batch import journal
+from resim.core.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 Call = Callable[..., tuple[int, str, str]]
@@ -196,13 +198,44 @@ def test_shards_give_the_same(tmp_path: Path) -> None:
 def test_a_line_that_was_cut_short_is_done_again(tmp_path: Path) -> None:
     path = tmp_path / "1-of-1.jsonl"
     with journal.Journal(path) as file:
-        file.append({"run": 0})
-        file.append({"run": 1})
+        file.append(entry(0))
+        file.append(entry(1))
     path.write_bytes(path.read_bytes()[:-3])
-    assert [entry["run"] for entry in journal.read(tmp_path)] == [0]
+    assert [found["run"] for found in journal.read(tmp_path)] == [0]
     with journal.Journal(path) as file:
-        file.append({"run": 2})
-    assert [entry["run"] for entry in journal.read(tmp_path)] == [0, 2]
+        file.append(entry(2))
+    assert [found["run"] for found in journal.read(tmp_path)] == [0, 2]
+
+
+def entry(run: int) -> dict[str, object]:
+    return {"run": run, "row": {"end": "failed", "failure": "so"}, "time": None}
+
+
+def test_two_commands_do_not_write_one_journal(tmp_path: Path) -> None:
+    path = tmp_path / "1-of-1.jsonl"
+    with journal.Journal(path), pytest.raises(InputError, match="another `resim sweep`"):
+        journal.Journal(path)
+    with journal.Journal(path) as file:
+        file.append(entry(0))
+    assert len(list(journal.read(tmp_path))) == 1
+
+
+def test_a_damaged_journal_is_told_of(undisturbed: tuple[Path, Path], call: Call) -> None:
+    path, out = undisturbed
+    copy = out.with_name("damaged")
+    shutil.copytree(out, copy)
+    lines = (out / "journal" / "1-of-1.jsonl").read_text().splitlines(keepends=True)
+    (copy / "journal" / "1-of-1.jsonl").write_text("".join([*lines[:3], "rubbish\n", *lines[3:]]))
+    code, _, error = call("sweep", str(path), "--out", str(copy), "--resume")
+    assert code == 2
+    assert "line 4 is damaged" in error
+
+
+def test_shards_that_begin_together_share_the_folder(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    shards = [start(path, tmp_path / "out", "--shard", f"{k}/4", "--workers", "1") for k in (1, 2, 3, 4)]
+    assert [shard.wait() for shard in shards] == [0, 0, 0, 0]
+    assert len(table(tmp_path / "out")) == 2
 
 
 def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call: Call) -> None:
@@ -226,6 +259,13 @@ def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call:
         ('perception = "', '# perception = "', "without a model"),
         ("scenarios/cut_in_brake", "scenarios/nowhere", "nowhere"),
         ("steps = 2", "steps = 1", "steps"),
+        ("perception.latency.speed", "build.cycle_time", "expected more than 0"),
+        (
+            '"perception.latency.speed"\nlow = 0.0\nhigh = 1.2',
+            '"build.cycle_time"\nlow = 0.04\nhigh = 0.11',
+            "not a multiple",
+        ),
+        ("highway.toml", "nowhere.toml", "nowhere.toml"),
     ],
 )
 def test_mistakes_are_told(tmp_path: Path, call: Call, old: str, new: str, told: str) -> None:
@@ -247,6 +287,6 @@ def test_a_dry_run_says_how_long_it_takes(tmp_path: Path, call: Call) -> None:
 def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path]) -> None:
     manifest = json.loads((undisturbed[1] / "manifest.json").read_text())
     assert manifest["runs"] == 8
-    assert manifest["failed"] == 2
+    assert manifest["failed"] == 6
     assert manifest["inputs"]["recordings"]["cut_in_brake"]["hash"]
     assert manifest["columns"] == table(undisturbed[1]).columns.tolist()
