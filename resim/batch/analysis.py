@@ -33,7 +33,7 @@ WORST = 10
 
 
 def analyse(swept: Swept, place: str) -> dict[str, Any]:
-    """Give what report.json holds. place: the folder of the results, as the commands name it."""
+    """Give what report.json holds. place: the folder of the results, as commands name it."""
     rows = swept.rows
     groups, adaptive = rows.groupby(["recording", "build"], sort=False), swept.file["plan"] == "adaptive"
     return {
@@ -247,6 +247,7 @@ def _worst(rows: pd.DataFrame, parameters: Sequence[Parameter], place: str) -> l
     for k in np.lexsort(keys)[:WORST].tolist():
         row = rows.iloc[k]
         run = int(row["run"])
+        again = f"{place}-run-{run}" if place.strip("./") else f"run-{run}"
         out.append({
             "run": run, "point": int(row["point"]), "seed": int(row["seed"]),
             "parameters": {p.name: number(float(row[p.name])) for p in parameters},
@@ -254,7 +255,7 @@ def _worst(rows: pd.DataFrame, parameters: Sequence[Parameter], place: str) -> l
             "decision": None if pd.isna(row["decision"]) else str(row["decision"]),
             "collision": None if pd.isna(row["collision"]) else bool(hit[k]), "risk": number(float(risk[k])),
             "failing": [str(c).removeprefix("kpi ") for c in kpis if row[c] != "PASS"],
-            "command": f"resim sweep repeat {place} {run} --out {place}-run-{run}",
+            "command": f"resim sweep repeat {place} {run} --out {again}",
         })  # fmt: skip
     return out
 
