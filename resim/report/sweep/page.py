@@ -178,7 +178,7 @@ def _reading(found: Entry) -> str:
         f"<li>A requirement is the farthest value up to (or from) which {percent(found['demanded'])} of all runs "
         "within it are good, so that good runs well within make up for worse ones near the bound: therefore the share "
         "at the bound alone. Bounds are values that were swept, never between two of them; their interval is a "
-        "bootstrap over points. <i>none</i> in it: that no value may be enough.</li>"
+        "bootstrap over points, as wide as Wilson's where a value has few. <i>none</i> in it: that no value may be enough.</li>"
         "<li>Boundaries on the maps are interpolated between the values swept. Drawn points are smoothed by a Gaussian "
         "kernel, whose width is that by which points are best told from the others. Where a bound is not drawn, there "
         "are too few seeds or points to show so high a share.</li>"

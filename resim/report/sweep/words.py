@@ -88,7 +88,7 @@ def _lines(found: Sequence[Entry], parameter: Entry, demanded: float) -> Iterato
     elif limits:
         yield from (_limit(r, parameter, demanded) for r in limits)
     elif any(r["found"] == "unclear" for r in found):
-        yield f"{label}: no limit can be told, its values differ by no more than chance"
+        yield f"{label}: no limit can be told: too few runs, or values that differ by no more than chance"
     else:
         yield f"{label}: no value swept keeps it in {percent(demanded)} of runs"
 
