@@ -13,7 +13,15 @@ from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.fidelity import STEPS
 from resim.ingest import Recording, read_commonroad
-from resim.pipeline import STAGES, Options, Resimulation, perceived_frame, resimulate
+from resim.pipeline import (
+    STAGES,
+    How,
+    Options,
+    Resimulation,
+    assess_resimulation,
+    perceived_frame,
+    resimulate,
+)
 from resim.scenario.jscen import read_jscen
 from resim.sim.adfunction import Build, EgoState, Perceived, load_build
 
@@ -40,6 +48,19 @@ def test_the_corner_case_is_one(corner_case: Resimulation) -> None:
     assert report["collision"] == {"GT": False, "SD": False, "rGT": False, "rSD": False}
     assert report["build"] == {"name": "highway_pilot", "version": "1.0", "drove": True}
     assert report["warnings"] == []
+
+
+def test_what_was_measured_is_judged_as_long_as_it_was_simulated(shipped: Shipped) -> None:
+    """A drive of 3.1 s at 10 Hz: the last whole step of 0.04 s is at 3.08 s, the last scene of both at 3.0 s."""
+    whole = shipped("cut_in_brake")
+    recording = replace(whole, gt=whole.gt.at(np.round(np.arange(0.0, 3.11, 0.1), 9)), sd=None, plan=None)
+    replay = load_build(Path(__file__).parents[1] / "adfunc" / "builds" / "replay-1.0.toml")
+    result = resimulate(recording, replay)
+    assert result.described["GT"].duration == pytest.approx(3.1)
+    blocks = assess_resimulation(result, How(path="state", only=("TTC", "THW"))).blocks
+    assert {name: block.drive.t[-1] for name, block in blocks.items()} == {"GT": 3.0, "rGT": 3.0}
+    for name in ("TTC", "THW"):
+        np.testing.assert_array_equal(blocks["GT"].measures[name].value, blocks["rGT"].measures[name].value)
 
 
 def test_the_corner_case_has_the_sensor_errors_of_the_source(corner_case: Resimulation) -> None:
