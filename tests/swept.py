@@ -59,7 +59,8 @@ def write_adaptive(
         x = table[[p.name for p in parameters]].to_numpy()
         found = pd.DataFrame(_outcomes(x, 0))
         over = x[:, 0] - 0.3 - 0.1 * (x[:, 1] if x.shape[1] > 1 else 0.0)
-        found["same_decision"] = ((over > 0.04) | (over > 0.0) & (table["seed"] < seeds - 1)).astype(object)
+        number = table.groupby(["recording", "build", "point"]).cumcount()
+        found["same_decision"] = ((over > 0.04) | (over > 0.0) & (number < seeds - 1)).astype(object)
         rows = dict(enumerate(found.to_dict("records")))
     told = boundaries(sweep, rows)
     more = {"plan": "adaptive", "seeds": seeds, "points": points, "adaptive": file.adaptive.model_dump()}
