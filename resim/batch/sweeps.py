@@ -254,7 +254,8 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
     lines = {entry[RUN]: line for line, entry in journal.entries(out / "journal")}
-    rows = _rows(sweep, out)
+    adaptive = sweep.file.plan == "adaptive"
+    rows = _rows(sweep, out) if adaptive else {}
     every = runs(sweep, rows)
     missing = len(every) - len(lines)
     if missing:
@@ -270,7 +271,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
     held = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
     counts = {"runs": len(whole), "failed": failed}
-    grown = {"boundaries": boundaries(sweep, rows)} if sweep.file.plan == "adaptive" else {}
+    grown = {"boundaries": boundaries(sweep, rows)} if adaptive else {}
     with whole_file(out / "manifest.json", (".json",)) as path:
         write_json(
             {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}, path
