@@ -16,10 +16,11 @@ from resim.batch.swept import Swept, limits
 from resim.core.geometry import Bools, Floats
 from resim.experiment.boundary import MESH, Map, crossings, grid_map, smooth_map
 from resim.experiment.design import Parameter
+from resim.experiment.indices import Sensitivity
 from resim.experiment.intervals import CONFIDENCE, Estimate, means, shares
 from resim.experiment.requirement import Requirement, Side, requirement
 from resim.experiment.response import Levels, levels
-from resim.experiment.sensitivity import Sensitivity, ranges, ranking, sensitivity
+from resim.experiment.sensitivity import ranges, ranking, sensitivity
 
 SCHEMA = "resim-sweep-report-1"
 DEMANDED = 0.95

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from resim.core.geometry import Floats
+from resim.experiment.indices import Sensitivity
 from resim.experiment.intervals import CONFIDENCE, Ints
 
 DEGREE, TERMS = 14, 200
@@ -26,20 +27,6 @@ WORSE = 2
 """How many degrees in turn may be no better before no more are tried."""
 DRAWS, PART = 200, 50
 """Bootstrap draws, and how many of them at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class Chaos:
-    """Sobol indices (P,), intervals (P, 2), and shares of the variance of all runs; see `sensitivity.Sensitivity`."""
-
-    first: Floats
-    first_interval: Floats
-    total: Floats
-    total_interval: Floats
-    noise: float
-    unexplained: float
-    q2: float
-    degree: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +44,7 @@ class _Fit:
         return float(np.mean(self.left_out**2))
 
 
-def chaos(share: Floats, y: Floats) -> Chaos | None:
+def chaos(share: Floats, y: Floats) -> Sensitivity | None:
     """Fit polynomials of share (K, P) to the points' means of y (K, S); None with too few points for degree 1.
 
     The degree is the one with the least error where each point is left out (Q2 is 1 less that error as a share of the
@@ -77,9 +64,9 @@ def chaos(share: Floats, y: Floats) -> Chaos | None:
     (first, total), intervals, left = (np.zeros((2, len(varied), *end)) for end in ((), (2,), ()))
     (first[varied], total[varied]), intervals[:, varied], left = _indices(fit, noise + between)
     of_noise = noise / (noise + between) if noise + between > 0.0 else 0.0
-    return Chaos(
+    return Sensitivity(
         first, intervals[0], total, intervals[1],
-        of_noise * float(left[0]) if free > 0 else float("nan"), (1.0 - of_noise) * float(left[0]),
+        of_noise * float(left[0]) if free > 0 else float("nan"), (1.0 - of_noise) * float(left[0]), "chaos",
         max(1.0 - rest / float(np.var(mean)), 0.0) if np.ptp(mean) > 0.0 else 0.0, int(fit.exponents.sum(axis=1).max()),
     )  # fmt: skip
 

@@ -7,7 +7,6 @@ What seeds do is a part of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -15,32 +14,13 @@ from scipy.special import stdtrit
 
 from resim.core.geometry import Bools, Floats
 from resim.experiment.chaos import chaos
+from resim.experiment.indices import Sensitivity
 from resim.experiment.intervals import CONFIDENCE
 
 MOST = 12
 """Parameters of a grid up to which its variance is taken apart."""
 LEAST_SEEDS = 3
 """Seeds from which on leaving one out says something."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
-    """Sobol indices of P parameters with their 95 % intervals (P, 2), NaN where there is none.
-
-    first, total: (P,). noise: share of the variance that is between seeds of a point, NaN with one seed. unexplained:
-    share that the estimator leaves. method: "anova" or "chaos"; of the latter, q2: the share of the points' variance
-    that it predicts where it was not fitted, and its degree.
-    """
-
-    first: Floats
-    first_interval: Floats
-    total: Floats
-    total_interval: Floats
-    noise: float
-    unexplained: float
-    method: str
-    q2: float | None = None
-    degree: int | None = None
 
 
 def sensitivity(share: Floats, y: Floats, *, grid: bool) -> Sensitivity | None:
@@ -57,13 +37,7 @@ def sensitivity(share: Floats, y: Floats, *, grid: bool) -> Sensitivity | None:
     if grid and share.shape[1] <= MOST and (shape := full_grid(share)) is not None:
         order = np.lexsort(share.T[::-1])
         return anova(y[order].reshape(*shape, -1))
-    found = chaos(share, y)
-    if found is None:
-        return None
-    return Sensitivity(
-        found.first, found.first_interval, found.total, found.total_interval, found.noise, found.unexplained,
-        "chaos", found.q2, found.degree,
-    )  # fmt: skip
+    return chaos(share, y)
 
 
 def full_grid(x: Floats) -> tuple[int, ...] | None:

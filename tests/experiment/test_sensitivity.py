@@ -8,7 +8,8 @@ from scipy.stats import qmc
 
 from resim.core.geometry import Floats
 from resim.experiment.design import Parameter, design
-from resim.experiment.sensitivity import Sensitivity, full_grid, ranking, sensitivity
+from resim.experiment.indices import Sensitivity
+from resim.experiment.sensitivity import full_grid, ranking, sensitivity
 
 NAMES = ("perception.latency.speed", "perception.latency.position", "perception.latency.heading")
 GRID = tuple(Parameter(name=n, low=0.0, high=1.0, steps=k) for n, k in zip(NAMES[:2], (7, 5), strict=True))
