@@ -14,11 +14,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from adfunc.lane_keeping import Lane, Neighbour, in_corridor, nearest_ahead
+from adfunc.lane_keeping import Lane, Neighbour, in_corridor
 from resim.core.geometry import Floats
 from resim.sim.adfunction import Command, EgoState, Perceived, Setup
 
 Mode = Literal["follow", "brake", "change"]
+
+PLANNED = np.arange(0.0, 3.01, 0.25)
+"""Times [s] ahead of the states of a plan."""
+_RETURN = np.exp(-PLANNED)
+"""What is left by then of a distance from the lane's centre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +75,7 @@ class HighwayPilot:
         self.lane = Lane(setup.road, setup.start)
         self.half_length, self.half_width = 0.5 * setup.length, 0.5 * setup.width
         self.start_speed, self.cycle = max(setup.start.v, 1.0), setup.cycle
+        self.smoothing = 1.0 - math.exp(-setup.cycle / 0.3)
         self.mode: Mode = "follow"
         self.change_begin, self.change_from, self.change_to = 0.0, 0.0, 0.0
         self.speeds: dict[str, tuple[float, float, float]] = {}  # id: t, v, a
@@ -94,11 +100,12 @@ class HighwayPilot:
         self.remember(perceived.t, others)
         offset = self.lane.d if self.mode == "change" else 0.0
         width, horizon = self.half_width + 0.1, self.cut_in_horizon
-        row = nearest_ahead(
-            o
-            for o in others
-            if in_corridor(o.d, o, width, offset) or in_corridor(o.d + horizon * o.v_d, o, width, offset)
-        )
+        row: Neighbour | None = None
+        for o in others:
+            if o.s <= 0.0 or (row is not None and o.s >= row.s):
+                continue
+            if in_corridor(o.d, o, width, offset) or in_corridor(o.d + horizon * o.v_d, o, width, offset):
+                row = o
         if row is None:
             return None
         gap = row.s - row.half_length - self.half_length
@@ -106,11 +113,12 @@ class HighwayPilot:
 
     def remember(self, t: float, others: list[Neighbour]) -> None:
         """Estimate accelerations from the speeds seen, smoothed over 0.3 s."""
-        known, self.speeds = self.speeds, {}
-        weight = 1.0 - math.exp(-self.cycle / 0.3)
+        known, speeds = self.speeds, {}
         for o in others:
             t0, v0, a0 = known.get(o.id, (t - self.cycle, o.v_s, 0.0))
-            self.speeds[o.id] = (t, o.v_s, a0 + weight * ((o.v_s - v0) / max(t - t0, 1e-3) - a0))
+            a = a0 + self.smoothing * ((o.v_s - v0) / max(t - t0, 1e-3) - a0)
+            speeds[o.id] = (t, o.v_s, a)
+        self.speeds = speeds
 
     def decide(self, t: float, ego: EgoState, others: list[Neighbour], lead: _Lead | None) -> None:
         """Change the mode where the situation asks for it."""
@@ -184,16 +192,18 @@ class HighwayPilot:
 
     def plan(self, t: float, ego: EgoState, a: float) -> Floats:
         """Give the planned states over the next 3 s."""
-        ahead = np.arange(0.0, 3.01, 0.25)
-        v = np.maximum(ego.v + a * ahead, 0.0)
-        run = np.concatenate([[0.0], np.cumsum(0.5 * 0.25 * (v[1:] + v[:-1]))])
+        plan = np.zeros((len(PLANNED), 4))
+        plan[:, 0] = t + PLANNED
+        v = plan[:, 3] = np.maximum(ego.v + a * PLANNED, 0.0)
+        run = np.zeros(len(PLANNED))
+        (0.5 * 0.25 * (v[1:] + v[:-1])).cumsum(out=run[1:])
         if self.mode == "change":
-            since = t - self.change_begin + ahead
+            since = t - self.change_begin + PLANNED
             d, _, _ = quintic(self.change_from, self.change_to, since, self.change_time)
         else:
-            d = self.lane.d * np.exp(-ahead)
-        x, y = self.lane.path.xy(self.lane.s + run, d)
-        return np.column_stack([t + ahead, x, y, v])
+            d = self.lane.d * _RETURN
+        plan[:, 1], plan[:, 2] = self.lane.path.xy(self.lane.s + run, d)
+        return plan
 
     def _desired(self) -> float:
         if self.desired_speed is not None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -93,19 +94,19 @@ class Lane:
 
     def locate(self, perceived: Perceived, *, behind: float = NEAR) -> Iterator[Neighbour]:
         """Find the objects up to NEAR ahead and `behind` [m] of the EGO, rearmost first, each when it is asked for."""
-        ego, columns = perceived.ego, (perceived.ids, perceived.x_ego, perceived.y_ego)
-        ids, ahead, left = (column.tolist() for column in columns)
+        ego, seen = perceived.ego, perceived
+        columns = (seen.x_ego, seen.y_ego, seen.heading_ego, seen.v, seen.length, seen.width, seen.ids)
+        rows = sorted(zip(*[column.tolist() for column in columns], strict=True), key=itemgetter(0))
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         track, segments = self.path.track, self._segments
-        for n in sorted(range(len(ids)), key=ahead.__getitem__):
-            far, aside, name = ahead[n], left[n], ids[n]
+        for far, aside, turned, v, length, width, name in rows:
             if far < -behind or far > NEAR or abs(aside) > NEAR:
                 continue
             x, y = ego.x + c * far - s * aside, ego.y + s * far + c * aside
             along, d, heading, segments[name] = track(x, y, segments.get(name, -1))
-            turned, v = float(perceived.heading_ego[n]) + ego.heading - heading, float(perceived.v[n])
-            size = 0.5 * float(perceived.length[n]), 0.5 * float(perceived.width[n])
-            yield Neighbour(name, along - self.s, d, v * math.cos(turned), v * math.sin(turned), *size)
+            course = turned + ego.heading - heading
+            v_s, v_d = v * math.cos(course), v * math.sin(course)
+            yield Neighbour(name, along - self.s, d, v_s, v_d, 0.5 * length, 0.5 * width)
 
     def steer(self, v: float, offset: float = 0.0, drift: float = 0.0, bend: float = 0.0) -> float:
         """Give the curvature [1/m] that brings the EGO to `offset` [m] left of the lane's centre.
@@ -124,8 +125,3 @@ class Lane:
 def in_corridor(d: float, other: Neighbour, half_width: float, offset: float = 0.0) -> bool:
     """Say whether an object at d [m] reaches into a corridor of this half width about `offset` [m]."""
     return abs(d - offset) < half_width + other.half_width
-
-
-def nearest_ahead(others: Iterable[Neighbour]) -> Neighbour | None:
-    """Give the nearest object whose centre is ahead, None where there is none."""
-    return min((o for o in others if o.s > 0.0), key=lambda o: o.s, default=None)

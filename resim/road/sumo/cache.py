@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 from resim.core.errors import ConversionError, InputError
@@ -60,7 +60,7 @@ def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: flo
     Processes may convert the same map at once. Raises InputError where the map has no driving lane or the cache
     cannot be written, ConversionError where netconvert is missing, refuses the map, crashes or takes too long.
     """
-    key = _hash(network.path.read_bytes())
+    key = _key(network)
     folder = (cache or default_cache()) / key
     found = SumoNet(folder / NET, folder / REPORT, key)
     if not (found.path.is_file() and found.report.is_file()):
@@ -72,6 +72,12 @@ def default_cache() -> Path:
     """Give the directory of the converted nets."""
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "resim" / "nets"
+
+
+@lru_cache(maxsize=64)
+def _key(network: RoadNetwork) -> str:
+    """The name of a map's folder: runs of one map ask again and again."""
+    return _hash(network.path.read_bytes())
 
 
 def _hash(text: bytes) -> str:
