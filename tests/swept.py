@@ -105,6 +105,7 @@ def _outcomes(x: np.ndarray[Any, np.dtype[np.float64]], failed: int) -> dict[str
         "end_position_error": np.hypot(bias, latency),
         "verdict": np.where(risk > 0.1, "FAIL", "PASS").astype(object),
         "kpi accident risk": np.where(risk > 0.1, "FAIL", "PASS").astype(object), "value accident risk": risk,
+        "unit accident risk": np.full(len(x), "1", dtype=object), "unit lane": np.full(len(x), "m", dtype=object),
         "kpi lane": np.full(len(x), "PASS", dtype=object), "value lane": np.full(len(x), -0.5),
     }  # fmt: skip
     for name, column in out.items():

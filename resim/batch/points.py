@@ -17,7 +17,7 @@ from resim.perception.parameters import unit
 FIXED = {"verdict": "every criterion passes", "same_decision": "decides as measured",
          "collision": "no collision of the EGO"}  # fmt: skip
 GOOD: Mapping[str, str | bool] = {"verdict": "PASS", "same_decision": True, "collision": False}
-VALUES = {"risk": ("largest accident risk", "1"), "reaction_difference": ("first braking less measured", "s"),
+VALUES = {"risk": ("largest accident risk", ""), "reaction_difference": ("first braking less measured", "s"),
           "end_position_error": ("distance from the drive at the end", "m")}  # fmt: skip
 
 
@@ -82,7 +82,9 @@ def _columns(rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]
     for name in criteria:
         value = rows[f"value {name}"].to_numpy(dtype=float)
         if not np.array_equal(value, risk, equal_nan=True):
-            yield f"value {name}", f"worst value of {name}", "", False, np.where(good, value, np.nan)
+            of = next(iter(rows[f"unit {name}"].dropna()), "1")  # of the first run that could be judged
+            words = f"worst value of {name}"
+            yield f"value {name}", words, "" if of == "1" else str(of), False, np.where(good, value, np.nan)
 
 
 def equal(column: pd.Series[Any], value: str | bool) -> Bools:

@@ -85,10 +85,11 @@ def _without_values(row: Row) -> Row:
 
 
 def _judged(found: Outcome, criteria: Criteria) -> Row:
-    """The verdict, and of each criterion its KPI and worst value; a run that ended at once cannot be judged."""
+    """The verdict, and of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
     row: Row = {"verdict": overall(found.kpis) if found.kpis else "INVALID"}
     for c in criteria.criteria:
         kpi = found.kpis.get(c.name)
         row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome
         row[f"value {c.name}"] = None if kpi is None else kpi.value
+        row[f"unit {c.name}"] = None if kpi is None else kpi.unit
     return row

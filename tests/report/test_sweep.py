@@ -60,7 +60,9 @@ def test_it_ranks_the_parameters(grid: tuple[dict[str, Any], str, str]) -> None:
     assert risk["ranking"] == [SPEED, AHEAD]
     assert risk["sobol"]["method"] == "anova"
     assert risk["sobol"][SPEED]["first"] == pytest.approx(0.004 / (0.004 + 0.00016), abs=0.03)
-    assert [c["name"] for c in grid[0]["sections"][0]["constant"]] == ["kpi lane", "value lane"]
+    constant = grid[0]["sections"][0]["constant"]
+    assert [(c["name"], c["unit"]) for c in constant] == [("kpi lane", ""), ("value lane", "m")]
+    assert "worst value of lane (−0.5 m)" in grid[1]
 
 
 def test_responses_have_bands(grid: tuple[dict[str, Any], str, str]) -> None:

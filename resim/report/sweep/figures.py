@@ -26,7 +26,7 @@ def response_figure(outcomes: Sequence[Entry], parameter: Entry) -> go.Figure:
     """Draw how outcomes answer to one parameter, a panel each: mean and 95 % band; all of shares, or all of values."""
     rows = len(outcomes)
     height = rows * PANEL + (rows - 1) * GAP
-    titles = [o["label"] + (f" [{o['unit']}]" if o["unit"] not in ("", "1") else "") for o in outcomes]
+    titles = [o["label"] + (f" [{o['unit']}]" if o["unit"] else "") for o in outcomes]
     figure = make_subplots(
         rows=rows, cols=1, shared_xaxes=True, vertical_spacing=GAP / height if rows > 1 else 0.0,
         subplot_titles=titles,

@@ -71,9 +71,10 @@ def sensitivity(section: Entry, parameters: Sequence[Entry]) -> str:
 def _indices(outcome: Entry, parameters: Sequence[Entry]) -> list[str]:
     found, label = outcome["sensitivity"], escape(outcome["label"])
     if (sobol := found["sobol"]) is None:
-        unit = "" if outcome["share"] or outcome["unit"] == "1" else outcome["unit"]
         reach = [found["range"][p["name"]] for p in parameters]
-        cells = [NONE if r is None else f"<i>means reach over</i> {quantity(r, unit)}" for r in reach]
+        cells = [
+            NONE if r is None else f"<i>means reach over</i> {quantity(r, outcome['unit'])}" for r in reach
+        ]
         why = f"no indices: {outcome['without']} points have no value" if outcome["without"] else "no indices"
         return [label, *cells, NONE, NONE, why]
     cells = [_index(sobol[p["name"]], p["name"] == found["ranking"][0]) for p in parameters]
