@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
@@ -15,10 +16,15 @@ from pathlib import Path
 
 from resim.core.errors import ResimError
 
+_PASSING = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
+"""What a machine lacks for a time: disk, memory, open files."""
+
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task has no result. crashed: the process died, or the code did; else the input was wrong."""
+    """Why a task has no result. crashed: the process died, the code did, or the machine had no more; else the input was
+    wrong.
+    """
 
     reason: str
     crashed: bool
@@ -47,7 +53,7 @@ def serve(tasks: Connection, results: Connection) -> None:
         try:
             result = function(task)
         except ResimError as e:
-            result = Failure(str(e), crashed=False)
+            result = Failure(str(e), crashed=getattr(e.__cause__, "errno", None) in _PASSING)
         except BaseException as e:  # also what a function raises to end the process, or to look interrupted
             where = traceback.extract_tb(e.__traceback__)[-1]
             result = Failure(f"{e!r} in {where.name} ({Path(where.filename).name})", crashed=True)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -234,12 +235,11 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
         )  # fmt: skip
 
 
-def sample(sweep: Sweep, wanted: pd.DataFrame) -> tuple[float | None, float, list[str]]:
+def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> tuple[float | None, float, list[str]]:
     """Do a few runs and give the median time [s] of one, its size [bytes], and why any failed."""
-    some = wanted.groupby(["recording", "build"], sort=False).head(4).head(16)
-    found = [
-        r for _, r in run_all(run, list(tasks(sweep, some)), workers=1, time_limit=sweep.file.time_limit)
-    ]
+    some = list(tasks(sweep, wanted.groupby(["recording", "build"], sort=False).head(4).head(16)))
+    done = run_all(run, some, workers=min(workers, len(some)), time_limit=sweep.file.time_limit)
+    found = [result for _, result in sorted(done, key=itemgetter(0))]
     failures = [r.reason for r in found if isinstance(r, Failure)]
     good = [r for r in found if not isinstance(r, Failure)]
     if not good:

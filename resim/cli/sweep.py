@@ -101,7 +101,7 @@ def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
     """Do a few runs, and say how long all of them take."""
     from resim.batch.sweeps import sample
 
-    each, size, failures = sample(wanted, runs)
+    each, size, failures = sample(wanted, runs, workers)
     if failures:
         typer.echo(f"a run fails: {failures[0]}")
     if each is None:

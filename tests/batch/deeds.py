@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import time
@@ -20,6 +21,11 @@ def act(task: tuple[str, int]) -> tuple[int, int]:
         time.sleep(60.0)
     if name == "refuse":
         raise ResimError("the input is wrong")
+    if name == "full":
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        except OSError as e:
+            raise ResimError("the cache cannot be written") from e
     if name == "print":
         print("what a function has to say", flush=True)
     if name == "interrupt":

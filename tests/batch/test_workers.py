@@ -56,5 +56,10 @@ def test_stopping_early_ends_the_processes() -> None:
         os.kill(pid, 0)
 
 
+def test_what_the_system_refuses_is_worth_another_attempt() -> None:
+    found = dict(run_all(act, [("full", 0)], workers=1, time_limit=30.0))
+    assert found[0] == Failure("the cache cannot be written", crashed=True)
+
+
 def test_no_tasks() -> None:
     assert list(run_all(act, [], workers=2, time_limit=1.0)) == []
