@@ -127,12 +127,12 @@ def _progress(shards: int, done: int) -> Iterator[tuple[Callable[[int], None], T
 
     console = Console(stderr=True)
     bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.speed:.1f}/s"),
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     failures = 0
     with bar:
-        task = bar.add_task("0 failed", total=None, completed=done)
+        task = bar.add_task("0 failed", total=None, completed=done, rate="")
 
         def expect(total: int) -> None:
             bar.update(task, total=-(-total // shards))
@@ -140,6 +140,8 @@ def _progress(shards: int, done: int) -> Iterator[tuple[Callable[[int], None], T
         def tell(failed: bool) -> None:
             nonlocal failures
             failures += failed
-            bar.update(task, description=f"{failures} failed", advance=1)
+            speed = bar.tasks[0].speed
+            rate = "" if speed is None else f"{speed:.1f}/s"
+            bar.update(task, description=f"{failures} failed", advance=1, rate=rate)
 
         yield expect, tell

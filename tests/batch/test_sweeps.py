@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
+import pty
 import random
+import re
 import shutil
 import signal
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -185,6 +189,25 @@ def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
     for pid in children:
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid), 0)
+
+
+def test_a_terminal_shows_how_far_it_is(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("seeds = 1", "seeds = 3"))
+    ours, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (24, 100))
+    command = [sys.executable, "-m", "resim", "sweep", str(path), "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm"})
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # Linux's end of the file, when the other side is closed
+        while part := os.read(ours, 4096):
+            shown += part
+    os.close(ours)
+    said = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())[-1000:]
+    assert process.wait() == 0, said
+    assert re.search(r"0 failed [━╸╺ ]+ 6/6 +[0-9.]+/s +0:00:00", said), said
+    assert "6 runs, 0 failed" in said
 
 
 def test_shards_give_the_same(tmp_path: Path) -> None:
