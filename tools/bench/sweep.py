@@ -1,6 +1,6 @@
 """Runs of a sweep a second and core, what a second worker brings, what the engine costs, and whether memory grows.
 
-    python tools/bench/sweep.py [--runs 100] [--rounds 3] [--long 0] [--seconds 10]
+    python tools/bench/sweep.py [--runs 40] [--rounds 6] [--long 0] [--seconds 10]
 
 A run is a re-simulation of 10 s at 25 Hz with five traffic objects (a drive of tools/bench/verify.py) by
 highway_pilot-1.0 with the trained perception model, with its errors and criticality, risk at 5 Hz. Targets: 15 runs a
@@ -8,9 +8,11 @@ second and core, 30 being the goal; two workers 1.8 times one; less than 5 % for
 
 In turns, in each round: the same runs in a plain loop in this process, by one worker and by two, journal and all.
 Counted from the first result of each worker on: what a worker loads first is told as `start_s`. The best of the rounds
-counts, as what else the machine does only slows. `overhead`: the share of one worker's time that it did not spend in
-runs. `--long N`: N runs more with two workers, of drives of `--seconds`, and every tenth of the way the memory of the
-children and of this process.
+counts, as what else the machine does only slows; so rounds are short and many. `overhead`: the share of one worker's
+time that it did not spend in runs. Half of a run is the interpreter's own time, so `loop_ns` tells how fast that is: one
+turn of a plain loop. (Built with its makers' optimisations, as distributions do and pyenv by itself does not, it is
+about twice as fast.) `--long N`: N runs more with two workers, of drives of `--seconds`, and every tenth of the way the
+memory of the children and of this process.
 """
 
 from __future__ import annotations
@@ -18,11 +20,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+import timeit
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +62,18 @@ def sweep_of(home: Path, count: int) -> Sweep:
     path = home / f"sweep_{count}.toml"
     path.write_text(SWEEP.format(root=ROOT, seeds=count // 10), encoding="utf-8")
     return read_sweep(path)
+
+
+def loop() -> float:
+    """Nanoseconds of one turn of a plain loop in this interpreter."""
+
+    def turns(count: int) -> int:
+        total = 0
+        for k in range(count):
+            total += 2 * k
+        return total
+
+    return min(timeit.repeat(lambda: turns(10**5), number=10, repeat=20)) * 1e3
 
 
 def plain(sweep: Sweep) -> float:
@@ -113,8 +129,8 @@ def long(sweep: Sweep, home: Path, count: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--runs", type=int, default=40)
+    parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--long", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=10.0)
     given = parser.parse_args()
@@ -137,7 +153,7 @@ def main() -> None:
     print(json.dumps({
         "runs_per_s_core": round(1.0 / one, 1), "goal": 30.0, "target": 15.0,
         "scaling": round(one / two, 2), "overhead": round(engine, 3), "plain_per_s": round(1.0 / alone, 1),
-        "start_s": round(start, 1),
+        "start_s": round(start, 1), "python": platform.python_version(), "loop_ns": round(loop()),
     }))  # fmt: skip
 
 
