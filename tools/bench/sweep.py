@@ -9,10 +9,12 @@ second and core, 30 being the goal; two workers 1.8 times one; less than 5 % for
 In turns, in each round: the same runs in a plain loop in this process, by one worker and by two, journal and all.
 Counted from the first result of each worker on: what a worker loads first is told as `start_s`. The best of the rounds
 counts, as what else the machine does only slows; so rounds are short and many. `overhead`: the share of one worker's
-time that it did not spend in runs. Half of a run is the interpreter's own time, so `loop_ns` tells how fast that is: one
-turn of a plain loop. (Built with its makers' optimisations, as distributions do and pyenv by itself does not, it is
-about twice as fast.) `--long N`: N runs more with two workers, of drives of `--seconds`, and every tenth of the way the
-memory of the children and of this process.
+time that it did not spend in runs. Half of a run is the interpreter's own time, so `loop_ns` tells how fast that is:
+one turn of a plain loop. (Built with its makers' optimisations, as distributions do and pyenv by itself does not, it
+is about twice as fast.)
+
+`--long N`: N runs more with two workers, of drives of `--seconds`, and every tenth of the way the memory of the
+children and of this process.
 """
 
 from __future__ import annotations
