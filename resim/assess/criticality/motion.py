@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from resim.core.geometry import Floats, wrap_angle
+from resim.core.geometry import Floats
 
 SMALL = 0.05  # rad; below it the series of `_integrals` is exact to 1e-12
 
@@ -51,27 +51,13 @@ def _hermite(f: Floats, p0: Floats, m0: Floats, p1: Floats, m1: Floats) -> Float
     )
 
 
-def _placed(a: Floats, b: Floats, f: Floats, ma: Floats, mb: Floats, beyond: Floats, v: Floats) -> Floats:
-    """Poses at share f between a and b (P, N, 4) with tangents ma, mb [m]; straight on `beyond` [m] after b."""
-    out = np.empty_like(a)
-    for i, (turn_a, turn_b) in enumerate(
-        [(np.cos(a[..., 2]), np.cos(b[..., 2])), (np.sin(a[..., 2]), np.sin(b[..., 2]))]
-    ):
-        out[..., i] = _hermite(f, a[..., i], ma * turn_a, b[..., i], mb * turn_b) + beyond * turn_b
-    out[..., 2] = a[..., 2] + f * wrap_angle(b[..., 2] - a[..., 2])
-    out[..., 3] = v
-    return out
-
-
 def sample(path: Floats, step: float, t: Floats) -> Floats:
     """Give a sampled path (P, M + 1, 4) at times t (P, N) s, by cubic Hermite; after its end straight on."""
-    last = path.shape[1] - 1
-    j = np.clip((t / step).astype(int), 0, last - 1)
-    a, b = (np.take_along_axis(path, (j + k)[..., None], axis=1) for k in (0, 1))
-    f = np.clip(t / step - j, 0.0, 1.0)
-    beyond = np.maximum(t - last * step, 0.0) * b[..., 3]
-    v = a[..., 3] + f * (b[..., 3] - a[..., 3])
-    return _placed(a, b, f, a[..., 3] * step, b[..., 3] * step, beyond, v)
+    # compiled: numba is imported where it is used only
+    from resim.assess.criticality import kernel
+
+    path, t = kernel.plain(path, t)
+    return np.asarray(kernel.sample(path, step, t))
 
 
 def way(path: Floats) -> Floats:
@@ -90,18 +76,9 @@ def way_at(path: Floats, step: float, t: Floats) -> Floats:
 
 def along(path: Floats, s: Floats, v: Floats) -> Floats:
     """Give poses (P, N, 4) at s (P, N) metres along a sampled path, with pace v (P, N) m/s; then straight on."""
-    stations = way(path)
-    j = np.zeros(s.shape, dtype=int)
-    for station in range(1, path.shape[1] - 1):
-        j += s >= stations[:, station, None]
-    a, b = (np.take_along_axis(path, (j + k)[..., None], axis=1) for k in (0, 1))
-    s0, s1 = (np.take_along_axis(stations, j + k, axis=1) for k in (0, 1))
-    ds = s1 - s0
-    f = np.clip((s - s0) / np.where(ds > 1e-9, ds, 1.0), 0.0, 1.0)
-    chord = (b[..., 0] - a[..., 0]) * np.cos(a[..., 2]) + (b[..., 1] - a[..., 1]) * np.sin(a[..., 2])
-    ahead = np.where(chord < 0.0, -1.0, 1.0)  # a plan may reverse
-    beyond = ahead * np.maximum(s - stations[:, -1:], 0.0)
-    return _placed(a, b, f, ahead * ds, ahead * ds, beyond, ahead * v)
+    from resim.assess.criticality import kernel
+
+    return np.asarray(kernel.along(*kernel.plain(path, s, v)))
 
 
 def paced(v: Floats, a: Floats, t: Floats) -> tuple[Floats, Floats]:

@@ -1,0 +1,194 @@
+"""The innermost work of `contact` and `motion`, compiled by numba: a sweep asks for it in every run.
+
+What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change.
+Motions, paths: (P, N, 4) x, y [m], heading [rad], v [m/s]; all arrays as `plain` gives them.
+"""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from resim.core.geometry import Floats
+
+PARTS = 16
+BULGE = 4.0 / 27.0  # the most that a cubic Hermite strays from its chord, per metre of tangent error
+
+compiled = njit(error_model="numpy")
+entry = njit(cache=True, error_model="numpy")
+"""The same, for what is called from outside."""
+
+
+def plain(*arrays: Floats) -> list[Floats]:
+    """Give arrays of one kind, for which everything here is compiled once."""
+    return [np.require(array, float, ("C", "W")) for array in arrays]
+
+
+@compiled
+def _wrap(angle):
+    return math.pi - (math.pi - angle) % (2.0 * math.pi)
+
+
+@compiled
+def _hermite(f, p0, m0, p1, m1):
+    f2, f3 = f * f, f * f * f
+    return (2 * f3 - 3 * f2 + 1) * p0 + (f3 - 2 * f2 + f) * m0 + (3 * f2 - 2 * f3) * p1 + (f3 - f2) * m1
+
+
+@compiled
+def _share(f):
+    """f in [0, 1], NaN as it is."""
+    return 0.0 if f < 0.0 else 1.0 if f > 1.0 else f
+
+
+@compiled
+def _above(x):
+    """x, 0 at least, NaN as it is."""
+    return 0.0 if x < 0.0 else x
+
+
+@compiled
+def _place(a, b, f, ma, mb, beyond, v, out):
+    """Put into out (4,) the pose at share f from a to b (4,) with tangents ma, mb [m]; `beyond` [m] straight on."""
+    cos_b, sin_b = math.cos(b[2]), math.sin(b[2])
+    out[0] = _hermite(f, a[0], ma * math.cos(a[2]), b[0], mb * cos_b) + beyond * cos_b
+    out[1] = _hermite(f, a[1], ma * math.sin(a[2]), b[1], mb * sin_b) + beyond * sin_b
+    out[2] = a[2] + f * _wrap(b[2] - a[2])
+    out[3] = v
+
+
+@entry
+def sample(path, step, t):
+    """See `motion.sample`."""
+    last = path.shape[1] - 1
+    out = np.empty((*t.shape, 4))
+    for p in range(t.shape[0]):
+        for n in range(t.shape[1]):
+            at = t[p, n] / step
+            j = min(max(int(at), 0), last - 1)
+            a, b = path[p, j], path[p, j + 1]
+            f, beyond = _share(at - j), _above(t[p, n] - last * step) * b[3]
+            _place(a, b, f, a[3] * step, b[3] * step, beyond, a[3] + f * (b[3] - a[3]), out[p, n])
+    return out
+
+
+@entry
+def along(path, s, v):
+    """See `motion.along`."""
+    last = path.shape[1] - 1
+    out, station = np.empty((*s.shape, 4)), np.zeros(last + 1)
+    for p in range(s.shape[0]):
+        for k in range(last):
+            dx, dy = path[p, k + 1, 0] - path[p, k, 0], path[p, k + 1, 1] - path[p, k, 1]
+            station[k + 1] = station[k] + math.hypot(dx, dy)
+        j = 0
+        for n in range(s.shape[1]):  # mostly in order, so the next place is near
+            while j > 0 and s[p, n] < station[j]:
+                j -= 1
+            while j < last - 1 and s[p, n] >= station[j + 1]:
+                j += 1
+            a, b, ds = path[p, j], path[p, j + 1], station[j + 1] - station[j]
+            f = _share((s[p, n] - station[j]) / (ds if ds > 1e-9 else 1.0))
+            chord = (b[0] - a[0]) * math.cos(a[2]) + (b[1] - a[1]) * math.sin(a[2])
+            ahead = -1.0 if chord < 0.0 else 1.0  # a plan may reverse
+            beyond = ahead * _above(s[p, n] - station[last])
+            _place(a, b, f, ahead * ds, ahead * ds, beyond, ahead * v[p, n], out[p, n])
+    return out
+
+
+@compiled
+def _entry(x0, y0, x1, y1, heading_a, heading_b, size_a, size_b, slack):
+    """Share at which boxes of fixed headings first touch while b goes straight, as seen from a; inf: never."""
+    c, s = abs(math.cos(heading_b - heading_a)), abs(math.sin(heading_b - heading_a))
+    low, high = 0.0, 1.0
+    for k in range(4):  # length and width of a, then of b
+        axis, own, other = (heading_a, size_a, size_b) if k < 2 else (heading_b, size_b, size_a)
+        ca, sa = math.cos(axis), math.sin(axis)
+        if k % 2 == 0:
+            p0, p1 = ca * x0 + sa * y0, ca * x1 + sa * y1
+            r = 0.5 * own[0] + c * (0.5 * other[0]) + s * (0.5 * other[1]) + slack
+        else:
+            p0, p1 = ca * y0 - sa * x0, ca * y1 - sa * x1
+            r = 0.5 * own[1] + s * (0.5 * other[0]) + c * (0.5 * other[1]) + slack
+        d = p1 - p0
+        if abs(d) < 1e-12:
+            if abs(p0) > r:
+                return math.inf
+            continue
+        one, two = (-r - p0) / d, (r - p0) / d
+        if d < 0.0:
+            one, two = two, one
+        if not one <= two:  # NaN
+            return math.inf
+        low, high = max(low, one), min(high, two)
+        if low > high:
+            return math.inf
+    return low
+
+
+@compiled
+def _overlap(a, b, size_a, size_b):
+    """Whether boxes touch (separating axes); NaN never does."""
+    return _entry(b[0] - a[0], b[1] - a[1], b[0] - a[0], b[1] - a[1], a[2], b[2], size_a, size_b, 0.0) == 0.0
+
+
+@compiled
+def _of_step(a0, a1, b0, b1, h, size_a, size_b):
+    """Share of a step at which contact begins; inf: none. a0, a1: the motion of a (4,) at its ends."""
+    x, y = b0[0] - a0[0], b0[1] - a0[1]
+    chord_x, chord_y = (b1[0] - a1[0]) - x, (b1[1] - a1[1]) - y
+    first_x = (b0[3] * math.cos(b0[2]) - a0[3] * math.cos(a0[2])) * h - chord_x
+    first_y = (b0[3] * math.sin(b0[2]) - a0[3] * math.sin(a0[2])) * h - chord_y
+    second_x = (b1[3] * math.cos(b1[2]) - a1[3] * math.cos(a1[2])) * h - chord_x
+    second_y = (b1[3] * math.sin(b1[2]) - a1[3] * math.sin(a1[2])) * h - chord_y
+    turn_a, turn_b = _wrap(a1[2] - a0[2]), _wrap(b1[2] - b0[2])
+    bulge = BULGE * (math.hypot(first_x, first_y) + math.hypot(second_x, second_y))
+    ra, rb = 0.5 * math.hypot(size_a[0], size_a[1]), 0.5 * math.hypot(size_b[0], size_b[1])
+    turned = 0.5 * (ra * abs(turn_a) + rb * abs(turn_b))
+    whole = _entry(
+        x, y, x + chord_x, y + chord_y, a0[2] + 0.5 * turn_a, b0[2] + 0.5 * turn_b, size_a, size_b, turned + bulge
+    )  # fmt: skip
+    if whole == math.inf:
+        return math.inf
+    slack = turned / PARTS + bulge / PARTS**2
+    x0, y0 = x, y
+    for k in range(PARTS):
+        f, middle = (k + 1) / PARTS, (k + 0.5) / PARTS
+        m0, m1 = f * (1.0 - f) ** 2, f * f * (f - 1.0)
+        x1 = x + f * chord_x + m0 * first_x + m1 * second_x
+        y1 = y + f * chord_y + m0 * first_y + m1 * second_y
+        share = _entry(
+            x0, y0, x1, y1, a0[2] + middle * turn_a, b0[2] + middle * turn_b, size_a, size_b, slack
+        )
+        if share < math.inf:
+            return (k + share) / PARTS
+        x0, y0 = x1, y1
+    return math.inf
+
+
+@entry
+def first_contact(a, b, h, size_a, size_b):
+    """See `contact.first_contact`: step by step until they touch, the circles around the boxes first."""
+    out = np.full(a.shape[0], math.inf)
+    for p in range(a.shape[0]):
+        reach = 0.5 * (math.hypot(size_a[p, 0], size_a[p, 1]) + math.hypot(size_b[p, 0], size_b[p, 1]))
+        x0, y0 = b[p, 0, 0] - a[p, 0, 0], b[p, 0, 1] - a[p, 0, 1]
+        d0, pace0 = math.sqrt(x0 * x0 + y0 * y0), abs(a[p, 0, 3]) + abs(b[p, 0, 3])
+        for j in range(a.shape[1] - 1):
+            x1, y1 = b[p, j + 1, 0] - a[p, j + 1, 0], b[p, j + 1, 1] - a[p, j + 1, 1]
+            d1, pace1 = math.sqrt(x1 * x1 + y1 * y1), abs(a[p, j + 1, 3]) + abs(b[p, j + 1, 3])
+            chord = math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2)
+            gap = 0.5 * (d0 + d1) - (0.5 + 2.0 * BULGE) * chord
+            if gap <= reach + BULGE * h[p] * (pace0 + pace1):
+                if j == 0 and _overlap(a[p, 0], b[p, 0], size_a[p], size_b[p]):
+                    share = 0.0
+                else:
+                    share = _of_step(a[p, j], a[p, j + 1], b[p, j], b[p, j + 1], h[p], size_a[p], size_b[p])
+                if share < math.inf:
+                    out[p] = (j + share) * h[p]
+                    break
+            x0, y0, d0, pace0 = x1, y1, d1, pace1
+    return out
