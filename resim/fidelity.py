@@ -252,6 +252,8 @@ def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) ->
     path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
     s, d = path.project(x, y)
     beyond = np.flatnonzero(np.abs(d) > np.interp(s, path.s, path.half_width))
+    if not len(beyond):
+        return None
     across = wrap_angle(heading[beyond] - np.interp(s[beyond], path.s, path.heading))
     turned = np.abs(across) > TURNED
     counts = beyond[turned | network.to_road(x[beyond], y[beyond]).on_road]

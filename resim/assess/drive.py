@@ -148,8 +148,16 @@ def _fresh(t: Floats, plans: Plans) -> tuple[list[int], list[Floats]]:
     """The scenes that have a plan of at most FRESH, and their plans."""
     latest = np.searchsorted(np.array([when for when, _ in plans]), t + _SAME, side="right") - 1
     found = ((n, *plans[k]) for n, k in enumerate(latest.tolist()) if k >= 0)
-    fresh = [(n, plan) for n, when, plan in found if t[n] - when <= FRESH and plan[-1, 0] > t[n] + _SAME]
-    return [n for n, _ in fresh], [plan for _, plan in fresh]
+    fresh = ((n, _in_order(plan)) for n, when, plan in found if t[n] - when <= FRESH)
+    ahead = [(n, plan) for n, plan in fresh if plan[-1, 0] > t[n] + _SAME]
+    return [n for n, _ in ahead], [plan for _, plan in ahead]
+
+
+def _in_order(plan: Floats) -> Floats:
+    """A plan by its times, each once."""
+    if (plan[1:, 0] > plan[:-1, 0]).all():
+        return plan
+    return np.asarray(plan[np.unique(plan[:, 0], return_index=True)[1]])
 
 
 def _planned_ways(plans: list[Floats], ego: Floats, at: Floats) -> Floats:

@@ -165,8 +165,7 @@ def assess_run(run: Run, scenario: Scenario, network: RoadNetwork, how: How) -> 
     counts = [len(p.ids) for p in run.perceived]
     ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in run.perceived)])
     functioning = _functioning(np.repeat(t, counts), ids, t, t, 0.0)
-    plans = tuple((when, _in_order(plan)) for when, plan in run.plans)
-    return _assess(_Block(scenario, plans, functioning, hits, failed), network, how)
+    return _assess(_Block(scenario, run.plans, functioning, hits, failed), network, how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,13 +313,6 @@ def _plans(frame: pd.DataFrame | None) -> Plans:
     values = rows.to_numpy(dtype=float)
     made, first = np.unique(values[:, 0], return_index=True)
     return tuple(zip(made.tolist(), np.split(values[:, 1:], first[1:]), strict=True))
-
-
-def _in_order(plan: Floats) -> Floats:
-    """A plan by its times, each once."""
-    if (np.diff(plan[:, 0]) > 0.0).all():
-        return plan
-    return np.asarray(plan[np.unique(plan[:, 0], return_index=True)[1]])
 
 
 def _left_out(tracks: pd.DataFrame, scenario: Scenario) -> str:

@@ -67,14 +67,12 @@ def tailgating(t: Floats, v: Floats, spare: Measure) -> Measure:
     if len(t) > 1 and not np.all(np.diff(t) > 0.0):
         raise ResimError("tailgating: expected times that increase from scene to scene")
     near = (spare.state == State.VALUE) & (np.nan_to_num(spare.value) < 0.0)
-    value = np.full(spare.value.shape, np.nan)
-    since, grace = np.zeros(near.shape[1]), np.zeros(near.shape[1])
-    for i in range(len(t)):
-        begins = near[i] & ~near[i - 1] if i else near[i]
-        came = spare.state[i - 1] == State.NO_CONFLICT if i else np.zeros_like(begins)
-        since[begins] = t[i]
-        grace[begins] = np.where(came[begins], 1.0 if v[i] > FAST else 3.0, 0.0)
-        value[i, near[i]] = (t[i] - since - grace)[near[i]]
+    begins, came = near.copy(), np.zeros_like(near)
+    begins[1:] &= ~near[:-1]
+    came[1:] = spare.state[:-1] == State.NO_CONFLICT
+    since = np.maximum.accumulate(np.where(begins, np.arange(len(t))[:, None], 0), axis=0)
+    grace = np.where(came, np.where(v > FAST, 1.0, 3.0)[:, None], 0.0)
+    value = np.where(near, t[:, None] - t[since] - np.take_along_axis(grace, since, axis=0), np.nan)
     state = np.where(near, State.VALUE, np.where(spare.state == State.VALUE, State.NO_CONFLICT, spare.state))
     return Measure("tailgating", "s", value, state.astype(np.uint8), "high")
 

@@ -20,7 +20,7 @@ Coefficients = tuple[float, float, float, float]
 
 def powers(coefficients: Floats, p: Floats, order: int = 0) -> Floats:
     """Give the polynomials' (..., 4; a, b, c, d) derivative of this order at p."""
-    a, b, c, d = np.moveaxis(coefficients, -1, 0)
+    a, b, c, d = (coefficients[..., k] for k in range(4))
     if order == 0:
         return np.asarray(a + p * (b + p * (c + p * d)))
     if order == 1:

@@ -164,20 +164,19 @@ class _Polynomials:
         self.step = np.array([table.step for table in tables])
         self.p = np.concatenate([table.p for table in tables])
         self.slope = np.concatenate([table.slope for table in tables])
-        self.u = np.array([parts[i].u for i in own])
-        self.v = np.array([parts[i].v for i in own])
+        self.curve = np.array([(parts[i].u, parts[i].v) for i in own])
 
     def evaluate(self, part: Ints, ds: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
         """Give local u, v [m], turn [rad], curvature, its rate, and speed at ds [m] in the parts."""
         number = self.number[part]
         p, slope = self._parameter(number, ds)
-        u, v = self.u[number], self.v[number]
-        du, dv, ddu, ddv = powers(u, p, 1), powers(v, p, 1), powers(u, p, 2), powers(v, p, 2)
+        curve = self.curve[number]
+        (u, v), (du, dv), (ddu, ddv), (dddu, dddv) = (powers(curve, p[:, None], k).T for k in range(4))
         speed = np.maximum(np.hypot(du, dv), 1e-9)
         curvature = (du * ddv - dv * ddu) / speed**3
-        change = (du * powers(v, p, 3) - dv * powers(u, p, 3)) / speed**3
+        change = (du * dddv - dv * dddu) / speed**3
         rate = (change - 3.0 * curvature * (du * ddu + dv * ddv) / speed**2) / speed
-        return powers(u, p), powers(v, p), np.arctan2(dv, du), curvature, rate, speed * slope
+        return u, v, np.arctan2(dv, du), curvature, rate, speed * slope
 
     def _parameter(self, number: Ints, ds: Floats) -> tuple[Floats, Floats]:
         """Give p and dp/ds by cubic Hermite interpolation of the table."""
