@@ -91,9 +91,14 @@ class Tracks:
     def window(self, start: float, end: float) -> Tracks:
         """Give the samples with start <= t <= end [s], and of the objects those that have one there."""
         keep = (self.t >= start) & (self.t <= end)
-        samples = {name: value[:, keep] for name, value in self._arrays().items() if value.ndim == 2}
-        cut = replace(self, t=self.t[keep], **samples)
+        cut = self.samples(np.flatnonzero(keep))
         return cut._rows(np.flatnonzero(cut.valid.any(axis=1)))
+
+    def samples(self, rows: ArrayLike) -> Tracks:
+        """Give the samples at these places in `t`, in this order, which must be that of time."""
+        rows = np.asarray(rows, dtype=int)
+        taken = {name: value[:, rows] for name, value in self._arrays().items() if value.ndim == 2}
+        return replace(self, t=self.t[rows], **taken)
 
     def shifted(self, dt: float) -> Tracks:
         """Give the same tracks dt [s] later."""

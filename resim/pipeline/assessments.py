@@ -282,12 +282,15 @@ def _assessed(
 
 def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     scenario = block.scenario
-    tracks = scenario.tracks(network, _times(scenario, how.rate))
+    often, seldom = _times(scenario, FINE), _times(scenario, how.rate)
+    t = np.union1d(often, seldom)
+    every = scenario.tracks(network, t)
+    tracks = every.samples(np.searchsorted(t, seldom))
     made = drive(
         tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
         predicted=how.prediction, road=network if how.road_aware else None,
     )  # fmt: skip
-    fine = contacts(scenario.tracks(network, _times(scenario, FINE)), scenario.ego.id)
+    fine = contacts(every.samples(np.searchsorted(t, often)), scenario.ego.id)
     hits = tuple(sorted([*fine, *block.collisions]))
     own = () if how.criteria is None else how.criteria.own
     return assess(

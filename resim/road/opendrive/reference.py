@@ -50,7 +50,7 @@ class Steps:
         """Give the record (N,) of each group (N,) that holds at s (N,); the first one before it begins."""
         key = self.base[group] + np.minimum(s, self.high[group])
         found = np.searchsorted(self.key, key, side="right") - 1
-        return np.clip(found, self.first[group], self.last[group])
+        return np.minimum(np.maximum(found, self.first[group]), self.last[group])
 
 
 class ReferenceLines:
@@ -79,7 +79,7 @@ class ReferenceLines:
 
     def evaluate(self, road: Ints, s: Floats) -> Frame:
         """Give the frames of roads (N,) at s (N,) [m]; beyond a road's ends along the end tangent."""
-        inside = np.clip(s, 0.0, self.length[road])
+        inside = np.minimum(np.maximum(s, 0.0), self.length[road])
         part = self.steps.find(road, inside)
         start, x, y, heading, cos, sin, bend, rate = self._table[part].T
         ds = inside - start
@@ -89,12 +89,9 @@ class ReferenceLines:
         u, v = ds * ratio * np.cos(half), ds * ratio * np.sin(half)
         turn, curvature, speed = ds * (bend + 0.5 * rate * ds), bend + rate * ds, np.ones_like(ds)
         kind = self._kind[part]
-        if self._spirals:
-            rows = np.flatnonzero(kind == SPIRAL)
+        if self._spirals and len(rows := np.flatnonzero(kind == SPIRAL)):
             u[rows], v[rows] = _spiral(ds[rows], bend[rows], rate[rows])
-        if self._polynomials is not None:
-            rate = rate.copy()
-            rows = np.flatnonzero(kind == POLYNOMIAL)
+        if self._polynomials is not None and len(rows := np.flatnonzero(kind == POLYNOMIAL)):
             values = self._polynomials.evaluate(part[rows], ds[rows])
             for column, value in zip((u, v, turn, curvature, rate, speed), values, strict=True):
                 column[rows] = value
