@@ -189,7 +189,10 @@ def judge(
     within = (t >= t[0] + criterion.start - _SAME) & (t <= end + _SAME)
     counts = there & within[:, None]
     bad = criterion.badness(np.where(counts, columns, np.nan))
-    times = np.array([_longest(bad[:, k] > 0.0, t) for k in range(bad.shape[1])])
+    broken_by = bad > 0.0
+    times = np.full(bad.shape[1], -1.0)
+    for k in np.flatnonzero(broken_by.any(axis=0)).tolist():
+        times[k] = _longest(broken_by[:, k], t)
     failed = (times >= 0.0) & (times >= criterion.duration - _SAME)
     longest = float(times.max(initial=-1.0))
     lost = counts & (states == State.NOT_COMPUTED)

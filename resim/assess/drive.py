@@ -106,9 +106,9 @@ def drive(
     lanes = None if road is None else ways(road, state, size, horizon=parameters.horizon)
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, size, inputs, motion, lanes)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
-    own = tracks.select([ego]).at(t)
+    everybody = tracks.at(t)
     ids = tuple(tracks.ids[others].tolist())
-    return Drive(t, ids, tracks.at(t), own, scenes, present, chosen, covered, expected.name)
+    return Drive(t, ids, everybody, everybody.select([ego]), scenes, present, chosen, covered, expected.name)
 
 
 def _states(tracks: Tracks) -> Floats:

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from resim.assess.criticality.contact import Rows
 from resim.assess.criticality.measure import Measure, State
 from resim.core.geometry import Bools, Floats, box_corners
 from resim.core.tracks import Tracks
@@ -19,9 +18,9 @@ def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
     The limit is that of the lane the box's centre is in (`RoadNetwork.speed_limit`). NOT_DEFINED where there is no
     limit or the centre is on no lane; NOT_COMPUTED where there is no sample.
     """
-    where, valid, place = np.nonzero(tracks.valid), tracks.valid, _places(tracks, network)
+    place, _ = _places(tracks, network)
     limit = np.where(place.on_road, network.speed_limit(place.road, place.lane, place.s), np.nan)
-    return _told("speed over limit", "m/s", tracks.v[where] - limit, valid)
+    return _told("speed over limit", "m/s", tracks.v[tracks.valid] - limit, tracks.valid)
 
 
 def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
@@ -31,10 +30,9 @@ def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
     length of the box, angles against the lane's direction; off all lanes, of the nearest one that vehicles drive on.
     NOT_DEFINED where the size is unknown; NOT_COMPUTED where there is no sample.
     """
-    where, place = np.nonzero(tracks.valid), _places(tracks, network)
-    heading = tracks.heading[where]
-    turn = heading - network.lane_heading(place.road, place.lane, place.s)
-    length, width = _sizes(tracks, where[0])
+    place, _ = _places(tracks, network)
+    turn = tracks.heading[tracks.valid] - network.lane_heading(place.road, place.lane, place.s)
+    length, width = _sizes(tracks)
     half = 0.5 * (length * np.abs(np.sin(turn)) + width * np.abs(np.cos(turn)))
     over = np.abs(place.t) + half - 0.5 * network.lane_width(place.road, place.lane, place.s)
     return _told("lane overhang", "m", over, tracks.valid)
@@ -45,24 +43,31 @@ def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
 
     NOT_DEFINED where the size is unknown; NOT_COMPUTED where there is no sample.
     """
-    where = np.nonzero(tracks.valid)
-    length, width = _sizes(tracks, where[0])
-    corners = box_corners(tracks.x[where], tracks.y[where], tracks.heading[where], length, width)
-    place = network.to_road(corners[..., 0], corners[..., 1])
-    off = (~place.on_road).reshape(-1, 4).sum(axis=1).astype(float)
-    return _told(
-        "corners off the road", "1", np.where(np.isfinite(length + width), off, np.nan), tracks.valid
-    )
+    length, width = _sizes(tracks)
+    _, on_road = _places(tracks, network)
+    off = np.where(np.isfinite(length + width), 4.0 - on_road.sum(axis=1), np.nan)
+    return _told("corners off the road", "1", off, tracks.valid)
 
 
 @lru_cache(maxsize=1)
-def _places(tracks: Tracks, network: RoadNetwork) -> RoadPositions:
-    """Where the centres (samples,) of all valid samples are on the road; kept for the next measure of the tracks."""
-    where = np.nonzero(tracks.valid)
-    return network.to_road(tracks.x[where], tracks.y[where], heading=tracks.heading[where])
+def _places(tracks: Tracks, network: RoadNetwork) -> tuple[RoadPositions, Bools]:
+    """Where the centres (samples,) of all valid samples are on the road, and which corners (samples, 4) are on it.
+
+    Looked up together, which takes as long as either, and kept for the next measure of the tracks.
+    """
+    x, y, heading = (column[tracks.valid] for column in (tracks.x, tracks.y, tracks.heading))
+    corners, n = box_corners(x, y, heading, *_sizes(tracks)).reshape(-1, 2).T, len(x)
+    every = network.to_road(
+        np.concatenate([x, corners[0]]), np.concatenate([y, corners[1]]),
+        heading=np.concatenate([heading, np.full(4 * n, np.nan)]),  # a corner heads nowhere
+    )  # fmt: skip
+    centres = RoadPositions(every.road[:n], every.lane[:n], every.s[:n], every.t[:n], every.on_road[:n])
+    return centres, every.on_road[n:].reshape(n, 4)
 
 
-def _sizes(tracks: Tracks, row: Rows) -> tuple[Floats, Floats]:
+def _sizes(tracks: Tracks) -> tuple[Floats, Floats]:
+    """Length and width (samples,) of all valid samples, NaN where unknown."""
+    row = np.nonzero(tracks.valid)[0]
     length, width = (np.where(size > 0.0, size, np.nan)[row] for size in (tracks.length, tracks.width))
     return length, width
 

@@ -124,7 +124,7 @@ class LaneIndex:
         guess = 0.5 * (c.low[cell] + c.high[cell]) + along / np.maximum(1.0 - c.curvature[cell] * across, 0.2)
         first = (c.low[cell] <= 0.0) & (guess < 0.0)
         last = (c.high[cell] >= self.lines.length[road]) & (guess > c.high[cell])
-        guess = np.where(first | last, guess, np.clip(guess, c.low[cell], c.high[cell]))
+        guess = np.where(first | last, guess, np.minimum(np.maximum(guess, c.low[cell]), c.high[cell]))
         return road, *foot(self.lines, road, x, y, guess)
 
     def _holds(self, row: Ints, road: Ints, s: Floats) -> Bools:
@@ -198,7 +198,7 @@ def foot(lines: ReferenceLines, road: Ints, x: Floats, y: Floats, s: Floats) -> 
         if turn > 0:
             on = (s[left] >= 0.0) & (s[left] <= lines.length[road[left]])
             limit = LONGEST_STEP * 0.5 ** max(turn - DAMPED_FROM, 0)
-            step = np.where(on, np.clip(step, -limit, limit), step)
+            step = np.where(on, np.minimum(np.maximum(step, -limit), limit), step)
         moving = miss[left] > 1e-10
         left, step = left[moving], step[moving]
         if not len(left):
