@@ -63,12 +63,11 @@ def outcome(
     if flaw := assessment.flaw:  # what passes here might not if the drive had been whole
         passed = {name: k for name, k in kpis.items() if k.outcome == "PASS"}
         kpis |= {name: replace(k, outcome="INVALID", reason=flaw) for name, k in passed.items()}
-    worst = {w.name: w.value for w in assessment.worst()}
     return Outcome(
         kpis=kpis,
         events=tuple(fidelity.events(tracks, network, ego=ego)),
         reaction=fidelity.reaction_time(tracks, ego=ego),
-        risk=worst.get("risk"),
+        risk=_worst(assessment, "risk"),
         comfort={name: _largest(assessment, name, way) for name, way in COMFORT.items()},
         collision=bool(assessment.contacts),
         end="" if run is None else run.end,
@@ -92,6 +91,12 @@ def parted(one: Tracks, two: Tracks, ego: str) -> float | None:
 def _driven(scenario: Scenario, network: RoadNetwork) -> Tracks:
     begin = scenario.ego.spawn_time
     return scenario.tracks(network, np.round(np.arange(begin, begin + scenario.duration, 0.01), 9))
+
+
+def _worst(assessment: Assessment, name: str) -> float | None:
+    measure = assessment.measures.get(name)
+    found = None if measure is None else measure.worst()
+    return None if found is None else found[0]
 
 
 def _largest(assessment: Assessment, name: str, way: str) -> float | None:

@@ -38,9 +38,11 @@ def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
     there = p.state.copy()
     there[:, 3] = 0.0
     gap = first_contact(ego, motion.straight(there, s), np.full(len(s), reach / n), p.ego_size, p.size)
-    at = motion.along(p.plan, np.where(np.isfinite(gap), gap, 0.0)[:, None], np.ones((len(s), 1)))[:, 0, 2]
-    same = np.abs(wrap_angle(p.state[:, 2] - at)) < SAME_WAY
-    return stated(gap, conflict=np.isfinite(gap) & same, defined=p.plan[:, 0, 3] >= 0.0)
+    found = np.flatnonzero(np.isfinite(gap))
+    heading = motion.along(p.plan[found], gap[found, None], np.ones((len(found), 1)))[:, 0, 2]
+    conflict = np.zeros(len(gap), dtype=bool)
+    conflict[found] = np.abs(wrap_angle(p.state[found, 2] - heading)) < SAME_WAY
+    return stated(gap, conflict=conflict, defined=p.plan[:, 0, 3] >= 0.0)
 
 
 def half_speedometer(pairs: Pairs, *, urban: bool = False) -> Measure:

@@ -61,6 +61,19 @@ def _place(a, b, f, ma, mb, beyond, v, out):
 
 
 @entry
+def straight(state, t):
+    """See `motion.straight`."""
+    out = np.empty((*t.shape, 4))
+    for p in range(t.shape[0]):
+        x, y, heading, v = state[p, 0], state[p, 1], state[p, 2], state[p, 3]
+        cos, sin = math.cos(heading), math.sin(heading)
+        for n in range(t.shape[1]):
+            way = v * t[p, n]
+            out[p, n, 0], out[p, n, 1], out[p, n, 2], out[p, n, 3] = x + way * cos, y + way * sin, heading, v
+    return out
+
+
+@entry
 def sample(path, step, t):
     """See `motion.sample`."""
     last = path.shape[1] - 1

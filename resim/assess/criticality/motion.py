@@ -35,13 +35,9 @@ def ctra(state: Floats, t: Floats) -> Floats:
 
 def straight(state: Floats, t: Floats) -> Floats:
     """Give the motion (P, N, 4) at constant velocity; state (P, >= 4) x, y, heading, v; t (P, N) s."""
-    x, y, heading, v = (state[:, i, None] for i in range(4))
-    out = np.empty((*np.broadcast_shapes(t.shape, v.shape), 4))
-    out[..., 0] = x + v * t * np.cos(heading)
-    out[..., 1] = y + v * t * np.sin(heading)
-    out[..., 2] = heading
-    out[..., 3] = v
-    return out
+    from resim.assess.criticality import kernel
+
+    return np.asarray(kernel.straight(*kernel.plain(state, t)))
 
 
 def _hermite(f: Floats, p0: Floats, m0: Floats, p1: Floats, m1: Floats) -> Floats:
