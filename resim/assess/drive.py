@@ -20,7 +20,10 @@ Path = Literal["plan", "state", "driven"]
 """Where the EGO's path comes from: its recorded plan, its state kept (CTRA), or where it drove later."""
 
 Plans = Sequence[tuple[float, Floats]]
-"""When each plan was made [s], increasing, and the plan (K, 4): t [s] on the same clock, x, y [m], v [m/s]."""
+"""When each plan was made [s], increasing, and the plan (K, 4): t [s] on the same clock, x, y [m], v [m/s].
+
+A plan's rows may stand in any order; of those of one time the first counts.
+"""
 
 FRESH = 0.5
 """Age [s] up to which a plan is the plan of a scene."""

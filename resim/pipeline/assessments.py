@@ -290,8 +290,8 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
         tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
         predicted=how.prediction, road=network if how.road_aware else None,
     )  # fmt: skip
-    fine = contacts(every.samples(np.searchsorted(t, often)), scenario.ego.id)
-    hits = tuple(sorted([*fine, *block.collisions]))
+    fine = every if len(t) == len(often) else every.samples(np.searchsorted(t, often))
+    hits = tuple(sorted([*contacts(fine, scenario.ego.id), *block.collisions]))
     own = () if how.criteria is None else how.criteria.own
     return assess(
         Subject(made, network, how.parameters, block.functioning, hits, own),
