@@ -192,11 +192,12 @@ class HighwayPilot:
 
     def plan(self, t: float, ego: EgoState, a: float) -> Floats:
         """Give the planned states over the next 3 s."""
-        plan = np.zeros((len(PLANNED), 4))
+        v = max(ego.v, 0.0)
+        driving = np.minimum(PLANNED, v / -a) if a < 0.0 else PLANNED  # until it stands
+        plan = np.empty((len(PLANNED), 4))
         plan[:, 0] = t + PLANNED
-        v = plan[:, 3] = np.maximum(ego.v + a * PLANNED, 0.0)
-        run = np.zeros(len(PLANNED))
-        (0.5 * 0.25 * (v[1:] + v[:-1])).cumsum(out=run[1:])
+        speed = plan[:, 3] = v + a * driving
+        run = 0.5 * (v + speed) * driving
         if self.mode == "change":
             since = t - self.change_begin + PLANNED
             d, _, _ = quintic(self.change_from, self.change_to, since, self.change_time)

@@ -100,6 +100,6 @@ def _placement(answer: Placement) -> Placement:
 
 
 def _is_plan(plan: Any) -> bool:
-    is_table = isinstance(plan, np.ndarray) and plan.ndim == 2 and plan.shape[1] == 4
+    is_table = isinstance(plan, np.ndarray) and plan.ndim == 2 and plan.shape[1] == 4 and len(plan) > 0
     is_numbers = is_table and plan.dtype.kind in "fiu"
     return is_numbers and np.count_nonzero(np.isfinite(plan)) == plan.size  # half the time of .all()

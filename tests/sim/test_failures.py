@@ -45,6 +45,7 @@ STUBBORN = """while True:
         ("return None", "answered None, expected a Command"),
         ("return (1.0, 0.0)", r"answered (1.0, 0.0), expected a Command"),
         ("return Command(0.0, 0.0, 'straight on')", "answered the plan 'straight on'"),
+        ("import numpy\nreturn Command(0.0, 0.0, numpy.zeros((0, 4)))", "expected finite numbers (K, 4)"),
         (
             "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), math.nan))",
             "expected finite numbers (K, 4)",
