@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
-from resim.perception.kernel import HEADING, MANEUVER, V, X, Y, look_back, remember
+from resim.perception.kernel import HEADING, MANEUVER, V, X, Y, remember
 from resim.perception.model import Objects
 from resim.perception.world import BRAKING, LANE_CHANGE, maneuver
 from resim.sim.perception import World
@@ -94,25 +94,22 @@ class History:
         )  # fmt: skip
         self.unwrap = any(s.latency.heading > 0.0 for s in sets)
         self.known: dict[float, Lookups] = {}
-        self.end = 0
+        self.clear()
 
     def clear(self) -> None:
         """Forget everything."""
         self.end = 0
+        self.look: Lookups | None = None
 
     def begin(self, world: World, dt: float = _STEP) -> None:
         """Lay out the time before the first sample, in steps of dt [s]."""
-        self.dt, rows = dt, math.ceil(self.need / dt + _SAME) + 2
-        self.samples, self.steady, self.end = 1, rows, rows
+        self.dt, self.look, rows = dt, None, math.ceil(self.need / dt + _SAME) + 2
+        self.steady = self.end = rows
         self.t = np.empty(max(8 * rows, 128))
         self.t[:rows] = world.t - dt * np.arange(rows - 1, -1, -1)
-        self._make(len(world.v))
+        self.past = np.empty((5, len(self.t), len(world.v)))
         self._past(world, np.arange(len(world.v)))
         self.first: World | None = world
-
-    def _make(self, n: int) -> None:
-        self.past = np.empty((5, len(self.t), n))
-        self.chosen = np.empty(n, dtype=np.intp)
 
     def _past(self, world: World, new: Rows) -> None:
         """Fill the columns of new objects."""
@@ -126,29 +123,30 @@ class History:
     def regroup(self, world: World, kept: Rows, before: Rows, new: Rows) -> None:
         """Change the columns: those `before` go to `kept`, and `new` ones begin."""
         self.first = None  # the past keeps the steps that it has
-        old = self.past
-        self._make(len(world.v))
+        old, self.past = self.past, np.empty((5, len(self.t), len(world.v)))
         self.past[..., kept] = old[..., before]
         self._past(world, new)
 
-    def append(self, world: World) -> None:
-        """Take in the truth of now."""
-        t, step = world.t, world.t - float(self.t[self.end - 1])
-        if self.samples == 1 and self.first is not None and abs(step - self.dt) > _SAME:
-            self.begin(self.first, step)
-        self.samples += 1
-        if abs(step - self.dt) < _SAME:
-            self.steady += 1
-        else:
-            self.steady, self.dt = 1, step
+    def append(self, world: World, step: float) -> None:
+        """Take in the truth of now, `step` [s] after the last."""
+        if not abs(step - self.dt) < _SAME:
+            self._change(step)
+        self.steady, self.first = self.steady + 1, None
         if self.end == len(self.t):
-            self._shift(t)
-        self.t[self.end] = t
+            self._shift(world.t)
+        self.t[self.end] = world.t
         remember(
             self.past, self.end, world.position, world.heading, world.v, world.ego.heading, BRAKING * step,
             LANE_CHANGE, self.unwrap,
         )  # fmt: skip
         self.end += 1
+
+    def _change(self, step: float) -> None:
+        """Go on with another time step; the first that is known goes for the time before, too."""
+        if self.first is not None:
+            self.begin(self.first, step)
+        else:
+            self.steady, self.dt, self.look = 0, step, None
 
     def _shift(self, t: float) -> None:
         """Drop what is too old, in place; make room where little is."""
@@ -162,23 +160,13 @@ class History:
 
     def lookups(self) -> Lookups:
         """Give what to look up now."""
-        if self.steady * self.dt > self.need + self.dt:
+        if self.look is None and self.steady * self.dt > self.need + self.dt:
             key = round(self.dt, 9)
-            found = self.known.get(key)
-            if found is None:
+            if key not in self.known:
                 rows = math.ceil(self.need / self.dt + _SAME) + 2
-                found = self.known[key] = Lookups(self.dt * np.arange(1.0 - rows, 1.0), self.sets)
-            return found
+                self.known[key] = Lookups(self.dt * np.arange(1.0 - rows, 1.0), self.sets)
+            self.look = self.known[key]  # for as long as the steps stay the same
+        if self.look is not None:
+            return self.look
         first = max(int(np.searchsorted(self.t[: self.end], self.t[self.end - 1] - self.need - _SAME)) - 1, 0)
         return Lookups(self.t[min(first, self.end - 2) : self.end], self.sets)
-
-    def look_back(self) -> tuple[NDArray[np.complex128], Floats]:
-        """Give places (N,) in the map, and (3, N) speeds, accelerations, and headings without jumps of a turn, each as
-        late as the object's set of parameters says; `chosen` (N,) are the sets then.
-        """
-        look, n = self.lookups(), len(self.chosen)
-        places, late = np.empty(n, dtype=complex), np.empty((3, n))
-        look_back(
-            self.past, self.end, look.weights, look.span, look.settled, self.set_of, self.chosen, places, late
-        )
-        return places, late

@@ -67,49 +67,22 @@ def _maneuver(across, gained, braked, lane_change):
 
 
 @entry
-def look_back(samples, end, weights, span, settled, set_of, chosen, places, late):
-    """Fill in which set of parameters objects have, `chosen` (N,), and what they were by that: places (N,) x + iy [m]
-    in the map, and late (3, N): speed [m/s], acceleration [m/s²], heading [rad].
-
-    samples (5, T, N), of which end - 1 is the newest, and `settled` counts back to the one that says what the maneuver
-    is; set_of (4,): the set of each maneuver. weights (S, 4, K) of the last K samples, not 0 from span (S, 4, 2) on,
-    and to there.
-    """
-    first = end - weights.shape[2]
-    for n in range(chosen.size):
-        one = set_of[int(samples[MANEUVER, end - settled, n])]
-        x = _weighted(samples, X, first, n, weights, span, one, PLACE)
-        y = _weighted(samples, Y, first, n, weights, span, one, PLACE)
-        chosen[n], places[n] = one, complex(x, y)
-        late[0, n] = _weighted(samples, V, first, n, weights, span, one, SPEED)
-        late[1, n] = _weighted(samples, V, first, n, weights, span, one, ACCELERATION)
-        late[2, n] = _weighted(samples, HEADING, first, n, weights, span, one, DIRECTION)
-
-
-@compiled
-def _weighted(samples, row, first, n, weights, span, one, what):
-    """The weighted sum of the last samples of an object."""
-    total = 0.0
-    for k in range(span[one, what, 0], span[one, what, 1]):
-        total += weights[one, what, k] * samples[row, first + k, n]
-    return total
-
-
-@entry
-def perceive(relative, late, length, width, ego_heading, ego_v, chosen, random, errors, least_size, drift,
-             edges, detected, state, reach, opening, limits, seen, who):  # fmt: skip
+def perceive(samples, end, weights, span, settled, set_of, ego_x, ego_y, ego_heading, ego_v, length, width, random,
+             errors, least_size, drift, edges, detected, state, reach, opening, limits, seen, who):  # fmt: skip
     """Fill seen (Q, M) with x, y, v, heading, length, width of the M objects that are seen, and who (M,) with their
     columns; give M, and how many of them lie outside of the limits. Drifts and states of detection go on by a step.
 
-    relative (N,): x + iy [m] in the EGO's frame; late (3, N): `look_back`; length, width (N,) [m]; ego_heading [rad],
-    ego_v [m/s]. chosen (N,): sets of parameters. random (WIDTH, N). errors (S, ERROR_ROWS, Q); least_size [m]; drift
-    (Q, N), standardised. edges (3, E): inner edges of range [m], |bearing| [rad] and occlusion; detected: the
-    probability (3, R, B, O) to be detected next, by state and bins; state (N,). reach [m], opening [rad]: of the field
-    of view. limits (5, 2): least and largest of the features, and of ego_v.
+    samples, end, weights, span, settled, set_of: what is known of the past (`_look_back`). ego_x, ego_y [m],
+    ego_heading [rad], ego_v [m/s]: in the map. length, width (N,) [m]. random (WIDTH, N). errors (S, ERROR_ROWS, Q);
+    least_size [m]; drift (Q, N), standardised. edges (3, E): inner edges of range [m], |bearing| [rad] and occlusion;
+    detected: the probability (3, R, B, O) to be detected next, by state and bins; state (N,). reach [m], opening
+    [rad]: of the field of view. limits (5, 2): least and largest of the features, and of ego_v.
     """
     count, beyond = 0, 0
+    chosen, places, late = _look_back(samples, end, weights, span, settled, set_of)
+    relative = (places - complex(ego_x, ego_y)) * complex(math.cos(ego_heading), -math.sin(ego_heading))
     hidden = _hidden(relative, late[2], ego_heading, length, width, detected.shape[3])
-    for n in range(relative.size):
+    for n in range(chosen.size):
         turned = (math.pi + ego_heading) - late[2, n]
         distance = math.hypot(relative[n].real, relative[n].imag)
         bearing = math.atan2(relative[n].imag, relative[n].real)
@@ -130,6 +103,37 @@ def perceive(relative, late, length, width, ego_heading, ego_v, chosen, random, 
         who[count] = n
         count += 1
     return count, beyond
+
+
+@compiled
+def _look_back(samples, end, weights, span, settled, set_of):
+    """Give which set of parameters objects have (N,), and what they were by that: places (N,) x + iy [m] in the map,
+    and (3, N) speeds [m/s], accelerations [m/s²] and headings [rad] without jumps of a turn.
+
+    samples (5, T, N), of which end - 1 is the newest, and `settled` counts back to the one that says what the maneuver
+    is; set_of (4,): the set of each maneuver. weights (S, 4, K) of the last K samples, not 0 from span (S, 4, 2) on,
+    and to there.
+    """
+    count, first = samples.shape[2], end - weights.shape[2]
+    chosen, places, late = np.empty(count, np.intp), np.empty(count, np.complex128), np.empty((3, count))
+    for n in range(count):
+        one = set_of[int(samples[MANEUVER, end - settled, n])]
+        x = _weighted(samples, X, first, n, weights, span, one, PLACE)
+        y = _weighted(samples, Y, first, n, weights, span, one, PLACE)
+        chosen[n], places[n] = one, complex(x, y)
+        late[0, n] = _weighted(samples, V, first, n, weights, span, one, SPEED)
+        late[1, n] = _weighted(samples, V, first, n, weights, span, one, ACCELERATION)
+        late[2, n] = _weighted(samples, HEADING, first, n, weights, span, one, DIRECTION)
+    return chosen, places, late
+
+
+@compiled
+def _weighted(samples, row, first, n, weights, span, one, what):
+    """The weighted sum of the last samples of an object."""
+    total = 0.0
+    for k in range(span[one, what, 0], span[one, what, 1]):
+        total += weights[one, what, k] * samples[row, first + k, n]
+    return total
 
 
 @compiled
@@ -188,6 +192,16 @@ def _hidden(places, heading, ego_heading, length, width, bins):
     if bins > 1:
         return occlusion(places, heading, ego_heading, length, width)
     return np.zeros(places.size)
+
+
+@entry
+def drifts(drift, keep, push, normals):
+    """Fill rows of drift (K + 1, P) from the first on: keep (P,) times the one before, and push (P,) times normals
+    (K, P or more).
+    """
+    for k in range(len(drift) - 1):
+        for p in range(keep.size):
+            drift[k + 1, p] = keep[p] * drift[k, p] + push[p] * normals[k, p]
 
 
 @entry

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from resim.perception.model import Localisation, Own
+from resim.perception.kernel import drifts
+from resim.perception.model import Localisation
 from resim.sim.adfunction import EgoState
 
 _BLOCK = 64
@@ -22,11 +23,15 @@ class OwnState:
     """The EGO's state as the EGO has it; its errors are made for many steps ahead, again if the steps change."""
 
     def __init__(self, localisation: Localisation, rng: np.random.Generator) -> None:
-        self.parts: list[Own] = [getattr(localisation, part) for part in _PARTS]
+        parts = [getattr(localisation, part) for part in _PARTS]
+        self.bias, self.drift, self.noise = (
+            np.array([getattr(own, name) for own in parts]) for name in ("bias", "drift", "noise")
+        )
+        self.correlation_time = np.array([own.correlation_time for own in parts])
         self.rng, self.dt, self.next = rng, math.inf, 0
-        self.normals: list[list[float]] = []
+        self.normals = np.empty((0, 2 * len(_PARTS)))
         self.errors: list[list[float]] = []
-        self.drifts: list[list[float]] = [[0.0] * len(_PARTS)]
+        self.drifts = np.zeros((1, len(_PARTS)))
 
     def perceive(self, ego: EgoState, dt: float) -> EgoState:
         """Give the state with the errors dt [s] after the last; infinite for the first."""
@@ -42,16 +47,13 @@ class OwnState:
 
     def _go_on(self, dt: float) -> None:
         """Make errors for steps of dt [s], from the last that was used on."""
-        drift, self.normals = self.drifts[self.next], self.normals[self.next :]
-        if not self.normals:
-            self.normals = self.rng.standard_normal((_BLOCK, 2 * len(_PARTS))).tolist()
-        self.dt, self.next, self.drifts, self.errors = dt, 0, [drift], []
-        keep = [math.exp(-dt / own.correlation_time) for own in self.parts]
-        push = [own.drift * math.sqrt(1.0 - k * k) for own, k in zip(self.parts, keep, strict=True)]
-        bias, noise = [own.bias for own in self.parts], [own.noise for own in self.parts]
-        for normals in self.normals:
-            drift = [k * d + p * n for k, d, p, n in zip(keep, drift, push, normals[:4], strict=True)]
-            self.drifts.append(drift)
-            self.errors.append(
-                [b + d + s * n for b, d, s, n in zip(bias, drift, noise, normals[4:], strict=True)]
-            )
+        before, self.normals = self.drifts[self.next], self.normals[self.next :]
+        if not len(self.normals):
+            self.normals = self.rng.standard_normal((_BLOCK, 2 * len(_PARTS)))
+        self.dt, self.next = dt, 0
+        keep = np.exp(-dt / self.correlation_time)
+        self.drifts = np.empty((len(self.normals) + 1, len(_PARTS)))
+        self.drifts[0] = before
+        drifts(self.drifts, keep, self.drift * np.sqrt(1.0 - keep * keep), self.normals)
+        errors = self.bias + self.drifts[1:] + self.noise * self.normals[:, len(_PARTS) :]
+        self.errors = errors.tolist()

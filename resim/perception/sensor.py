@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 
 import numpy as np
@@ -51,6 +50,7 @@ class Sensor:
         self._clutter = Clutter(model.false_objects, of("false")) if model.false_objects.rate > 0.0 else None
         self._timing = of("update")
         self._t = self._listed = self._due = -math.inf
+        self._last: Perceived
         self._held: Held | None = None
         self._names: list[str] = []
         self._ids: Strings | None = None
@@ -75,14 +75,15 @@ class Sensor:
         """Give what is perceived of the world; called with times that increase."""
         step = self._take_in(world)
         own = world.ego if self._own is None else self._own.perceive(world.ego, step)
-        if self._held is not None and world.t < self._due - _SAME:
+        if world.t < self._due - _SAME:
+            self._held = self._held or Held(self._last)
             return self._held.seen(world.t, own)
         self._step = world.t - self._listed if self._listed > -math.inf else 0.0
         seen = self._list(world, own)
         self._listed = world.t
         if self.model.update.period > 0.0:
             self._schedule(world.t)
-            self._held = Held(seen)
+            self._last, self._held = seen, None
         return seen
 
     def _take_in(self, world: World) -> float:
@@ -94,8 +95,8 @@ class Sensor:
             history.begin(world)
             step = math.inf
         else:
-            history.append(world)
             step = t - self._t
+            history.append(world, step)
         self._t = t
         return step
 
@@ -117,7 +118,7 @@ class Sensor:
         self._sight.regroup(kept, before, len(names))
         streams = [came[n] if n in came else known[name] for n, name in enumerate(names)]
         self._rows.regroup(streams, kept, before, new)
-        self._names = names
+        self._names, self._who = names, np.empty(len(names), dtype=np.intp)
         self._rename()
 
     def _rename(self) -> None:
@@ -138,14 +139,13 @@ class Sensor:
     def _list(self, world: World, own: EgoState) -> Perceived:
         """Make a list: the objects as they were, with errors, as far as they are detected."""
         ego, history, errors, sight = world.ego, self._history, self._errors, self._sight
-        places, late = history.look_back()
-        relative = (places - complex(ego.x, ego.y)) * cmath.rect(1.0, -ego.heading)
-        n, random = len(places), self._rows.take()
-        table, who = np.empty((Q, n)), np.empty(n, dtype=np.intp)
+        look, random, who, n = history.lookups(), self._rows.take(), self._who, len(self._names)
+        table = np.empty((Q, n))  # kept by who perceives
         count, beyond = perceive(
-            relative, late, world.length, world.width, ego.heading, ego.v, history.chosen, random,
+            history.past, history.end, look.weights, look.span, look.settled, history.set_of,
+            ego.x, ego.y, ego.heading, ego.v, world.length, world.width, random,
             errors.tables.table(self._step), errors.least_size, errors.drift,
-            sight.edges, sight.tables.probabilities(self._step), sight.state, sight.reach, sight.opening,
+            sight.edges, sight.tables.table(self._step), sight.state, sight.reach, sight.opening,
             self._limits, table, who,
         )  # fmt: skip
         self._perceived += count

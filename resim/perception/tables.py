@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -13,18 +14,42 @@ from resim.perception.model import FEATURES, QUANTITIES, Detection, Errors, Spre
 
 _HEADING = QUANTITIES.index("heading")
 _KEPT = 1000  # time steps whose tables are kept
+_SAME = 1e-9  # s
 _NONE = -1e4  # exp of it is 0
 
 
-class ErrorTables:
+class _ByStep(ABC):
+    """Tables that depend on the time step; they are kept, and while steps are alike the last is at hand."""
+
+    def __init__(self) -> None:
+        self._made: dict[float, Floats] = {}
+        self._dt, self._last = math.inf, np.empty(0)
+
+    def table(self, dt: float) -> Floats:
+        """Give the table for a step of dt [s]."""
+        if abs(dt - self._dt) > _SAME:
+            key = round(dt, 9)
+            if key not in self._made:
+                if len(self._made) > _KEPT:
+                    self._made.clear()
+                self._made[key] = self._make(dt)
+            self._dt, self._last = dt, self._made[key]
+        return self._last
+
+    @abstractmethod
+    def _make(self, dt: float) -> Floats:
+        """Make the table for a step of dt [s]."""
+
+
+class ErrorTables(_ByStep):
     """The errors of all sets of parameters: a table (S, ERROR_ROWS, Q) per time step, as the kernel takes it.
 
     Errors of heading have the other sign: what they are added to is pi less the heading.
     """
 
     def __init__(self, sets: list[Errors]) -> None:
+        super().__init__()
         self.sets = sets
-        self.made: dict[float, Floats] = {}
         self.root = _root(_coupling(sets[0])[0])  # makes drifts, as they are at first, of normals
         self.root[_HEADING] *= -1.0
         sizes = [getattr(errors, name) for errors in sets for name in ("length", "width")]
@@ -32,15 +57,8 @@ class ErrorTables:
             any(e.bias.model_dump().values()) or e.drift.constant or e.noise.constant for e in sizes
         )
 
-    def table(self, dt: float) -> Floats:
-        """Give the table for a step of dt [s]."""
-        key = round(dt, 9)
-        found = self.made.get(key)
-        if found is None:
-            if len(self.made) > _KEPT:
-                self.made.clear()
-            found = self.made[key] = np.array([_table(one, dt) for one in self.sets])
-        return found
+    def _make(self, dt: float) -> Floats:
+        return np.array([_table(one, dt) for one in self.sets])
 
 
 def _table(errors: Errors, dt: float) -> Floats:
@@ -85,10 +103,13 @@ def _root(covariance: Floats) -> Floats:
     return out
 
 
-class DetectionTables:
-    """The chain of detection, by bin: the probability to be detected next, for each state. Without bins always 1."""
+class DetectionTables(_ByStep):
+    """The chain of detection: a table (3, R, B, O) per time step of the probability to be detected next, by state
+    (LOST, DETECTED, FRESH) and bins. Without bins always 1.
+    """
 
     def __init__(self, detection: Detection) -> None:
+        super().__init__()
         inner = [e[1:-1] for e in (detection.range_edges, detection.bearing_edges, detection.occlusion_edges)]
         self.edges = np.full((3, max(map(len, inner))), np.inf)
         """Inner edges of range [m], |bearing| [rad] and occlusion, filled up with infinity."""
@@ -96,16 +117,7 @@ class DetectionTables:
             row[: len(edges)] = edges
         always = np.zeros((1, 1, 1))
         self.loss, self.gain = (np.array(c) if c else always for c in (detection.loss, detection.gain))
-        self.made: dict[float, Floats] = {}
 
-    def probabilities(self, dt: float) -> Floats:
-        """Give (3, R, B, O): by state (LOST, DETECTED, FRESH) and bins, after a step of dt [s]."""
-        key = round(dt, 9)
-        found = self.made.get(key)
-        if found is None:
-            if len(self.made) > _KEPT:
-                self.made.clear()
-            lost, gained = probabilities(self.loss, self.gain, dt)
-            found = np.array([gained, 1.0 - lost, detected_share(self.loss, self.gain)])
-            self.made[key] = found
-        return found
+    def _make(self, dt: float) -> Floats:
+        lost, gained = probabilities(self.loss, self.gain, dt)
+        return np.array([gained, 1.0 - lost, detected_share(self.loss, self.gain)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
 from typing import Protocol
@@ -52,9 +51,10 @@ class Ideal:
     def perceive(self, world: World) -> Perceived:
         """Give the true objects in the EGO's frame."""
         ego = world.ego
-        relative = (world.position - complex(ego.x, ego.y)) * cmath.rect(1.0, -ego.heading)
+        x, y = world.position.real - ego.x, world.position.imag - ego.y
+        c, s = math.cos(ego.heading), math.sin(ego.heading)
         turned = math.pi - np.mod((math.pi + ego.heading) - world.heading, 2.0 * math.pi)
         return Perceived(
-            world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
+            world.t, ego, world.ids, world.kind, c * x + s * y, c * y - s * x, turned, world.v,
             world.length, world.width,
         )  # fmt: skip

@@ -29,21 +29,19 @@ class Phase:
 
     shown: whether SUMO sees them; of the lead-in, of which no reading is kept, it knows nothing. rows: (n,) of the
     guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
-    what SUMO is told. position: (K, n) x + iy [m]. heading [rad], v [m/s]: (K, n). The rest: (n,).
+    what SUMO is told. truth: per step, t [s], and of the objects position (n,) x + iy [m], heading (n,) [rad], v (n,)
+    [m/s]. The rest: (n,).
     """
 
     first: int
     after: int
     shown: bool
-    t: Floats
     rows: Rows
     names: tuple[str, ...]
     come: tuple[str, ...]
     go: tuple[str, ...]
     commands: list[list[Placed]]
-    position: NDArray[np.complex128]
-    heading: Floats
-    v: Floats
+    truth: list[tuple[float, NDArray[np.complex128], Floats, Floats]]
     ids: Strings
     kind: Strings
     length: Floats
@@ -60,11 +58,8 @@ class Phase:
 
     def world(self, k: int, ego: EgoState) -> World:
         """Give the truth at step k: where the objects were commanded to be, and SUMO has them (`Run`)."""
-        i = k - self.first
-        return World(
-            float(self.t[i]), ego, self.ids, self.kind, self.position[i], self.heading[i], self.v[i],
-            self.length, self.width,
-        )  # fmt: skip
+        t, position, heading, v = self.truth[k - self.first]
+        return World(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +100,12 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
             first=first,
             after=after,
             shown=shown,
-            t=plan.t[first:after],
             rows=rows,
             names=names,
             come=tuple(n for n in names if n not in before),
             go=tuple(n for n in before if n not in names),
             commands=[[(name, *place) for name, place in zip(names, step, strict=True)] for step in told],
-            position=position,
-            heading=heading,
-            v=v,
+            truth=list(zip(plan.t[first:after].tolist(), position, heading, v, strict=True)),
             ids=who[0],
             kind=who[1],
             length=who[2],

@@ -50,6 +50,14 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert one != other
 
 
+def test_what_was_perceived_stays_as_it_was() -> None:
+    sensor = Sensor(everything())
+    seen = [sensor.perceive(world(t, *traffic(6)(t), ego_at(t))) for t in steps(0.4)]
+    before = as_bytes(seen)
+    look(sensor, traffic(6), steps(4.0))
+    assert as_bytes(seen) == before
+
+
 def test_one_more_object_changes_nothing_of_the_others() -> None:
     parts = everything().model_dump(by_alias=True) | {"detection": {}}  # occlusion does link them
     few, many = (

@@ -14,7 +14,12 @@ from resim.perception.world import features
 
 
 @pytest.mark.parametrize(
-    "times", [steps(8.0), np.cumsum(np.random.default_rng(3).uniform(0.01, 0.07, 200)).tolist()]
+    "times",
+    [
+        steps(8.0),
+        np.cumsum(np.random.default_rng(3).uniform(0.01, 0.07, 200)).tolist(),
+        [t for t in steps(4.0) if not 1.5 < t < 1.55] + [4.0 + t for t in steps(4.0, 0.05)[1:]],
+    ],
 )
 def test_latencies_of_position_speed_and_heading(times: list[float]) -> None:
     late = {"position": 0.13, "speed": 0.37, "heading": 0.8}
