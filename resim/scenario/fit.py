@@ -11,12 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
 
 from resim.core.geometry import Floats, unwrap_angle
 from resim.scenario.natural import Natural
 from resim.scenario.trace import Quadrature, Trace
+
+Complexes = NDArray[np.complex128]
 
 MIN_SEGMENT = 0.1
 """Least time [s] between two knots (Eq. 5.5)."""
@@ -65,27 +67,32 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
             stalled += 1
     if best.mean > _EXACT:
         best = problem.improve(problem.again(best), rounds=5)
-    trace = Trace(best.x0, best.y0, best.spline_v(), best.spline_heading())
-    return Fit(trace, best.distance)
+    splines = best.v.spline(best.p_v), best.heading.spline(best.p_heading)
+    return Fit(Trace(best.start.real, best.start.imag, *splines), best.distance)
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """One candidate: knots and values of both splines, start position, and what follows from them."""
+    """One candidate, and what follows from it; vectors in the map are x + iy.
+
+    Knots and values of both splines, and the start [m]. At the nodes: direction (1 m long) and motion [m/s]. How far
+    off positions are (T,) [m]; all that is off, as the sum of squares has it; that sum.
+    """
 
     v: Natural
     heading: Natural
     p_v: Floats
     p_heading: Floats
-    x0: float
-    y0: float
-    residual_x: Floats
-    residual_y: Floats
+    start: complex
+    direction: Complexes
+    motion: Complexes
+    off: Complexes
+    residual: Floats
     cost: float
 
     @property
     def distance(self) -> Floats:
-        return np.hypot(self.residual_x, self.residual_y)
+        return np.abs(self.off)
 
     @property
     def mean(self) -> float:
@@ -94,99 +101,78 @@ class _State:
     @property
     def hangs_together(self) -> bool:
         """Whether neighbouring residuals are alike: then they are misfit, and more segments are worth a try."""
-        one, two = (np.stack([r[:-1], r[1:]]) for r in (self.residual_x, self.residual_y))
-        return bool((one[0] @ one[1] + two[0] @ two[1]) > 0.9 * (one[0] @ one[0] + two[0] @ two[0]))
-
-    def spline_v(self) -> CubicSpline:
-        return _natural(self.v.knots, self.p_v)
-
-    def spline_heading(self) -> CubicSpline:
-        return _natural(self.heading.knots, self.p_heading)
-
-
-def _natural(knots: Floats, values: Floats) -> CubicSpline:
-    return CubicSpline(knots, values, bc_type="natural")
+        one, two = self.off[:-1], self.off[1:]
+        return bool(np.vdot(one, two).real > 0.9 * np.vdot(one, one).real)
 
 
 class _Problem:
     """The measured samples, and the damped Gauss-Newton steps that bring a candidate closer to them."""
 
     def __init__(self, t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> None:
-        self.t, self.x, self.y, self.measured_heading, self.measured_v = t, x, y, heading, v
+        self.t, self.place, self.measured_heading, self.measured_v = t, x + 1j * y, heading, v
         self.rule = Quadrature.over(float(t[0]), t)
         self.noise = _LEAST_NOISE
 
     def even(self, segments: int) -> _State:
         """A candidate with evenly spaced knots and the measured speed and heading."""
         spline = Natural.over(np.linspace(self.t[0], self.t[-1], segments + 1), self.rule.nodes)
-        own = spline.basis[self.rule.grid :]
+        own = spline.basis[:, self.rule.own]
         ridge = 1e-6 * len(self.t) * (spline.second.T @ spline.second) + 1e-9 * np.eye(segments + 1)
         values = np.column_stack([self.measured_v, self.measured_heading])
-        p = np.asarray(np.linalg.solve(own.T @ own + ridge, own.T @ values), dtype=np.float64)
-        return self.evaluate(spline, spline, p[:, 0], p[:, 1], float(self.x[0]), float(self.y[0]))
+        p = np.asarray(np.linalg.solve(own @ own.T + ridge, own @ values), dtype=np.float64)
+        return self.evaluate(spline, spline, p[:, 0], p[:, 1], complex(self.place[0]))
 
     def split(self, state: _State) -> _State:
         """Halve the segment with the largest squared error along (speed) or across (heading) the motion."""
-        angle = (state.heading.basis @ state.p_heading)[self.rule.grid :]
-        c, s = np.cos(angle), np.sin(angle)
-        along, across = (
-            c * state.residual_x + s * state.residual_y,
-            c * state.residual_y - s * state.residual_x,
-        )
-        (v, p_v), (heading, p_heading) = (
-            self._halved(spline, values, error)
-            for spline, values, error in (
-                (state.v, state.p_v, along),
-                (state.heading, state.p_heading, across),
-            )
-        )
-        return self.evaluate(v, heading, p_v, p_heading, state.x0, state.y0)
+        error = state.off * state.direction[self.rule.own].conj()
+        v, p_v = self._halved(state.v, state.p_v, error.real)
+        heading, p_heading = self._halved(state.heading, state.p_heading, error.imag)
+        return self.evaluate(v, heading, p_v, p_heading, state.start)
 
     def _halved(self, spline: Natural, values: Floats, error: Floats) -> tuple[Natural, Floats]:
-        segments = len(spline.knots) - 1
-        owner = np.clip(np.searchsorted(spline.knots, self.t, side="right") - 1, 0, segments - 1)
-        squares = np.bincount(owner, error**2, minlength=segments)
-        i = int(np.argmax(np.where(np.diff(spline.knots) >= 2.0 * MIN_SEGMENT, squares, -1.0)))
-        middle = 0.5 * (spline.knots[i] + spline.knots[i + 1])
-        knots = _apart(np.insert(spline.knots, i + 1, middle))
+        knots = spline.knots
+        widths = np.diff(knots)
+        squares = np.bincount(spline.segment[self.rule.own], error**2, minlength=len(widths))
+        i = int(np.argmax(np.where(widths >= 2.0 * MIN_SEGMENT, squares, -1.0)))
         bend = spline.second[i : i + 2] @ values
-        width = spline.knots[i + 1] - spline.knots[i]
-        value = 0.5 * (values[i] + values[i + 1]) - width**2 / 16.0 * bend.sum()
-        return Natural.over(knots, self.rule.nodes), np.insert(values, i + 1, value)
+        value = 0.5 * (values[i] + values[i + 1]) - widths[i] ** 2 / 16.0 * bend.sum()
+        middle = 0.5 * (knots[i] + knots[i + 1])
+        knots, values = (
+            np.concatenate([c[: i + 1], [new], c[i + 1 :]]) for c, new in ((knots, middle), (values, value))
+        )
+        return Natural.over(_apart(knots), self.rule.nodes), values
 
     def again(self, state: _State) -> _State:
         """Cost a candidate anew, at the noise that is known by now."""
-        return self.evaluate(state.v, state.heading, state.p_v, state.p_heading, state.x0, state.y0)
+        return self.evaluate(state.v, state.heading, state.p_v, state.p_heading, state.start)
 
     def evaluate(
-        self, v: Natural, heading: Natural, p_v: Floats, p_heading: Floats, x0: float, y0: float
+        self, v: Natural, heading: Natural, p_v: Floats, p_heading: Floats, start: complex
     ) -> _State:
-        speed, angle = v.basis @ p_v, heading.basis @ p_heading
-        rx = x0 + self.rule(speed * np.cos(angle)) - self.x
-        ry = y0 + self.rule(speed * np.sin(angle)) - self.y
-        prior = angle[self.rule.grid :] - self.measured_heading
-        cost = float(rx @ rx + ry @ ry + (self.noise / _HEADING_OFF) ** 2 * prior @ prior)
-        for spline, p, usual in ((v, p_v, _BEND_V), (heading, p_heading, _BEND_HEADING)):
-            bend = spline.second @ p
-            cost += (self.noise / usual) ** 2 * float(bend @ bend)
-        return _State(v, heading, p_v, p_heading, x0, y0, rx, ry, cost)
+        angle = p_heading @ heading.basis
+        direction = np.cos(angle) + 1j * np.sin(angle)
+        motion = (p_v @ v.basis) * direction
+        off = start + self.rule(motion) - self.place
+        residual = np.concatenate([
+            off.view(np.float64), self.noise / _HEADING_OFF * (angle[self.rule.own] - self.measured_heading),
+            self.noise / _BEND_V * (v.second @ p_v), self.noise / _BEND_HEADING * (heading.second @ p_heading),
+        ])  # fmt: skip
+        cost = float(residual @ residual)
+        return _State(v, heading, p_v, p_heading, start, direction, motion, off, residual, cost)
 
     def improve(self, state: _State, rounds: int, move_knots: bool = True) -> _State:
         """Take up to `rounds` Levenberg-Marquardt steps."""
         damping = 1e-2
         for _ in range(rounds):
-            normal, gradient = self.linearise(state, move_knots)
+            jacobian = self.linearise(state, move_knots)
+            normal, gradient = jacobian @ jacobian.T, jacobian @ state.residual
             for _ in range(4):
-                try:
-                    factor = cho_factor(
-                        normal + damping * np.diag(np.diag(normal) + 1e-9), check_finite=False
-                    )
-                except LinAlgError:
-                    damping *= 10.0
-                    continue
-                trial = self.step(state, -cho_solve(factor, gradient, check_finite=False), move_knots)
-                if trial.cost < state.cost:
-                    break
+                damped = normal + damping * np.diag(np.diag(normal) + 1e-9)
+                _, delta, failed = dposv(damped, -gradient)  # cho_factor and cho_solve take twice as long
+                if not failed:
+                    trial = self.step(state, delta, move_knots)
+                    if trial.cost < state.cost:
+                        break
                 damping *= 10.0
             else:
                 return state
@@ -196,40 +182,33 @@ class _Problem:
                 break
         return state
 
-    def linearise(self, state: _State, move_knots: bool) -> tuple[Floats, Floats]:
-        """Give the normal matrix and the gradient by p_v, p_heading, x0, y0 and inner knot times."""
-        v, heading = state.v, state.heading
+    def linearise(self, state: _State, move_knots: bool) -> Floats:
+        """Give the derivatives (P, R) of the residual by p_v, p_heading, inner knot times of each, and the start."""
+        v, heading, n = state.v, state.heading, 2 * len(self.t)
         by_v, by_heading = v.basis, heading.basis
         if move_knots:
-            by_v = np.hstack([by_v, v.by_knot_times(state.p_v)])
-            by_heading = np.hstack([by_heading, heading.by_knot_times(state.p_heading)])
-        speed, angle = v.basis @ state.p_v, heading.basis @ state.p_heading
-        c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-        turn = speed[:, None] * by_heading
-        one, none = np.ones((len(self.t), 1)), np.zeros((len(self.t), 1))
-        jx = np.hstack([self.rule(np.hstack([by_v * c, -turn * s])), one, none])
-        jy = np.hstack([self.rule(np.hstack([by_v * s, turn * c])), none, one])
-        normal = jx.T @ jx + jy.T @ jy
-        gradient = jx.T @ state.residual_x + jy.T @ state.residual_y
-        own = by_heading[self.rule.grid :]
-        at = slice(by_v.shape[1], by_v.shape[1] + by_heading.shape[1])
-        weight = (self.noise / _HEADING_OFF) ** 2
-        normal[at, at] += weight * own.T @ own
-        gradient[at] += weight * own.T @ (angle[self.rule.grid :] - self.measured_heading)
-        for spline, p, usual, first in (
-            (v, state.p_v, _BEND_V, 0),
-            (heading, state.p_heading, _BEND_HEADING, by_v.shape[1]),
+            by_v = np.vstack([by_v, v.by_knot_times(state.p_v)])
+            by_heading = np.vstack([by_heading, heading.by_knot_times(state.p_heading)])
+        first = len(by_v)
+        motions = np.empty((first + len(by_heading), len(self.rule.nodes)), dtype=np.complex128)
+        for rows, by, motion in (
+            (motions[:first], by_v, state.direction),
+            (motions[first:], by_heading, 1j * state.motion),
         ):
-            at = slice(first, first + len(p))
-            smooth = (self.noise / usual) ** 2 * (spline.second.T @ spline.second)
-            normal[at, at] += smooth
-            gradient[at] += smooth @ p
-        return normal, gradient
+            np.multiply(by, motion.real, out=rows.real)
+            np.multiply(by, motion.imag, out=rows.imag)
+        out = np.zeros((len(motions) + 2, len(state.residual)))
+        out[:-2, :n] = self.rule(motions).view(np.float64)
+        out[-2, 0:n:2] = out[-1, 1:n:2] = 1.0
+        bend, end = n + len(self.t), len(state.residual) - len(state.p_heading)
+        out[first:-2, n:bend] = self.noise / _HEADING_OFF * by_heading[:, self.rule.own]
+        out[: len(v.knots), bend:end] = self.noise / _BEND_V * v.second.T
+        out[first : first + len(heading.knots), end:] = self.noise / _BEND_HEADING * heading.second.T
+        return out
 
     def step(self, state: _State, delta: Floats, move_knots: bool) -> _State:
-        v, heading, x0, y0 = state.v, state.heading, state.x0 + delta[-2], state.y0 + delta[-1]
         splines, first = [], 0
-        for spline, p in ((v, state.p_v), (heading, state.p_heading)):
+        for spline, p in ((state.v, state.p_v), (state.heading, state.p_heading)):
             p_new, first = p + delta[first : first + len(p)], first + len(p)
             if move_knots and len(p) > 2:
                 moved = spline.knots.copy()
@@ -237,7 +216,7 @@ class _Problem:
                 spline, first = Natural.over(_apart(moved), self.rule.nodes), first + len(p) - 2
             splines.append((spline, p_new))
         (v, p_v), (heading, p_heading) = splines
-        return self.evaluate(v, heading, p_v, p_heading, float(x0), float(y0))
+        return self.evaluate(v, heading, p_v, p_heading, state.start + complex(*delta[-2:]))
 
 
 def _apart(knots: Floats) -> Floats:

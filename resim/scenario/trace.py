@@ -7,9 +7,10 @@ the same way every time it is necessary", by the movement model of Eq. 5.4 and t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly
 
 from resim.core.geometry import Floats
@@ -17,21 +18,26 @@ from resim.core.geometry import Floats
 STEP = 0.02
 """Width [s] of the trapezoids. Fixed, so that a position does not depend on the times that are asked for."""
 
+Indices = NDArray[np.intp]
+AnyNumbers = TypeVar("AnyNumbers", Floats, NDArray[np.complex128])
+
+_SAME = 1e-12  # s; a time that near to a point of the grid is that point
 _TOLERANCE = 1e-6  # s; a time this far outside a trace still belongs to it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Quadrature:
     """The trapezoid rule from `start` to times t (T,), as a linear map of the integrand at `nodes`.
 
-    Nodes are the fixed grid start + k STEP and after it the times themselves: a time between two grid
-    points is reached by a shorter trapezoid from the grid point before it.
+    Nodes are the fixed grid start + k STEP and after it the times between: each is reached by a shorter trapezoid from
+    the grid point before it. own: (T,), which of the nodes the times are.
     """
 
     nodes: Floats
+    own: Indices
     grid: int
-    before: np.ndarray[tuple[int], np.dtype[np.intp]]
-    rest: Floats
+    before: Indices
+    half: Floats
 
     @classmethod
     def over(cls, start: float, t: Floats) -> Quadrature:
@@ -39,15 +45,17 @@ class Quadrature:
         since = np.maximum(t - start, 0.0)
         before = np.floor(since / STEP + 1e-9).astype(np.intp)
         grid = start + STEP * np.arange((before.max() if len(before) else 0) + 1)
-        return cls(np.concatenate([grid, t]), len(grid), before, since - STEP * before)
+        rest = since - STEP * before
+        between = rest > _SAME
+        own = np.where(between, len(grid) - 1 + np.cumsum(between), before)
+        return cls(np.concatenate([grid, t[between]]), own, len(grid), before, 0.5 * rest)
 
-    def __call__(self, integrand: Floats) -> Floats:
-        """Give the integrals (T, ...) of integrands sampled at the nodes (len(nodes), ...)."""
-        f = integrand[: self.grid]
-        whole = np.zeros_like(f)
-        np.cumsum((0.5 * STEP) * (f[1:] + f[:-1]), axis=0, out=whole[1:])
-        half = (0.5 * self.rest).reshape(-1, *([1] * (f.ndim - 1)))
-        return whole[self.before] + half * (f[self.before] + integrand[self.grid :])
+    def __call__(self, integrand: AnyNumbers) -> AnyNumbers:
+        """Give the integrals (..., T) of integrands sampled at the nodes (..., len(nodes))."""
+        # the trapezoids are the sum of all samples, less half of the first and of the last
+        whole = np.cumsum(integrand[..., : self.grid], axis=-1).take(self.before, axis=-1)
+        first, last = integrand.take(self.before, axis=-1), integrand.take(self.own, axis=-1)
+        return STEP * (whole - 0.5 * integrand[..., :1]) + (self.half - 0.5 * STEP) * first + self.half * last
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +92,13 @@ class Trace:
     def _inside(self, t: Floats) -> Floats:
         rule = Quadrature.over(self.start, t)
         v, heading = self.v(rule.nodes), self.heading(rule.nodes)
-        own = slice(rule.grid, None)
+        x, y = rule(v * np.stack([np.cos(heading), np.sin(heading)]))
         return np.stack(
             [
-                self.x0 + rule(v * np.cos(heading)),
-                self.y0 + rule(v * np.sin(heading)),
-                heading[own],
-                v[own],
+                self.x0 + x,
+                self.y0 + y,
+                heading[rule.own],
+                v[rule.own],
                 self.v(t, 1),
                 self.heading(t, 1),
             ]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from resim.scenario.trace import STEP, Trace
+from resim.scenario.trace import STEP, Quadrature, Trace
 
 KNOTS = np.array([0.3, 1.0, 2.2, 3.0, 4.3])
 
@@ -49,13 +49,29 @@ def test_the_rule_is_the_trapezoid_rule_on_its_own_grid(trace: Trace) -> None:
     np.testing.assert_allclose(trace.states(grid[-1:]).x, expected, atol=1e-9)
 
 
+def test_a_time_on_the_grid_is_no_further_node() -> None:
+    t = 0.3 + STEP * np.array([0.0, 1.0, 3.0, 3.5, 2.0])
+    rule = Quadrature.over(0.3, t)
+    np.testing.assert_allclose(rule.nodes, [*(0.3 + STEP * np.arange(4)), t[3]], atol=1e-12)
+    np.testing.assert_allclose(rule.nodes[rule.own], t, atol=1e-12)
+
+
+def test_the_rule_takes_complex_integrands_and_many_at_once() -> None:
+    t = np.array([0.3, 0.42, 0.431, 1.3, 0.7])
+    rule = Quadrature.over(0.3, t)
+    lines = np.array([[1.0], [2.0 - 1.0j]]) * (rule.nodes - 0.3) + 1.0j  # trapezoids have no error
+    expected = np.array([[0.5], [1.0 - 0.5j]]) * (t - 0.3) ** 2 + 1.0j * (t - 0.3)
+    np.testing.assert_allclose(rule(lines), expected, atol=1e-12)
+    np.testing.assert_allclose(rule(lines[1]), expected[1], atol=1e-12)
+
+
 def test_derivatives_are_those_of_the_splines(trace: Trace) -> None:
     t = np.linspace(0.4, 4.2, 20)
     states, eps = trace.states(t), 1e-6
     np.testing.assert_allclose(states.a, (trace.v(t + eps) - trace.v(t - eps)) / (2 * eps), atol=1e-5)
     turn = (trace.heading(t + eps) - trace.heading(t - eps)) / (2 * eps)
     np.testing.assert_allclose(states.yaw_rate, turn, atol=1e-5)
-    np.testing.assert_array_equal(states.v, trace.v(t))
+    np.testing.assert_allclose(states.v, trace.v(t), rtol=0.0, atol=1e-10)
 
 
 def test_there_is_nothing_outside(trace: Trace) -> None:
