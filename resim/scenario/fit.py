@@ -168,7 +168,7 @@ class _Problem:
             normal, gradient = jacobian @ jacobian.T, jacobian @ state.residual
             for _ in range(4):
                 damped = normal + damping * np.diag(np.diag(normal) + 1e-9)
-                _, delta, failed = dposv(damped, -gradient)  # cho_factor and cho_solve take twice as long
+                _, delta, failed = dposv(damped, -gradient)  # cho_factor and cho_solve take six times as long
                 if not failed:
                     trial = self.step(state, delta, move_knots)
                     if trial.cost < state.cost:
