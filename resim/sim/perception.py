@@ -51,10 +51,11 @@ class Ideal:
     def perceive(self, world: World) -> Perceived:
         """Give the true objects in the EGO's frame."""
         ego = world.ego
-        x, y = world.position.real - ego.x, world.position.imag - ego.y
+        away = world.position - complex(ego.x, ego.y)
         c, s = math.cos(ego.heading), math.sin(ego.heading)
+        relative = c * away - complex(0.0, s) * away  # of one complex product, processors round differently
         turned = math.pi - np.mod((math.pi + ego.heading) - world.heading, 2.0 * math.pi)
         return Perceived(
-            world.t, ego, world.ids, world.kind, c * x + s * y, c * y - s * x, turned, world.v,
+            world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
             world.length, world.width,
         )  # fmt: skip
