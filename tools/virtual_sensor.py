@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class Sensor:
         )  # fmt: skip
         v = ego.v + e.ego_v + e.ego_v_noise * rng.standard_normal()
         heading = ego.heading + e.ego_heading_noise * rng.standard_normal()
-        return replace(ego, x=float(x), y=float(y), v=v, heading=heading)
+        return ego._replace(x=float(x), y=float(y), v=v, heading=heading)
 
     def wander(self, name: str) -> float:
         """Give the object's distance error [m]: a first-order autoregression about its mean."""

@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -21,8 +21,7 @@ from resim.road.opendrive import RoadNetwork
 PARTS = 'A build has name, version, factory = "module:name", [parameters].'
 
 
-@dataclass(frozen=True, slots=True)
-class EgoState:
+class EgoState(NamedTuple):
     """The EGO's own state: x, y [m] of the box centre and heading [rad] in the map frame, v [m/s] along the
     heading, a [m/s²], yaw_rate [rad/s].
     """

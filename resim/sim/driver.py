@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -95,8 +94,8 @@ def _placement(answer: Placement) -> Placement:
     state: Any = answer.state
     if not isinstance(state, EgoState):
         raise FunctionError(f"answered the placement {state!r:.60}, expected an EgoState")
-    values = ((field.name, getattr(state, field.name)) for field in fields(EgoState))
-    return Placement(EgoState(**{name: _plain(value, f"placement {name}") for name, value in values}))
+    values = zip(EgoState._fields, state, strict=True)
+    return Placement(EgoState(*[_plain(value, f"placement {name}") for name, value in values]))
 
 
 def _is_plan(plan: Any) -> bool:

@@ -9,8 +9,8 @@ vehicle models (Althoff, Würsching: CommonRoad: Vehicle Models, 2020), whose eq
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 from resim.sim.adfunction import EgoState
 
@@ -41,12 +41,24 @@ class Vehicle:
         return self.front + self.rear
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState(EgoState):
-    """An EGO's state, and what its model needs besides: steering angle, and slip angle at the centre [rad]."""
+class VehicleState(NamedTuple):
+    """An EGO's state as `EgoState` has it, and what its model needs besides: steering angle, and slip angle at the
+    centre [rad].
+    """
 
+    x: float
+    y: float
+    heading: float
+    v: float
+    a: float = 0.0
+    yaw_rate: float = 0.0
     steering: float = 0.0
     slip: float = 0.0
+
+    @property
+    def ego(self) -> EgoState:
+        """The EGO's state."""
+        return EgoState(*self[:6])
 
 
 class VehicleModel(Protocol):
@@ -134,7 +146,7 @@ class SingleTrack:
         car, turn = self.vehicle, state.yaw_rate / state.v
         tyre = state.v * state.yaw_rate / (car.friction * car.cornering * 9.81)  # the same at both axles
         slip = car.rear * turn - tyre
-        return replace(settled, steering=car.wheelbase * turn, slip=slip, yaw_rate=state.yaw_rate)
+        return settled._replace(steering=car.wheelbase * turn, slip=slip, yaw_rate=state.yaw_rate)
 
     def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
         """Integrate with the classical Runge-Kutta method over at most 10 ms at a time."""

@@ -129,7 +129,7 @@ class _Loop:
             for k in range(phase.first, phase.after):
                 if phase.shown:
                     self.said.extend(session.advance(phase.commands[k - phase.first], ego))
-                self.ego.extend((ego.x, ego.y, ego.heading, ego.v, ego.a, ego.yaw_rate))
+                self.ego.extend(ego)
                 self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look(stop_at_collision):
                     return
@@ -147,7 +147,8 @@ class _Loop:
                     state = self.model.settle(ego)
                 else:
                     self.commands.append((answer.acceleration, answer.curvature))
-                    ego = state = move(state, answer.acceleration, answer.curvature, dt)
+                    state = move(state, answer.acceleration, answer.curvature, dt)
+                    ego = state.ego
         self.look(stop_at_collision)
 
     def failed(self, why: str, stop_at_collision: bool) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +13,7 @@ from resim.core.tracks import Strings
 from resim.sim.adfunction import EgoState, Perceived
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class World:
+class World(NamedTuple):
     """The truth at time t [s]: the EGO, and N traffic objects in the map frame.
 
     position: (N,) complex, x + iy [m] of the box centres. heading [rad], v [m/s], length, width [m]: (N,).
