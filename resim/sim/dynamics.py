@@ -119,13 +119,13 @@ class Kinematic:
         v = max(min(state.v, 0.0), state.v + 0.5 * (state.a + a) * dt)  # brakes stop it, and hold it
         if v <= 0.0:
             a = max(a, 0.0)
-        path = 0.5 * (state.v + v) * dt
-        bend = math.tan(0.5 * (state.steering + steering)) / car.wheelbase
+        path, wheelbase, rear = 0.5 * (state.v + v) * dt, car.wheelbase, car.rear
+        bend = math.tan(0.5 * (state.steering + steering)) / wheelbase
         heading = state.heading + path * bend
         middle = 0.5 * (state.heading + heading)
-        x = state.x + path * math.cos(middle) + car.rear * (math.cos(heading) - math.cos(state.heading))
-        y = state.y + path * math.sin(middle) + car.rear * (math.sin(heading) - math.sin(state.heading))
-        yaw_rate = v * math.tan(steering) / car.wheelbase
+        x = state.x + path * math.cos(middle) + rear * (math.cos(heading) - math.cos(state.heading))
+        y = state.y + path * math.sin(middle) + rear * (math.sin(heading) - math.sin(state.heading))
+        yaw_rate = v * math.tan(steering) / wheelbase
         return VehicleState(x, y, heading, v, a, yaw_rate, steering)
 
 

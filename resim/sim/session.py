@@ -77,7 +77,8 @@ class Session:
         if not gui:
             self._sumo.simulation.saveState(self._state)
         self._vehicle = self._sumo.vehicle
-        self._calls = _Calls(*(_native(self._sumo, call) for call in _STEP_CALLS))
+        self._calls = _Calls(*(_native(self._sumo, "vehicle", call) for call in _STEP_CALLS))
+        self._step = self._sumo.simulationStep if gui else _native(self._sumo, "simulation", "step")
 
     def reset(self) -> None:
         """Go back to the start with no vehicle on the road."""
@@ -123,7 +124,7 @@ class Session:
         x, y = ego.x + half * math.cos(ego.heading), ego.y + half * math.sin(ego.heading)
         move(EGO, "", -1, x, y, math.remainder(90.0 - math.degrees(ego.heading), 360.0), 2, _MATCH)
         speed(EGO, v)
-        self._sumo.simulationStep()
+        self._step()
         read = [*place(EGO), turn(EGO), v if pace(EGO) == v else self._insist(EGO, v)]
         for name, _, _, _, v in commands:
             read += place(name)
@@ -198,10 +199,12 @@ def _load(gui: bool) -> Any:
     return libsumo
 
 
-def _native(sumo: Any, call: str) -> Callable[..., Any]:
-    """The vehicle's call without libsumo's Python wrapper around it, which costs as much as the call."""
+def _native(sumo: Any, domain: str, call: str) -> Callable[..., Any]:
+    """The call of a domain without libsumo's Python wrapper around it, which costs as much as the call."""
     native = getattr(getattr(sumo, "libsumo", None), "_libsumo", None)
-    found: Callable[..., Any] = getattr(native, f"vehicle_{call}", None) or getattr(sumo.vehicle, call)
+    found: Callable[..., Any] = getattr(native, f"{domain}_{call}", None) or getattr(
+        getattr(sumo, domain), call
+    )
     return found
 
 

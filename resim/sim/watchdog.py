@@ -57,26 +57,23 @@ class Watchdog:
 
     def call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         """Call within `limit` [s] of wall clock and give the answer."""
-        try:
-            return self._call(limit, what, *arguments)
-        except _Overrun:
-            raise FunctionError(f"did not answer within {limit:g} s") from None
-
-    def _call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         begin = time.perf_counter()
         self._rung = 0
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
-        self._inside = True
         try:
-            answer = what(*arguments)
-        except SystemExit as e:
-            raise FunctionError(f"tried to end the program: SystemExit({e.code})") from e
-        except Exception as e:
-            said = " ".join(str(e).split())
-            raise FunctionError(f"raised {type(e).__name__}: {said:.300}") from e
-        finally:
-            self._inside = False
+            self._inside = True
+            try:
+                answer = what(*arguments)
+            except SystemExit as e:
+                raise FunctionError(f"tried to end the program: SystemExit({e.code})") from e
+            except Exception as e:
+                said = " ".join(str(e).split())
+                raise FunctionError(f"raised {type(e).__name__}: {said:.300}") from e
+            finally:
+                self._inside = False
+        except _Overrun:
+            raise FunctionError(f"did not answer within {limit:g} s") from None
         if time.perf_counter() - begin > limit:
             raise FunctionError(f"took longer than {limit:g} s to answer")
         return answer
