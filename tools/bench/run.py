@@ -3,9 +3,9 @@
 Three cases: the straight of the proving ground, where SUMO is at its cheapest and the ratio at its worst
 (`cost_ratio`); its curve; and the straight with `idm` answering at every step instead of every 0.2 s.
 
-Bare: place (moveToXY, setSpeed) six vehicles and step, nothing else, over as many steps as the run takes
-with its lead-in. Closed loop: `simulate` whole, from the scenario to its `Run`: guided traffic objects,
-perception, `idm`, vehicle model, read-back, collisions, road surface.
+Bare: place (moveToXY, setSpeed) six vehicles and step, nothing else, over the steps that the run tells SUMO
+of, which are those after the lead-in. Closed loop: `simulate` whole, from the scenario to its `Run`: guided
+traffic objects, perception, `idm`, vehicle model, read-back, collisions, road surface.
 
     python tools/bench/run.py [--repeat 30]
 """
@@ -76,12 +76,12 @@ def bare(session: Session, placements: list[list[tuple[float, float, float, floa
 def compare(
     network: RoadNetwork, net: Path, scenario: Scenario, build: Build, repeat: int
 ) -> tuple[float, float, int]:
-    """Median times [s] of the bare loop and the closed loop, run in turns, and their number of steps."""
+    """Median times [s] of the bare loop and the closed loop, run in turns, and how many steps the bare one takes."""
     plan = guide(scenario, network, step=STEP, relaxation=3.0)
     front = to_sumo(plan.x, plan.y, plan.heading, np.full((6, 1), 4.7))
     placements = [
         [tuple(row) for row in rows]
-        for rows in np.stack([*front, plan.v], axis=-1).transpose(1, 0, 2).tolist()
+        for rows in np.stack([*front, plan.v], axis=-1).transpose(1, 0, 2)[plan.begin :].tolist()
     ]
     times = []
     for _ in range(repeat + 1):
