@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from resim.cli.app import BadVerdictError, sweep_app
+from resim.cli.runs import register
 
 
 @sweep_app.command("report")
@@ -75,6 +76,8 @@ def repeat_run(
     differ = repeat(swept, task)
     lost = write_traces(task, out)
     typer.echo(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")
+    if not lost:
+        register(out)
     if differ:
         told = "; ".join(f"{name} {was!r} in the sweep, now {now!r}" for name, (was, now) in differ.items())
         changed = "".join(f"; {name}" for name in other_versions(swept))

@@ -73,6 +73,8 @@ def test_the_command_of_the_report_repeats_the_run(swept: Path, call: Call) -> N
     )
     assert [(seed["reaction"], seed["end_position_error"])] == row.fetchall()
     assert (folder / "report.html").is_file()
+    listed = json.loads(call("runs", "list", "--kind", "run", "--json")[1])
+    assert str(folder.resolve()) in [entry["folder"] for entry in listed]
 
 
 def test_what_differs_is_named(swept: Path, call: Call) -> None:
