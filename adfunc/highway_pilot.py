@@ -196,7 +196,7 @@ class HighwayPilot:
         driving = np.minimum(PLANNED, v / -a) if a < 0.0 else PLANNED  # until it stands
         plan = np.empty((len(PLANNED), 4))
         plan[:, 0] = t + PLANNED
-        speed = plan[:, 3] = v + a * driving
+        speed = plan[:, 3] = np.maximum(v + a * driving, 0.0)  # a rounding below 0 would be reversing
         run = 0.5 * (v + speed) * driving
         if self.mode == "change":
             since = t - self.change_begin + PLANNED

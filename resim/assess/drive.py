@@ -171,12 +171,18 @@ def _planned_ways(plans: list[Floats], ego: Floats, at: Floats) -> Floats:
     if alike.any():
         t, x, y, v = np.moveaxis(np.stack([p for p, same in zip(plans, alike, strict=True) if same]), 2, 0)
         dx, dy = _slope(x, t), _slope(y, t)
-        heading = np.unwrap(np.arctan2(dy, dx) + np.where(v < 0.0, np.pi, 0.0), axis=1)
+        heading = np.unwrap(np.arctan2(dy, dx) + np.where(_reverses(v), np.pi, 0.0), axis=1)
         out[alike] = _sampled_all(t, np.stack([x, y, heading, v], axis=2), at[alike])
         alike[alike] = (np.hypot(dx, dy) > SLOW).all(axis=1)
     for n in np.flatnonzero(~alike).tolist():
         out[n] = _planned(plans[n], ego[n], at[n])
     return out
+
+
+def _reverses(v: Floats) -> Bools:
+    """Whether a plan goes backwards where its speeds (..., M) are; who comes to a halt does as just before."""
+    around = np.concatenate([v[..., :1], v, v[..., -1:]], axis=-1)
+    return np.asarray(around[..., :-2] + v + around[..., 2:] < 0.0)
 
 
 def _slope(f: Floats, t: Floats) -> Floats:
@@ -213,7 +219,7 @@ def _planned(plan: Floats, ego: Floats, at: Floats) -> Floats:
     moves = np.flatnonzero(np.hypot(dx, dy) > SLOW)
     turn = np.full(len(t), heading)
     if len(moves):
-        way = np.arctan2(dy[moves], dx[moves]) + np.where(v[moves] < 0.0, np.pi, 0.0)
+        way = np.arctan2(dy[moves], dx[moves]) + np.where(_reverses(v)[moves], np.pi, 0.0)
         turn = np.interp(t, t[moves], np.unwrap(way))
     return _sampled(t, np.column_stack([x, y, turn, v]), at)
 

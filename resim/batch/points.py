@@ -82,7 +82,8 @@ def _columns(rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]
     for name in criteria:
         value = rows[f"value {name}"].to_numpy(dtype=float)
         if not np.array_equal(value, risk, equal_nan=True):
-            of = next(iter(rows[f"unit {name}"].dropna()), "1")  # of the first run that could be judged
+            units = rows.get(f"unit {name}", pd.Series(dtype=object))
+            of = next(iter(units.dropna()), "1")  # of the first run that could be judged
             words = f"worst value of {name}"
             yield f"value {name}", words, "" if of == "1" else str(of), False, np.where(good, value, np.nan)
 

@@ -101,6 +101,9 @@ def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
     """Do a few runs, and say how long all of them take."""
     from resim.batch.sweeps import sample
 
+    if runs.empty:  # as of a shard more than there are runs
+        typer.echo("0 runs")
+        return
     each, size, failures = sample(wanted, runs, workers)
     if failures:
         typer.echo(f"a run fails: {failures[0]}")

@@ -164,7 +164,7 @@ class History:
             key = round(self.dt, 9)
             if key not in self.known:
                 rows = math.ceil(self.need / self.dt + _SAME) + 2
-                self.known[key] = Lookups(self.dt * np.arange(1.0 - rows, 1.0), self.sets)
+                self.known[key] = Lookups(key * np.arange(1.0 - rows, 1.0), self.sets)
             self.look = self.known[key]  # for as long as the steps stay the same
         if self.look is not None:
             return self.look

@@ -32,7 +32,7 @@ class _ByStep(ABC):
             if key not in self._made:
                 if len(self._made) > _KEPT:
                     self._made.clear()
-                self._made[key] = self._make(dt)
+                self._made[key] = self._make(key)
             self._dt, self._last = dt, self._made[key]
         return self._last
 

@@ -23,7 +23,7 @@ PARTS = 'A build has name, version, factory = "module:name", [parameters].'
 
 class EgoState(NamedTuple):
     """The EGO's own state: x, y [m] of the box centre and heading [rad] in the map frame, v [m/s] along the
-    heading, a [m/s²], yaw_rate [rad/s].
+    heading, a [m/s²], yaw_rate [rad/s]. A named tuple; `_replace` gives a changed one.
     """
 
     x: float
@@ -63,7 +63,8 @@ class Perceived:
 class Command:
     """What the AD function answers: acceleration [m/s²], curvature [1/m, left positive], and its plan.
 
-    plan: (K, 4) with columns t [s, of the scenario, as `Perceived.t`], x, y [m, map frame], v [m/s]; or none.
+    plan: (K, 4) with columns t [s, of the scenario, as `Perceived.t`], x, y [m, map frame], v [m/s], K at least 1; or
+    none.
     """
 
     acceleration: float

@@ -49,7 +49,9 @@ class Driver:
         if isinstance(answer, Command):
             answer = _numbers(answer)
             if answer.plan is not None and not _is_plan(answer.plan):
-                raise FunctionError(f"answered the plan {answer.plan!r:.60}, expected finite numbers (K, 4)")
+                raise FunctionError(
+                    f"answered the plan {answer.plan!r:.60}, expected one or more rows of finite numbers (K, 4)"
+                )
             if keep and answer.plan is not None:
                 self.plans.append((perceived.t, answer.plan))
         elif isinstance(answer, Placement):

@@ -143,6 +143,15 @@ def test_the_pilot_decides_at_its_threshold(network: RoadNetwork) -> None:
     assert ends[1.5] == pytest.approx(LEFT, abs=0.3)
 
 
+def test_the_pilots_plan_stops_without_going_backwards(network: RoadNetwork) -> None:
+    world = World(network, HighwayPilot()).run(0.1)
+    for v, a in np.random.default_rng(3).uniform((0.1, -8.0), (25.0, -0.1), (500, 2)).tolist():
+        plan = world.function.plan(0.0, EgoState(300.0, RIGHT, 0.0, v), a)  # type: ignore[attr-defined]
+        assert (plan[:, 3] >= 0.0).all()
+        assert (np.diff(plan[:, 1]) >= 0.0).all()
+        assert plan[-1, 3] == pytest.approx(max(v + 3.0 * a, 0.0))
+
+
 def test_the_pilots_plan_begins_where_it_is(network: RoadNetwork) -> None:
     world = World(network, HighwayPilot()).run(1.0)
     plan = world.function.step(world.perceived()).plan  # type: ignore[union-attr]

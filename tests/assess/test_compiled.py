@@ -171,3 +171,16 @@ def test_a_path_is_sampled_by_time_and_by_way_as_said(seed):
             f, beyond = min((s[p, n] - way[j]) / (ds if ds > 1e-9 else 1.0), 1.0), max(s[p, n] - way[-1], 0.0)
             expected = [*placed(a, b, f, on * ds, on * ds, on * beyond), on * 7.0]
             np.testing.assert_allclose(by_way[p, n], expected, rtol=1e-12, atol=1e-9)
+
+
+def test_arrays_that_do_not_match_are_refused():
+    """Compiled code looks where it is told to, also beyond an array's end."""
+    path, t = np.zeros((2, 5, 4)), np.zeros((2, 3))
+    with pytest.raises(ValueError, match="pairs do not match"):
+        motion.straight(np.zeros((1, 6)), t)
+    with pytest.raises(ValueError, match="has no length"):
+        motion.sample(path[:, :1], 0.1, t)
+    with pytest.raises(ValueError, match="way and pace do not match"):
+        motion.along(path, t, t[:, :2])
+    with pytest.raises(ValueError, match="motions do not match"):
+        first_contact(path, path[:, :4], np.ones(2), np.ones((2, 2)), np.ones((2, 2)))

@@ -128,3 +128,16 @@ def test_ways_of_many_plans_are_those_of_each():
     turned = np.remainder(together[..., 2] - each[..., 2] + np.pi, 2.0 * np.pi) - np.pi
     np.testing.assert_allclose(turned, 0.0, atol=1e-9)
     np.testing.assert_allclose(together[..., [0, 1, 3]], each[..., [0, 1, 3]], atol=1e-9)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("last", [0.0, -4e-16, 4e-16])
+def test_who_comes_to_a_halt_looks_as_just_before(way, last):
+    """A speed that rounding leaves on either side of 0 turns nobody round, forwards (way 1) or backwards."""
+    t = np.arange(0.0, 3.01, 0.25)
+    x, v = way * (2.0 * t - t * t / 3.0), way * (2.0 - 2.0 * t / 3.0)
+    plan = np.column_stack([t, x, np.zeros_like(t), v])
+    plan[-1, 3] = last
+    ego = np.array([0.0, 0.0, 0.0, 2.0 * way])
+    for found in (_planned(plan, ego, t), _planned_ways([plan], ego[None], t[None])[0]):
+        np.testing.assert_allclose(np.cos(found[:, 2]), 1.0)

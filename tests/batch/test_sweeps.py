@@ -307,6 +307,11 @@ def test_a_dry_run_says_how_long_it_takes(tmp_path: Path, call: Call) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_a_dry_run_of_a_shard_without_runs(tmp_path: Path, call: Call) -> None:
+    path, out = str(write(tmp_path)), str(tmp_path / "out")
+    assert call("sweep", path, "--out", out, "--dry-run", "--shard", "7/8") == (0, "0 runs\n", "")
+
+
 def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path]) -> None:
     manifest = json.loads((undisturbed[1] / "manifest.json").read_text())
     assert manifest["runs"] == 8

@@ -45,10 +45,13 @@ STUBBORN = """while True:
         ("return None", "answered None, expected a Command"),
         ("return (1.0, 0.0)", r"answered (1.0, 0.0), expected a Command"),
         ("return Command(0.0, 0.0, 'straight on')", "answered the plan 'straight on'"),
-        ("import numpy\nreturn Command(0.0, 0.0, numpy.zeros((0, 4)))", "expected finite numbers (K, 4)"),
+        (
+            "import numpy\nreturn Command(0.0, 0.0, numpy.zeros((0, 4)))",
+            "expected one or more rows of finite numbers",
+        ),
         (
             "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), math.nan))",
-            "expected finite numbers (K, 4)",
+            "expected one or more rows of finite numbers (K, 4)",
         ),
         ("return self.nothing.at_all", "raised AttributeError"),
         (NEVER, "did not answer within 0.5 s"),

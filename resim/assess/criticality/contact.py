@@ -24,6 +24,8 @@ def first_contact(a: Floats, b: Floats, h: Floats, size_a: Floats, size_b: Float
     # compiled: numba is imported where it is used only
     from resim.assess.criticality import kernel
 
+    if a.shape != b.shape:
+        raise ValueError(f"motions do not match: {a.shape}, {b.shape}")
     return np.asarray(kernel.first_contact(*kernel.plain(a, b, h, size_a, size_b)))
 
 

@@ -23,7 +23,9 @@ entry = njit(cache=True, error_model="numpy")
 
 
 def plain(*arrays: Floats) -> list[Floats]:
-    """Give arrays of one kind, for which everything here is compiled once."""
+    """Give arrays (P, ...) of one kind, for which everything here is compiled once."""
+    if len({len(array) for array in arrays}) > 1:  # compiled code would read beyond the end
+        raise ValueError(f"pairs do not match: {', '.join(str(array.shape) for array in arrays)}")
     return [np.require(array, float, ("C", "W")) for array in arrays]
 
 

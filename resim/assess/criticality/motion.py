@@ -53,6 +53,7 @@ def sample(path: Floats, step: float, t: Floats) -> Floats:
     from resim.assess.criticality import kernel
 
     path, t = kernel.plain(path, t)
+    _has_length(path)
     return np.asarray(kernel.sample(path, step, t))
 
 
@@ -74,7 +75,15 @@ def along(path: Floats, s: Floats, v: Floats) -> Floats:
     """Give poses (P, N, 4) at s (P, N) metres along a sampled path, with pace v (P, N) m/s; then straight on."""
     from resim.assess.criticality import kernel
 
+    _has_length(path)
+    if s.shape != v.shape:
+        raise ValueError(f"way and pace do not match: {s.shape}, {v.shape}")
     return np.asarray(kernel.along(*kernel.plain(path, s, v)))
+
+
+def _has_length(path: Floats) -> None:
+    if path.shape[1] < 2:
+        raise ValueError(f"a path {path.shape} has no length")
 
 
 def paced(v: Floats, a: Floats, t: Floats) -> tuple[Floats, Floats]:
