@@ -63,12 +63,13 @@ def points_of(swept: Swept, rows: pd.DataFrame) -> tuple[Points, list[Outcome]]:
         return y
 
     outcomes = [
-        Outcome(name, words, unit, share, by_point(v)) for name, words, unit, share, v in _columns(rows)
+        Outcome(name, words, unit, share, by_point(v))
+        for name, words, unit, share, v in _columns(swept, rows)
     ]
     return Points(swept.parameters, swept.file["plan"], x, u), outcomes
 
 
-def _columns(rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:
+def _columns(swept: Swept, rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:
     """Name, label, unit, whether it is a share, and values of each outcome; what failed is not good and has none."""
     good = ~failed(rows).to_numpy()
     for name, words in FIXED.items():
@@ -82,10 +83,8 @@ def _columns(rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]
     for name in criteria:
         value = rows[f"value {name}"].to_numpy(dtype=float)
         if not np.array_equal(value, risk, equal_nan=True):
-            units = rows.get(f"unit {name}", pd.Series(dtype=object))
-            of = next(iter(units.dropna()), "1")  # of the first run that could be judged
             words = f"worst value of {name}"
-            yield f"value {name}", words, "" if of == "1" else str(of), False, np.where(good, value, np.nan)
+            yield f"value {name}", words, swept.unit(name), False, np.where(good, value, np.nan)
 
 
 def equal(column: pd.Series[Any], value: str | bool) -> Bools:

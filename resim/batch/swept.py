@@ -44,6 +44,11 @@ class Swept:
         found: dict[str, Any] = self.inputs["sweep"]
         return found
 
+    def unit(self, criterion: str) -> str:
+        """The unit of a criterion's value; "" where it has none, or no run could be judged."""
+        told = self.rows.get(f"unit {criterion}", pd.Series(dtype=object)).dropna()
+        return "" if told.empty or told.iloc[0] == "1" else str(told.iloc[0])
+
 
 def limits(swept: Swept) -> dict[str, str]:
     """Say what each criterion asks for, by name; nothing where their file is not any more what it was in the sweep."""
@@ -56,7 +61,7 @@ def limits(swept: Swept) -> dict[str, str]:
         return {}
     words = {"below": "not below", "above": "not above", "beyond": "not beyond ±"}
     return {
-        c.name: f"{c.measure} {words[c.side]} {c.limit:g}".replace("± ", "±")
+        c.name: f"{c.measure} {words[c.side]} {c.limit:g} {swept.unit(c.name)}".replace("± ", "±").rstrip()
         + (f" for {c.duration:g} s" if c.duration else "")
         for c in found.criteria
     }
