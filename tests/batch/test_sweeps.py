@@ -1,4 +1,4 @@
-"""Sweeps: every run is done once, whatever is killed, and the table is the same."""
+"""Sweeps: every run is done once, and the table is the same; what kills do to it: `test_faults`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import pty
-import random
 import re
 import shutil
 import signal
@@ -132,27 +131,6 @@ def test_faults_of_the_function_cost_their_own_runs(undisturbed: tuple[Path, Pat
     assert (found.loc["crash.toml"].end == "failed").all()
     assert found.loc["crash.toml"].failure.tolist() == ["the process was ended by SIGSEGV"] * 2
     assert (found.loc["hang.toml"].end == "function_failed").all()
-
-
-def test_killed_over_and_over_it_gives_the_same(undisturbed: tuple[Path, Path]) -> None:
-    """kill -9 of the command with all of its children, and of single children, at random times."""
-    path, out = undisturbed[0], undisturbed[0].with_name("killed")
-    rng = random.Random(4)
-    for _ in range(2):
-        process = start(path, out, "--workers", "2", "--resume")
-        time.sleep(rng.uniform(3.0, 7.0))
-        children = subprocess.run(
-            ["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False
-        ).stdout.split()
-        for child in rng.sample(children, min(1, len(children))):
-            os.kill(int(child), signal.SIGKILL)
-        time.sleep(rng.uniform(0.0, 1.0))
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    assert start(path, out, "--resume").wait() == 0
-    entries = [entry["run"] for entry in journal.read(out / "journal")]
-    assert sorted(entries) == list(range(8))
-    assert bytes_of(out) == bytes_of(undisturbed[1])
 
 
 def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
