@@ -50,7 +50,6 @@ class Sensor:
         self._clutter = Clutter(model.false_objects, of("false")) if model.false_objects.rate > 0.0 else None
         self._timing = of("update")
         self._t = self._listed = self._due = -math.inf
-        self._last: Perceived
         self._held: Held | None = None
         self._names: list[str] = []
         self._ids: Strings | None = None
@@ -75,15 +74,14 @@ class Sensor:
         """Give what is perceived of the world; called with times that increase."""
         step = self._take_in(world)
         own = world.ego if self._own is None else self._own.perceive(world.ego, step)
-        if world.t < self._due - _SAME:
-            self._held = self._held or Held(self._last)
+        if self._held is not None and world.t < self._due - _SAME:
             return self._held.seen(world.t, own)
         self._step = world.t - self._listed if self._listed > -math.inf else 0.0
         seen = self._list(world, own)
         self._listed = world.t
         if self.model.update.period > 0.0:
             self._schedule(world.t)
-            self._last, self._held = seen, None
+            self._held = Held(seen)
         return seen
 
     def _take_in(self, world: World) -> float:
