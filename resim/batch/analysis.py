@@ -185,9 +185,10 @@ def _requirements(y: Floats, points: Points, i: int) -> list[dict[str, Any]]:
     step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
     around = bool(step.low[0] < 0.0 < step.high[-1])
     sides: tuple[Side, ...] = ("between",) if around else ("under", "over")
-    found = [requirement(y, step, DEMANDED, side) for side in sides]
+    drawn = points.plan not in ("grid", "one_at_a_time")
+    found = [requirement(y, step, DEMANDED, side, drawn=drawn) for side in sides]
     if all(r.found == "none" for r in found) and not around:
-        found.append(requirement(y, step, DEMANDED, "between"))
+        found.append(requirement(y, step, DEMANDED, "between", drawn=drawn))
     return [{**_plain(r), "binned": step.binned} for r in found]
 
 

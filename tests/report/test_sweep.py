@@ -34,12 +34,13 @@ def grid(call: Call, tmp_path: Path) -> tuple[dict[str, Any], str, str]:
 def test_it_says_how_far_a_parameter_may_go(grid: tuple[dict[str, Any], str, str]) -> None:
     """The risk is 0.2 latency + 0.02 |bias - 0.5|: with the mean bias it is 0.1 near 0.39 s."""
     limit = outcome(grid[0], "kpi accident risk")["requirements"][SPEED][0]
-    assert (limit["side"], limit["found"], limit["high"], limit["next_high"]) == ("under", "limit", 0.3, 0.4)
-    assert limit["high_interval"][0] <= 0.3 <= limit["high_interval"][1]
-    assert limit["share"] >= 0.95 > limit["high_share"]
-    told = "latency of speed up to 0.3 s [0.2, 0.3] keeps it in 95 % of runs (96.7 % of 180 do; 86.7 % at 0.3 s alone"
+    assert (limit["side"], limit["found"], limit["estimate"]) == ("under", "limit", [None, 0.3])
+    assert (limit["bounds"], limit["beyond"]) == ([None, 0.2], [None, 0.3])
+    assert limit["share"] > limit["least"] >= 0.95
+    told = "latency of speed up to 0.2 s keeps it in 95 % of runs (100 % of 135 runs, at least 96.1 %"
     assert told in grid[1]
     assert told in grid[2]
+    assert "estimate: up to 0.3 s" in grid[1]
     over = outcome(grid[0], "same_decision")["requirements"][SPEED]
     assert [r["found"] for r in over] == ["none", "limit"]
     assert "no value swept keeps it in 95 % of runs" in grid[1]
@@ -190,7 +191,7 @@ def test_a_hundred_thousand_rows(call: Call, tmp_path: Path) -> None:
     assert found["runs"] == 100_000
     assert len(page) < 6_500_000
     limit = outcome(found, "kpi accident risk")["requirements"][SPEED][0]
-    assert 0.33 < limit["high"] < 0.38
+    assert 0.33 < limit["bounds"][1] <= limit["estimate"][1] <= limit["possible"][1] < 0.38
 
 
 def test_the_file_may_be_named(call: Call, tmp_path: Path) -> None:
