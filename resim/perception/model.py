@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import parse_json, read_file
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
@@ -322,10 +322,7 @@ def read_model(path: Path, overrides: tuple[str, ...] = ()) -> PerceptionModel:
     most twice that, if it was not set as well. Raises InputError naming every fault.
     """
     raw = read_file(path, REMEDY)
-    try:
-        data = json.loads(raw.decode("utf-8"))
-    except (ValueError, RecursionError) as e:
-        raise InputError(path, f"is not JSON ({e})", REMEDY) from e
+    data = parse_json(raw, path, REMEDY)
     for override in overrides:
         _override(data, override)
     if overrides:
@@ -358,7 +355,7 @@ def _override(data: Any, override: str) -> None:
     name = name.strip()
     try:
         value = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         value = None
     if not sign or not isinstance(value, int | float) or isinstance(value, bool):
         raise InputError("--set", f"{override!r} sets no number", ONE)
