@@ -22,7 +22,7 @@ from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
 from resim.road.sumo.patch import patch
 from resim.road.sumo.plain import plain, write
 
-VERSION = 5
+VERSION = 6
 """Counts up when the same map gives another net."""
 
 TIME_LIMIT = 120.0

@@ -17,7 +17,8 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.patch import Via
 from resim.road.sumo.pieces import SHORTEST
 from resim.road.sumo.plain import Plain
-from resim.road.sumo.shapes import Stretch, sample
+from resim.road.sumo.shapes import Stretch
+from resim.road.sumo.truth import Truth
 
 EXACT = 0.005
 VARIED = 0.01
@@ -137,16 +138,20 @@ class _Found(NamedTuple):
 
 
 def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversion:
-    """Compare the net, as written, with the map; lane sections without length are left out."""
+    """Compare the net, as written, with the map's file, read anew; lane sections without length are left out.
+
+    Of `network`, which made the net, it takes the types of lanes and the junctions of roads only.
+    """
+    truth = Truth(network.path)
     found: dict[LaneKey, list[_Found]] = defaultdict(list)
-    for each in _compared(network, _shapes(net), _uses(made, via)):
+    for each in _compared(truth, _shapes(net), _uses(made, via)):
         found[each.stretch.key].append(each)
-    keys = [
-        LaneKey(road.id, k, lane) for road in network.roads.values()
-        for k, section in enumerate(road.sections) for lane in section.lanes
-        if lane != 0 and min(section.end, road.length) - section.start > SHORTEST
-    ]  # fmt: skip
-    lanes = [_error(network, key, found[key]) if found[key] else _missing(network, key) for key in keys]
+    whole = [Stretch(*lane, forward=True) for lane in truth.lanes()]
+    whole = [stretch for stretch in whole if stretch.end - stretch.start > SHORTEST]
+    lanes = [
+        _error(network, each, found[each.key]) if found[each.key] else _missing(network, truth, each)
+        for each in whole
+    ]
     lanes.sort(key=lambda lane: -(lane.worst if lane.worst is not None else np.inf))
     jumps = [
         Jump(c.origin, c.target, round(c.jump, 6), *(round(float(v), 3) for v in c.line[0]))
@@ -165,13 +170,13 @@ def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[Stretch]]:
 
 
 def _compared(
-    network: RoadNetwork, shapes: Mapping[str, Floats], uses: Mapping[tuple[str, ...], list[Stretch]]
+    truth: Truth, shapes: Mapping[str, Floats], uses: Mapping[tuple[str, ...], list[Stretch]]
 ) -> Iterator[_Found]:
     """Compare both ways: places on the exact lane with the net, and the points of the net with the lane."""
     stretches = [stretch for own in uses.values() for stretch in own]
     if not stretches:
         return
-    exact = sample(network, stretches, CHECK_STEP)
+    exact = truth.sample(stretches, CHECK_STEP)
     number = np.repeat(np.arange(len(stretches)), np.diff(exact.first))
     lines = shapely.linestrings(exact.xy, indices=number)
     at = 0
@@ -190,32 +195,32 @@ def _compared(
                          np.concatenate([xy, points[mine]]), lines[row])  # fmt: skip
 
 
-def _error(network: RoadNetwork, key: LaneKey, found: list[_Found]) -> LaneError:
+def _error(network: RoadNetwork, whole: Stretch, found: list[_Found]) -> LaneError:
+    key = whole.key
     found = sorted(found, key=lambda f: f.stretch.start if f.stretch.forward else -f.stretch.start)
     worst = max(found, key=lambda f: float(f.distance.max()))
     at = int(worst.distance.argmax())
     parts = {f.stretch: f for f in found}.values()  # ways through a junction may pass one lane several times
     width = np.concatenate([f.width for f in parts])
     road = network.roads[key.road]
+    length = sum(f.stretch.end - f.stretch.start for f in parts)
+    lost = abs(whole.end - whole.start - length)
     return LaneError(
         *key, road.sections[key.section].lanes[key.lane].type, road.junction,
-        tuple(dict.fromkeys(name for f in found for name in f.sumo)),
-        round(sum(f.stretch.end - f.stretch.start for f in parts), 3),
-        round(float(worst.distance[at]), 6),
+        tuple(dict.fromkeys(name for f in found for name in f.sumo)), round(length, 3),
+        round(max(float(worst.distance[at]), lost), 6),
         round(float(np.concatenate([f.distance[: len(f.s)] for f in parts]).mean()), 6),
         EXACT if np.ptp(width) < ONE_WIDTH else VARIED,
         round(worst.place(at), 3), round(float(worst.xy[at, 0]), 3), round(float(worst.xy[at, 1]), 3),
+        f"{lost:.3f} m of it are not in the net" if lost > EXACT else "",
     )  # fmt: skip
 
 
-def _missing(network: RoadNetwork, key: LaneKey) -> LaneError:
-    road = network.roads[key.road]
-    section = road.sections[key.section]
-    s, length = section.start, min(section.end, road.length) - section.start
-    x, y = network.to_xy(key.road, key.lane, s, 0.0)
+def _missing(network: RoadNetwork, truth: Truth, whole: Stretch) -> LaneError:
+    road, (x, y) = network.roads[whole.road], truth.sample([whole], whole.end - whole.start).xy[0]
     return LaneError(
-        *key, section.lanes[key.lane].type, road.junction, (), round(length, 3), None, None, EXACT,
-        round(s, 3), round(float(x), 3), round(float(y), 3),
+        *whole.key, road.sections[whole.section].lanes[whole.lane].type, road.junction, (),
+        round(whole.end - whole.start, 3), None, None, EXACT, round(whole.start, 3), round(x, 3), round(y, 3),
         "another way through the junction links the same lanes",
     )  # fmt: skip
 
