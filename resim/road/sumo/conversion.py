@@ -80,11 +80,15 @@ class Jump:
 
 @dataclass(frozen=True)
 class Conversion:
-    """What became of a map. lanes: worst first, missing ones before. connections: linked pairs of SUMO lanes."""
+    """What became of a map. lanes: worst first, missing ones before. connections: linked pairs of SUMO lanes.
+
+    lost: links of lanes that netconvert made no connection of, in words.
+    """
 
     lanes: tuple[LaneError, ...]
     connections: int
     jumps: tuple[Jump, ...]
+    lost: tuple[str, ...] = ()
 
     @property
     def bad(self) -> tuple[LaneError, ...]:
@@ -111,7 +115,8 @@ class Conversion:
     def from_json(cls, data: Mapping[str, Any]) -> Conversion:
         """Make it of what `to_json` gave."""
         lanes = tuple(LaneError(**{**lane, "sumo": tuple(lane["sumo"])}) for lane in data["lanes"])
-        return cls(lanes, data["connections"], tuple(Jump(**jump) for jump in data["jumps"]))
+        return cls(lanes, data["connections"], tuple(Jump(**jump) for jump in data["jumps"]),
+                   tuple(data["lost"]))  # fmt: skip
 
 
 class _Found(NamedTuple):
@@ -148,23 +153,29 @@ def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversi
         found[each.stretch.key].append(each)
     whole = [Stretch(*lane, forward=True) for lane in truth.lanes()]
     whole = [stretch for stretch in whole if stretch.end - stretch.start > SHORTEST]
+    there = [c for c in made.connections if (c.origin, c.target) in via]
+    lost = [c for c in made.connections if (c.origin, c.target) not in via]
+    off = {key for c in lost for key in c.way}
     lanes = [
-        _error(network, each, found[each.key]) if found[each.key] else _missing(network, truth, each)
+        _error(network, each, found[each.key]) if found[each.key]
+        else _missing(network, truth, each, lost=each.key in off)
         for each in whole
-    ]
+    ]  # fmt: skip
     lanes.sort(key=lambda lane: -(lane.worst if lane.worst is not None else np.inf))
+    links = [f"{made.lanes[c.origin].stretch.key} to {made.lanes[c.target].stretch.key}" for c in lost]
     jumps = [
         Jump(c.origin, c.target, round(c.jump, 6), *(round(float(v), 3) for v in c.line[0]))
-        for c in made.connections if c.jump > JUMP
+        for c in there if c.jump > JUMP
     ]  # fmt: skip
-    return Conversion(tuple(lanes), len(made.connections), tuple(sorted(jumps, key=lambda jump: -jump.gap)))
+    jumps.sort(key=lambda jump: -jump.gap)
+    return Conversion(tuple(lanes), len(there), tuple(jumps), tuple(links))
 
 
 def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[Stretch]]:
     """The stretches that each SUMO lane, or the internal lanes of a connection, stand for."""
     uses: dict[tuple[str, ...], list[Stretch]] = {(name,): [own.stretch] for name, own in made.lanes.items()}
     for connection in made.connections:
-        if connection.stretches:
+        if connection.stretches and (connection.origin, connection.target) in via:
             uses[via[connection.origin, connection.target]] = list(connection.stretches)
     return uses
 
@@ -216,12 +227,13 @@ def _error(network: RoadNetwork, whole: Stretch, found: list[_Found]) -> LaneErr
     )  # fmt: skip
 
 
-def _missing(network: RoadNetwork, truth: Truth, whole: Stretch) -> LaneError:
+def _missing(network: RoadNetwork, truth: Truth, whole: Stretch, *, lost: bool) -> LaneError:
     road, (x, y) = network.roads[whole.road], truth.sample([whole], whole.end - whole.start).xy[0]
     return LaneError(
         *whole.key, road.sections[whole.section].lanes[whole.lane].type, road.junction, (),
         round(whole.end - whole.start, 3), None, None, EXACT, round(whole.start, 3), round(x, 3), round(y, 3),
-        "another way through the junction links the same lanes",
+        "netconvert makes no connection of the link over it" if lost
+        else "another way through the junction links the same lanes",
     )  # fmt: skip
 
 
