@@ -369,3 +369,18 @@ def test_a_code_that_no_finding_has_is_refused_for_a_map_too(call: Call, tmp_pat
     assert code == 2
     assert told.startswith("resim: --accept: no finding has the code 'LANEGAP'. Codes: ")
     assert names(tmp_path) == ["road.xodr"]
+
+
+def test_a_road_cut_short_is_no_good_map(call: Call, tmp_path: Path) -> None:
+    """287 m of 1,724: what is missing is an error of the map, with the road and both lengths."""
+    road = tmp_path / "road.xodr"
+    road.write_text(MAP.format(extra="", link="").replace('id="7" length="500"', 'id="7" length="1724"'))
+    code, out, told = call("map", "check", road)
+    assert code == 1
+    assert (
+        "error    ROAD_LENGTH  road 7: its length is declared as 1724.000 m, its elements end at 500.000 m"
+        in out
+    )
+    code, _, told = call("map", "convert", road, "--out", tmp_path / "out")
+    assert (code, "ROAD_LENGTH: road 7" in told, "--accept ROAD_LENGTH" in told) == (2, True, True)
+    assert call("map", "convert", road, "--out", tmp_path / "out", "--accept", "ROAD_LENGTH")[0] == 0

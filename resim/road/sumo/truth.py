@@ -20,11 +20,10 @@ from lxml.etree import _Element
 
 from resim.core.geometry import Floats
 from resim.road.opendrive.xml import parse
+from resim.road.sumo.element import Element, number
 from resim.road.sumo.shapes import Samples, Stretch
 
 SIDE, EMPTY = 1e-7, 1e-9
-TURN, CHORD = 0.02, 0.005
-FEWEST, MOST = 2_000, 200_000
 SPECK, FAR_LANE, SWING = 1.0, 25.0, 0.1
 """On elements shorter than SPECK [m] a lane FAR_LANE [m] away is looked at every SWING [m], at most 200 times."""
 
@@ -81,7 +80,7 @@ class RawRoad:
 
     def __init__(self, road: _Element) -> None:
         geometries = road.iterfind("planView/geometry")
-        self.elements = [Element(g) for g in geometries if _number(g, "length") > EMPTY]
+        self.elements = [Element(g) for g in geometries if number(g, "length") > EMPTY]
         self.starts = [element.s for element in self.elements]
         self.length = self.elements[-1].s + self.elements[-1].length
         self.offsets = _records(road.iterfind("lanes/laneOffset"), "s", 0.0)
@@ -153,67 +152,9 @@ class RawRoad:
         return max(min(ceil(max(map(abs, element.bend)) * element.length * FAR_LANE / SWING), 200), 1)
 
 
-class Element:
-    """One <geometry>. bend: its curvature [1/m] at start and end; uv: of a polynomial, its two coordinates."""
-
-    def __init__(self, geometry: _Element) -> None:
-        self.s, self.length, self.x, self.y, self.heading = (
-            _number(geometry, name) for name in ("s", "length", "x", "y", "hdg")
-        )
-        curve = next(
-            child for child in geometry if child.tag in ("line", "arc", "spiral", "poly3", "paramPoly3")
-        )
-        self.kind = str(curve.tag)
-        self.bend = (0.0, 0.0)
-        if self.kind == "arc":
-            self.bend = (_number(curve, "curvature"),) * 2
-        elif self.kind == "spiral":
-            self.bend = _number(curve, "curvStart"), _number(curve, "curvEnd")
-        self.uv: tuple[np.polynomial.Polynomial, np.polynomial.Polynomial] | None = None
-        if self.kind == "poly3":
-            self.uv = np.polynomial.Polynomial([0.0, 1.0]), _polynomial(curve, "")
-        elif self.kind == "paramPoly3":
-            self.uv = _polynomial(curve, "U"), _polynomial(curve, "V")
-        self.by_length = curve.get("pRange") == "arcLength"
-
-    def places(self, ds: Floats) -> Floats:
-        """Give x, y [m] and heading [rad] (3, K) at ascending distances ds (K,) [m] from its start."""
-        z, turn = self._bent(ds) if self.uv is None else self._drawn(ds, *self.uv)
-        z = complex(self.x, self.y) + z * np.exp(1j * self.heading)
-        return np.stack([z.real, z.imag, self.heading + turn])
-
-    def _bent(self, ds: Floats) -> tuple[Floats, Floats]:
-        """Sum up exp(i turn) over distances, by Simpson's rule on steps that turn by at most TURN [rad]."""
-        start, rate = self.bend[0], (self.bend[1] - self.bend[0]) / self.length
-        most = max(abs(start), abs(start + rate * float(ds[-1])))
-        fill = np.linspace(0.0, ds[-1], ceil(most * max(float(ds[-1]), 0.0) / TURN) + 1)
-        at = np.unique(np.concatenate([[0.0], ds, fill]))
-        middle = 0.5 * (at[1:] + at[:-1])
-        ways = [np.exp(1j * (start * p + 0.5 * rate * p * p)) for p in (at, middle)]
-        sums = np.concatenate(
-            [[0.0], np.cumsum(np.diff(at) * (ways[0][1:] + ways[0][:-1] + 4.0 * ways[1]) / 6.0)]
-        )
-        found = np.searchsorted(at, ds)
-        return sums[found] - sums[np.searchsorted(at, 0.0)], start * ds + 0.5 * rate * ds * ds
-
-    def _drawn(
-        self, ds: Floats, u: np.polynomial.Polynomial, v: np.polynomial.Polynomial
-    ) -> tuple[Floats, Floats]:
-        """A polynomial's points: its parameter grows with the length of the curve, measured by chords."""
-        p = ds
-        if not self.by_length or self.kind == "poly3":
-            end = 1.0 if self.kind == "paramPoly3" else self.length
-            reach = max(float(ds[-1]) / self.length, 1.0)
-            grid = np.linspace(0.0, end * reach, int(np.clip(self.length / CHORD, FEWEST, MOST)) + 1)
-            run = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(u(grid)), np.diff(v(grid))))])
-            scale = float(np.interp(end, grid, run)) / self.length if self.kind == "paramPoly3" else 1.0
-            p = np.interp(ds * scale, run, grid)
-        return u(p) + 1j * v(p), np.arctan2(v.deriv()(p), u.deriv()(p))
-
-
 def _sections(road: _Element, length: float) -> Iterator[RawSection]:
     elements = road.findall("lanes/laneSection")
-    starts = [_number(element, "s") for element in elements]
+    starts = [number(element, "s") for element in elements]
     lanes: dict[int, RawLane] = {}
     for element, start, end in zip(elements, starts, [*starts[1:], length], strict=True):
         told = {int(str(lane.get("id"))): _lane(lane, start) for lane in element.iterfind("*/lane")}
@@ -230,7 +171,7 @@ def _lane(lane: _Element, start: float) -> RawLane:
 
 
 def _records(elements: Iterator[_Element], s: str, start: float) -> list[Record]:
-    found = [(start + _number(e, s), *(_number(e, name) for name in "abcd")) for e in elements]
+    found = [(start + number(e, s), *(number(e, name) for name in "abcd")) for e in elements]
     return sorted(found, key=lambda record: record[0])  # type: ignore[arg-type]
 
 
@@ -242,11 +183,3 @@ def _value(records: list[Record], s: Floats) -> Floats:
         ds = s[here] - start
         out[here] = a + b * ds + c * ds**2 + d * ds**3
     return out
-
-
-def _polynomial(curve: _Element, suffix: str) -> np.polynomial.Polynomial:
-    return np.polynomial.Polynomial([_number(curve, name + suffix) for name in "abcd"])
-
-
-def _number(element: _Element, name: str) -> float:
-    return float(str(element.get(name)))
