@@ -24,6 +24,9 @@ from resim.road.sumo.element import Element, number
 from resim.road.sumo.shapes import Samples, Stretch
 
 SIDE, EMPTY = 1e-7, 1e-9
+AT_ONCE = 64
+"""Stretches of a road that share one reference line: more of them take more memory."""
+
 SPECK, FAR_LANE, SWING = 1.0, 25.0, 0.1
 """On elements shorter than SPECK [m] a lane FAR_LANE [m] away is looked at every SWING [m], at most 200 times."""
 
@@ -67,9 +70,11 @@ class Truth:
         for i, stretch in enumerate(stretches):
             of_road[stretch.road].append(i)
         parts: list[tuple[Floats, Floats, Floats]] = [(np.zeros(0),) * 3] * len(stretches)
-        for name, own in of_road.items():
-            for i, part in zip(own, self.roads[name].sample([stretches[i] for i in own], step), strict=True):
-                parts[i] = part
+        for name, all_of_it in of_road.items():
+            for own in (all_of_it[low : low + AT_ONCE] for low in range(0, len(all_of_it), AT_ONCE)):
+                found = self.roads[name].sample([stretches[i] for i in own], step)
+                for i, part in zip(own, found, strict=True):
+                    parts[i] = part
         first = np.concatenate([[0], np.cumsum([len(s) for s, _, _ in parts])]).astype(np.intp)
         s, xy, width = (np.concatenate(column) for column in zip(*parts, strict=True))
         return Samples(first, s, xy, width)
