@@ -74,7 +74,7 @@ def places(raw, seed):
 @example(road=one_lane(100.1, 50.3, aside=150.4), seed=0)  # at one place but for the last bit
 @example(road=one_lane(100.1, 50.3, aside=math.nextafter(150.4, 0)), seed=0)
 @example(road=one_lane(100.1, 50.3, aside=math.nextafter(150.4, 200)), seed=0)
-@quietly(60)
+@quietly(25)
 def test_no_record_is_lost(tmp_path, road, seed):
     path, raw = written(tmp_path, road)
     net = load(path)
@@ -95,7 +95,7 @@ def test_no_record_is_lost(tmp_path, road, seed):
 
 
 @given(road=roads(), seed=st.integers(0, 9))
-@quietly(25)
+@quietly(10)
 def test_no_speed_limit_is_lost(tmp_path, road, seed):
     path, raw = written(tmp_path, road)
     net = load(path)
@@ -109,7 +109,7 @@ def test_no_speed_limit_is_lost(tmp_path, road, seed):
 
 @given(road=roads())
 @example(road=one_lane(100.1, 50.3))
-@quietly(6)
+@quietly(3)
 def test_nets_are_where_the_file_says_and_tell_it(tmp_path, road):
     """Steps of a lane cannot be one line in SUMO that is exact: they are told, and the rest is."""
     path, raw = written(tmp_path, road)
