@@ -45,7 +45,12 @@ class Driver:
 
     def step(self, perceived: Perceived, keep: bool) -> Command | Placement:
         """Give the function's answer; FunctionError for one that cannot be driven."""
-        answer: Command | Placement = self._watchdog.call(self._limit, self._step, perceived)
+        answer: Command | Placement = self._watchdog.call(self._limit, self._answer, perceived, keep)
+        return answer
+
+    def _answer(self, perceived: Perceived, keep: bool) -> Command | Placement:
+        """Ask and check the answer, which may run code of the function's, too."""
+        answer: Command | Placement = self._step(perceived)
         if isinstance(answer, Command):
             answer = _numbers(answer)
             if answer.plan is not None and not _is_plan(answer.plan):
