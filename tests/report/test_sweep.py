@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -166,14 +168,23 @@ def test_the_same_rows_give_the_same_bytes(
         assert str(tmp_path).encode() not in one
 
 
+@pytest.mark.parametrize("name", ["my sweep", "$(touch x); it's", "-rf"])
 def test_the_command_names_the_folder_from_here(
-    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    found, page, _ = report(call, Path("my sweep") / "out")
-    run = found["sections"][0]["worst"][0]["run"]
-    command = f"resim sweep repeat 'my sweep/out' {run} --out 'my sweep/out'-run-{run}"
-    assert found["sections"][0]["worst"][0]["command"] == command
+    found, page, _ = report(call, tmp_path / name / "out")
+    worst = found["sections"][0]["worst"][0]
+    read = ["sh", "-c", f"printf '%s\\n' {worst['command']}"]
+    words = subprocess.run(read, capture_output=True, text=True, check=True).stdout.splitlines()
+    place, run = f"{'./' * (name == '-rf')}{name}/out", str(worst["run"])
+    assert words == ["resim", "sweep", "repeat", place, run, "--out", f"{place}-run-{run}"]
+    (Path(name) / "out" / "manifest.json").unlink()
+    code, _, error = call("sweep", "report", tmp_path / name / "out")
+    assert code == 2
+    line = error.partition("Do what is missing: ")[2].strip()
+    assert shlex.split(line)[:3] == ["resim", "sweep", "FILE"]
+    assert shlex.split(line)[4] == str(tmp_path / name / "out")
     assert not re.search(r"\d\d:\d\d:\d\d", page.split("</script></head>")[1])
 
 
