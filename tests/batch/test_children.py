@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -139,3 +140,18 @@ def test_what_lies_in_the_working_directory_is_not_imported(
     monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
     code, _, error = call("run", DRIVE, "--basis", "gt", "--build", build("pass"), "--out", tmp_path / "out")
     assert (code, error) == (0, "")
+
+
+@pytest.mark.parametrize("command", ["verify", "sweep"])
+def test_a_build_that_ends_the_process_that_reads_it_ends_no_command_well(
+    call: Call, write_build: Callable[..., Path], tmp_path: Path, command: str
+) -> None:
+    path = write_build("import os\nos._exit(0)\n")
+    suite, sweep = ROOT / "scenarios" / "suites", tmp_path / "sweep.toml"
+    text = (ROOT / "scenarios" / "sweeps" / "perception_latency.toml").read_text()
+    text = re.sub(r"\nbuild = .*", f'\nbuild = ["{path}"]', text)
+    sweep.write_text(text.replace('"../', f'"{ROOT}/scenarios/').replace(f"{ROOT}/scenarios/../", f"{ROOT}/"))
+    asked = (next(suite.glob("*.toml")), "--build", path) if command == "verify" else (sweep,)
+    code, out, error = call(command, *asked, "--out", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert error == "resim: the process ended with code 0\n"
