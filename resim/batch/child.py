@@ -110,7 +110,7 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
         return Failure(str(e), crashed=getattr(e.__cause__, "errno", None) in _PASSING)
     except BaseException as e:
         where = traceback.extract_tb(e.__traceback__)[-1]
-        return Failure(f"{_said(e)} in {where.name} ({Path(where.filename).name})", crashed=True)
+        return Failure(f"unexpected {_said(e)} in {where.name} ({Path(where.filename).name})", crashed=True)
 
 
 def _said(e: BaseException) -> str:

@@ -13,6 +13,7 @@ import mmap
 import os
 import pickle
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from pathlib import Path
 from typing import Any, TypeVar
 
 from resim.batch.child import SIZE, Failure
@@ -236,6 +238,8 @@ class _Child:
         self.process.kill()
         self.process.wait()
         self._files.close()
+        for left in Path(tempfile.gettempdir()).glob(f"resim-{self.process.pid}-*"):  # of its SUMO session
+            shutil.rmtree(left, ignore_errors=True)
 
 
 _own = threading.local()

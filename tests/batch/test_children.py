@@ -95,9 +95,11 @@ def test_a_signal_ends_the_command_and_all_that_it_started(
 ) -> None:
     started = "(HERE / 'other').write_text(str(subprocess.Popen(['sleep', '600']).pid))\n"
     path = build(started + IN_C, limit=600.0)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
     command = subprocess.Popen(
         [sys.executable, "-m", "resim", "run", DRIVE, "--build", path, "--out", tmp_path / "out"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "TMPDIR": str(temporary)},
     )  # fmt: skip
     wait_for((tmp_path / "begun").exists)
     child, other = (int((tmp_path / name).read_text()) for name in ("begun", "other"))
@@ -106,6 +108,7 @@ def test_a_signal_ends_the_command_and_all_that_it_started(
     assert code == (-number if number == signal.SIGKILL else 128 + number)
     wait_for(lambda: is_gone(child) and is_gone(other))
     assert not (tmp_path / "out").exists()
+    assert number == signal.SIGKILL or not list(temporary.iterdir())
     assert command.stderr is not None
     assert command.stderr.read() == b""
     command.stderr.close()

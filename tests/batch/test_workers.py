@@ -38,7 +38,7 @@ def test_a_process_is_used_again() -> None:
 
 def test_a_task_that_raises_what_ends_a_process_costs_itself_only(capfd: pytest.CaptureFixture[str]) -> None:
     found = dict(run_all(act, [("interrupt", 0), ("print", 1)], workers=1, time_limit=30.0))
-    assert found[0] == Failure("KeyboardInterrupt() in act (deeds.py)", crashed=True)
+    assert found[0] == Failure("unexpected KeyboardInterrupt() in act (deeds.py)", crashed=True)
     assert found[1][0] == 1
     out, err = capfd.readouterr()
     assert (out, err) == ("", "what a function has to say\n")
