@@ -72,7 +72,8 @@ def main() -> None:
         "OMP_NUM_THREADS", "1"
     )  # before numpy: threads of BLAS get in the way of other processes
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _stop)
+        if signal.getsignal(number) != signal.SIG_IGN:  # as with nohup
+            signal.signal(number, _stop)
     _open_streams()
     try:
         app(standalone_mode=True)

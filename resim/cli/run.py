@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -89,13 +89,24 @@ def run(
         recording, build, basis, vehicle, step, relaxation, seed, stop_at_collision, criteria, perception,
         tuple(settings or ()), seeds, tuple(accept or ()), gui, out, sys.stdout.isatty(),
     )  # fmt: skip
-    with whole_folder(out) as folder:
+    with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
     typer.echo(done.text, nl=False)
     typer.echo(f"\nreport: {out / 'report.html'}")
     register(out)
     if done.bad:
         raise BadVerdictError(done.bad)
+
+
+@contextlib.contextmanager
+def _terminal_restored() -> Iterator[None]:
+    """Take away the bar of a child process that was killed, and show the cursor that it hides."""
+    try:
+        yield
+    finally:
+        if sys.stderr.isatty():
+            sys.stderr.write("\r\x1b[2K\x1b[?25h")
+            sys.stderr.flush()
 
 
 @dataclass(frozen=True)

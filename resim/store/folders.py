@@ -137,17 +137,18 @@ def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
             shutil.rmtree(beside, ignore_errors=True)
             beside.mkdir()
             yield beside
-            if folder.exists():
-                folder.rename(old)
             try:
+                if folder.exists():
+                    folder.rename(old)
                 beside.rename(folder)
-            except OSError:
-                if old.exists():
+            except BaseException:  # a signal, too
+                if old.exists() and not folder.exists():
                     old.rename(folder)
                 raise
-            shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
 
 
 @contextlib.contextmanager
