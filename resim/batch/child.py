@@ -58,8 +58,11 @@ def main() -> None:
     watchdog.board = memoryview(mmap.mmap(board, 24)).cast("d")
     for number in (signal.SIGINT, signal.SIGALRM):
         signal.signal(number, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its children
-    with os.fdopen(tasks, "rb") as incoming, os.fdopen(results, "wb") as outgoing:
-        serve(incoming, outgoing)
+    try:
+        with os.fdopen(tasks, "rb") as incoming, os.fdopen(results, "wb") as outgoing:
+            serve(incoming, outgoing)
+    except OSError:  # nobody listens, or a task closed what is not its own
+        os._exit(1)
 
 
 def _end_with_the_command(lifeline: int, others: tuple[int, ...]) -> NoReturn:

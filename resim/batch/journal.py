@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 import os
 import zlib
 from collections.abc import Iterator, Mapping
@@ -20,6 +19,10 @@ from resim.core.errors import InputError
 REMEDY = "Take the line away: its run is then done again."
 _TEXTS, _FLAGS = ("end", "failure", "decision", "verdict"), ("same_decision", "collision")
 """Columns of a row that hold no numbers; criteria have others, told by their names (`resim.pipeline.single`)."""
+
+_LARGEST = 1e300
+_FEWEST = 2
+"""Columns of a run without a result: its end, and why; all others have the same ones."""
 
 
 class Journal:
@@ -78,6 +81,7 @@ def entries(
     damaged, of another plan, or has another result than a line before.
     """
     known: dict[int, int] = {}
+    columns: frozenset[str] | None = None
     for path in sorted(folder.glob("*.jsonl")):
         with path.open("rb") as file:
             for number, line in enumerate(file, 1):
@@ -85,7 +89,9 @@ def entries(
                     continue
                 said = line[9:-1]
                 entry = _entry(said) if line[:9] == _sum(said) + b" " else None
-                if entry is None:
+                if entry is not None and len(entry["row"]) > _FEWEST:
+                    columns = columns or frozenset(entry["row"])
+                if entry is None or (len(entry["row"]) > _FEWEST and columns != frozenset(entry["row"])):
                     raise InputError(path, f"line {number} is damaged", REMEDY)
                 run = entry["run"]
                 if plans is not None and entry["plan"] != plans.get(run, "" if whole else entry["plan"]):
@@ -109,11 +115,11 @@ def _entry(said: bytes) -> dict[str, Any] | None:
     try:
         entry = json.loads(said)
         run, plan, row, time = entry["run"], entry["plan"], entry["row"], entry["time"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    known = type(run) is int and isinstance(plan, str) and isinstance(row, dict)
-    known = known and (time is None or type(time) in (int, float)) and isinstance(row.get("end"), str)
-    return entry if known and all(_fits(name, value) for name, value in row.items()) else None
+    known = type(run) is int and isinstance(plan, str) and isinstance(row, dict) and _fits("time", time)
+    known = known and isinstance(row.get("end"), str) and all(_fits(name, row[name]) for name in row)
+    return entry if known else None
 
 
 def _fits(name: str, value: object) -> bool:
@@ -124,7 +130,7 @@ def _fits(name: str, value: object) -> bool:
         return isinstance(value, bool)
     if name in _TEXTS or name.startswith(("kpi ", "unit ")):
         return isinstance(value, str)
-    return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
+    return type(value) in (int, float) and -_LARGEST < value < _LARGEST  # type: ignore[operator]
 
 
 def _whole(path: Path) -> int:

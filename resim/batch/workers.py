@@ -199,11 +199,13 @@ class _Child:
                     return self._died()
             elif not alive:
                 return self._died()
-            if self.board[0] and time.monotonic() > self.board[0] + _GRACE:
+            now = time.monotonic()  # before the deadline is read, and that once: the next call has another
+            deadline = self.board[0]
+            if deadline and now > deadline + _GRACE:
                 limit = self.board[1]
                 self.end()
                 return Failure(f"{_FUNCTION}{unanswered(limit)}, and could not be interrupted", True, True)
-            if time.monotonic() > end:
+            if now > end:
                 self.end()
                 return Failure(f"took longer than {time_limit:g} s", crashed=True)
         self.end()

@@ -59,9 +59,13 @@ def _copy() -> None:
     os.fork()
 
 
+def _answer() -> None:
+    """Be quick."""
+
+
 IN_FUNCTION = {
     "leave": _leave, "abort": os.abort, "never return": _never_return, "hear nothing": _hear_nothing,
-    "disarm": _disarm, "copy": _copy,
+    "disarm": _disarm, "copy": _copy, "answer": _answer,
 }  # fmt: skip
 
 

@@ -244,6 +244,13 @@ def sealed(said: str) -> str:
         (lambda line: line[9:], "line 2 is damaged"),
         (lambda line: line.replace("\n", "") + line, "line 2 is damaged"),
         (lambda line: sealed("[1, 2]"), "line 2 is damaged"),
+        (lambda line: sealed("[" * 100_000), "line 2 is damaged"),
+        (
+            lambda line: sealed(re.sub(r'"risk": [^,]*', '"risk": ' + "9" * 400, line[9:-1])),
+            "line 2 is damaged",
+        ),
+        (lambda line: sealed(re.sub(r'"risk": [^,]*, ', "", line[9:-1])), "line 2 is damaged"),
+        (lambda line: sealed(re.sub(r'"time": [^}]*', '"time": NaN', line[9:-1])), "line 2 is damaged"),
         (lambda line: sealed(re.sub(r'"risk": [^,]*', '"risk": "low"', line[9:-1])), "line 2 is damaged"),
         (
             lambda line: sealed(re.sub(r'"collision": [^,]*', '"collision": 0', line[9:-1])),

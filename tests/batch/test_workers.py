@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from batch.deeds import act, call, leave_the_folder, start_others
 
+from resim.batch import workers
 from resim.batch.child import Failure
 from resim.batch.workers import run_all
 
@@ -83,6 +84,12 @@ def test_a_function_that_ends_its_process_over_and_over_is_given_up() -> None:
     why = "the function ended its process, which ended with code 0"
     found = dict(run_all(call, [("leave", 9)], workers=1, time_limit=60.0))
     assert found == {0: Failure(why, crashed=True, of_function=True)}
+
+
+def test_many_quick_calls_are_never_taken_for_a_slow_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "_TICK", 0.0)  # look all the time
+    found = dict(run_all(call, [("answer", 200_000)], workers=1, time_limit=60.0))
+    assert found == {0: [""] * 200_000}
 
 
 def test_what_a_process_started_holds_nothing_up_and_ends_with_it(tmp_path: Path) -> None:
