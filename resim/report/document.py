@@ -1,19 +1,52 @@
-"""The HTML document around a page of figures: its look, and plotly.js once."""
+"""The HTML document around a page: its look, its scripts, and the policy that lets nothing else run."""
 
 from __future__ import annotations
 
+from base64 import b64encode
+from collections.abc import Sequence
+from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
 from plotly.offline import get_plotlyjs
 
+DRAW = """"use strict";
+document.querySelectorAll(".plot").forEach(plot => {
+  const {data, layout, config} = JSON.parse(plot.querySelector("script").textContent);
+  Plotly.newPlot(plot.querySelector("div"), data, layout, config);
+});
+"""
+"""Draws the figures that `resim.report.plots.to_html` leaves in a page."""
 
-def document(title: str, body: str) -> str:
-    """Give the whole file; title is text, body HTML."""
-    css = files("resim.report").joinpath("page.css").read_text(encoding="utf-8")
+
+def document(title: str, body: str, *, css: str = "", scripts: Sequence[str] = (), plots: bool = True) -> str:
+    """Give the whole file; title is text, body HTML, css what comes after the look that all pages have.
+
+    scripts: run in this order after the body, after the figures are drawn where the page has `plots`. They are the only
+    ones that a browser runs: the page's content security policy has their hashes, so that what an id, a name or a unit
+    brings into it is never code, and that nothing is loaded from elsewhere.
+    """
+    library, last = ([get_plotlyjs()], [DRAW, *scripts]) if plots else ([], scripts)
+    runs = [*library, *last]
+    hashes = " ".join(f"'sha256-{b64encode(sha256(s.encode()).digest()).decode()}'" for s in runs) or "'none'"
+    policy = (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    look = text("resim.report", "page.css") + css
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title>\n<style>{css}</style>\n"
-        f"<script>{get_plotlyjs()}</script></head>\n<body>{body}</body></html>\n"
+        f"<title>{escape(title)}</title>\n<style>{look}</style>{_scripts(library)}</head>\n<body>{body}\n"
+        f"{_scripts(last)}</body></html>\n"
     )
+
+
+def _scripts(scripts: Sequence[str]) -> str:
+    return "".join(f"<script>{script}</script>" for script in scripts)
+
+
+def text(package: str, name: str) -> str:
+    """Give the text of a file that ships with the package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")

@@ -57,7 +57,7 @@ def page(look: View, assessed: Assessed) -> str:
     ]
     title = f"{look.result.recording.name} · {look.result.build.label}"
     body = "\n".join(parts)
-    return document(title, f"<main>\n{body}</main>\n<script>{SCRIPT}</script>")
+    return document(title, f"<main>\n{body}</main>", scripts=[SCRIPT])
 
 
 def _section(name: str, title: str, body: str) -> str:

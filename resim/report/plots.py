@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -111,11 +112,12 @@ def style(figure: go.Figure, height: float, **layout: Any) -> go.Figure:
 
 
 def to_html(figure: go.Figure, name: str) -> str:
-    """Give the figure as a div of this id and its script, without plotly.js."""
-    html: str = figure.to_html(
-        full_html=False, include_plotlyjs=False, div_id=name, config=CONFIG, default_width="100%"
+    """Give the figure as a div of this id and its data, which `resim.report.document` draws."""
+    figure_json = f'{figure.to_json()[:-1]},"config":{json.dumps(CONFIG)}}}'.replace("<", "\\u003c")
+    return (
+        f'<div class="plot"><div id="{name}" class="plotly-graph-div"></div>'
+        f'<script type="application/json">{figure_json}</script></div>'
     )
-    return f'<div class="plot">{html}</div>'
 
 
 def sample(text: str, color: str, dash: str = "") -> str:

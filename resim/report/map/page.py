@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
+from resim.report.document import document, text
 from resim.report.map.colors import FIRST, MISSING, MISSING_OTHER, TICKS, gradient, share, type_color
 from resim.report.map.data import Picture, to_script
 from resim.report.map.tables import errors_section, flaws_section
@@ -34,19 +34,16 @@ def write_map_page(
 
 def page(picture: Picture, flaws: Sequence[Flaw] | None = None) -> str:
     """Give the page's HTML."""
-    css = _text("resim.report", "page.css") + _text("resim.report.map", "map.css")
-    script = "\n".join(_text("resim.report.map", name) for name in SCRIPTS)
+    script = '"use strict";\n' + "\n".join(text("resim.report.map", name) for name in SCRIPTS)
     sections = _section("errors", "How exact the SUMO net is", errors_section(picture.conversion))
     if flaws is not None:
         sections += _section("flaws", "Flaws of the map", flaws_section(flaws))
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(picture.network.path.name)}</title>\n<style>{css}</style></head>\n"
-        f'<body><main class="map">\n{_header(picture)}\n{_controls(picture)}\n{_legend(picture)}\n{STAGE}\n'
-        f'{sections}</main>\n<script type="application/json" id="map-data">{to_script(picture)}</script>\n'
-        f'<script>"use strict";\n{script}</script></body></html>\n'
+    body = (
+        f'<main class="map">\n{_header(picture)}\n{_controls(picture)}\n{_legend(picture)}\n{STAGE}\n'
+        f'{sections}</main>\n<script type="application/json" id="map-data">{to_script(picture)}</script>'
     )
+    css = text("resim.report.map", "map.css")
+    return document(picture.network.path.name, body, css=css, scripts=[script], plots=False)
 
 
 def _section(name: str, title: str, body: str) -> str:
@@ -60,10 +57,6 @@ STAGE = (
     '<p class="note">Wheel or pinch zooms, dragging moves; point at a lane for its details, click to keep them. '
     "Keys: arrows, + and −, 0 for all. The address of the page holds the view.</p>"
 )
-
-
-def _text(package: str, name: str) -> str:
-    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def _header(picture: Picture) -> str:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
-from resim.report.document import document
+from resim.report.document import document, text
 from resim.report.plots import sample, to_html
 from resim.report.sweep import tables
 from resim.report.sweep.boundary import boundary_html
@@ -55,10 +54,9 @@ def write_sweep_page(found: Entry, path: Path) -> None:
 
 def page(found: Entry) -> str:
     """Give the page's HTML."""
-    css = files("resim.report.sweep").joinpath("sweep.css").read_text(encoding="utf-8")
     several = len(found["sections"]) > 1
     body = [
-        f"<style>{css}</style><main>\n",
+        "<main>\n",
         _header(found),
         tables.overview(found["sections"], shares=found["plan"] != "adaptive"),
     ]
@@ -68,8 +66,9 @@ def page(found: Entry) -> str:
             inside = f"<summary>{tables.title(section)}</summary>{inside}"
             inside = f'<details class="part" id="s-{k}"{" open" if k == 0 else ""}>{inside}</details>\n'
         body.append(inside)
-    body += [_reading(found), _inputs(found), f"</main><script>{REDRAW}</script>"]
-    return document(f"{found['name']} · sweep", "".join(body))
+    body += [_reading(found), _inputs(found), "</main>"]
+    css = text("resim.report.sweep", "sweep.css")
+    return document(f"{found['name']} · sweep", "".join(body), css=css, scripts=[REDRAW])
 
 
 def _header(found: Entry) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from resim.report.document import document, text
 from resim.report.verification import builds, measured
 from resim.report.verification.cells import Entry, link, row, rows_table
 
@@ -27,14 +27,9 @@ def page(found: Entry, traces: Mapping[str, Any]) -> str:
     kind = measured.measured(found, traces) if against is None else builds.builds(found, traces)
     title = f"{inputs['name']} · {inputs['build']['label']}"
     title += "" if against is None else f" against {against['label']}"
-    css = _text("resim.report", "page.css") + _text("resim.report.verification", "verification.css")
+    css, script = (text("resim.report.verification", name) for name in ("verification.css", "filter.js"))
     body = "".join([_header(found), _errors(found), *kind])
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title>\n<style>{css}</style></head>\n<body><main>\n{body}</main>\n"
-        f"<script>{_text('resim.report.verification', 'filter.js')}</script></body></html>\n"
-    )
+    return document(title, f"<main>\n{body}</main>", css=css, scripts=[script], plots=False)
 
 
 def _header(found: Entry) -> str:
@@ -111,7 +106,3 @@ def _inputs(found: Entry) -> str:
 
 def _hash(found: str | None) -> str:
     return "<i>could not be read</i>" if found is None else f"<code>{found}</code>"
-
-
-def _text(package: str, name: str) -> str:
-    return files(package).joinpath(name).read_text(encoding="utf-8")
