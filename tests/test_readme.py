@@ -56,3 +56,10 @@ def test_its_links_and_files_are_there():
         assert (ROOT / link).exists(), link
     for path in re.findall(r"(?:scenarios|adfunc|networks|tools)/[\w./-]*\w", README):
         assert (ROOT / path).exists(), path
+
+
+def test_nothing_is_installed_from_the_index_under_our_name() -> None:
+    """There, resim is somebody else's package."""
+    texts = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "resim").rglob("*.py")]
+    for path in texts:
+        assert not re.search(r"pip install\s+(-\S+\s+)*['\"]?resim\b", path.read_text(encoding="utf-8")), path

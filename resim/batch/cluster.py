@@ -30,7 +30,9 @@ def cluster(address: str) -> Iterator[Cluster]:
     try:
         from distributed import Client
     except ImportError as e:
-        raise InputError("--scheduler", "needs Dask", "pip install resim[cluster]") from e
+        raise InputError(
+            "--scheduler", "needs Dask", "In resim's own folder: pip install '.[cluster]'"
+        ) from e
     for name in ("distributed", "distributed.client", "distributed.utils"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # a scheduler that is gone is told of once, by us
     try:

@@ -152,7 +152,7 @@ def engine(url: URL) -> Engine:
         return create_engine(url, poolclass=NullPool, connect_args=patience)
     except ImportError:
         raise InputError(
-            shown(url), "needs the driver of PostgreSQL", "pip install 'resim[postgresql]'"
+            shown(url), "needs the driver of PostgreSQL", "In resim's own folder: pip install '.[postgresql]'"
         ) from None
 
 

@@ -189,7 +189,8 @@ def test_an_address_that_serves_not_is_told_without_its_password(url: str, probl
 def test_a_missing_driver_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)
     with pytest.raises(
-        InputError, match=r"needs the driver of PostgreSQL\. pip install 'resim\[postgresql\]'"
+        InputError,
+        match=r"needs the driver of PostgreSQL\. In resim's own folder: pip install '\.\[postgresql\]'",
     ):
         Catalog("postgresql://me@host/runs")
 
