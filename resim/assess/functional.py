@@ -88,8 +88,8 @@ def latency(drive: Drive, functioning: Functioning | None) -> Measure:
 def detection(drive: Drive, functioning: Functioning | None) -> Measure:
     """Give 1 where an object (S, K) stands in a list of the last period and a half, 0 where in none.
 
-    NOT_DEFINED for objects that are not there or over 100 m away, and of SD, whose objects are those detected;
-    NOT_COMPUTED where there is no sensor data.
+    NO_CONFLICT for objects over 100 m away, which need not be; NOT_DEFINED for those that are not there, and of SD,
+    whose objects are those detected; NOT_COMPUTED where there is no sensor data.
     """
     shape = drive.present.shape
     if functioning is None or functioning.lists is None:
@@ -101,20 +101,27 @@ def detection(drive: Drive, functioning: Functioning | None) -> Measure:
         if row is not None:
             age[:, k] = np.nan_to_num(_age(drive.t, functioning.lists[functioning.seen[row]]), nan=np.inf)
     own, other = drive.scenes.plan[:, 0, None, :2], drive.scenes.state[..., :2]
-    near = drive.present & functioning.of_truth & (np.hypot(*np.moveaxis(other - own, 2, 0)) <= RANGE)
-    state = np.where(near, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
+    asked = drive.present & functioning.of_truth
+    near = asked & (np.hypot(*np.moveaxis(other - own, 2, 0)) <= RANGE)
+    state = np.where(near, State.VALUE, np.where(asked, State.NO_CONFLICT, State.NOT_DEFINED)).astype(
+        np.uint8
+    )
     found = np.where(age <= LATE * functioning.period + _SAME, 1.0, 0.0)
     return Measure("detection", "1", np.where(near, found, np.nan), state, "low")
 
 
 def detection_rate(drive: Drive, functioning: Functioning | None) -> Measure:
-    """Give the share (S,) of the objects within 100 m that are detected (`detection`); NOT_DEFINED without any."""
+    """Give the share (S,) of the objects within 100 m that are detected (`detection`).
+
+    NO_CONFLICT where none is within 100 m; NOT_DEFINED of SD; NOT_COMPUTED where there is no sensor data.
+    """
     if functioning is None or functioning.lists is None:
         return _unknown("detection rate", "1", drive.t.shape, "low")
     every = detection(drive, functioning)
     count = (every.state == State.VALUE).sum(axis=1)
     share = np.where(count > 0, np.nansum(every.value, axis=1) / np.maximum(count, 1), np.nan)
-    state = np.where(count > 0, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
+    none = State.NO_CONFLICT if functioning.of_truth else State.NOT_DEFINED
+    state = np.where(count > 0, State.VALUE, none).astype(np.uint8)
     return Measure("detection rate", "1", share, state, "low")
 
 

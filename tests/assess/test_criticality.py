@@ -431,7 +431,7 @@ def test_risk_scenes_are_pairs():
     assert c.ttc(Pairs.of(scenes, 0.1)).value[0, 0] == pytest.approx(30.0 / 11.0)
 
 
-def test_drac_has_no_answer_to_who_comes_from_behind():
+def test_drac_is_what_the_ego_needs_and_nothing_for_who_comes_from_behind_or_never_meets():
     t = np.arange(41) * 0.1
     plan = np.stack([20.0 * t, 0.0 * t, 0.0 * t, 20.0 + 0.0 * t], axis=1)[None]
 
@@ -440,7 +440,9 @@ def test_drac_has_no_answer_to_who_comes_from_behind():
         found = c.drac(c.Pairs(plan, np.array([[4.7, 1.9]]), state, np.array([[[4.7, 1.9]]]), 0.1))
         return found.value[0, 0], State(found.state[0, 0])
 
-    assert drac(-15.0, 30.0)[1] == State.NOT_DEFINED  # faster, from behind
+    assert drac(-15.0, 30.0) == (0.0, State.VALUE)  # faster, from behind: the EGO does not close in
+    assert drac(-15.0, 10.0)[1] == State.NO_CONFLICT  # behind, and never meets
+    assert drac(-15.0, 20.0)[1] == State.NO_CONFLICT
     assert drac(25.0, 10.0)[0] == pytest.approx(10.0**2 / (2.0 * (25.0 - 4.7)), abs=1e-3)
     for unavoidable in (drac(40.0, 20.0, np.pi), drac(1.0, 20.0), drac(-1.0, 20.0)):  # oncoming, touching
         assert unavoidable == (np.inf, State.VALUE)

@@ -66,7 +66,10 @@ def test_far_objects_need_not_be_seen_and_parts_of_one_are_that_one(overtaking):
     state = overtaking.scenes.state.copy()
     state[:, 1, 0] += 500.0
     far = replace(overtaking, scenes=replace(overtaking.scenes, state=state))
-    assert (f.detection(far, at_work(overtaking)).state[:, 1] == State.NOT_DEFINED).all()
+    assert (f.detection(far, at_work(overtaking)).state[:, 1] == State.NO_CONFLICT).all()
+    state[..., 0] += 500.0
+    nobody = f.detection_rate(replace(far, scenes=replace(far.scenes, state=state)), at_work(overtaking))
+    assert (nobody.state == State.NO_CONFLICT).all()  # and so nobody is missed
     parted = replace(overtaking, ids=(f"{overtaking.ids[0]}~2", *overtaking.ids[1:]))
     assert (f.detection(parted, at_work(overtaking)).value[:, 0] == 1.0).all()
 

@@ -128,8 +128,8 @@ def drac(pairs: Pairs) -> Measure:
     DRAC = (v_follow - v_lead)² / (2 d) (Cooper and Ferguson 1976) where one follows the other. In general: the EGO
     brakes from now along its plan's path, the object goes straight on at its present velocity; followed for two
     horizons, as a contact at d / v_rel is put off by braking to at most twice that. inf where no deceleration up to
-    20 m/s² avoids (oncoming, boxes that touch), but NOT_DEFINED for who comes from behind: braking is no answer to
-    him. NO_CONFLICT where TTC has none.
+    20 m/s² avoids (oncoming, boxes that touch). 0 for who comes from behind the EGO's box: the EGO does not close in on
+    him, and needs not brake. NO_CONFLICT where TTC has none: nothing is needed.
     """
     return pairs.measured("DRAC", "m/s²", "high", _drac, columns=4)
 
@@ -156,6 +156,12 @@ def _drac(p: Pair) -> tuple[Floats, States]:
         good = avoids(rows, middle)
         low, high = np.where(good, low, middle), np.where(good, middle, high)
     need[rows] = high
+    return stated(np.where(np.isinf(need) & _behind(p), 0.0, need), conflict=conflict)
+
+
+def _behind(p: Pair) -> Bools:
+    """Whether the object's box (P,) lies wholly behind the EGO's."""
     ahead, _ = to_frame(p.state[:, 0], p.state[:, 1], p.plan[:, 0, 0], p.plan[:, 0, 1], p.plan[:, 0, 2])
-    chased = (ahead < 0.0) & np.isinf(need) & (at > 0.0)
-    return stated(need, conflict=conflict, defined=~chased)
+    turn = p.state[:, 2] - p.plan[:, 0, 2]
+    half = 0.5 * (np.abs(np.cos(turn)) * p.size[:, 0] + np.abs(np.sin(turn)) * p.size[:, 1])
+    return np.asarray(ahead + half < -0.5 * p.ego_size[:, 0])
