@@ -11,9 +11,11 @@ import numpy as np
 from resim.assess.criteria import Criteria, Outcome, Verdict, judge, overall
 from resim.assess.criticality import Measure, State
 from resim.assess.criticality.measure import States
+from resim.assess.doubt import doubted, resized
 from resim.assess.drive import Drive
 from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Subject, scene_of
 from resim.assess.risk import Risk
+from resim.assess.unseen import WHOLE, Doubts
 from resim.core.geometry import Floats
 
 REASONS = {
@@ -169,11 +171,14 @@ def assess(
     criteria: Criteria | None = None,
     flaw: str = "",
     only: Collection[str] | None = None,
+    doubts: Doubts = WHOLE,
+    larger: Subject | None = None,
 ) -> Assessment:
     """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
 
     flaw: why it cannot pass, whatever the criteria say, or "". only: objectifications to compute besides those that
-    criteria ask for, None for all.
+    criteria ask for, None for all. doubts: what the drive's source leaves open; larger: the drive with the largest
+    sizes that it gives, where it gives several: what could fail by either does not pass.
     """
     drive = subject.drive
     every = (*OBJECTIFICATIONS, *subject.own)
@@ -181,10 +186,15 @@ def assess(
         wanted = {*only, *(c.measure for c in (criteria.criteria if criteria is not None else ()))}
         every = tuple(o for o in every if o.name in wanted)
     measures = {o.name: subject.measure(o.name) for o in every}
-    verdicts = {
-        c.name: judge(c, measures[c.measure], drive.t, drive.ids, drive.present)
-        for c in (criteria.criteria if criteria is not None else ())
-    }
+    asked = {o.name: o for o in every}
+    verdicts = {}
+    for c in criteria.criteria if criteria is not None else ():
+        measure = measures[c.measure]
+        found = judge(c, measure, drive.t, drive.ids, drive.present)
+        if larger is not None:
+            again = larger.measure(c.measure)
+            found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts.sizes)
+        verdicts[c.name] = doubted(found, c, asked[c.measure], measure, subject, doubts)
     for name, v in verdicts.items():
         if v.t is not None and not v.object:
             scene = int(np.argmin(np.abs(drive.t - v.t)))

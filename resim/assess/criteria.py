@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -71,6 +71,11 @@ class Criterion(BaseModel):
         if self.side == "below":
             return np.asarray(self.limit - value)
         return np.asarray((value if self.side == "above" else np.abs(value)) - self.limit)
+
+    def within(self, t: Floats) -> Bools:
+        """Say which of the scenes at t (S,) [s] lie in the part of the drive that counts."""
+        end = math.inf if self.end is None else t[0] + self.end
+        return np.asarray((t >= t[0] + self.start - _SAME) & (t <= end + _SAME))
 
 
 class OwnObjectification(BaseModel):
@@ -155,21 +160,39 @@ def _own(path: Path, own: OwnObjectification) -> Objectification:
     def of(subject: Subject) -> Measure:
         drive = subject.drive
         try:
-            value = np.array(function(deepcopy(drive), subject.network), dtype=float)
+            given = function(deepcopy(drive), subject.network)
         except (Exception, SystemExit) as e:
             raise InputError(path, f"objectification {own.name!r}: {own.function} raised {e!r}") from e
         shapes = drive.t.shape, drive.present.shape
-        if value.shape not in shapes or np.isinf(value).any():
-            what = "inf" if value.shape in shapes else f"an array {value.shape}"
+        if what := _no_measure(given, shapes):
             problem = f"objectification {own.name!r}: {own.function} gave {what}"
-            remedy = f"Give {shapes[0]} or {shapes[1]}, numbers, NaN where it is not defined."
-            raise InputError(path, problem, remedy)
+            expected = (
+                f"expected an array of real numbers {shapes[0]} (scenes) or {shapes[1]} (scenes, objects)"
+            )
+            raise InputError(path, f"{problem}; {expected}", "Give NaN where it is not defined.")
+        value = np.array(given, dtype=float)
         there = drive.present if value.ndim == 2 else np.ones(value.shape, dtype=bool)
         state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE)
         state = np.where(there, state, State.NOT_COMPUTED).astype(np.uint8)
         return Measure(own.name, own.unit, np.where(state == State.VALUE, value, np.nan), state, own.worst)
 
     return Objectification(own.name, own.kind, of)
+
+
+def _no_measure(given: Any, shapes: tuple[tuple[int, ...], ...]) -> str:
+    """What an own objectification gave instead of numbers in one of these shapes; "" where it gave those."""
+    if np.ma.isMaskedArray(given):
+        return "a masked array"
+    try:
+        value = np.asarray(given)
+    except (TypeError, ValueError):  # rows of different lengths
+        return f"a {type(given).__name__} that is no array"
+    if value.dtype.kind not in "biuf":
+        what = "complex numbers" if value.dtype.kind == "c" else f"values of type {value.dtype}"
+        return f"{what} in an array {value.shape}"
+    if value.shape not in shapes:
+        return f"an array {value.shape}"
+    return "inf" if np.isinf(value.astype(float)).any() else ""
 
 
 def judge(
@@ -185,26 +208,25 @@ def judge(
     columns, states = (a[:, None] if own else a for a in (measure.value, measure.state))
     whose = [""] if own else list(ids)
     there = np.ones(states.shape, dtype=bool) if present is None or own else present
-    end = math.inf if criterion.end is None else t[0] + criterion.end
-    within = (t >= t[0] + criterion.start - _SAME) & (t <= end + _SAME)
+    within = criterion.within(t)
     counts = there & within[:, None]
     bad = criterion.badness(np.where(counts, columns, np.nan))
     broken_by = bad > 0.0
     times = np.full(bad.shape[1], -1.0)
     for k in np.flatnonzero(broken_by.any(axis=0)).tolist():
-        times[k] = _longest(broken_by[:, k], t)
+        times[k] = longest(broken_by[:, k], t)
     failed = (times >= 0.0) & (times >= criterion.duration - _SAME)
-    longest = float(times.max(initial=-1.0))
+    most = float(times.max(initial=-1.0))
     lost = counts & (states == State.NOT_COMPUTED)
     meant = counts & (states != State.NOT_DEFINED) & ~lost
     worst = _worst(np.where(failed, bad, np.nan) if failed.any() else bad)
     value, when, whom = (None, None, "") if worst is None else (
         float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
     )  # fmt: skip
-    broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {longest:.1f} s"
+    broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {most:.1f} s"
     outcome: Outcome = "PASS"
-    short = longest >= 0.0 and _longest(within, t) < criterion.duration - _SAME
-    reason = f"{broken} only" if longest >= 0.0 else "kept"
+    short = most >= 0.0 and longest(within, t) < criterion.duration - _SAME
+    reason = f"{broken} only" if most >= 0.0 else "kept"
     if value is None:
         reason = "no conflict" if whose else "no object"
     if failed.any():
@@ -263,8 +285,8 @@ def _worst(bad: Floats) -> tuple[int, int] | None:
     return int(scene), int(k)
 
 
-def _longest(broken: Bools, t: Floats) -> float:
-    """The longest time [s] that the limit is broken without a break, each scene for its time step; -1 for never."""
+def longest(broken: Bools, t: Floats) -> float:
+    """Give the longest time [s] that the limit is broken without a break, each scene for its step; -1 for never."""
     if not broken.any():
         return -1.0
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0

@@ -29,6 +29,11 @@ NEAR = 1.0 + 1e-9
 
 _SAME = 1e-9
 Kind = Literal["functional", "quantitative", "legal"]
+ALONE = (
+    "longitudinal acceleration", "lateral acceleration", "longitudinal jerk", "lateral jerk", "speed over limit",
+    "lane overhang", "off the road", "function availability", "perception availability", "cycle time", "latency",
+)  # fmt: skip
+"""Those of the EGO alone."""
 KINDS: tuple[Kind, ...] = ("quantitative", "legal", "functional")
 """In the order of tables."""
 
@@ -82,11 +87,15 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Objectification:
-    """One objectification: `of` gives a measure (S,) of the EGO or the whole scene, or (S, K) of it and each object."""
+    """One objectification: `of` gives a measure (S,) of the EGO or the whole scene, or (S, K) of it and each object.
+
+    alone: whether it is of the EGO alone, whoever else is there.
+    """
 
     name: str
     kind: Kind
     of: Callable[[Subject], Measure]
+    alone: bool = False
 
 
 def names(every: Iterable[Objectification]) -> list[str]:
@@ -133,9 +142,12 @@ def _all() -> tuple[Objectification, ...]:
         "latency": f.latency,
     }  # fmt: skip
     out = [Objectification(name, "quantitative", _paired(of)) for name, of in pairs.items()]
-    out += [Objectification(name, "quantitative", of) for name, of in also.items()]
-    out += [Objectification(name, "legal", of) for name, of in legal.items()]
-    out += [Objectification(name, "functional", _functional(of)) for name, of in functional_ones.items()]
+    out += [Objectification(name, "quantitative", of, name in ALONE) for name, of in also.items()]
+    out += [Objectification(name, "legal", of, name in ALONE) for name, of in legal.items()]
+    out += [
+        Objectification(name, "functional", _functional(of), name in ALONE)
+        for name, of in functional_ones.items()
+    ]
     return tuple(out)
 
 

@@ -122,7 +122,7 @@ def _write(traces: Traces) -> None:
     recording = examined(task.folder, accept=task.accept)
     options = Options(bases=("GT",), seed=0 if perceiving else task.seed)
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)
-    assessed = assess_resimulation(result, How(criteria=read_criteria(task.criteria)))
+    assessed = assess_resimulation(result, How(criteria=read_criteria(task.criteria)), model=True)
     with whole_folder(traces.out) as folder:
         write_resimulation(result, folder)
         write_assessment(assessed, folder, folder)

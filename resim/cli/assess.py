@@ -134,7 +134,7 @@ def _assess(task: tuple[_Asked, Path | None]) -> Done:
     """Do what is asked for in a child process, and write the results into the folder, if there is one."""
     from resim.assess.risk import Parameters
     from resim.assess.risk.prediction import named_prediction
-    from resim.cli.verdicts import captured, print_notes, print_verdicts, print_worst
+    from resim.cli.verdicts import captured, print_findings, print_notes, print_verdicts, print_worst
     from resim.pipeline import How, assess_folder
     from resim.report import write_assessment_page
     from resim.store import told_of, write_assessment
@@ -153,6 +153,7 @@ def _assess(task: tuple[_Asked, Path | None]) -> Done:
             write_assessment_page(found, folder / "assessment.html")
     with captured(a.terminal) as screen:
         print_worst(found)
+        print_findings(found)
         print_verdicts(found)
         print_notes(found)
     return Done(screen.getvalue(), bad(found))
@@ -169,7 +170,7 @@ def bad(found: Assessed) -> str:
     """Say why a verdict is bad: a run failed, or a criterion fails or cannot be judged; "" where none is."""
     if found.failures:
         return "; ".join(f"{name}: {why}" for name, why in found.failures.items())
-    failed = {name: a.verdict for name, a in found.blocks.items() if a.verdict not in (None, "PASS")}
+    failed = found.bad()
     if not failed or found.criteria is None:
         return ""
     told = ", ".join(f"{name} {verdict}" for name, verdict in failed.items())

@@ -79,7 +79,8 @@ def run(
 ) -> None:
     """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.
 
-    Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged.
+    Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged: in any of GT, SD,
+    rGT and rSD, and in any seed of --perception.
     """
     from resim.batch.workers import in_child
     from resim.store import check_output, whole_folder
@@ -157,7 +158,7 @@ def _resimulate(task: tuple[_Asked, Path]) -> Done:
     seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), bases[a.basis.value])
     result = _with_progress(measured, pinned, options, model, a.accept, seen)
     with contextlib.chdir("."):
-        assessed = assess_resimulation(result, how)
+        assessed = assess_resimulation(result, how, model=True)
     with told_of(a.out):
         write_resimulation(result, folder)
         write_assessment(assessed, folder, folder)

@@ -49,6 +49,7 @@ def sweep(
     from resim.batch.cluster import cluster
     from resim.batch.sweeps import begin, compact, execute
     from resim.batch.workers import in_child
+    from resim.cli.verdicts import print_findings_of
     from resim.pipeline.sweep import read_sweep
 
     part = _shard(shard)
@@ -61,6 +62,7 @@ def sweep(
     if part[1] > 1 and wanted.file.plan == "adaptive":
         problem = "an adaptive plan has no shards: what to run next follows from all results"
         raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
+    print_findings_of(wanted.folders)
     begin(out, told, resume=resume or part[1] > 1)
     numbers = {entry["run"] for entry in journal.read(out / "journal")}
     done = sum(number % part[1] == part[0] - 1 for number in numbers)

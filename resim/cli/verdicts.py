@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -14,7 +15,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from resim.assess.assessment import Worst
-    from resim.assess.criteria import Verdict
+    from resim.assess.criteria import Outcome, Verdict
     from resim.pipeline import Assessed
 
 
@@ -68,20 +69,42 @@ def print_verdicts(found: Assessed) -> None:
     table.add_column("criterion")
     for name in found.blocks:
         table.add_column(name)
+    if found.model is not None:
+        table.add_column("rGT+M")
     for criterion in found.criteria.criteria:
-        table.add_row(criterion.name, *(_cell(a.verdicts[criterion.name]) for a in found.blocks.values()))
+        cells = [_cell(a.verdicts[criterion.name]) for a in found.blocks.values()]
+        if found.model is not None:
+            cells.append(_seeds(found.model.counts(criterion.name)))
+        table.add_row(criterion.name, *cells)
     out = console()
     out.print(table)
     for name, a in found.blocks.items():
         for verdict in a.verdicts.values():
             if verdict.outcome != "PASS":
                 out.print(f"{name}: {verdict.outcome} {verdict.criterion}: {verdict.reason}", highlight=False)
+    for reason in () if found.model is None else found.model.reasons():
+        out.print(f"rGT+M: {reason}", highlight=False)
+
+
+def print_findings(found: Assessed) -> None:
+    """Print what is wrong with the recording."""
+    for finding in found.findings:
+        typer.echo(f"finding: {finding}")
 
 
 def print_notes(found: Assessed) -> None:
     """Print what one has to know to compare and believe the values."""
     for note in found.notes():
         typer.echo(f"note: {note}")
+
+
+def print_findings_of(recordings: Mapping[str, Path]) -> None:
+    """Print what is wrong with each of these recordings, by name."""
+    from resim.pipeline import findings_of
+
+    for name, folder in recordings.items():
+        for finding in findings_of(folder):
+            typer.echo(f"{name}: finding: {finding}")
 
 
 def _worst(worst: Worst | None) -> str:
@@ -94,6 +117,11 @@ def _cell(verdict: Verdict) -> str:
     return (
         f"{verdict.outcome} {_told(verdict.measure, verdict.value, verdict.unit, verdict.t, verdict.object)}"
     )
+
+
+def _seeds(counts: Mapping[Outcome, int]) -> str:
+    """How many seeds pass, fail, cannot be judged."""
+    return ", ".join(f"{outcome} {count}" for outcome, count in counts.items() if count) + " seeds"
 
 
 def _told(name: str, value: float, unit: str, t: float, whom: str) -> str:

@@ -54,8 +54,10 @@ def _verified(found: Mapping[str, Any]) -> None:
 
 
 def _print_errors(found: Mapping[str, Any], out: Console) -> None:
-    """What is broken, apart from what is not good."""
+    """What is wrong with the recordings, and what is broken, apart from what is not good."""
     for r in found["recordings"]:
+        for finding in r.get("findings", ()):
+            out.print(f"{r['name']}: finding: {finding}", highlight=False)
         if r["error"] is not None:
             out.print(f"{r['name']}: error: {r['error']}", highlight=False)
 

@@ -31,7 +31,8 @@ class Recording:
     time `t` it was made and planned time `t_plan` [s], both on the recording's clock, with x, y [m] and v [m/s].
     environment: JSCEN terms. provenance: free text. repair_marks: for "gt" and "sd", where anything was repaired, (N,
     T) "" or the codes of the findings that were, spaces between. findings: what is known to be wrong with it, worst
-    first.
+    first. incomplete: for "gt" and "sd" the rows that lack a value and are in no track, sizes: the largest length and
+    width [m] that rows give an object, both by the names of `sd_by_gt`.
     """
 
     name: str
@@ -51,6 +52,8 @@ class Recording:
     folder: Path | None = None
     repair_marks: Mapping[str, Strings] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    incomplete: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
 
     @property
     def repaired(self) -> dict[str, dict[str, int]]:

@@ -10,8 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from resim.core.errors import InputError
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, Tracks
+from resim.ingest.identity import UNMATCHED
 from resim.ingest.recording import Recording, sample_rate
 from resim.ingest.settings import Environment, Settings
 from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED, VALUES, check_complete, check_times
@@ -76,6 +77,9 @@ def recording_of(tables: Tables, *, lenient: bool = False) -> Recording:
         raise InputError(tables.gt_file, f"ego {settings.ego!r} has no row without missing values")
     sd = None if sd_table is None else Tracks.from_frame(sd_table)
     marks = {"gt": _marks(gt, gt_table), "sd": _marks(sd, sd_table)}
+    named = {"gt": tables.gt}
+    if tables.sd is not None:
+        named["sd"] = tables.sd.assign(id=_names(tables.sd, gt))
     return Recording(
         name=settings.name, map=tables.map, ego=settings.ego, gt=gt,
         gt_rate=settings.gt_rate or sample_rate(tables.gt_file, gt),
@@ -86,6 +90,8 @@ def recording_of(tables: Tables, *, lenient: bool = False) -> Recording:
         environment=settings.environment.model_dump(by_alias=True, exclude_none=True),
         provenance=settings.provenance, folder=tables.folder,
         repair_marks={name: found for name, found in marks.items() if found is not None},
+        incomplete={name: table[~_complete(table)] for name, table in named.items()},
+        sizes={name: _largest(table) for name, table in named.items()},
     )  # fmt: skip
 
 
@@ -122,9 +128,28 @@ def _sound(frame: pd.DataFrame, path: Path, *, lenient: bool) -> pd.DataFrame:
         check_complete(path, frame)
         check_times(path, frame)
         return frame
-    complete = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
-    ordered: pd.DataFrame = complete.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
+    ordered: pd.DataFrame = (
+        frame[_complete(frame)].drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
+    )
     return ordered
+
+
+def _complete(frame: pd.DataFrame) -> Bools:
+    """Which rows lack no value."""
+    return np.asarray(np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1))
+
+
+def _names(frame: pd.DataFrame, gt: Tracks) -> list[str]:
+    """What the SD rows' objects are called beside the ground truth (`Recording.sd_by_gt`)."""
+    own = frame[GT_ID] if GT_ID in frame else frame["id"]
+    known = set(gt.ids.tolist())
+    return [g if g in known else f"{UNMATCHED}{i}" for g, i in zip(own, frame["id"], strict=True)]
+
+
+def _largest(frame: pd.DataFrame) -> dict[str, tuple[float, float]]:
+    """The largest length and width [m] that rows give each object."""
+    largest = frame.groupby("id", sort=False)[["length", "width"]].max()
+    return {str(name): (float(a), float(b)) for name, a, b in largest.itertuples()}
 
 
 def _check_extent(path: Path, frame: pd.DataFrame) -> None:

@@ -3,7 +3,14 @@
 from resim.pipeline.assessments import Assessed, How, assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
 from resim.pipeline.perceived import PerceivedRun, Perceiving, end_error
-from resim.pipeline.recordings import check_codes, examined, finding_line, refuse_findings, repair_recording
+from resim.pipeline.recordings import (
+    check_codes,
+    examined,
+    finding_line,
+    findings_of,
+    refuse_findings,
+    repair_recording,
+)
 from resim.pipeline.result import (
     Basis,
     Branch,
@@ -33,6 +40,7 @@ __all__ = [
     "examined",
     "file_hash",
     "finding_line",
+    "findings_of",
     "map_name",
     "perceived_frame",
     "refuse_findings",

@@ -15,23 +15,27 @@ from resim.assess.assessment import Assessment, assess
 from resim.assess.criteria import Criteria
 from resim.assess.drive import Path as EgoPath
 from resim.assess.drive import Plans, drive
-from resim.assess.functional import RANGE, Functioning
+from resim.assess.functional import Functioning
 from resim.assess.objectifications import Subject, contacts
 from resim.assess.risk import DEFAULTS, Parameters
 from resim.assess.risk.prediction import Prediction
+from resim.assess.unseen import WHOLE, Doubts
 from resim.core.errors import InputError
+from resim.core.finding import Finding
 from resim.core.geometry import Floats
-from resim.core.tracks import Strings, whole_id
+from resim.core.tracks import Strings, Tracks, whole_id
 from resim.fidelity import collisions
 from resim.ingest import Recording
 from resim.ingest.folder import PLAN_COLUMNS
 from resim.ingest.tables import read_table
-from resim.pipeline.recordings import examined
-from resim.pipeline.result import Resimulation
+from resim.pipeline.doubts import doubts
+from resim.pipeline.model_runs import MODEL, ModelRuns
+from resim.pipeline.recordings import examined, finding_lines
+from resim.pipeline.result import Resimulation, finding_of
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
-from resim.scenario.scenario import Scenario
+from resim.scenario.scenario import Scenario, describe
 from resim.sim.run import Run
 
 RATE = 10.0
@@ -69,6 +73,8 @@ class Assessed:
     """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation.
 
     failures: of runs that failed, and why; also of those that have no assessment, as there was nothing to assess.
+    findings: what is wrong with the recording, worst first, notes left out. model: the runs with a perception model,
+    where there are any, and criteria to judge them by.
     """
 
     name: str
@@ -77,6 +83,8 @@ class Assessed:
     blocks: Mapping[str, Assessment]
     criteria: Criteria | None
     failures: Mapping[str, str]
+    findings: tuple[str, ...] = ()
+    model: ModelRuns | None = None
 
     def notes(self) -> list[str]:
         """Give what one has to know to compare the blocks and to believe them."""
@@ -91,9 +99,18 @@ class Assessed:
         out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 
+    def bad(self) -> dict[str, str]:
+        """Give the verdict of each source that does not pass."""
+        out = {name: str(a.verdict) for name, a in self.blocks.items() if a.verdict not in (None, "PASS")}
+        if self.model is not None and self.model.verdict != "PASS":
+            counts = self.model.counts()
+            out[MODEL] = f"{self.model.verdict} ({counts['PASS']} of {sum(counts.values())} seeds pass)"
+        return out
+
     def kpi_frame(self) -> pd.DataFrame:
         """Give the worst of every objectification and the KPI of every criterion, one row each, by source."""
         rows = [{"source": name, **row} for name, a in self.blocks.items() for row in a.kpis()]
+        rows += [] if self.model is None else self.model.kpis()
         frame = pd.DataFrame(rows)
         numbers = ["value", "t", "limit", "weight"]
         return frame.assign(**{column: frame[column].astype(float) for column in numbers})
@@ -102,9 +119,13 @@ class Assessed:
         """Give the blocks of a run by name; of a recording the block of GT, with that of SD in `SD`."""
         blocks = {name: a.to_json() for name, a in self.blocks.items()}
         if self.run:
-            return {**blocks, "failures": dict(self.failures), "notes": self.notes()}
+            model = {} if self.model is None else {MODEL: self.model.to_json()}
+            return {
+                **blocks,
+                **model, "failures": dict(self.failures), "findings": list(self.findings), "notes": self.notes(),
+            }  # fmt: skip
         gt = blocks.pop("GT")
-        return {**gt, **blocks, "notes": self.notes()}
+        return {**gt, **blocks, "findings": list(self.findings), "notes": self.notes()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +137,7 @@ class _Block:
     functioning: Functioning
     collisions: tuple[tuple[float, str], ...]
     flaw: str = ""
+    doubts: Doubts = WHOLE
 
 
 def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assessed:
@@ -142,30 +164,41 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     blocks = {
         str(basis): _Block(
             scenario, plans, replace(functioning, of_truth=basis == "GT"),
-            tuple(collisions(measured[basis], ego=recording.ego)), _left_out(measured[basis].to_frame(), scenario),
+            tuple(collisions(measured[basis], ego=recording.ego)), doubts=doubts(recording, basis, measured[basis]),
         )
         for basis, scenario in scenarios.items()
     }  # fmt: skip
-    return _assessed(recording.name, network, False, blocks, how, {})
+    return _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
 
 
-def assess_resimulation(result: Resimulation, how: How) -> Assessed:
-    """Assess a re-simulation: GT, SD, rGT, rSD."""
+def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
+    """Assess a re-simulation: GT, SD, rGT, rSD; with `model` and criteria its runs with a perception model as well."""
     tables = _Tables(result.tracks_frame(), result.answers_frame(), result.plans_frame())
     report = result.report()
     blocks = _run_blocks(result.scenarios(), tables, report)
-    return _assessed(result.recording.name, result.network, True, blocks, how, _failures(report, blocks))
+    failures = _failures(report, blocks)
+    found = _assessed(
+        result.recording.name, result.network, True, blocks, how, failures, result.recording.findings
+    )
+    return (
+        replace(found, model=_model_runs(blocks["GT"], tables, report, result.network, how))
+        if model
+        else found
+    )
 
 
-def assess_run(run: Run, scenario: Scenario, network: RoadNetwork, how: How) -> Assessment:
-    """Assess one simulation by the scenario that describes it."""
+def assess_run(
+    run: Run, scenario: Scenario, network: RoadNetwork, how: How, doubts: Doubts = WHOLE
+) -> Assessment:
+    """Assess one simulation by the scenario that describes it. doubts: of the measurement that its traffic is of."""
     t = np.array([p.t for p in run.perceived])
     failed = f"the function failed: {run.failure}" if run.failure else ""
     hits = tuple((c.t, c.id) for c in run.collisions)
     counts = [len(p.ids) for p in run.perceived]
     ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in run.perceived)])
     functioning = _functioning(np.repeat(t, counts), ids, t, t, 0.0)
-    return _assess(_Block(scenario, run.plans, functioning, hits, failed), network, how)
+    block = _Block(scenario, run.plans, functioning, hits, failed, doubts.simulated(scenario.ego.id))
+    return _assess(block, network, how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +223,10 @@ def _assess_results(folder: Path, how: How) -> Assessed:
     scenarios = {name: read_jscen(path) for name, path in files.items() if path.is_file()}
     tables = _Tables(
         read_table(
-            folder / "tracks.parquet", required=("source", "t", "id", "x", "y"), text=("source", "id")
+            folder / "tracks.parquet",
+            required=("source", "t", "id", "x", "y"),
+            text=("source", "id", "kind"),
+            optional=("heading", "v", "length", "width", "kind"),
         ),
         _table(folder / "answers.parquet", ("source", "t")),
         _table(folder / "plans.parquet", ("source", *PLAN_COLUMNS)),
@@ -200,9 +236,12 @@ def _assess_results(folder: Path, how: How) -> Assessed:
             raise InputError(folder, f"{lost[0]}.jscen.json is missing", remedy)
         blocks = _run_blocks(scenarios, tables, written)
         failures = _failures(written, blocks)
+        findings = tuple(map(finding_of, written["findings"]))
+        model = _model_runs(blocks["GT"], tables, written, network, how)
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
-    return _assessed(name, network, True, blocks, how, failures)
+    found = _assessed(name, network, True, blocks, how, failures, findings)
+    return replace(found, model=model)
 
 
 def _described(report: Mapping[str, Any]) -> list[str]:
@@ -240,10 +279,11 @@ def _run_blocks(
     recorded = _plans(plans[plans.source == "recorded"])
     seen = tracks[tracks.source == "SD"]
     measured = _measured(seen if len(seen) else None, recorded, findings)
+    open_ = {name: Doubts.from_json(found) for name, found in report["doubts"].items()}
     out = {
         name: _Block(
             _simulated(name, scenarios, report), recorded, replace(measured, of_truth=name == "GT"), hits[name],
-            _left_out(tracks[tracks.source == name], scenarios[name]),
+            doubts=open_[name],
         )
         for name in ("GT", "SD")
         if name in scenarios
@@ -255,9 +295,41 @@ def _run_blocks(
             failed = report["failure"].get(name)
             flaw = f"the function failed: {failed}" if failed else ""
             out[name] = _Block(
-                scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name], flaw
-            )
+                scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name], flaw,
+                open_[name[1:]].simulated(scenarios[name].ego.id),
+            )  # fmt: skip
     return out
+
+
+def _model_runs(
+    gt: _Block, tables: _Tables, report: Mapping[str, Any], network: RoadNetwork, how: How
+) -> ModelRuns | None:
+    """The runs with a perception model, judged; None where there are none, or no criteria."""
+    told = report["perception"]
+    if told is None or how.criteria is None:
+        return None
+    found: dict[int, Assessment | None] = {}
+    for seed in told["seeds"]:
+        block = _model_block(gt, tables, seed, network)
+        found[seed["seed"]] = None if block is None else _assess(block, network, replace(how, only=()))
+    collided = tuple(seed["seed"] for seed in told["seeds"] if seed["collisions"])
+    return ModelRuns(told["model"]["name"], how.criteria, found, collided)
+
+
+def _model_block(gt: _Block, tables: _Tables, seed: Mapping[str, Any], network: RoadNetwork) -> _Block | None:
+    """One run with a perception model: the EGO as it drove, the traffic of GT; None where it ended at once."""
+    source, ego = f"{MODEL}{seed['seed']}", gt.scenario.ego.id
+    rows = tables.tracks[tables.tracks.source == source]
+    if len(rows) < 2:
+        return None
+    driven = describe(Tracks.from_frame(rows), network, ego=ego, map_name=gt.scenario.map)
+    t = tables.answers.t[tables.answers.source == source].to_numpy(dtype=float)
+    return _Block(
+        replace(driven, objects=gt.scenario.objects), _plans(tables.plans[tables.plans.source == source]),
+        _listed(tables.tracks[tables.tracks.source == f"perceived_{source}"], t, t, 0.0),
+        tuple((float(h["t"]), str(h["id"])) for h in seed["collisions"]),
+        f"the function failed: {seed['failure']}" if seed["failure"] else "", gt.doubts.simulated(ego),
+    )  # fmt: skip
 
 
 def _simulated(basis: str, scenarios: Mapping[str, Scenario], report: Mapping[str, Any]) -> Scenario:
@@ -275,9 +347,10 @@ def _assessed(
     blocks: Mapping[str, _Block],
     how: How,
     failures: Mapping[str, str],
+    findings: Iterable[Finding],
 ) -> Assessed:
     found = {key: _assess(block, network, how) for key, block in blocks.items()}
-    return Assessed(name, network, run, found, how.criteria, failures)
+    return Assessed(name, network, run, found, how.criteria, failures, finding_lines(findings))
 
 
 def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
@@ -285,20 +358,38 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     often, seldom = _times(scenario, FINE), _times(scenario, how.rate)
     t = np.union1d(often, seldom)
     every = scenario.tracks(network, t)
-    tracks = every.samples(np.searchsorted(t, seldom))
-    made = drive(
-        tracks, ego=scenario.ego.id, plans=block.plans, path=how.path, parameters=how.parameters,
-        predicted=how.prediction, road=network if how.road_aware else None,
-    )  # fmt: skip
-    fine = every if len(t) == len(often) else every.samples(np.searchsorted(t, often))
-    hits = tuple(sorted([*contacts(fine, scenario.ego.id), *block.collisions]))
-    own = () if how.criteria is None else how.criteria.own
+
+    def subject(every: Tracks) -> Subject:
+        made = drive(
+            every.samples(np.searchsorted(t, seldom)), ego=scenario.ego.id, plans=block.plans, path=how.path,
+            parameters=how.parameters, predicted=how.prediction, road=network if how.road_aware else None,
+        )  # fmt: skip
+        fine = every if len(t) == len(often) else every.samples(np.searchsorted(t, often))
+        hits = tuple(sorted([*contacts(fine, scenario.ego.id), *block.collisions]))
+        own = () if how.criteria is None else how.criteria.own
+        return Subject(made, network, how.parameters, block.functioning, hits, own)
+
+    larger = _larger(every, block.doubts.sizes)
     return assess(
-        Subject(made, network, how.parameters, block.functioning, hits, own),
+        subject(every),
         how.criteria,
         block.flaw,
         how.only,
+        block.doubts,
+        None if larger is None else subject(larger),
     )
+
+
+def _larger(tracks: Tracks, sizes: Mapping[str, tuple[float, float]]) -> Tracks | None:
+    """The tracks with these sizes, of objects and their parts; None where there is none to change."""
+    of = [sizes.get(whole_id(name, sizes)) for name in tracks.ids.tolist()]
+    if not any(of):
+        return None
+    length, width = (
+        np.array([max(size[k], own) if size else own for size, own in zip(of, side, strict=True)])
+        for k, side in enumerate((tracks.length.tolist(), tracks.width.tolist()))
+    )
+    return replace(tracks, length=length, width=width)
 
 
 def _times(scenario: Scenario, rate: float) -> Floats:
@@ -316,19 +407,6 @@ def _plans(frame: pd.DataFrame | None) -> Plans:
     values = rows.to_numpy(dtype=float)
     made, first = np.unique(values[:, 0], return_index=True)
     return tuple(zip(made.tolist(), np.split(values[:, 1:], first[1:]), strict=True))
-
-
-def _left_out(tracks: pd.DataFrame, scenario: Scenario) -> str:
-    """Say which objects near the EGO have no motion that a scenario could describe: they were seen only once."""
-    ego = scenario.ego.id
-    lost = tracks[~tracks.id.isin([ego, *(o.id for o in scenario.objects)])]
-    both = lost.merge(tracks.loc[tracks.id == ego, ["t", "x", "y"]], on="t", suffixes=("", "_ego"))
-    near = both[np.hypot(both.x - both.x_ego, both.y - both.y_ego) <= RANGE]
-    if near.empty:
-        return ""
-    return (
-        f"seen only once, within {RANGE:g} m of the EGO, and not assessed: {', '.join(sorted(set(near.id)))}"
-    )
 
 
 def _measured(seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, float | None]) -> Functioning:

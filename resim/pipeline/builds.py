@@ -11,6 +11,7 @@ from resim.ingest import Recording
 from resim.pipeline.assessments import How, assess_resimulation
 from resim.pipeline.outcomes import outcomes, parted, perceived_outcome
 from resim.pipeline.perceived import Perceiving
+from resim.pipeline.recordings import finding_lines
 from resim.pipeline.result import Options, Resimulation
 from resim.pipeline.run import resimulate
 from resim.pipeline.verify import COMPARED, has_plans
@@ -47,6 +48,7 @@ class Compared:
             "t": worst.t,
             "differences": list(worst.differences),
             "error": worst.failure or None,
+            "findings": list(finding_lines(self.old.recording.findings)),
             "weight_lost": worst.weight_lost,
             "reaction": {
                 "before": [p.reactions[0] for p in self.pairs],

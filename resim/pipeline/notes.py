@@ -6,23 +6,19 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from resim.assess.unseen import GAP
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import MapCheck
 from resim.pipeline.perceived import PerceivedRun, Perceiving
-from resim.pipeline.recordings import finding_line
+from resim.pipeline.recordings import by_code, finding_lines
 from resim.pipeline.result import Basis, Branch, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
-
-GAP = 1.0
-"""Time [s] for which a trace is bridged where nothing was seen; an object seen again later is another one."""
-
-MOST_LINES = 3
 
 OFF_ROAD = 0.1
 """Share of the EGO's samples on no driving lane from which on the map is worth a look."""
@@ -41,7 +37,7 @@ def notes(
     errors: Mapping[str, Errors],
 ) -> Iterator[str]:
     """Give one line for each thing that qualifies the results."""
-    yield from _by_code([(f.code, finding_line(f)) for f in recording.findings if f.severity != "note"])
+    yield from finding_lines(recording.findings)
     yield from _repaired(recording)
     yield from _map(checked, measured)
     yield from _who_drove(recording, build)
@@ -83,7 +79,7 @@ def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
     """What is wrong with the lanes that somebody drove on, in the map and in its SUMO net."""
     network, name = checked.network, checked.network.path.name
     told = [(f.code, f"{name}: {f.code}: {f.text}") for f in checked.flaws if f.severity == "error"]
-    yield from _by_code(told)
+    yield from by_code(told)
     touched: set[LaneKey] = set()
     for tracks in measured.values():
         found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
@@ -93,23 +89,14 @@ def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
         touched |= {LaneKey(r, network.roads[r].section_index(s), lane) for r, lane, s in places if s == s}
     roads = {key.road for key in touched}
     doubts = [f for f in checked.flaws if f.severity == "warning" and f.road in roads]
-    yield from _by_code([(f.code, f"{name}: {f.code}: {f.text}") for f in doubts])
+    yield from by_code([(f.code, f"{name}: {f.code}: {f.text}") for f in doubts])
     bad = [lane for lane in checked.net.conversion.bad if lane.key in touched]
-    yield from _by_code([("such lanes", f"{name}: {_inexact(lane)}") for lane in bad])
+    yield from by_code([("such lanes", f"{name}: {_inexact(lane)}") for lane in bad])
 
 
 def _inexact(lane: LaneError) -> str:
     what = "is not in the SUMO net" if lane.worst is None else f"is {lane.worst:.3f} m off in the SUMO net"
     return f"{lane.key}, which traces touch, {what} ({lane.remark or f'at s = {lane.s:g} m'})"
-
-
-def _by_code(lines: list[tuple[str, str]]) -> Iterator[str]:
-    """The first lines of each code, and how many more there are of it."""
-    for code in dict.fromkeys(code for code, _ in lines):
-        own = [line for name, line in lines if name == code]
-        yield from own[:MOST_LINES]
-        if len(own) > MOST_LINES:
-            yield f"... and {len(own) - MOST_LINES} more {code}"
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:

@@ -72,6 +72,7 @@ def _seed_report(p: PerceivedRun, network: RoadNetwork, ego: str, measured: floa
         "end": p.run.end,
         "failure": p.run.failure or None,
         "collision": bool(p.run.collisions),
+        "collisions": [{"t": c.t, "id": c.id} for c in p.run.collisions],
         "outside_validity": p.outside,
         "shown": p.shown,
     }

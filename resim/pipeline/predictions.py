@@ -12,11 +12,11 @@ import numpy as np
 import resim
 from resim.assess.risk.fitting import AHEAD, LEAST, Points, Refit, refit
 from resim.assess.risk.prediction import Entry, Fitted, Motion, PredictionSet, Walking, prediction
+from resim.assess.unseen import GAP
 from resim.check import examine
 from resim.core.errors import InputError, ResimError
 from resim.core.tracks import KINDS, Tracks
 from resim.ingest import Recording, read_tables, recording_of
-from resim.pipeline.notes import GAP
 from resim.pipeline.recordings import check_codes, refuse_findings
 from resim.pipeline.run import LONGEST, file_hash
 from resim.scenario.fit import fit_trace

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from resim.check import CODES, examine
-from resim.core.errors import InputError
+from resim.core.errors import InputError, ResimError
 from resim.core.finding import Finding
 from resim.ingest import Recording, Tables, read_tables, recording_of, write_tables
 from resim.ingest.tables import REPAIRED
 from resim.repair import FILTERS, Done, Repaired, repair
 from resim.road.flaws import MAP_CODES
 from resim.road.opendrive import load
+
+MOST_LINES = 3
+"""Findings of a code that are told one by one."""
 
 
 def examined(folder: Path, *, accept: Collection[str] = ()) -> Recording:
@@ -83,6 +86,30 @@ def finding_line(finding: Finding) -> str:
     where = f"{finding.source} {finding.object}".rstrip()
     when = "" if math.isnan(finding.start) else f" at {finding.start:.2f} s"
     return f"{where}{when}: {finding.code}: {finding.text}"
+
+
+def finding_lines(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Give what is wrong with a recording, notes left out: the first of each code, and how many more there are."""
+    return tuple(by_code((f.code, finding_line(f)) for f in findings if f.severity != "note"))
+
+
+def by_code(lines: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Give the first lines of each code, and how many more there are of it."""
+    every = list(lines)
+    for code in dict.fromkeys(code for code, _ in every):
+        own = [line for name, line in every if name == code]
+        yield from own[:MOST_LINES]
+        if len(own) > MOST_LINES:
+            yield f"... and {len(own) - MOST_LINES} more {code}"
+
+
+def findings_of(folder: Path) -> tuple[str, ...]:
+    """Give `finding_lines` of a recording folder; none of one that cannot be read, which its run tells."""
+    try:
+        tables = read_tables(folder)
+        return finding_lines(examine(tables, load(tables.map)))
+    except ResimError:
+        return ()
 
 
 def check_codes(accept: Collection[str]) -> None:

@@ -6,7 +6,7 @@ import importlib.metadata
 import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ import pandas as pd
 
 import resim
 from resim import fidelity
+from resim.assess.unseen import Doubts
 from resim.core.errors import ResimError
 from resim.core.finding import Finding
 from resim.core.geometry import Floats, wrap_angle
@@ -73,7 +74,7 @@ class Resimulation:
     """A re-simulated recording: what was measured and described, the branches that were run, and the errors.
 
     measured holds GT, and SD where there is one, as long as the EGO is there; described and branches by basis,
-    GT always described.
+    GT always described; doubts: what each measurement leaves open.
     """
 
     recording: Recording
@@ -89,6 +90,7 @@ class Resimulation:
     hashes: Mapping[str, str]
     perceiving: Perceiving | None = None
     perceived_runs: tuple[PerceivedRun, ...] = ()
+    doubts: Mapping[Basis, Doubts] = field(default_factory=dict)
 
     @property
     def ego(self) -> str:
@@ -133,29 +135,32 @@ class Resimulation:
         return table[["source", *(c for c in table.columns if c != "source")]]
 
     def answers_frame(self) -> pd.DataFrame:
-        """Give the function's answers, one row each, by `source` rGT, rSD.
+        """Give the function's answers, one row each, by `source` rGT, rSD, and rGT+M with its seed.
 
         acceleration [m/s²] and curvature [1/m] that acted from t on, NaN for an oracle; objects that it perceived.
         """
         parts = []
-        for basis, branch in self.branches.items():
-            run = branch.run
+        for source, run in self._runs().items():
             t = np.array([p.t for p in run.perceived])
             step = np.clip(np.searchsorted(run.truth.t, t - 1e-9), 0, max(len(run.truth.t) - 1, 0))
             acceleration, curvature = run.commands[step].T if len(t) else np.empty((2, 0))
             counts = np.array([len(p.ids) for p in run.perceived], dtype=int)
             columns = {"t": t, "acceleration": acceleration, "curvature": curvature, "objects": counts}
-            parts.append(pd.DataFrame({"source": f"r{basis}", **columns}))
+            parts.append(pd.DataFrame({"source": source, **columns}))
         return pd.concat(parts, ignore_index=True)
 
     def plans_frame(self) -> pd.DataFrame:
-        """Give the EGO's plans by `source`: recorded, rGT, rSD; one row per time `t` and planned time `t_plan` [s]."""
-        frames = {f"r{basis}": branch.run.plans for basis, branch in self.branches.items()}
-        made = plan_frame(frames)
+        """Give the EGO's plans by `source`: recorded, rGT, rSD, rGT+M with its seed; a row per `t` and `t_plan` [s]."""
+        made = plan_frame({source: run.plans for source, run in self._runs().items()})
         if self.recording.plan is None:
             return made
         recorded = self.recording.plan[list(PLAN_COLUMNS)].assign(source="recorded")
         return pd.concat([recorded, made], ignore_index=True)[["source", *PLAN_COLUMNS]]
+
+    def _runs(self) -> dict[str, Run]:
+        """The runs by source: rGT, rSD, and rGT+M with its seed."""
+        runs = {f"r{basis}": branch.run for basis, branch in self.branches.items()}
+        return runs | {f"rGT+M{p.seed}": p.run for p in self.perceived_runs}
 
     def report(self) -> dict[str, Any]:
         """Give what report.json holds."""
@@ -195,6 +200,7 @@ class Resimulation:
             "warnings": list(self.warnings),
             "findings": [finding_json(f) for f in self.recording.findings],
             "repaired": self.recording.repaired,
+            "doubts": {basis: found.to_json() for basis, found in self.doubts.items()},
         }
 
     def _perception(self, decision: list[str] | None, reaction: float | None) -> dict[str, Any] | None:
@@ -269,6 +275,12 @@ def drove(recording: Recording | Settings, build: Build) -> bool | None:
 def finding_json(finding: Finding) -> dict[str, Any]:
     """Give a finding's fields by name; a number that is NaN is None."""
     return _without_nan(asdict(finding))
+
+
+def finding_of(fields: Mapping[str, Any]) -> Finding:
+    """Inverse of `finding_json`. Raises TypeError for what is none."""
+    times = {name: math.nan if fields[name] is None else fields[name] for name in ("start", "end", "value")}
+    return Finding(**{**fields, **times})
 
 
 def _without_nan(fields: Mapping[str, Any]) -> dict[str, Any]:

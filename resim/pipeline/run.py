@@ -13,12 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from resim import fidelity
+from resim.assess.unseen import GAP
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
+from resim.pipeline.doubts import doubts
 from resim.pipeline.maps import check_map, refuse_flaws
-from resim.pipeline.notes import GAP, notes, perception_notes
+from resim.pipeline.notes import notes, perception_notes
 from resim.pipeline.perceived import PerceivedRun, Perceiving
 from resim.pipeline.result import Basis, Branch, Options, Resimulation
 from resim.road.opendrive import RoadNetwork
@@ -136,6 +138,7 @@ def resimulate(
         },
         perceiving=perceiving,
         perceived_runs=perceived,
+        doubts={basis: doubts(recording, basis, tracks) for basis, tracks in whole.items()},
     )
 
 

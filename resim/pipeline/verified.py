@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
+from resim.pipeline.recordings import finding_lines
 from resim.pipeline.result import Resimulation
 from resim.verification.cause import Cause
 from resim.verification.compare import Comparison, Judged, Verdict, Way
@@ -67,6 +68,7 @@ class Verified:
             "errors": self.errors,
             "recorded": None if self.recorded is None else _comparison(self.recorded),
             "validity": [asdict(v) for v in self.validity],
+            "findings": list(finding_lines(self.result.recording.findings)),
             "notes": list(self.notes),
         }
 

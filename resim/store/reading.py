@@ -86,7 +86,7 @@ def _run(folder: Path) -> _Found:
     ]
     if (seen := report["perception"]) is not None:
         told.append(Input("perception", seen["model"]["name"], hash=seen["model"]["hash"]))
-    builds = {"rGT": label, "rSD": label}
+    builds = dict.fromkeys(("rGT", "rSD", "rGT+M"), label)
     if build["drove"]:
         builds |= {"GT": label, "SD": label}
     found = list(_judged(_blocks(assessed), report["recording"], builds, report))
@@ -103,7 +103,7 @@ def _assessment(folder: Path) -> _Found:
     if (build := of["build"]) is not None:
         told.append(Input("build", build["label"], hash=build["hash"] or ""))
         simulated = "measures" not in assessed  # what drove the measured ones is not told
-        sources = ("rGT", "rSD") if simulated else ("GT", "SD")
+        sources = ("rGT", "rSD", "rGT+M") if simulated else ("GT", "SD")
         builds = dict.fromkeys(sources, build["label"])
     name = of["recording"]["name"]
     found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))
@@ -202,7 +202,7 @@ def _judged(blocks: Json, recording: str, builds: Mapping[str, str], report: Jso
 
 def _blocks(assessed: Json) -> Json:
     """Assessments by source: a recording's GT is the file itself."""
-    blocks = {name: assessed[name] for name in ("SD", "rGT", "rSD") if name in assessed}
+    blocks = {name: assessed[name] for name in ("SD", "rGT", "rSD", "rGT+M") if name in assessed}
     return {"GT": assessed if "measures" in assessed else assessed["GT"], **blocks}
 
 

@@ -203,7 +203,7 @@ def test_an_object_that_was_seen_only_once_is_never_a_pass(call, tmp_path):
     code, out, error = call("assess", folder, "--criteria", HIGHWAY)
     assert code == 1, error
     assert "GT INVALID" in error
-    assert "seen only once, within 100 m of the EGO, and not assessed: ghost[/1]" in out
+    assert "GT: INVALID distance: object ghost[/1] from 0.00 to 10.00 s: not seen" in out
 
 
 def test_a_run_that_lost_a_file_is_refused(call, tmp_path):

@@ -31,6 +31,9 @@ def beside(drive, network):
 """
 
 
+MASKED = "import numpy as np\n\n\ndef beside(drive, network):\n    return np.ma.masked_less(drive.t, 5.0)\n"
+
+
 @pytest.fixture
 def judged(call, tmp_path):
     """Assess the overtaking by own criteria; gives exit code, output and errors."""
@@ -69,8 +72,21 @@ def test_it_has_no_number_for_who_is_not_there_and_cannot_change_the_drive(judge
     ("module", "says"),
     [
         ("def beside(drive, network):\n    return 1 / 0\n", "my_measures:beside raised ZeroDivisionError"),
-        ("def beside(drive, network):\n    return [1.0, 2.0]\n", r"gave an array (2,)"),
-        ("def beside(drive, network):\n    return 'no'\n", "raised ValueError"),
+        (
+            "def beside(drive, network):\n    return [1.0, 2.0]\n",
+            r"gave an array (2,); expected an array of real",
+        ),
+        ("def beside(drive, network):\n    return 'no'\n", "gave values of type <U2 in an array ()"),
+        ("def beside(drive, network):\n    return drive.t + 1j\n", "gave complex numbers in an array (101,)"),
+        (MASKED, "gave a masked array"),
+        ("def beside(drive, network):\n    return drive.t.astype(object)\n", "gave values of type object"),
+        (
+            "def beside(drive, network):\n    return drive.t.astype('M8[s]')\n",
+            "gave values of type datetime64[s]",
+        ),
+        ("def beside(drive, network):\n    return [[1.0], [1.0, 2.0]]\n", "gave a list that is no array"),
+        ("def beside(drive, network):\n    return None\n", "gave values of type object in an array ()"),
+        ("def beside(drive, network):\n    return drive.t[:, None] + drive.t\n", "gave an array (101, 101)"),
         ("def beside(drive, network):\n    return drive.t + float('inf')\n", "my_measures:beside gave inf"),
         ("import nothing_of_this_name\n", "cannot be imported"),
         ("other = 1\n", "has no beside"),

@@ -81,7 +81,7 @@ def _wttc(most: float, curvature: float, p: Pair) -> tuple[Floats, States]:
         np.cos(n) * vx[:, None] + np.sin(n) * vy[:, None],
     )
     r = [0.5 * np.hypot(*size.T) for size in (p.ego_size, p.size)]
-    off = [_from_corner(n - h[:, None], size) for h, size in ((a[:, 2], p.ego_size), (b[:, 2], p.size))]
+    off = [from_corner(n - h[:, None], size) for h, size in ((a[:, 2], p.ego_size), (b[:, 2], p.size))]
     pace, spin = np.hypot(vx, vy), np.sqrt(most * curvature) * (r[0] + r[1])
     t, at = np.zeros(len(a)), np.full(len(a), np.inf)
     live = np.arange(len(a))
@@ -112,7 +112,7 @@ def _directions(heading_a: Floats, heading_b: Floats) -> Floats:
     return np.concatenate([heading_a[:, None] + around, heading_b[:, None] + axes], axis=1)
 
 
-def _from_corner(angle: Floats, size: Floats) -> Floats:
+def from_corner(angle: Floats, size: Floats) -> Floats:
     """Give the angle (P, n) in [0, pi/2] between directions, seen from the box, and its nearest corner."""
     folded = np.abs(np.mod(angle + 0.5 * np.pi, np.pi) - 0.5 * np.pi)
     return np.asarray(np.abs(folded - np.arctan2(size[:, 1], size[:, 0])[:, None]))

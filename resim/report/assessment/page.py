@@ -9,6 +9,7 @@ from resim.assess.assessment import Worst
 from resim.assess.criteria import Verdict
 from resim.assess.objectifications import KINDS
 from resim.pipeline import Assessed
+from resim.pipeline.model_runs import WORST, ModelRuns
 from resim.report.assessment.figures import amount_words, drive_figure, risk_figure
 from resim.report.assessment.marks import RISK, TIMES, block_color
 from resim.report.document import document
@@ -48,7 +49,7 @@ def write_assessment_page(assessed: Assessed, path: Path) -> None:
 
 
 def _notes(assessed: Assessed) -> str:
-    items = "".join(f"<li>{escape(note)}</li>" for note in assessed.notes())
+    items = "".join(f"<li>{escape(note)}</li>" for note in [*assessed.findings, *assessed.notes()])
     return f'<div class="warnings"><b>Note</b><ul>{items}</ul></div>' if items else ""
 
 
@@ -61,11 +62,25 @@ def _verdicts(assessed: Assessed) -> str:
         limit = f"{c.side} {amount_words(c.limit, verdicts[0].unit, c.measure)}"
         lasts = f" for {c.duration:g} s" if c.duration else ""
         head = f'<span title="{escape(c.source, quote=True)}">{escape(c.name)}</span>'
-        rows.append([head, f"{escape(c.measure)}<br>{limit}{lasts}", *map(_cell, verdicts)])
-    whole = [_badge(str(a.verdict)) for a in assessed.blocks.values()]
+        cells = [*map(_cell, verdicts), *_seeds(assessed.model, c.name)]
+        rows.append([head, f"{escape(c.measure)}<br>{limit}{lasts}", *cells])
+    whole = [*(_badge(str(a.verdict)) for a in assessed.blocks.values()), *_seeds(assessed.model)]
     rows.append(["<b>all</b>", "", *whole])
     title = f"<h3>Criteria: {escape(assessed.criteria.name)}</h3>"
-    return title + table(["criterion", "fails", *assessed.blocks], rows, "kpis")
+    sources = [*assessed.blocks, *(["rGT+M"] if assessed.model is not None else [])]
+    return title + table(["criterion", "fails", *sources], rows, "kpis")
+
+
+def _seeds(model: ModelRuns | None, criterion: str | None = None) -> list[str]:
+    """The cell of the runs with a perception model, if there are any: how many seeds pass, and collide."""
+    if model is None:
+        return []
+    counts = model.counts(criterion)
+    worst = next(outcome for outcome in WORST if counts[outcome])
+    words = f"{counts['PASS']} of {sum(counts.values())} seeds pass"
+    if criterion is None and model.collided:
+        words += f"; {len(model.collided)} collide"
+    return [f"{_badge(worst)}<br>{words}"]
 
 
 def _badge(outcome: str) -> str:

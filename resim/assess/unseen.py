@@ -1,0 +1,323 @@
+"""Who was where nobody knows: times in which a source does not say well enough where an object is.
+
+An object is known at its samples, and between two of them that are at most GAP apart: its trace is driven on there. It
+is absent
+
+- between two samples that are farther apart;
+- before its first or after its last sample, unless it can have come or gone there, at the edge of what is seen
+  (`_Seen.at_edge`), or goes on under another id within GAP: then it is absent in between;
+- where its rows lack a position, heading or speed, and no two samples at most GAP apart stand around them.
+
+A row that lacks no position is a sighting all the same: it bounds where the object can be (`resim.assess.reach`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from resim.core.geometry import Bools, Floats, to_frame
+from resim.core.tracks import Tracks
+
+GAP = 1.0
+"""Time [s] for which a trace is driven on where nothing is seen."""
+CORRIDOR = 10.0
+"""Distance [m] to either side of a way in which somebody seen farther on shows that it does not end there."""
+RANGE, FAR = 50.0, 0.9
+"""Least range of a sensor [m], and the share of the largest distance seen from which on an object is at the range."""
+MOVES = 1.0
+"""Speed [m/s] from which on an object leaves an area."""
+OFTEN = 0.2
+"""Time [s] between the samples of an object that show where somebody is seen; its first and last do as well."""
+WINDOW = 0.25
+"""Time [s] to either side over which positions tell a speed."""
+MISS, HARDEST = 1.0, 10.0
+"""m, and m/s² times half the time between, by which a track may miss the one that it goes on from."""
+
+_SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Absence:
+    """An object that is not known from `start` to `end` [s], but for sightings t (n,) [s].
+
+    state: (n, 5) x, y [m], heading [rad], vx, vy [m/s] of the sightings, heading NaN where unknown. n = 0: nobody knows
+    where it is. size: length, width [m]. why: what is the matter, in words.
+    """
+
+    object: str
+    start: float
+    end: float
+    t: Floats
+    state: Floats
+    size: tuple[float, float]
+    why: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what report.json holds of it: NaN is null."""
+        state = [[None if np.isnan(x) else float(x) for x in row] for row in self.state]
+        fields = {"object": self.object, "start": self.start, "end": self.end, "why": self.why}
+        return {**fields, "size": list(self.size), "t": self.t.tolist(), "state": state}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Absence:
+        """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
+        t = np.array(data["t"], dtype=float)
+        length, width = map(float, data["size"])
+        return cls(
+            str(data["object"]), float(data["start"]), float(data["end"]), t,
+            np.array(data["state"], dtype=float).reshape(len(t), 5), (length, width), str(data["why"]),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Doubts:
+    """What a source leaves open: absences; of objects that it gives in several sizes the largest length, width [m]."""
+
+    absences: tuple[Absence, ...] = ()
+    sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def simulated(self, ego: str) -> Doubts:
+        """Give what is left open where this is simulated: the EGO is never absent there."""
+        return Doubts(tuple(a for a in self.absences if a.object != ego), self.sizes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what report.json holds of it."""
+        sizes = {name: list(size) for name, size in self.sizes.items()}
+        return {"absences": [a.to_json() for a in self.absences], "sizes": sizes}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Doubts:
+        """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
+        sizes = {str(name): (float(a), float(b)) for name, (a, b) in data["sizes"].items()}
+        return cls(tuple(map(Absence.from_json, data["absences"])), sizes)
+
+
+WHOLE = Doubts()
+"""Of a source that leaves nothing open."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sightings:
+    """What is known of one object: t, state as in `Absence`; usable: (n,) which rows are whole; blind: (b,) s, times
+    of rows without a position; lacks: what rows lack.
+    """
+
+    object: str
+    t: Floats
+    state: Floats
+    usable: Bools
+    blind: Floats
+    lacks: str
+    size: tuple[float, float]
+
+
+_Ends = Mapping[int, tuple[Floats, Floats]]
+"""Times [s] and states in which everybody is seen last (1), and first (-1)."""
+
+
+def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tuple[Absence, ...]:
+    """Give who is absent when, by object, then by time.
+
+    tracks: samples while the EGO is there, parts of an object joined. incomplete: rows t, id, x, y, heading, v, length,
+    width of the same source that lack one of x, y, heading, v; None for none. The EGO is absent where its samples are
+    farther apart than GAP, or where it has rows before its first sample or after its last.
+    """
+    every = (
+        []
+        if incomplete is None
+        else [(str(name), rows) for name, rows in incomplete.groupby("id", sort=False)]
+    )
+    rows, begin, end = dict(every), float(tracks.t[0]), float(tracks.t[-1])
+    known = [
+        _sightings(tracks, name, rows.get(name)) for name in dict.fromkeys([*tracks.ids.tolist(), *rows])
+    ]
+    others = [_within(k, begin, end) for k in known if k.object != ego]
+    others = [k for k in others if len(k.t) or len(k.blind)]
+    seen, placed = _Seen.of(tracks, ego), [k for k in others if len(k.t)]
+    ends = {
+        way: (np.array([k.t[n] for k in placed]), np.array([k.state[n] for k in placed]).reshape(-1, 5))
+        for way, n in ((1, -1), (-1, 0))
+    }
+    return (
+        *(a for k in known if k.object == ego for a in _of_ego(k, seen.slack)),
+        *(a for k in others for a in _of_object(k, ends, seen, begin, end)),
+    )
+
+
+def _sightings(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> _Sightings:
+    t, state, size = np.empty(0), np.empty((0, 5)), (np.nan, np.nan)
+    if name in tracks.ids:
+        n = tracks.index(name)
+        own = tracks.valid[n]
+        t, heading, v = tracks.t[own], tracks.heading[n, own], tracks.v[n, own]
+        state = np.column_stack(
+            [tracks.x[n, own], tracks.y[n, own], heading, v * np.cos(heading), v * np.sin(heading)]
+        )
+        size = float(tracks.length[n]), float(tracks.width[n])
+    if incomplete is None:
+        return _Sightings(name, t, state, np.ones(len(t), dtype=bool), np.empty(0), "", size)
+    rows = incomplete.drop_duplicates("t")
+    rows = rows[~np.isin(rows["t"], t)]
+    placed = np.isfinite(rows[["x", "y"]].to_numpy(float)).all(axis=1)
+    placed &= len(t) + placed.sum() > 1  # a place alone tells no speed
+    size = size if np.isfinite(size[0]) else (float(rows["length"].median()), float(rows["width"].median()))
+    lacks = ", ".join(c for c in ("x", "y", "heading", "v") if not np.isfinite(rows[c]).all())
+    return _Sightings(
+        name, *_with_places(t, state, rows[placed]), rows["t"].to_numpy(float)[~placed], lacks, size
+    )
+
+
+def _with_places(t: Floats, state: Floats, placed: pd.DataFrame) -> tuple[Floats, Floats, Bools]:
+    """Sightings with rows that hold a position and not all else; their velocity is that of the positions around."""
+    more = placed["t"].to_numpy(float)
+    every, usable = np.concatenate([t, more]), np.repeat([True, False], [len(t), len(more)])
+    order = np.argsort(every, kind="stable")
+    if not len(more):
+        return t, state, usable
+    place = np.concatenate([state[:, :2], placed[["x", "y"]].to_numpy(float)])[order]
+    late, early = (np.clip(more + sign * WINDOW, every.min(), every.max()) for sign in (1.0, -1.0))
+    velocity = np.column_stack([
+        (np.interp(late, every[order], p) - np.interp(early, every[order], p)) / np.maximum(late - early, _SAME)
+        for p in place.T
+    ])  # fmt: skip
+    moves = np.hypot(*velocity.T) > MOVES
+    heading = np.where(moves, np.arctan2(velocity[:, 1], velocity[:, 0]), np.nan)
+    heading = np.where(np.isfinite(placed["heading"]), placed["heading"], heading)
+    added = np.column_stack([placed[["x", "y"]].to_numpy(float), heading, velocity])
+    return every[order], np.concatenate([state, added])[order], usable[order]
+
+
+def _within(k: _Sightings, begin: float, end: float) -> _Sightings:
+    """What is known from `begin` to `end` [s]."""
+    keep = (k.t >= begin - _SAME) & (k.t <= end + _SAME)
+    blind = k.blind[(k.blind >= begin - _SAME) & (k.blind <= end + _SAME)]
+    return _Sightings(k.object, k.t[keep], k.state[keep], k.usable[keep], blind, k.lacks, k.size)
+
+
+def _of_ego(k: _Sightings, slack: float) -> Iterator[Absence]:
+    whole = k.t[k.usable]
+    rows = np.concatenate([k.t, k.blind])
+    if rows.min() < whole[0] - slack:
+        yield _absent(k, float(rows.min()), float(whole[0]))
+    for j in np.flatnonzero(np.diff(whole) > GAP + _SAME):
+        yield _absent(k, float(whole[j]), float(whole[j + 1]))
+    if rows.max() > whole[-1] + slack:
+        yield _absent(k, float(whole[-1]), float(rows.max()))
+
+
+def _of_object(k: _Sightings, ends: _Ends, seen: _Seen, begin: float, end: float) -> Iterator[Absence]:
+    if not len(k.t):  # nobody knows where it is
+        yield _absent(k, float(k.blind.min()), float(k.blind.max()))
+        return
+    whole = k.t[k.usable]
+    start, stop = float(k.t[0]), float(k.t[-1])
+    before, later = (_goes_on(k, ends, way) for way in (-1, 1))
+    slack = max(seen.slack, 2.0 * float(np.median(np.diff(k.t)))) if len(k.t) > 1 else seen.slack
+    if start - begin > slack and before is None and not _comes_or_goes(k, seen, -1):
+        start = begin
+    if later is not None and later[0] - stop > slack:
+        t, state = np.array([k.t[-1], later[0]]), np.stack([k.state[-1], later[1]])
+        yield Absence(k.object, stop, later[0], t, state, k.size, "not seen")
+    if end - stop > slack and later is None and not _comes_or_goes(k, seen, 1):
+        stop = end
+    if len(whole) < 2:  # no trace can be driven
+        yield _absent(k, start, stop)
+        return
+    first, last = float(whole[0]), float(whole[-1])
+    if start < first - _SAME:
+        yield _absent(k, start, first)
+    for j in np.flatnonzero(np.diff(whole) > GAP + _SAME):
+        if not (seen.at_edge(k, float(whole[j]), 1) and seen.at_edge(k, float(whole[j + 1]), -1)):
+            yield _absent(k, float(whole[j]), float(whole[j + 1]))
+    if last < stop - _SAME:
+        yield _absent(k, last, stop)
+
+
+def _comes_or_goes(k: _Sightings, seen: _Seen, way: int) -> bool:
+    """Whether an object has a reason to be seen first (way -1) or last (way 1) where it is."""
+    t = float(k.t[0] if way < 0 else k.t[-1])
+    if (way * (k.blind - t) > 0.0).any():  # it has rows beyond
+        return False
+    return seen.at_edge(k, t, way)
+
+
+def _goes_on(k: _Sightings, ends: _Ends, way: int) -> tuple[float, Floats] | None:
+    """When [s] and how somebody else is seen first within GAP where this one was going, or (-1) the other way round."""
+    mine = -1 if way > 0 else 0
+    t, state = ends[-way]
+    dt = t - k.t[mine]
+    miss = np.hypot(*(state[:, :2] - k.state[mine, :2] - dt[:, None] * k.state[mine, 3:]).T)
+    near = (way * dt > 0.0) & (way * dt <= GAP + _SAME) & (miss <= MISS + 0.5 * HARDEST * dt * dt)
+    if not near.any():
+        return None
+    first = int(np.argmin(np.where(near, np.abs(dt), np.inf)))
+    return float(t[first]), state[first]
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """All places seen; what tells where seeing ends. place: (m, 2) m, of everybody, the EGO too; step: s, usual one.
+
+    t: (T,) s, own: (T, 5) the EGO's state; farthest: m, of anybody before the EGO, and behind it.
+    """
+
+    place: Floats
+    step: float
+    t: Floats
+    own: Floats
+    farthest: tuple[float, float]
+
+    @property
+    def slack(self) -> float:
+        """Time [s] by which the first and last samples of objects may differ."""
+        return 2.0 * self.step + _SAME
+
+    @classmethod
+    def of(cls, tracks: Tracks, ego: str) -> _Seen:
+        me = _sightings(tracks, ego, None)
+        me.state[:, 2] = np.unwrap(me.state[:, 2])
+        x, y, heading = (np.interp(tracks.t, me.t, c) for c in me.state.T[:3])
+        ahead, left = to_frame(tracks.x, tracks.y, x, y, heading)
+        far = np.where(tracks.valid, np.hypot(ahead, left), 0.0)
+        farthest = (
+            float(np.max(far, where=ahead >= 0.0, initial=0.0)),
+            float(np.max(far, where=ahead < 0.0, initial=0.0)),
+        )
+        first, last = tracks.span()
+        some = np.zeros(len(tracks.t), dtype=bool)
+        some[np.searchsorted(tracks.t, np.arange(tracks.t[0], tracks.t[-1], OFTEN))] = True
+        shown = tracks.valid & (some | (tracks.t == first[:, None]) | (tracks.t == last[:, None]))
+        place = np.column_stack([tracks.x[shown], tracks.y[shown]])
+        return cls(place, float(np.median(np.diff(me.t))), me.t, me.state, farthest)
+
+    def at_edge(self, k: _Sightings, t: float, way: int) -> bool:
+        """Whether seeing ends where the object is at t [s], in the direction in which it goes (way 1) or came (-1).
+
+        The area: nobody is ever seen farther on along its heading, within CORRIDOR of it. Or the sensor's range: it is
+        RANGE or more from the EGO and moves away, and nobody is seen much farther, ahead or behind as it is.
+        """
+        x, y, _, vx, vy = k.state[int(np.searchsorted(k.t, t - _SAME))]
+        speed = float(np.hypot(vx, vy))
+        if speed >= MOVES:
+            along, across = to_frame(self.place[:, 0], self.place[:, 1], x, y, np.arctan2(way * vy, way * vx))
+            if not ((along > 2.0 * self.step * speed) & (np.abs(across) < CORRIDOR)).any():
+                return True
+        own = [np.interp(t, self.t, column) for column in self.own.T]
+        dx, dy = x - own[0], y - own[1]
+        apart = float(np.hypot(dx, dy))
+        ahead = dx * np.cos(own[2]) + dy * np.sin(own[2]) >= 0.0
+        away = way * (dx * (vx - own[3]) + dy * (vy - own[4])) > 0.0
+        return bool(away and apart >= max(RANGE, FAR * self.farthest[0 if ahead else 1]))
+
+
+def _absent(k: _Sightings, start: float, end: float) -> Absence:
+    keep = (k.t >= start - _SAME) & (k.t <= end + _SAME)
+    inside = (k.t > start + _SAME) & (k.t < end - _SAME) & ~k.usable
+    lacking = inside.any() or ((k.blind >= start - _SAME) & (k.blind <= end + _SAME)).any()
+    why = f"its rows lack {k.lacks}" if lacking or not k.usable.any() else "not seen"
+    return Absence(k.object, start, end, k.t[keep], k.state[keep], k.size, why)

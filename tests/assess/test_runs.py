@@ -1,0 +1,85 @@
+"""What `resim run` judges besides: runs with a perception model, and what the recording leaves open."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pandas as pd
+import pytest
+from conftest import ROOT
+
+TRAFFIC = ROOT / "scenarios" / "criteria" / "traffic.toml"
+PILOT = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
+BLIND = '{"schema": "resim-perception-1", "name": "blind", "field_of_view": {"range": 1.0, "bearing": 1.0}}'
+
+
+def assessment(folder):
+    return json.loads((folder / "assessment.json").read_text())
+
+
+@pytest.fixture
+def gap(tmp_path):
+    """A shipped drive whose lead is left out for 4 s while the EGO closes in."""
+    folder = tmp_path / "gap"
+    shutil.copytree(ROOT / "scenarios" / "neighbours" / "lead_brakes_softly", folder)
+    text = (folder / "recording.toml").read_text()
+    folder.joinpath("recording.toml").write_text(text.replace("../../../networks", str(ROOT / "networks")))
+    gt = pd.read_csv(folder / "gt.csv")
+    gt[(gt.id == "ego") | ((gt.t - 6.0).abs() > 2.0)].to_csv(folder / "gt.csv", index=False)
+    return folder
+
+
+def test_the_runs_with_a_perception_model_are_judged(call, tmp_path):
+    (tmp_path / "blind.json").write_text(BLIND)
+    criteria = tmp_path / "crash.toml"
+    criteria.write_text(
+        'name = "c"\n[[criterion]]\nname = "no collision"\nmeasure = "collision"\nabove = 0.0\n'
+    )
+    code, out, error = call(
+        "run", ROOT / "scenarios" / "neighbours" / "lead_brakes_hard", "--build", PILOT, "--out", tmp_path / "out",
+        "--basis", "gt", "--criteria", criteria, "--perception", tmp_path / "blind.json", "--seeds", "2",
+    )  # fmt: skip
+    found = assessment(tmp_path / "out")
+    assert {name: found[name]["verdict"] for name in ("GT", "rGT", "rGT+M")} == {
+        "GT": "PASS", "rGT": "PASS", "rGT+M": "FAIL",
+    }  # fmt: skip
+    assert code == 1
+    assert "rGT+M FAIL (0 of 2 seeds pass)" in error
+    assert "rGT+M: FAIL no collision: 2 of 2 seeds; seed 0: above 0" in out
+    assert "rGT+M: collides in 2 of 2 seeds" in out
+    model = found["rGT+M"]
+    assert (model["collisions"], model["counts"]) == (2, {"PASS": 0, "INVALID": 0, "FAIL": 2})
+    assert model["criteria"]["no collision"]["share"] == 0.0
+    assert "0 of 2 seeds pass" in (tmp_path / "out" / "report.html").read_text()
+    code, out, error = call("assess", tmp_path / "out", "--criteria", criteria, "--out", tmp_path / "again")
+    assert code == 1
+    assert assessment(tmp_path / "again")["rGT+M"] == model
+
+
+def test_what_a_recording_leaves_open_is_open_in_its_re_simulation(call, gap, tmp_path):
+    code, out, _ = call(
+        "run", gap, "--build", PILOT, "--out", tmp_path / "out", "--basis", "gt", "--criteria", TRAFFIC
+    )  # fmt: skip
+    assert code == 1
+    assert "gt 1 at 3.96 s: GAP" in out
+    found = assessment(tmp_path / "out")
+    for source in ("GT", "rGT"):
+        verdicts = found[source]["criteria"]
+        assert verdicts["time to collision"]["verdict"] == "INVALID"
+        assert verdicts["time to collision"]["reason"].startswith("object 1 from 3.96 to 8.04 s: not seen")
+        assert verdicts["hard braking"]["verdict"] == "PASS"
+    code, out, _ = call("assess", tmp_path / "out", "--criteria", TRAFFIC, "--out", tmp_path / "again")
+    assert code == 1
+    assert "finding: gt 1 at 3.96 s: GAP" in out
+    again = assessment(tmp_path / "again")
+    assert {name: again[name] for name in ("GT", "rGT", "findings")} == {
+        name: found[name] for name in ("GT", "rGT", "findings")
+    }
+
+
+def test_findings_are_printed_and_written_by_assess(call, gap, tmp_path):
+    _, out, _ = call("assess", gap, "--out", tmp_path / "out")
+    assert "finding: gt 1 at 3.96 s: GAP: no sample from 3.96 to 8.04 s" in out
+    assert assessment(tmp_path / "out")["findings"][0].startswith("gt 1 at 3.96 s: GAP")
+    assert "GAP: no sample from 3.96" in (tmp_path / "out" / "assessment.html").read_text()

@@ -1,0 +1,246 @@
+"""Objects that vanish, lack values or change size: what they could have broken is INVALID, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ROOT
+
+from resim.assess.criteria import read_criteria
+from resim.assess.reach import MOST, Reach
+from resim.assess.unseen import Absence, absences
+from resim.check import CODES
+from resim.core.tracks import Tracks
+from resim.pipeline import How, assess_recording, examined
+
+TRAFFIC = ROOT / "scenarios" / "criteria" / "traffic.toml"
+GROUND = ROOT / "networks" / "proving_ground.xodr"
+T = np.round(np.arange(0.0, 9.01, 0.04), 2)
+V, HIT = 20.0, 4.765
+"""m/s; s when the EGO's front comes to the rear of who stands at 400 m."""
+
+
+def rows(name, x, y=-5.25, v=0.0, **columns):
+    return pd.DataFrame(
+        {
+            "t": T,
+            "id": name,
+            "x": x,
+            "y": y,
+            "heading": 0.0,
+            "v": v,
+            "length": 4.7,
+            "width": 1.9,
+            "kind": "car",
+            **columns,
+        }
+    )
+
+
+def ego(y=-5.25):
+    return rows("ego", 300.0 + V * T, y, V)
+
+
+def standing():
+    return rows("1", 400.0)
+
+
+@pytest.fixture
+def judge(tmp_path):
+    """Judge a recording of these tables by traffic.toml; gives the verdicts on GT, or on SD where that is given."""
+
+    def of(*gt, sd=None, criteria=TRAFFIC):
+        (tmp_path / "recording.toml").write_text(f'name = "d"\nmap = "{GROUND}"\nego = "ego"\n')
+        for name, tables in (("gt", gt), ("sd", sd)):
+            if tables is not None:
+                pd.concat(tables).sort_values("t", kind="stable").to_csv(
+                    tmp_path / f"{name}.csv", index=False
+                )
+        recording = examined(tmp_path, accept=tuple(CODES))
+        found = assess_recording(recording, How(criteria=read_criteria(criteria), only=()))
+        return found.blocks["GT" if sd is None else "SD"].verdicts
+
+    return of
+
+
+def without_speed(car):
+    return car.assign(v=np.nan)
+
+
+def without_place(car):
+    near = (car.t - HIT).abs() < 1.5
+    return car.assign(x=car.x.mask(near), y=car.y.mask(near))
+
+
+def away(half):
+    return lambda car: car[(car.t - HIT - 0.3).abs() > half]
+
+
+def late(car):
+    return car[car.t > HIT + 1.0]
+
+
+def gone(car):
+    return car[car.t < HIT - 3.0]
+
+
+def once(car):
+    return car[car.t == 4.0]
+
+
+VANISHES = {
+    "its speed is blank": (without_speed, "from 0.00 to 9.00 s: its rows lack v"),
+    "its position is blank around the contact": (without_place, "from 3.24 to 6.28 s: its rows lack x, y"),
+    "left out for 1.1 s": (away(0.55), "from 4.48 to 5.64 s: not seen"),
+    "left out for 6 s": (away(3.0), "from 2.04 to 8.08 s: not seen"),
+    "never seen again": (gone, "from 1.76 to 9.00 s: not seen"),
+    "not seen before": (late, "from 0.00 to 5.80 s: not seen"),
+    "seen once": (once, "from 0.00 to 9.00 s: not seen"),
+}  # fmt: skip
+
+
+def test_whole_it_fails(judge):
+    assert judge(ego(), standing())["no collision"].outcome == "FAIL"
+
+
+@pytest.mark.parametrize("how", VANISHES)
+def test_who_vanishes_where_the_ego_hits_him_makes_what_he_could_break_invalid(judge, how):
+    change, reason = VANISHES[how]
+    found = judge(ego(), change(standing()))
+    assert found["no collision"].outcome == "INVALID"
+    assert found["no collision"].reason == f"object 1 {reason}; it can have broken the limit, above 0"
+    assert found["time to collision"].outcome in ("INVALID", "FAIL")
+    for alone in ("hard braking", "on the road"):
+        assert found[alone].outcome == "PASS"
+
+
+def test_the_same_holds_of_sensor_data(judge):
+    whole = ego(), standing()
+    found = judge(*whole, sd=(ego(), away(3.0)(standing())))
+    assert found["no collision"].outcome == "INVALID"
+
+
+@pytest.mark.parametrize("y", [-1.5, 1.75, 12.0])
+def test_beside_the_ego_a_short_gap_says_nothing_of_a_collision(judge, y):
+    beside = rows("1", 310.0 + V * T, y, V)
+    found = judge(ego(), beside[(beside.t - 5.0).abs() > 0.55])
+    assert found["no collision"].outcome == found["time headway"].outcome == "PASS"
+
+
+def test_a_gap_that_can_be_bridged_is_bridged(judge):
+    beside = rows("1", 340.0 + V * T, v=V)
+    assert {v.outcome for v in judge(ego(), beside[(beside.t - 5.0).abs() > 0.45]).values()} == {"PASS"}
+
+
+def test_who_is_far_away_and_oncoming_invalidates_nothing(judge):
+    away_ = rows("1", 800.0 - 15.0 * T, 15.0, 15.0, heading=np.pi)
+    assert {v.outcome for v in judge(ego(), away_[(away_.t - 3.0).abs() > 1.0]).values()} == {"PASS"}
+
+
+def test_a_gap_counts_to_the_time_that_a_limit_is_broken(judge):
+    """0.5 s headway for 2 s, 1.5 s not seen, then 2 s again: 3 s are not to be broken."""
+    ahead = rows("1", 310.0 + 4.7 + V * T, v=V)
+    ahead = ahead[(ahead.t > 1.0) & (ahead.t < 3.0) | (ahead.t > 4.5) & (ahead.t < 6.5)]
+    found = judge(ego(), ahead)
+    assert found["time headway"].outcome == "INVALID"
+    assert "it can have broken the limit, below 0.54 s" in found["time headway"].reason
+
+
+def test_who_leaves_ahead_of_everybody_at_the_end_of_an_area_is_not_missed(judge):
+    """A camera over 300 to 480 m: each leaves there; the EGO last."""
+    cars = [rows(str(k), 310.0 + 15.0 * k + V * T, v=V) for k in range(1, 5)]
+    cars = [car[car.x < 480.0] for car in (*cars, ego())]
+    assert {v.outcome for v in judge(*cars).values()} == {"PASS"}
+
+
+def test_who_goes_out_of_range_is_not_missed_but_who_vanishes_before_it_is(judge):
+    faster = rows("1", 340.0 + 26.0 * T, v=26.0)
+    ranged = faster[faster.x - 300.0 - V * T < 80.0]
+    farther = rows("2", 384.0 + V * T, -1.75, V)  # in the next lane, and shows how far is seen
+    assert judge(ego(), ranged, farther)["no collision"].outcome == "PASS"
+    near = rows("1", 315.0 + V * T, v=V)
+    assert judge(ego(), near, farther)["no collision"].outcome == "PASS"
+    assert judge(ego(), near[near.t < 4.0], farther)["no collision"].outcome == "INVALID"
+    assert judge(ego(), near[near.t > 4.0], farther)["no collision"].outcome == "INVALID"
+
+
+def test_who_goes_on_under_another_id_is_not_missed(judge):
+    ahead = rows("1", 330.0 + V * T, v=V)
+    found = judge(ego(), ahead[ahead.t < 4.0], ahead[ahead.t > 4.1].assign(id="2"))
+    assert {v.outcome for v in found.values()} == {"PASS"}
+
+
+def test_who_goes_on_under_another_id_after_the_contact_is_missed_in_between(judge):
+    car = standing()
+    found = judge(ego(), car[car.t < HIT - 0.1], car[car.t > HIT + 0.7].assign(id="2"))
+    assert found["no collision"].outcome == "INVALID"
+    assert found["no collision"].reason.startswith("object 1 from 4.64 to 5.48 s: not seen")
+
+
+def test_the_last_moment_before_the_recording_ends_counts(judge):
+    car, end = standing(), HIT + 0.5
+    drive = [table[table.t < end] for table in (ego(), car[car.t < HIT - 0.3])]
+    assert judge(*drive)["no collision"].outcome == "INVALID"
+    blank = ego()
+    blank.loc[blank.t > HIT - 0.3, "v"] = np.nan
+    assert judge(blank[blank.t < end], car[car.t < end])["no collision"].outcome == "INVALID"
+
+
+def test_an_ego_that_has_no_whole_rows_at_its_end_passes_nothing(judge):
+    me = ego()
+    me.loc[me.t > 6.0, "v"] = np.nan
+    found = judge(me, rows("1", 500.0 + V * T, v=V))
+    assert {v.outcome for v in found.values()} == {"INVALID"}
+    assert "object ego from 6.00 to 9.00 s: its rows lack v" in found["hard braking"].reason
+
+
+def test_a_size_in_doubt_is_judged_by_the_largest(judge):
+    """The EGO scrapes along a car whose width is wrong in its first row."""
+    car, y = standing(), -5.25 + 1.6
+    assert judge(ego(y), car)["no collision"].outcome == "FAIL"
+    wrong = car.astype({"width": float})
+    wrong.loc[wrong.index[0], "width"] = 0.3
+    found = judge(ego(y), wrong)
+    assert found["no collision"].outcome == "INVALID"
+    assert found["no collision"].reason.startswith(
+        "size in doubt: 1 (up to 4.70 x 1.90 m); with the largest: FAIL"
+    )
+    assert judge(ego(y + 3.0), wrong)["no collision"].outcome == "PASS"
+
+
+def test_nobody_who_keeps_the_acceleration_is_outside_of_his_reach():
+    """Random motions, integrated step by step, against the discs."""
+    rng = np.random.default_rng(5)
+    h, n = 1e-3, 4000
+    for _ in range(40):
+        angle, size = rng.uniform(0.0, 2.0 * np.pi, 8), MOST * rng.uniform(0.0, 1.0, 8) ** 0.25
+        a = np.repeat(np.column_stack([size * np.cos(angle), size * np.sin(angle)]), n // 8, axis=0)
+        v0 = rng.uniform(-20.0, 20.0, 2)
+        v = v0 + np.concatenate([np.zeros((1, 2)), np.cumsum(a, axis=0) * h])
+        x = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0) * h])
+        ends = np.array([0, n])
+        state = np.column_stack([x[ends], np.zeros(2), v[ends]])
+        t = np.arange(n + 1) * h
+        reach = Reach.of(Absence("1", 0.0, t[-1], t[ends], state, (4.7, 1.9), ""), t[::50])
+        off = np.hypot(*np.moveaxis(reach.centre - x[::50, None], 2, 0))
+        assert (off <= reach.radius).all()
+        faster = np.hypot(*np.moveaxis(reach.velocity - v[::50, None], 2, 0))
+        assert (faster <= reach.spread + 1e-9).all()
+
+
+def test_the_reach_in_the_middle_is_a_sixteenth_of_what_it_would_be_free_to_end():
+    state = np.array([[0.0, 0.0, 0.0, 10.0, 0.0], [60.0, 0.0, 0.0, 10.0, 0.0]])
+    reach = Reach.of(Absence("1", 0.0, 6.0, np.array([0.0, 6.0]), state, (4.7, 1.9), ""), np.array([3.0]))
+    assert reach.centre[0, 2] == pytest.approx([30.0, 0.0])
+    assert reach.radius[0, 2] == pytest.approx(MOST * 36.0 / 16.0 + 0.2)
+
+
+def test_absences_survive_their_file():
+    car = standing()
+    tracks = Tracks.from_frame(pd.concat([ego(), away(3.0)(car)]))
+    (one,) = absences(tracks, without_speed(car[car.t == 5.0]), ego="ego")
+    again = Absence.from_json(one.to_json())
+    assert (again.object, again.start, again.end, again.why) == (one.object, one.start, one.end, one.why)
+    assert np.array_equal(again.t, one.t)
+    assert np.array_equal(again.state, one.state, equal_nan=True)
