@@ -53,34 +53,46 @@ def intersect(one, other, size_one, size_other):
     return collided
 
 
+def direction(plan, j):
+    """Which way the plan goes at grid time j; up to 0.05 m/s it stands: as it came, as it goes next, or ahead."""
+    for k in [*range(j, -1, -1), *range(j + 1, len(plan))]:
+        if abs(plan[k][3]) > 0.05:
+            return 1.0 if plan[k][3] > 0.0 else -1.0
+    return 1.0
+
+
 def along(plan, start, a, h):
-    """The plan's way from grid time `start` on, at constant acceleration a instead of its own speed."""
+    """The plan's way from grid time `start` on at constant acceleration a of its pace, then straight on.
+
+    It ends where the plan does, or turns round.
+    """
+    side, end = direction(plan, start), start
+    while end + 1 < len(plan) and direction(plan, end + 1) == side:
+        end += 1
     way = [0.0]
-    for before, after in itertools.pairwise(plan):
+    for before, after in itertools.pairwise(plan[start : end + 1]):
         way.append(way[-1] + math.hypot(after[0] - before[0], after[1] - before[1]))
-    v, out = plan[start][3], []
-    for j in range(start, len(plan)):
-        t = (j - start) * h
-        at = way[start] + (-0.5 * v * v / a if a < 0.0 and v + a * t < 0.0 else v * t + 0.5 * a * t * t)
-        i = start
-        while i < len(plan) - 2 and way[i + 1] < at:
-            i += 1
-        i = min(i, len(plan) - 2)
-        step = way[i + 1] - way[i]
-        f = (at - way[i]) / step if step > 1e-9 else 0.0
-        if f > 1.0:
-            x, y, heading = plan[-1][:3]
-            out.append(
-                (x + (at - way[-1]) * math.cos(heading), y + (at - way[-1]) * math.sin(heading), heading)
-            )
-        else:
-            out.append(tuple(plan[i][k] + f * (plan[i + 1][k] - plan[i][k]) for k in range(3)))
+    pace, out = abs(plan[start][3]), []
+    for j in range(len(plan) - start):
+        t = j * h
+        at = -0.5 * pace * pace / a if a < 0.0 and pace + a * t < 0.0 else pace * t + 0.5 * a * t * t
+        if at > way[-1]:
+            x, y, heading = plan[end][:3]
+            on = side * (at - way[-1])
+            out.append((x + on * math.cos(heading), y + on * math.sin(heading), heading))
+            continue
+        i = next((i for i in range(len(way) - 1) if at <= way[i + 1]), None)
+        if i is None or way[i + 1] - way[i] <= 1e-9:
+            out.append(tuple(plan[start + (i or 0)][:3]))
+            continue
+        f, one, two = (at - way[i]) / (way[i + 1] - way[i]), plan[start + i], plan[start + i + 1]
+        out.append(tuple(one[k] + f * (two[k] - one[k]) for k in range(3)))
     return out
 
 
 def evasions(plan, start, h, lateral=7.0, braking=8.5, forward=3.0, curvature=0.2):
     x, y, heading, v = plan[start]
-    rate = min(lateral / v, curvature * v) if v > 1e-6 else 0.0
+    rate = min(lateral / abs(v), curvature * abs(v)) if abs(v) > 1e-6 else 0.0
     times = [k * h for k in range(len(plan) - start)]
     for sign in (1.0, -1.0):
         if len(times) > 1:

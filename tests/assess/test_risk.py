@@ -21,6 +21,15 @@ def straight(v, *, horizon=4.0, step=0.1):
     return np.stack([v * t, 0.0 * t, 0.0 * t, v + 0.0 * t], axis=1)
 
 
+def slowing(v, a, *, heading=0.0, horizon=4.0, step=0.1):
+    """The plan (M + 1, 4) of an EGO that heads for `heading`, drives v there (backwards below 0) and stops at a."""
+    t = np.arange(round(horizon / step) + 1) * step
+    held = np.minimum(t, abs(v) / a)
+    s = np.sign(v) * (abs(v) * held - 0.5 * a * held**2)
+    speed = np.sign(v) * np.maximum(abs(v) - a * t, 0.0)
+    return np.stack([s * np.cos(heading), s * np.sin(heading), heading + 0.0 * t, speed], axis=1)
+
+
 def scenes(plan, state, size=CAR):
     """One scene of a plan and objects (K, 6)."""
     state = np.atleast_2d(np.asarray(state, dtype=float))
@@ -85,6 +94,23 @@ def test_the_published_mode_is_the_plain_algorithm():
         np.testing.assert_allclose(found.collision[0], hits, atol=1e-12)
         np.testing.assert_allclose(found.r_ind[0], r_ind, atol=1e-12)
         np.testing.assert_allclose(found.r_dep[0], r_dep, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [straight(0.0), straight(0.04), straight(-0.04), straight(-6.0), slowing(5.0, 4.0), slowing(-5.0, 3.0)],
+    ids=["stands", "creeps", "rolls back", "reverses", "stops", "stops in reverse"],
+)
+def test_the_published_mode_is_the_plain_algorithm_whichever_way_the_ego_goes(plan):
+    state = np.array([[2.0, -14.0, 1.55, 6.0, 0.0, 0.0], [-16.0, 0.3, 0.0, 7.0, 0.0, 0.0]])
+    made = scenes(plan, state)
+    found = accident_risk(made, Parameters(mode="published", samples=8, seed=5))
+    sample = np.random.default_rng(5).uniform(-1.0, 1.0, (8, 2))
+    r_to, *_ = plain.risk(
+        [tuple(row) for row in plan], CAR, [(tuple(s), CAR) for s in state], made.inputs[0], sample, 0.1
+    )
+    np.testing.assert_allclose(found.r_to[0], r_to, atol=1e-12)
+    assert found.r_to.max() > 0.01
 
 
 @pytest.mark.parametrize("mode", ["published", "continuous"])

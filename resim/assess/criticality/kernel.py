@@ -15,6 +15,7 @@ from numba import njit
 from resim.core.geometry import Floats
 
 PARTS = 16
+SLOW = 0.05  # m/s up to which somebody stands
 BULGE = 4.0 / 27.0  # the most that a cubic Hermite strays from its chord, per metre of tangent error
 
 compiled = njit(error_model="numpy")
@@ -90,26 +91,51 @@ def sample(path, step, t):
     return out
 
 
+@compiled
+def _directions(path, side, until):
+    """Fill for each point of a path (M + 1, 4): which way it goes, 1 or -1, and the last point till which it does so.
+
+    Who stands faces the way he came, else the way he goes next, else ahead.
+    """
+    last, way = len(path) - 1, 1.0
+    for k in range(last, -1, -1):
+        if abs(path[k, 3]) > SLOW:
+            way = math.copysign(1.0, path[k, 3])
+    for k in range(last + 1):
+        if abs(path[k, 3]) > SLOW:
+            way = math.copysign(1.0, path[k, 3])
+        side[k] = way
+    until[last] = last
+    for k in range(last - 1, -1, -1):
+        until[k] = until[k + 1] if side[k] == side[k + 1] else k
+
+
 @entry
 def along(path, s, v):
     """See `motion.along`."""
     last = path.shape[1] - 1
     out, station = np.empty((*s.shape, 4)), np.zeros(last + 1)
+    side, until = np.empty(last + 1), np.empty(last + 1, dtype=np.int64)
     for p in range(s.shape[0]):
         for k in range(last):
             dx, dy = path[p, k + 1, 0] - path[p, k, 0], path[p, k + 1, 1] - path[p, k, 1]
             station[k + 1] = station[k] + math.hypot(dx, dy)
+        _directions(path[p], side, until)
         j = 0
+        while j < last and station[j + 1] <= s[p, 0]:
+            j += 1
+        ahead, turn = side[j], until[j]
+        top = max(turn - 1, 0)
+        j = min(j, top)
         for n in range(s.shape[1]):  # mostly in order, so the next place is near
             while j > 0 and s[p, n] < station[j]:
                 j -= 1
-            while j < last - 1 and s[p, n] >= station[j + 1]:
+            while j < top and s[p, n] >= station[j + 1]:
                 j += 1
-            a, b, ds = path[p, j], path[p, j + 1], station[j + 1] - station[j]
+            k = min(j + 1, turn)
+            a, b, ds = path[p, j], path[p, k], station[k] - station[j]
             f = _share((s[p, n] - station[j]) / (ds if ds > 1e-9 else 1.0))
-            chord = (b[0] - a[0]) * math.cos(a[2]) + (b[1] - a[1]) * math.sin(a[2])
-            ahead = -1.0 if chord < 0.0 else 1.0  # a plan may reverse
-            beyond = ahead * _above(s[p, n] - station[last])
+            beyond = ahead * _above(s[p, n] - station[turn])
             _place(a, b, f, ahead * ds, ahead * ds, beyond, ahead * v[p, n], out[p, n])
     return out
 

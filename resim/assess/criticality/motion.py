@@ -7,6 +7,7 @@ import numpy as np
 from resim.core.geometry import Floats
 
 SMALL = 0.05  # rad; below it the series of `_integrals` is exact to 1e-12
+SLOW = 0.05  # m/s up to which somebody stands, which way ever noise has him roll
 
 
 def _integrals(turn: Floats, t: Floats) -> tuple[Floats, Floats]:
@@ -22,11 +23,13 @@ def _integrals(turn: Floats, t: Floats) -> tuple[Floats, Floats]:
 def ctra(state: Floats, t: Floats) -> Floats:
     """Give the motion (P, N, 4) of constant turn rate and acceleration (Wagner 2021, Eq. 4.1), in closed form.
 
-    state: (P, 6) x, y, heading, v, a [m/s²], yaw rate [rad/s]; t: (P, N) s. Who brakes to standstill stays there.
+    state: (P, 6) x, y, heading, v, a [m/s²], yaw rate [rad/s]; t: (P, N) s. Who brakes to standstill stays there; who
+    stands, or seems to roll back a little, does so too but drives off ahead at a > 0.
     """
     x, y, heading, v, a, rate = (state[:, i, None] for i in range(6))
-    braking = (v * a < 0.0) | ((v == 0.0) & (a <= 0.0))
-    stop = np.where(braking, np.abs(v) / np.maximum(np.abs(a), 1e-12), np.inf)
+    stands = (v >= -SLOW) & (v <= 0.0)
+    stop = np.where(v * a < 0.0, np.abs(v) / np.maximum(np.abs(a), 1e-12), np.inf)
+    stop = np.where(stands, np.where(a <= 0.0, 0.0, np.inf), stop)
     t = np.minimum(t, stop)
     i0, i1 = _integrals(rate * t, t)
     way = np.exp(1j * heading) * (v * i0 + a * i1)
@@ -72,7 +75,10 @@ def way_at(path: Floats, step: float, t: Floats) -> Floats:
 
 
 def along(path: Floats, s: Floats, v: Floats) -> Floats:
-    """Give poses (P, N, 4) at s (P, N) metres along a sampled path, with pace v (P, N) m/s; then straight on."""
+    """Give poses (P, N, 4) at s (P, N) metres along a sampled path, with pace v (P, N) m/s.
+
+    Where the path ends, or turns round after the first place, straight on in the direction it had there.
+    """
     from resim.assess.criticality import kernel
 
     _has_length(path)

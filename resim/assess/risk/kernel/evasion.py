@@ -3,41 +3,44 @@
 # mypy: ignore-errors
 from __future__ import annotations
 
+import math
+
 from resim.assess.risk.kernel.compiled import compiled, inlined
 from resim.assess.risk.kernel.contact import corner_touches, surely_touch, touch_at_times, touch_swept, turned
-from resim.assess.risk.kernel.motion import COS, SIN, VX, VY, X, Y, ctra, finish
+from resim.assess.risk.kernel.motion import COS, SIN, SLOW, VX, VY, X, Y, ctra, finish
 
 LEFT, RIGHT, BRAKE, ACCELERATE = 0, 1, 2, 3
 OPTIONS = 4
 
 
 @compiled
-def _along(paths, plan, s, v, a, h, first, out):
-    """Fill path out from time `first`: the plan's way from there with speed v and acceleration a, not its own."""
-    last = paths.shape[2] - 1
+def _along(paths, plan, s, speed, side, until, a, h, first, out):
+    """Fill path out from time `first`: the plan's way from there at its pace, with acceleration a of the pace.
+
+    Where the plan ends, or turns round, it goes straight on in the direction it had: who would stand may drive on.
+    """
+    last, pace, ahead, turn = paths.shape[2] - 1, abs(speed[first]), side[first], until[first]
     i = first
     for j in range(first, last + 1):
         t = (j - first) * h
-        if a < 0.0 and v + a * t < 0.0:
-            at, speed = s[first] - 0.5 * v * v / a, 0.0
+        if a < 0.0 and pace + a * t < 0.0:
+            at, v = s[first] - 0.5 * pace * pace / a, 0.0
         else:
-            at, speed = s[first] + v * t + 0.5 * a * t * t, v + a * t
-        while i < last - 1 and s[i + 1] < at:
+            at, v = s[first] + pace * t + 0.5 * a * t * t, ahead * (pace + a * t)
+        while i < turn and s[i + 1] < at:
             i += 1
-        step = s[i + 1] - s[i] if i < last else 0.0
-        f = (at - s[i]) / step if step > 1e-9 else 0.0
-        k = min(i + 1, last)
-        if f > 1.0:  # beyond the plan: straight on
-            c, sn = paths[plan, COS, last], paths[plan, SIN, last]
-            x, y = paths[plan, X, last] + (at - s[last]) * c, paths[plan, Y, last] + (at - s[last]) * sn
+        c, sn = paths[plan, COS, i], paths[plan, SIN, i]
+        if i == turn:
+            x, y = paths[plan, X, i] + ahead * (at - s[i]) * c, paths[plan, Y, i] + ahead * (at - s[i]) * sn
         else:
-            c, sn = paths[plan, COS, i], paths[plan, SIN, i]
-            if c != paths[plan, COS, k] or sn != paths[plan, SIN, k]:
-                c, sn = turned(paths, plan, i, k, f)
-            x = paths[plan, X, i] + f * (paths[plan, X, k] - paths[plan, X, i])
-            y = paths[plan, Y, i] + f * (paths[plan, Y, k] - paths[plan, Y, i])
+            step = s[i + 1] - s[i]
+            f = (at - s[i]) / step if step > 1e-9 else 0.0
+            if c != paths[plan, COS, i + 1] or sn != paths[plan, SIN, i + 1]:
+                c, sn = turned(paths, plan, i, i + 1, f)
+            x = paths[plan, X, i] + f * (paths[plan, X, i + 1] - paths[plan, X, i])
+            y = paths[plan, Y, i] + f * (paths[plan, Y, i + 1] - paths[plan, Y, i])
         paths[out, X, j], paths[out, Y, j], paths[out, COS, j], paths[out, SIN, j] = x, y, c, sn
-        paths[out, VX, j], paths[out, VY, j] = speed * h * c, speed * h * sn
+        paths[out, VX, j], paths[out, VY, j] = v * h * c, v * h * sn
 
 
 @compiled
@@ -53,18 +56,39 @@ def _turn(paths, plan, arc, first, side, out):
             paths[out, row + 1, begin + j] = y + s * paths[arc, row, j] + (c * side) * paths[arc, row + 1, j]
 
 
+@compiled
+def directions(speed, side, until):
+    """Fill for each time of a plan: which way it goes, 1 or -1, and the last time till which it goes that way.
+
+    Who stands faces the way he came, else the way he goes next, else ahead.
+    """
+    last, way = len(speed) - 1, 1.0
+    for j in range(last, -1, -1):
+        if abs(speed[j]) > SLOW:
+            way = math.copysign(1.0, speed[j])
+    for j in range(last + 1):
+        if abs(speed[j]) > SLOW:
+            way = math.copysign(1.0, speed[j])
+        side[j] = way
+    until[last] = last
+    for j in range(last - 1, -1, -1):
+        until[j] = until[j + 1] if side[j] == side[j + 1] else j
+
+
 @inlined
-def evade(paths, plan, s, speed, arc, j, option, limits, h, out):
+def evade(paths, plan, s, speed, side, until, arc, j, option, limits, h, out):
     """Fill path out with an evasion (LEFT, RIGHT, BRAKE, ACCELERATE) that begins at time j.
 
     limits: lateral, braking and forward acceleration [m/s²], curvature [1/m]. arc: the path of the turn made last.
     """
     v = speed[j]
     if option >= BRAKE:
-        _along(paths, plan, s, v, -limits[1] if option == BRAKE else limits[2], h, j, out)
+        a = -limits[1] if option == BRAKE else limits[2]
+        _along(paths, plan, s, speed, side, until, a, h, j, out)
         return
     if paths[arc, VX, 0] != v * h:
-        rate = min(limits[0] / v, limits[3] * v) if v > 1e-6 else 0.0
+        pace = abs(v)
+        rate = min(limits[0] / pace, limits[3] * pace) if pace > 1e-6 else 0.0
         ctra(0.0, 0.0, 1.0, 0.0, v, 0.0, rate, h, bool(1), paths, arc)
     _turn(paths, plan, arc, j, 1.0 if option == LEFT else -1.0, out)
 
@@ -95,7 +119,24 @@ def _helps(paths, path, one, j, hint, option, el, ew, tl, tw, swept):
 
 @compiled
 def last_evasion(
-    paths, made, hint, helped, s, speed, contact, corner, radius, el, ew, tl, tw, limits, h, swept
+    paths,
+    made,
+    hint,
+    helped,
+    s,
+    speed,
+    side,
+    until,
+    contact,
+    corner,
+    radius,
+    el,
+    ew,
+    tl,
+    tw,
+    limits,
+    h,
+    swept,
 ):
     """The last time at or before the contact from which an evasion stays free of the object's path, -1 if none does.
 
@@ -111,7 +152,7 @@ def last_evasion(
             option = (begin + n) & 3
             path = OPTIONS * j + option
             if not made[path]:
-                evade(paths, plan, s, speed, arc, j, option, limits, h, path)
+                evade(paths, plan, s, speed, side, until, arc, j, option, limits, h, path)
                 if swept:
                     finish(paths, path, j, radius)
                 made[path] = True

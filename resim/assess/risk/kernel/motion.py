@@ -23,6 +23,9 @@ TURN, BULGE = 8, 9
 """Of the step that begins here [m]: how far a corner swings off the mean heading, how far the centre off its chord."""
 ROWS = 10
 
+SLOW = 0.05
+"""Speed [m/s] up to which somebody stands, which way ever noise has him roll."""
+
 ACCELERATING = 1.0
 """How long somebody walking changes speed and direction [s]."""
 
@@ -55,9 +58,14 @@ def turning(rate, h):
 
 @inlined
 def halt(v, a, h, last):
-    """The step 0..last in which speed v comes to 0 at acceleration a, and when within it [s]; last + 1 if in none."""
+    """The step 0..last in which speed v comes to 0 at acceleration a, and when within it [s]; last + 1 if in none.
+
+    Who stands, or seems to roll back a little, stays at a < 0 and drives off ahead at a > 0.
+    """
+    if -SLOW <= v <= 0.0:
+        return (0 if a < 0.0 else last + 1), 0.0
     if v * a >= 0.0:
-        return (0 if v == 0.0 and a < 0.0 else last + 1), 0.0
+        return last + 1, 0.0
     at = -v / a
     if at >= (last + 1) * h:
         return last + 1, 0.0
