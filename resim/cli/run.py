@@ -241,7 +241,7 @@ def _print_table(result: Resimulation) -> None:
     for base in ("GT", "rGT", "rSD"):
         if (did := report["decision"][base]) is not None:
             at = report["reaction"][base]
-            when = "no braking" if at is None else f"first braking at {at:.2f} s"
+            when = "no braking" if at is None else f"first braking at {at:.2f} s{_later(report, base)}"
             end = report["end"].get(base, "")
             out.print(
                 f"{base:>4}: {', '.join(did) or 'no decision'}; {when}{f'; ended by {end}' if end else ''}"
@@ -250,6 +250,15 @@ def _print_table(result: Resimulation) -> None:
         _print_perception(report, out)
     for warning in report["warnings"]:
         out.print(f"note: {warning}", highlight=False)
+
+
+def _later(report: dict[str, Any], base: str) -> str:
+    """The difference from the measured first braking, and its spread."""
+    off = report["reaction_spread"]
+    if base == "GT":
+        return "" if off is None else f" ± {off:.2f} s"
+    late = report["reaction_difference"][base]
+    return "" if late is None or off is None else f" ({late:+.2f} ± {off:.2f} s)"
 
 
 def _print_perception(report: dict[str, Any], out: Console) -> None:

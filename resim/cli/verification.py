@@ -33,7 +33,8 @@ def _verified(found: Mapping[str, Any]) -> None:
             continue
         way = r["ways"][r["way"]]
         table.add_row(
-            r["name"], r["verdict"], r["way"], _equal(r), ", ".join(r["decision"]["GT"]) or "–", _reaction(way),
+            r["name"], r["verdict"], r["way"], _equal(r), ", ".join(r["decision"]["GT"]) or "–",
+            _reaction(way, r.get("reaction_spread")),
             "" if r["cause"] is None else r["cause"]["step"],
         )  # fmt: skip
     out = console()
@@ -72,7 +73,7 @@ def _equal(r: Entry) -> str:
     return f"{equal.count('equal')} of {len(equal)}"
 
 
-def _reaction(way: Entry) -> str:
+def _reaction(way: Entry, off: float | None) -> str:
     late = (
         [s["reaction_difference"] for s in way["seeds"]] if "seeds" in way else [way["reaction_difference"]]
     )
@@ -80,7 +81,7 @@ def _reaction(way: Entry) -> str:
     if not known:
         return "–"
     if len(known) == 1:
-        return f"{known[0]:+.2f} s"
+        return f"{known[0]:+.2f} s" if off is None else f"{known[0]:+.2f} ± {off:.2f} s"
     return f"{known[len(known) // 2]:+.2f} s, {known[0]:+.2f} to {known[-1]:+.2f}"
 
 

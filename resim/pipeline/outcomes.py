@@ -13,9 +13,9 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, TO_ROWS, Errors
 from resim.pipeline.assessments import Assessed, How, assess_run
 from resim.pipeline.perceived import PerceivedRun
+from resim.pipeline.reaction import ego_tracks
 from resim.pipeline.result import Resimulation
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.scenario import Scenario
 from resim.sim.run import Run
 from resim.verification.outcome import COMFORT, Kpi, Outcome, Rms
 
@@ -28,10 +28,12 @@ def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
     driven, ego, out = result.driven(), result.ego, {}
     runs = {f"r{basis}": branch.run for basis, branch in result.branches.items()}
     if "SD" in result.described:
-        driven["SD"] = _driven(result.described["SD"], result.network)
+        driven["SD"] = ego_tracks(result.described["SD"], result.network)
     for name, assessment in assessed.blocks.items():
         if (tracks := driven.get(name)) is not None:
             out[name] = outcome(assessment, tracks, result.network, ego, runs.get(name))
+    if "GT" in out:
+        out["GT"] = replace(out["GT"], reaction_spread=result.reaction_spread())
     return out | {name: _nothing(run) for name, run in runs.items() if name not in out}
 
 
@@ -42,7 +44,7 @@ def perceived_outcome(p: PerceivedRun, result: Resimulation, how: How) -> Outcom
     made = replace(p.refit, objects=result.described["GT"].objects)
     assessment = assess_run(p.run, made, result.network, how, result.doubts["GT"])
     errors = None if p.pipe is None else p.pipe.rms(EGO_ROW)
-    found = outcome(assessment, p.run.truth, result.network, result.ego, p.run)
+    found = outcome(assessment, ego_tracks(p.refit, result.network), result.network, result.ego, p.run)
     return replace(found, errors=errors)
 
 
@@ -86,11 +88,6 @@ def parted(one: Tracks, two: Tracks, ego: str) -> float | None:
     off = fidelity.difference(two.select([ego]).at(t), one.select([ego]).at(t), ego=ego)
     away = (off.d[0] > PARTED["d"]) | (np.abs(off.v[0]) > PARTED["v"])
     return float(t[np.argmax(away)]) if away.any() else None
-
-
-def _driven(scenario: Scenario, network: RoadNetwork) -> Tracks:
-    begin = scenario.ego.spawn_time
-    return scenario.tracks(network, np.round(np.arange(begin, begin + scenario.duration, 0.01), 9))
 
 
 def _worst(assessment: Assessment, name: str) -> float | None:

@@ -11,6 +11,7 @@ import numpy as np
 from resim import fidelity
 from resim.fidelity import EGO_ROW, Errors
 from resim.perception.model import PerceptionModel
+from resim.pipeline.reaction import ego_tracks
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.run import End, Run
@@ -61,10 +62,11 @@ def seed_reports(
 
 
 def _seed_report(p: PerceivedRun, network: RoadNetwork, ego: str, measured: float | None) -> dict[str, Any]:
-    reaction = fidelity.reaction_time(p.run.truth, ego=ego)
+    driven = None if p.refit is None else ego_tracks(p.refit, network)
+    reaction = None if driven is None else fidelity.reaction_time(driven, ego=ego)
     return {
         "seed": p.seed,
-        "decision": fidelity.decision(p.run.truth, network, ego=ego),
+        "decision": [] if driven is None else fidelity.decision(driven, network, ego=ego),
         "reaction": reaction,
         "reaction_difference": difference(reaction, measured),
         "errors": {"PIPE": None if p.pipe is None else p.pipe.statistics(EGO_ROW)},

@@ -31,6 +31,7 @@ from resim.pipeline.perceived import (
     same_decision,
     seed_reports,
 )
+from resim.pipeline.reaction import ego_tracks, reaction_spread
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Perceived
@@ -115,11 +116,16 @@ class Resimulation:
         return out | {f"r{basis}": branch.run.truth for basis, branch in self.branches.items()}
 
     def driven(self) -> dict[str, Tracks | None]:
-        """Give how the EGO drove, with accelerations: in GT by its splines, in rGT and rSD as simulated."""
-        gt, runs = self.described["GT"], {b: branch.run.truth for b, branch in self.branches.items()}
-        begin = gt.ego.spawn_time
-        t = np.round(np.arange(begin, begin + gt.duration, 0.01), 9)
-        return {"GT": gt.tracks(self.network, t), "rGT": runs.get("GT"), "rSD": runs.get("SD")}
+        """Give how the EGO drove in GT, rGT and rSD, with accelerations: as splines have it, of all alike."""
+        made = self.scenarios()
+        return {
+            name: ego_tracks(made[name], self.network) if name in made else None
+            for name in ("GT", "rGT", "rSD")
+        }
+
+    def reaction_spread(self) -> float | None:
+        """Give how far [s] first braking in GT is off in two of three cases, and with it each difference from it."""
+        return reaction_spread(self.measured["GT"], self.described["GT"], self.network)
 
     def tracks_frame(self) -> pd.DataFrame:
         """Give all tracks, and what the function perceived in map coordinates, as one table by `source`."""
@@ -187,6 +193,7 @@ class Resimulation:
             "sums": fidelity.sums(self.errors),
             "reaction": reaction,
             "reaction_difference": {b: difference(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
+            "reaction_spread": self.reaction_spread(),
             "decision": decision,
             "collision": {name: bool(h) for name, h in hits.items()},
             "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},

@@ -63,6 +63,7 @@ class Verified:
             "kpis": {name: self._kpi(name) for name in self.outcomes["GT"].kpis},
             "decision": self._of("decision"),
             "reaction": self._of("reaction"),
+            "reaction_spread": self.outcomes["GT"].reaction_spread,
             "risk": self._of("risk"),
             "comfort": self._of("comfort"),
             "errors": self.errors,

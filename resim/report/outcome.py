@@ -18,14 +18,14 @@ ENDS = {"duration": "whole duration", "measured": "last sample"}
 
 def outcome(view: View) -> str:
     """Give the table of decision, reaction, collision, end and error in GT, rGT, rSD and, over its seeds, rGT+M."""
-    report = view.report
+    report, off = view.report, view.report["reaction_spread"]
     sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report["end"]]
     runs = sources[1:]
     rows = [
         ["", "measured", *(badge(view, s) for s in runs)],
         ["decision", *(decision_words(report["decision"][s]) for s in sources)],
         ["first braking", *(_if_there(view, s, reaction_words(report["reaction"][s])) for s in sources)],
-        ["difference", NONE, *(difference_words(report["reaction_difference"][s]) for s in runs)],
+        ["difference", NONE, *(difference_words(report["reaction_difference"][s], off) for s in runs)],
         ["collision", *(_if_there(view, s, _collisions(view, s)) for s in sources)],
         ["end", *(_end_words(view, s) for s in sources)],
         ["error at the end", NONE, *(_metres(report["end_position_error"][s]) for s in runs)],

@@ -110,7 +110,8 @@ def _line(look: View) -> str:
         if css != "failed":
             said += f" ({tables.decision_words(look.report['decision'][run])}"
             change = look.report["reaction_difference"][run]
-            said += f"; braking {tables.difference_words(change)})" if change is not None else ")"
+            words = tables.difference_words(change, look.report["reaction_spread"])
+            said += f"; braking {words})" if change is not None else ")"
         out.append(said + ".")
     if (found := look.report["perception"]) is not None:
         of = f"{found['same_decision']} of {len(found['seeds'])} seeds"
@@ -188,13 +189,16 @@ def _errors(look: View) -> str:
 
 def _reaction(look: View) -> str:
     reaction, change = look.report["reaction"], look.report["reaction_difference"]
-    said = [f"GT: {tables.reaction_words(reaction['GT'])}"]
+    said, off = [f"GT: {tables.reaction_words(reaction['GT'])}"], look.report["reaction_spread"]
     for run in look.report["end"]:
         text = f"{run}: {tables.reaction_words(reaction[run])}"
-        said.append(text + (f", {tables.difference_words(change[run])}" if change[run] is not None else ""))
+        said.append(
+            text + (f", {tables.difference_words(change[run], off)}" if change[run] is not None else "")
+        )
     return f"<p>{'; '.join(said)}.</p>" + _figure(
         reaction_figure(look), "reaction-speed", "The EGO's speed and acceleration",
-        f"vertical: first acceleration below {number(BRAKING, 1)} m/s² (dotted), by the spline of the JSCEN fit"
+        f"vertical: first acceleration below {number(BRAKING, 1)} m/s² (dotted), by the spline of the JSCEN fit, "
+        "in GT and simulations alike; ±: how far it is off in GT in two of three cases, by fits with other residuals"
         + (f"; green: {look.label(look.lead)} GT, ahead" if look.lead else ""),
     )  # fmt: skip
 

@@ -44,13 +44,14 @@ def decision_words(decision: Sequence[str] | None) -> str:
     return escape(", then ".join(word.replace("_", " ") for word in decision)) or "no braking, no lane change"
 
 
-def difference_words(seconds: float | None) -> str:
-    """Give a difference of reaction times in words, later minus earlier."""
+def difference_words(seconds: float | None, off: float | None) -> str:
+    """Give a difference of reaction times in words, later minus earlier; off: its spread [s]."""
     if seconds is None:
         return NONE
+    spread = "" if off is None else f" (± {off:.2f} s)"
     if abs(seconds) < 0.005:
-        return "at the same time as GT"
-    return f"<b>{abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'}</b> than GT"
+        return f"at the same time as GT{spread}"
+    return f"<b>{abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'}</b> than GT{spread}"
 
 
 def reaction_words(seconds: float | None) -> str:

@@ -115,7 +115,8 @@ def compare(
         told.append((None, _ended(measured, simulated)))
     if late and reaction is not None and tolerances.reaction is not None:
         begun = min(t for t in (measured.reaction, simulated.reaction) if t is not None)
-        told.append((begun, f"first braking {reaction:+.2f} s (tolerance {tolerances.reaction:g} s)"))
+        off = "" if measured.reaction_spread is None else f" ± {measured.reaction_spread:.2f}"
+        told.append((begun, f"first braking {reaction:+.2f}{off} s (tolerance {tolerances.reaction:g} s)"))
     times = [t for t, _ in told if t is not None]
     return Comparison(
         kpis=kpis,

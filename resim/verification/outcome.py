@@ -31,7 +31,7 @@ class Outcome:
 
     reaction: first braking [s]. risk: the largest accident risk. comfort: the largest of each of COMFORT. end: how a
     simulation ended, "" for a measured drive. failure: why the function failed, or "". errors: of this drive alone,
-    the pipeline's of a simulated one.
+    the pipeline's of a simulated one. reaction_spread [s]: how far first braking may be off, of a measured one.
     """
 
     kpis: Mapping[str, Kpi]
@@ -43,6 +43,7 @@ class Outcome:
     end: str = ""
     failure: str = ""
     errors: Mapping[str, float | None] | None = None
+    reaction_spread: float | None = None
 
     @property
     def decision(self) -> list[str]:

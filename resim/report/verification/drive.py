@@ -111,7 +111,9 @@ def _ways(entry: Entry) -> str:
         name = "rGT <i>shown what was recorded as perceived</i>"
         rows.append(row([name, badge(shown["verdict"]), NONE, same, first_braking(shown), text]))
     measured = f"decision <i>measured: {decision_words(entry['decision']['GT'])}</i>"
-    head = ["", "verdict", "KPIs equal", measured, "first braking less GT", "first cause"]
+    off = entry.get("reaction_spread")
+    late = "first braking less GT" + ("" if off is None else f" <i>± {off:.2f} s</i>")
+    head = ["", "verdict", "KPIs equal", measured, late, "first cause"]
     return rows_table(head, rows, "ways")
 
 
