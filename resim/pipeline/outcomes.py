@@ -33,7 +33,7 @@ def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
         if (tracks := driven.get(name)) is not None:
             out[name] = outcome(assessment, tracks, result.network, ego, runs.get(name))
     if "GT" in out:
-        out["GT"] = replace(out["GT"], reaction_spread=result.reaction_spread())
+        out["GT"] = replace(out["GT"], reaction_spread=result.reaction_spread)
     return out | {name: _nothing(run) for name, run in runs.items() if name not in out}
 
 

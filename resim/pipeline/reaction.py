@@ -36,7 +36,9 @@ def ego_tracks(scenario: Scenario, network: RoadNetwork) -> Tracks:
 
 
 def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork) -> float | None:
-    """Give by how much [s] the measured first braking is off in two of three cases, None where the EGO does not brake.
+    """Give how far [s] the measured first braking is off in two of three cases.
+
+    None for an EGO that does not brake, or from the start on: then nothing tells when it began.
 
     The EGO's fitted trace is fitted again DRAWS times, each with the residuals of the fit at other times and with
     other signs, and read as the drive itself: as the bootstrap has it, that strays as much as the drive's own reading.
@@ -44,7 +46,7 @@ def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork)
     """
     drive = ego_tracks(described, network)
     found = fidelity.reaction_time(drive, ego=described.ego.id)
-    if found is None:
+    if found is None or found == drive.t[0]:
         return None
     own = measured.window(found - AROUND, found + AROUND).select([described.ego.id])
     there = own.valid[0]
@@ -60,4 +62,4 @@ def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork)
         at = np.arange(t[0], t[-1], STEP)
         braking = np.flatnonzero(again.v(at, 1) < fidelity.BRAKING)
         late[n] = (at[braking[0]] if len(braking) else t[-1]) - found
-    return float(np.quantile(np.abs(late), USUAL))
+    return max(float(np.quantile(np.abs(late), USUAL)), STEP)

@@ -7,6 +7,7 @@ import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -123,6 +124,7 @@ class Resimulation:
             for name in ("GT", "rGT", "rSD")
         }
 
+    @cached_property
     def reaction_spread(self) -> float | None:
         """Give how far [s] first braking in GT is off in two of three cases, and with it each difference from it."""
         return reaction_spread(self.measured["GT"], self.described["GT"], self.network)
@@ -193,7 +195,7 @@ class Resimulation:
             "sums": fidelity.sums(self.errors),
             "reaction": reaction,
             "reaction_difference": {b: difference(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
-            "reaction_spread": self.reaction_spread(),
+            "reaction_spread": self.reaction_spread,
             "decision": decision,
             "collision": {name: bool(h) for name, h in hits.items()},
             "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},

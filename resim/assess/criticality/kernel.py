@@ -92,22 +92,20 @@ def sample(path, step, t):
 
 
 @compiled
-def _directions(path, side, until):
-    """Fill for each point of a path (M + 1, 4): which way it goes, 1 or -1, and the last point till which it does so.
+def _direction(path, first):
+    """Which way a path (M + 1, 4) goes at point `first`, 1 or -1, and the last point till which it goes that way.
 
     Who stands faces the way he came, else the way he goes next, else ahead.
     """
-    last, way = len(path) - 1, 1.0
-    for k in range(last, -1, -1):
-        if abs(path[k, 3]) > SLOW:
-            way = math.copysign(1.0, path[k, 3])
-    for k in range(last + 1):
-        if abs(path[k, 3]) > SLOW:
-            way = math.copysign(1.0, path[k, 3])
-        side[k] = way
-    until[last] = last
-    for k in range(last - 1, -1, -1):
-        until[k] = until[k + 1] if side[k] == side[k + 1] else k
+    last, j, until = len(path) - 1, first, first
+    while j > 0 and abs(path[j, 3]) <= SLOW:
+        j -= 1
+    while j < last and abs(path[j, 3]) <= SLOW:
+        j += 1
+    side = -1.0 if path[j, 3] < -SLOW else 1.0
+    while until < last and side * path[until + 1, 3] >= -SLOW:
+        until += 1
+    return side, until
 
 
 @entry
@@ -115,16 +113,14 @@ def along(path, s, v):
     """See `motion.along`."""
     last = path.shape[1] - 1
     out, station = np.empty((*s.shape, 4)), np.zeros(last + 1)
-    side, until = np.empty(last + 1), np.empty(last + 1, dtype=np.int64)
     for p in range(s.shape[0]):
         for k in range(last):
             dx, dy = path[p, k + 1, 0] - path[p, k, 0], path[p, k + 1, 1] - path[p, k, 1]
             station[k + 1] = station[k] + math.hypot(dx, dy)
-        _directions(path[p], side, until)
         j = 0
         while j < last and station[j + 1] <= s[p, 0]:
             j += 1
-        ahead, turn = side[j], until[j]
+        ahead, turn = _direction(path[p], j)
         top = max(turn - 1, 0)
         j = min(j, top)
         for n in range(s.shape[1]):  # mostly in order, so the next place is near

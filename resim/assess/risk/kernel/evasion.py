@@ -3,8 +3,6 @@
 # mypy: ignore-errors
 from __future__ import annotations
 
-import math
-
 from resim.assess.risk.kernel.compiled import compiled, inlined
 from resim.assess.risk.kernel.contact import corner_touches, surely_touch, touch_at_times, touch_swept, turned
 from resim.assess.risk.kernel.motion import COS, SIN, SLOW, VX, VY, X, Y, ctra, finish
@@ -14,13 +12,30 @@ OPTIONS = 4
 
 
 @compiled
-def _along(paths, plan, s, speed, side, until, a, h, first, out):
+def _direction(speed, first):
+    """Which way a plan goes at time `first`, 1 or -1, and the last time till which it goes that way.
+
+    Who stands faces the way he came, else the way he goes next, else ahead.
+    """
+    last, j, until = len(speed) - 1, first, first
+    while j > 0 and abs(speed[j]) <= SLOW:
+        j -= 1
+    while j < last and abs(speed[j]) <= SLOW:
+        j += 1
+    side = -1.0 if speed[j] < -SLOW else 1.0
+    while until < last and side * speed[until + 1] >= -SLOW:
+        until += 1
+    return side, until
+
+
+@compiled
+def _along(paths, plan, s, speed, a, h, first, out):
     """Fill path out from time `first`: the plan's way from there at its pace, with acceleration a of the pace.
 
     Where the plan ends, or turns round, it goes straight on in the direction it had: who would stand may drive on.
     """
-    last, pace, ahead, turn = paths.shape[2] - 1, abs(speed[first]), side[first], until[first]
-    i = first
+    last, pace, i = paths.shape[2] - 1, abs(speed[first]), first
+    ahead, turn = _direction(speed, first)
     for j in range(first, last + 1):
         t = (j - first) * h
         if a < 0.0 and pace + a * t < 0.0:
@@ -56,27 +71,8 @@ def _turn(paths, plan, arc, first, side, out):
             paths[out, row + 1, begin + j] = y + s * paths[arc, row, j] + (c * side) * paths[arc, row + 1, j]
 
 
-@compiled
-def directions(speed, side, until):
-    """Fill for each time of a plan: which way it goes, 1 or -1, and the last time till which it goes that way.
-
-    Who stands faces the way he came, else the way he goes next, else ahead.
-    """
-    last, way = len(speed) - 1, 1.0
-    for j in range(last, -1, -1):
-        if abs(speed[j]) > SLOW:
-            way = math.copysign(1.0, speed[j])
-    for j in range(last + 1):
-        if abs(speed[j]) > SLOW:
-            way = math.copysign(1.0, speed[j])
-        side[j] = way
-    until[last] = last
-    for j in range(last - 1, -1, -1):
-        until[j] = until[j + 1] if side[j] == side[j + 1] else j
-
-
 @inlined
-def evade(paths, plan, s, speed, side, until, arc, j, option, limits, h, out):
+def evade(paths, plan, s, speed, arc, j, option, limits, h, out):
     """Fill path out with an evasion (LEFT, RIGHT, BRAKE, ACCELERATE) that begins at time j.
 
     limits: lateral, braking and forward acceleration [m/s²], curvature [1/m]. arc: the path of the turn made last.
@@ -84,7 +80,7 @@ def evade(paths, plan, s, speed, side, until, arc, j, option, limits, h, out):
     v = speed[j]
     if option >= BRAKE:
         a = -limits[1] if option == BRAKE else limits[2]
-        _along(paths, plan, s, speed, side, until, a, h, j, out)
+        _along(paths, plan, s, speed, a, h, j, out)
         return
     if paths[arc, VX, 0] != v * h:
         pace = abs(v)
@@ -119,24 +115,7 @@ def _helps(paths, path, one, j, hint, option, el, ew, tl, tw, swept):
 
 @compiled
 def last_evasion(
-    paths,
-    made,
-    hint,
-    helped,
-    s,
-    speed,
-    side,
-    until,
-    contact,
-    corner,
-    radius,
-    el,
-    ew,
-    tl,
-    tw,
-    limits,
-    h,
-    swept,
+    paths, made, hint, helped, s, speed, contact, corner, radius, el, ew, tl, tw, limits, h, swept
 ):
     """The last time at or before the contact from which an evasion stays free of the object's path, -1 if none does.
 
@@ -152,7 +131,7 @@ def last_evasion(
             option = (begin + n) & 3
             path = OPTIONS * j + option
             if not made[path]:
-                evade(paths, plan, s, speed, side, until, arc, j, option, limits, h, path)
+                evade(paths, plan, s, speed, arc, j, option, limits, h, path)
                 if swept:
                     finish(paths, path, j, radius)
                 made[path] = True

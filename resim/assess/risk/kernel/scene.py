@@ -11,7 +11,7 @@ import numpy as np
 from resim.assess.risk.kernel.compiled import borrowed, compiled, inlined
 from resim.assess.risk.kernel.consolidation import dependent, weights
 from resim.assess.risk.kernel.contact import FREE, NONE, first_at_times, first_swept
-from resim.assess.risk.kernel.evasion import OPTIONS, directions, last_evasion
+from resim.assess.risk.kernel.evasion import OPTIONS, last_evasion
 from resim.assess.risk.kernel.motion import (
     COS,
     ROWS,
@@ -38,15 +38,13 @@ PAD = 7
 Road = namedtuple("Road", "points begin first count s d")
 """See `resim.assess.risk.ways.Ways`."""
 
-Work = namedtuple(
-    "Work", "paths made s speed side until samples scratch a b share near hint helped table mass"
-)
+Work = namedtuple("Work", "paths made s speed samples scratch a b share near hint helped table mass")
 """What is reused from scene to scene.
 
 paths: of evasions by begin and option, as far as made; then of the plan, the object's sample and the EGO's turn.
-s, speed: the plan's way [m] and speed [m/s]; side, until: its directions, see `evasion.directions`. samples: of an
-object, of inputs a and b (N,), with share (N,) of its probability. near (N,): the first step in which a sample is
-near. table: Eq. 4.6 by time; mass (K, M + 2): an object's probability by time to react.
+s, speed: the plan's way [m] and speed [m/s]. samples: of an object, of inputs a and b (N,), with share (N,) of its
+probability. near (N,): the first step in which a sample is near. table: Eq. 4.6 by time; mass (K, M + 2): an object's
+probability by time to react.
 """
 
 
@@ -55,8 +53,7 @@ def _work(steps, objects, samples, times, h, swept):
     points = steps + 1
     return Work(
         np.full((OPTIONS * points + 3, ROWS, points), np.nan), np.zeros(OPTIONS * points, dtype=np.bool_),
-        np.zeros(points), np.empty(points), np.empty(points), np.empty(points, dtype=np.int64),
-        np.empty((SAMPLED, points, samples + PAD)), np.empty((6, samples + PAD)),
+        np.zeros(points), np.empty(points), np.empty((SAMPLED, points, samples + PAD)), np.empty((6, samples + PAD)),
         np.empty(samples), np.empty(samples), np.empty(samples), np.empty(samples, dtype=np.int64),
         np.empty((OPTIONS, 2), dtype=np.int64), np.zeros(1, dtype=np.int64),
         weights(points, times, h, swept), np.empty((objects, points + 1)),
@@ -75,7 +72,6 @@ def _begin(w, plan_in, n, radius, h, swept):
         speed[j] = v
         paths[plan, X, j], paths[plan, Y, j], paths[plan, COS, j], paths[plan, SIN, j] = x, y, cos, sin
         paths[plan, VX, j], paths[plan, VY, j] = v * cos * h, v * sin * h
-    directions(speed, w.side, w.until)
     if swept:
         finish(paths, plan, np.int64(0), radius)
     w.made[:] = False
@@ -234,9 +230,8 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
         if contact < 0.0:
             continue
         found = last_evasion(
-            paths, made, hint, helped, s, speed, w.side, w.until, int(contact), corner, own, el, ew, tl, tw,
-            limits, h, swept,
-        )  # fmt: skip
+            paths, made, hint, helped, s, speed, int(contact), corner, own, el, ew, tl, tw, limits, h, swept
+        )
         hits += share[i]
         ttc, ttr = min(ttc, contact * h), min(ttr, max(found, 0) * h)
         risk += share[i] * w.table[found + 1]
@@ -248,8 +243,7 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
 def _shared(w):
     """The same arrays, which only `w` keeps alive."""
     return Work(
-        borrowed(w.paths), borrowed(w.made), borrowed(w.s), borrowed(w.speed), borrowed(w.side), borrowed(w.until),
-        borrowed(w.samples),
+        borrowed(w.paths), borrowed(w.made), borrowed(w.s), borrowed(w.speed), borrowed(w.samples),
         borrowed(w.scratch), borrowed(w.a), borrowed(w.b), borrowed(w.share), borrowed(w.near),
         borrowed(w.hint), borrowed(w.helped),
         borrowed(w.table), borrowed(w.mass),
