@@ -21,6 +21,7 @@ from resim.pipeline.verify import UNKNOWN, may_verify
 from resim.sim.adfunction import load_build
 from resim.variation import PARAMETERS
 from resim.verification.paired import Limits
+from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
 
 
@@ -96,7 +97,9 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
     if perception is not None:
         read_model(perception, call.settings)
     criteria = suite.beside(file.criteria)
-    count = call.seeds or file.seeds
+    count = call.seeds or (file.seeds if call.against is None else file.limits.seeds)
+    if call.against is None and perception is not None:
+        _enough(suite.path, SequentialTest(file.agreement, count))
     return Asked(
         name=file.name,
         suite=_file(suite.path, base),
@@ -120,6 +123,13 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         },
         wanted=dict(suite.hashes),
     )
+
+
+def _enough(suite: Path, test: SequentialTest) -> None:
+    """Raise InputError where no outcome of so few seeds would verify anything."""
+    if test.most < test.fewest:
+        problem = f"agreement {test.demand:g} cannot be told by {test.most} seeds, even if all of them agree"
+        raise InputError(suite, problem, f"Allow seeds = {test.fewest} or more; 200 if nothing is said.")
 
 
 def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:

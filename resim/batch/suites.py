@@ -23,8 +23,8 @@ CASES, REPORTS = "cases", "reports"
 """Folders in the results: what each recording gave, and the re-simulation reports of those to look at."""
 LOOKS = ("report", "cli")
 """Parts of resim that no result depends on."""
-LONGEST = 3600.0
-"""s of wall clock for one recording, with all of its seeds and variations."""
+LONGEST, LONGEST_SEED = 3600.0, 60.0
+"""s of wall clock for one recording with all of its variations, and more for each seed that it may take."""
 
 Told = Callable[[str, str, bool], None]
 """Hears of each recording: its name, its verdict, whether it was kept from before."""
@@ -46,7 +46,8 @@ def verify(
             tell(name, case["entry"]["verdict"], True)
     missing = [name for name in todo if name not in kept]
     found = dict(kept)
-    results = run_all(run, [todo[n] for n in missing], workers=workers, time_limit=LONGEST)
+    limit = LONGEST + LONGEST_SEED * len(a.seeds)
+    results = run_all(run, [todo[n] for n in missing], workers=workers, time_limit=limit)
     for k, result in results:
         name = missing[k]
         found[name] = _case(result, todo[name], a.recordings[name].path)

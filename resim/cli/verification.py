@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from resim.cli.verdicts import console
+from resim.verification.summary import VERDICTS
 
 Entry = Mapping[str, Any]
 
@@ -50,7 +51,7 @@ def _verified(found: Mapping[str, Any]) -> None:
         for v in r.get("validity", []):
             out.print(f"{r['name']}: {_range(v)}", highlight=False)
     told = found["summary"]
-    counts = ", ".join(f"{told[name]} {name}" for name in ("verified", "not verified", "invalid", "error"))
+    counts = ", ".join(f"{told[name]} {name}" for name in VERDICTS)
     out.print(f"{len(found['recordings'])} recordings: {counts}", highlight=False)
 
 

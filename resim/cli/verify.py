@@ -46,7 +46,11 @@ def verify(
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(min=1, max=1000, help="Runs with the perception model, in place of the suite's."),
+        typer.Option(
+            min=1,
+            max=5000,
+            help="Most runs with the perception model of a recording; with --against, runs of each build.",
+        ),
     ] = None,
     vary: Annotated[
         list[str] | None,
@@ -169,7 +173,8 @@ def _end(found: dict[str, Any], code: int) -> None:
         ]
         raise BadVerdictError(f"the build regresses: {'; '.join(broken_limits)}")
     if code == 1:
-        raise BadVerdictError(f"{told['not verified']} not verified, {told['invalid']} invalid")
+        bad = ("not verified", "undecided", "invalid")
+        raise BadVerdictError(", ".join(f"{told[verdict]} {verdict}" for verdict in bad))
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,7 +39,7 @@ LONGEST = 600.0
 
 Progress = Callable[[str], None]
 
-STAGES = ("map", "fit GT", "fit SD", "run GT", "fit rGT", "run SD", "fit rSD", "run GT+M", "errors")
+STAGES = ("map", "fit GT", "fit SD", "run GT", "fit rGT", "run SD", "fit rSD", "errors", "run GT+M")
 """What `resimulate` tells its progress, in order, as far as the bases ask for it."""
 
 
@@ -101,21 +101,9 @@ def resimulate(
                 model,
                 clock,
             )
-    perceived: tuple[PerceivedRun, ...] = ()
-    if perceiving is not None:
-        with clock.stage("run GT+M"):
-            from resim.perception.sensor import Sensor
-
-            sensor, runs = Sensor(perceiving.model), []
-            for seed in perceiving.seeds:
-                one = _perceived_run(
-                    sensor, seed, described["GT"], recording, whole["GT"], build, network, net, options, model
-                )
-                runs.append(replace(one, outside=sensor.outside, shown=sensor.perceived))
-            perceived = tuple(runs)
     with clock.stage("errors"):
         errors = _errors(recording, branches, whole, measured, described, network)
-    return Resimulation(
+    result = Resimulation(
         recording=recording,
         build=build,
         options=options,
@@ -124,21 +112,42 @@ def resimulate(
         described=described,
         branches=branches,
         errors=errors,
-        warnings=(
-            *notes(recording, build, checked, measured, described, branches, errors),
-            *perception_notes(perceiving, perceived),
-        ),
+        warnings=tuple(notes(recording, build, checked, measured, described, branches, errors)),
         times=clock.times,
         hashes={
             "build": build.hash,
             "map": file_hash(recording.map),
             "net": net.hash,
             **_recording_hashes(recording),
-            **({} if perceiving is None else {"perception": perceiving.hash}),
         },
-        perceiving=perceiving,
-        perceived_runs=perceived,
         doubts={basis: doubts(recording, basis, tracks) for basis, tracks in whole.items()},
+    )
+    if perceiving is None:
+        return result
+    with clock.stage("run GT+M"):
+        return with_seeds(result, perceiving, list(perceived_runs(result, perceiving, model=model)))
+
+
+def perceived_runs(
+    result: Resimulation, perceiving: Perceiving, *, model: VehicleModel | None = None
+) -> Iterator[PerceivedRun]:
+    """Run the GT of a re-simulation with a perception model, once a seed, each when it is asked for."""
+    from resim.perception.sensor import Sensor
+
+    sensor = Sensor(perceiving.model)
+    for seed in perceiving.seeds:
+        one = run_on_gt(result, perception=sensor, seed=seed, model=model)
+        yield replace(one, outside=sensor.outside, shown=sensor.perceived)
+
+
+def with_seeds(result: Resimulation, perceiving: Perceiving, runs: Sequence[PerceivedRun]) -> Resimulation:
+    """Give the re-simulation with what runs with a perception model gave. perceiving: with the seeds of these runs."""
+    return replace(
+        result,
+        perceiving=perceiving,
+        perceived_runs=tuple(runs),
+        warnings=(*result.warnings, *perception_notes(perceiving, runs)),
+        hashes={**result.hashes, "perception": perceiving.hash},
     )
 
 
@@ -239,13 +248,14 @@ def run_on_gt(
     *,
     perception: Perception | None = None,
     seed: int = 0,
+    model: VehicleModel | None = None,
 ) -> PerceivedRun:
     """Run the GT of a re-simulation once more, with a perception (None: ideal)."""
     recording, network = result.recording, result.network
     gt = _ego_window(recording.gt, recording.ego, recording.name)
     return _perceived_run(
         perception or Ideal(), seed, result.described["GT"], recording, gt, result.build, network,
-        sumo_net(network), result.options, None,
+        sumo_net(network), result.options, model,
     )  # fmt: skip
 
 

@@ -44,10 +44,11 @@ class Entry(Strict):
 class SuiteFile(Strict):
     """What a suite's file says; paths from the folder of the file.
 
-    bases: what is re-simulated; seeds, seed: how many runs with the perception model, and the first one's seed.
-    agreement: share of the seeds that must agree. vary: parameters of which the range is searched in which the verdicts
-    hold. accept: codes of findings in spite of which to go on. driven_by: other builds whose recordings are taken.
-    reports: of how many recordings that are not good there is a re-simulation report, the worst first.
+    bases: what is re-simulated; seeds, seed: how many runs with the perception model at most, and the first one's seed.
+    agreement: more than this share of the seeds must agree, as `SequentialTest` tells it. vary: parameters of which the
+    range is searched in which the verdicts hold. accept: codes of findings in spite of which to go on. driven_by: other
+    builds whose recordings are taken. reports: of how many recordings that are not good there is a re-simulation
+    report, the worst first.
     """
 
     name: str = Field(min_length=1)
@@ -55,9 +56,9 @@ class SuiteFile(Strict):
     criteria: str = Field(min_length=1)
     bases: tuple[Literal["GT", "SD"], ...] = Field(default=("GT", "SD"), min_length=1)
     perception: str | None = None
-    seeds: int = Field(default=20, ge=1, le=1000)
+    seeds: int = Field(default=200, ge=1, le=5000)
     seed: int = Field(default=0, ge=0)
-    agreement: float = Field(default=0.9, gt=0.0, le=1.0)
+    agreement: float = Field(default=0.9, ge=0.5, le=0.99)
     vary: tuple[str, ...] = ()
     accept: tuple[str, ...] = ()
     driven_by: tuple[str, ...] = ()
@@ -182,7 +183,7 @@ def new_suite(folders: Sequence[Path], criteria: Path, out: Path, name: str) -> 
     ]
     head = (
         f'name = {json.dumps(name)}\ncriteria = {json.dumps(relative(criteria, folder_of))}\nbases = ["GT", "SD"]\n'
-        "seeds = 20  # with a perception model\nagreement = 0.9  # of the seeds\n\n"
+        "seeds = 200  # with a perception model, at most\nagreement = 0.9  # more of the seeds than that\n\n"
     )
     return head + "\n".join(entries) + "\n" + tolerances_text()
 
@@ -195,7 +196,7 @@ def tolerances_text() -> str:
         "[tolerances]",
     ]
     lines.append(f"reaction = {held.reaction:g}")
-    for step in ("sensor", "fit", "simulation", "pipeline"):
+    for step in ("sensor", "fit", "simulation", "vehicle", "pipeline"):
         for who in ("ego", "to"):
             limits = getattr(getattr(held, step), who).model_dump(exclude_none=True)
             if limits:

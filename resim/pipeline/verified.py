@@ -14,6 +14,7 @@ from resim.verification.compare import Comparison, Judged, Verdict, Way
 from resim.verification.outcome import Kpi, Outcome, Rms
 from resim.verification.share import share
 from resim.verification.validity import Validity
+from resim.verification.vehicle import OpenLoop
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,8 @@ class Verified:
 
     outcomes: of GT, SD, rGT, rSD, as far as they are there; seeds: of the runs with the perception model, by seed.
     judged, causes: by way. recorded: the run on GT that showed the function what was recorded as perceived, beside the
-    measured drive, where that was tried. validity: a range a parameter; notes say why there is none.
+    measured drive, where that was tried. driven: what it answers along the measured drive. validity: a range a
+    parameter; notes say why there is none.
     """
 
     result: Resimulation
@@ -32,6 +34,7 @@ class Verified:
     judged: Mapping[Way, Judged]
     causes: Mapping[Way, Cause | None]
     recorded: Comparison | None
+    driven: OpenLoop | None
     validity: tuple[Validity, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -68,6 +71,7 @@ class Verified:
             "comfort": self._of("comfort"),
             "errors": self.errors,
             "recorded": None if self.recorded is None else _comparison(self.recorded),
+            "driven": None if self.driven is None else _driven(self.driven),
             "validity": [asdict(v) for v in self.validity],
             "findings": list(finding_lines(self.result.recording.findings)),
             "notes": list(self.notes),
@@ -88,13 +92,14 @@ class Verified:
     def _way(self, way: Way) -> dict[str, Any]:
         judged = self.judged[way]
         out: dict[str, Any] = {"verdict": judged.verdict, "cause": _cause(self.causes[way])}
-        if way != "rGT+M":
+        if (test := judged.test) is None:
             return {**out, **_comparison(judged.comparisons[0])}
         each = zip(self.seeds.items(), judged.comparisons, strict=True)
         return {
             **out,
-            "agreement": judged.agreement,
+            "agreement": test.demand,
             "share": asdict(judged.share),
+            "needed": judged.needed,
             "same_decision": asdict(share([c.same_decision for c in judged.comparisons])),
             "seeds": [
                 {"seed": seed, **_comparison(c), "end": o.end, "errors": o.errors} for (seed, o), c in each
@@ -128,6 +133,18 @@ def _told(kpi: Kpi | None) -> dict[str, Any] | None:
         "t": kpi.t,
         "object": kpi.object,
         "reason": kpi.reason,
+    }
+
+
+def _driven(driven: OpenLoop) -> dict[str, Any]:
+    return {
+        "error": dict(driven.error),
+        "beyond": [e.model_dump() for e in driven.beyond],
+        "t": driven.t,
+        "function": driven.function,
+        "planned_otherwise": driven.planned,
+        "blamed": driven.blamed,
+        "text": str(driven),
     }
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from resim.assess.assessment import Assessment
 from resim.assess.criteria import Criteria
@@ -13,16 +14,19 @@ from resim.ingest.settings import Settings
 from resim.perception.recorded import Recorded
 from resim.pipeline.assessments import How, assess_resimulation
 from resim.pipeline.locality import critical, validity
+from resim.pipeline.openloop import open_loop
 from resim.pipeline.outcomes import outcomes, perceived_outcome, rms
-from resim.pipeline.perceived import Perceiving
+from resim.pipeline.perceived import PerceivedRun, Perceiving
 from resim.pipeline.result import Options, Resimulation, drove
-from resim.pipeline.run import measured_tracks, resimulate, run_on_gt
+from resim.pipeline.run import measured_tracks, perceived_runs, resimulate, run_on_gt, with_seeds
 from resim.pipeline.verified import Verified
 from resim.sim.adfunction import Build
 from resim.verification.cause import Cause, cause
 from resim.verification.compare import Comparison, Judged, Way, compare
 from resim.verification.outcome import COMFORT, Outcome, Rms
+from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
+from resim.verification.vehicle import OpenLoop
 
 COMPARED = (*COMFORT, "risk", "collision")
 """Objectifications that are compared whether criteria ask for them or not."""
@@ -34,8 +38,8 @@ UNKNOWN = "unknown"
 class Demands:
     """What a recording is verified by.
 
-    agreement: the share of seeds that must agree. vary: parameters (`resim.variation.PARAMETERS`) whose range is
-    searched in which a verified recording's KPIs stay.
+    agreement: more than this share of seeds must agree, as `SequentialTest` tells it. vary: parameters
+    (`resim.variation.PARAMETERS`) whose range is searched in which a verified recording's KPIs stay.
     """
 
     criteria: Criteria
@@ -43,9 +47,12 @@ class Demands:
     agreement: float = 0.9
     vary: tuple[str, ...] = ()
 
-    def how(self, result: Resimulation) -> How:
-        """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source."""
-        planned = result.recording.plan is not None and has_plans(result)
+    def how(self, result: Resimulation, more: Collection[PerceivedRun] = ()) -> How:
+        """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source.
+
+        more: runs beside those of the re-simulation.
+        """
+        planned = result.recording.plan is not None and has_plans(result) and all(p.run.plans for p in more)
         return How(criteria=self.criteria, only=COMPARED, path="plan" if planned else "state")
 
 
@@ -81,26 +88,30 @@ def verify_recording(
         raise ResimError(
             f"{recording.folder or recording.name}: has no sensor data, so basis SD has nothing to run"
         )
-    result = resimulate(recording, build, options, perceiving=perceiving, accept=accept)
-    how = demands.how(result)
+    result = resimulate(recording, build, options, accept=accept)
+    first, every = _first(result, perceiving)
+    how = demands.how(result, first)
     assessed = assess_resimulation(result, how)
-    found = outcomes(result, assessed)
-    seeds = {p.seed: perceived_outcome(p, result, how) for p in result.perceived_runs}
-    errors = rms(result.errors)
-    judged = _judged(found, seeds, errors, demands)
+    found, errors = outcomes(result, assessed), rms(result.errors)
+    judged = _judged(found, errors, demands)
+    seeds: dict[int, Outcome] = {}
+    if perceiving is not None:
+        result, seeds, judged["rGT+M"] = _over_seeds(
+            result, perceiving, every, found["GT"], errors, demands, how
+        )
     recorded = None
     if any(j.verdict == "not verified" for j in judged.values()):
         recorded = _as_recorded(result, found["GT"], errors, demands, how)
+    driven = open_loop(result, demands.tolerances)
     shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smooth as its splines"}
     if perceiving is not None:
         shown["rGT+M"] = f"what {perceiving.model.name} shows"
     causes: dict[Way, Cause | None] = {
-        way: cause(j, errors, demands.tolerances, recorded, shown[way], oracle=build.needs_truth)
+        way: cause(j, errors, demands.tolerances, recorded, shown[way], driven, oracle=build.needs_truth)
         for way, j in judged.items()
     }
-    out = Verified(
-        result, found, seeds, errors, judged, causes, recorded, notes=(*result.warnings, *assessed.notes())
-    )
+    notes = (*result.warnings, *assessed.notes(), *_driven_otherwise(driven))
+    out = Verified(result, found, seeds, errors, judged, causes, recorded, driven, notes=notes)
     if demands.vary and out.verdict == "verified":
         return _varied(out, assessed.blocks["GT"], demands.vary, how)
     return out
@@ -119,18 +130,49 @@ def _varied(found: Verified, measured: Assessment, parameters: tuple[str, ...], 
     return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))
 
 
-def _judged(
-    found: Mapping[str, Outcome], seeds: Mapping[int, Outcome], errors: Rms, demands: Demands
-) -> dict[Way, Judged]:
-    def beside(way: Way, outcome: Outcome) -> Comparison:
-        return compare(way, found["GT"], outcome, errors, demands.tolerances)
-
+def _judged(found: Mapping[str, Outcome], errors: Rms, demands: Demands) -> dict[Way, Judged]:
     ways: tuple[Way, ...] = ("rGT", "rSD")
-    out = {way: Judged(way, (beside(way, found[way]),), 1.0) for way in ways if way in found}
-    if seeds:
-        runs = tuple(beside("rGT+M", o) for o in seeds.values())
-        out["rGT+M"] = Judged("rGT+M", runs, demands.agreement)
-    return out
+    return {
+        way: Judged(way, (compare(way, found["GT"], found[way], errors, demands.tolerances),))
+        for way in ways
+        if way in found
+    }
+
+
+def _first(
+    result: Resimulation, perceiving: Perceiving | None
+) -> tuple[tuple[PerceivedRun, ...], Iterator[PerceivedRun]]:
+    """The run with the first seed, and the runs with each, one after the other."""
+    if perceiving is None:
+        return (), iter(())
+    runs = perceived_runs(result, perceiving)
+    first = next(runs)
+    return (first,), chain([first], runs)
+
+
+def _over_seeds(
+    result: Resimulation, perceiving: Perceiving, every: Iterator[PerceivedRun], measured: Outcome, errors: Rms,
+    demands: Demands, how: How,
+) -> tuple[Resimulation, dict[int, Outcome], Judged]:  # fmt: skip
+    """Run seed after seed until the test of their share has ended."""
+    test = SequentialTest(demands.agreement, len(perceiving.seeds))
+    runs: list[PerceivedRun] = []
+    seeds: dict[int, Outcome] = {}
+    beside: list[Comparison] = []
+    for run in every:
+        runs.append(run)
+        seeds[run.seed] = perceived_outcome(run, result, how)
+        beside.append(compare("rGT+M", measured, seeds[run.seed], errors, demands.tolerances))
+        judged = Judged("rGT+M", tuple(beside), test)
+        if judged.verdict != "undecided":
+            break
+    return with_seeds(result, replace(perceiving, seeds=tuple(seeds)), runs), seeds, judged
+
+
+def _driven_otherwise(driven: OpenLoop | None) -> Iterator[str]:
+    """A note where the vehicle moved otherwise than its model, whatever the verdict."""
+    if driven is not None and driven.blamed not in (None, "function"):
+        yield str(driven)
 
 
 def _as_recorded(

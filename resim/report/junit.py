@@ -31,9 +31,9 @@ class _Case:
 def junit(found: Mapping[str, Any]) -> str:
     """Give a test case a recording: a failure where the verdict is bad, an error where something broke.
 
-    Measured against simulated, "not verified" and "invalid" are failures. Build against build, a recording that is
-    worse is one only where a limit of the suite is broken, as what a suite allows is no failure; there each limit is a
-    test case, too, so that a broken one that no single recording breaks fails as well.
+    Measured against simulated, all but "verified" are failures. Build against build, a recording that is worse is one
+    only where a limit of the suite is broken, as what a suite allows is no failure; there each limit is a test case,
+    too, so that a broken one that no single recording breaks fails as well.
     """
     inputs = found["inputs"]
     cases = [_case(r, found) for r in found["recordings"]] + list(_limits(found))
@@ -64,7 +64,13 @@ def _case(r: Entry, found: Mapping[str, Any]) -> _Case:
     if verdict == "error":
         kind = "crashed" if r.get("crashed", True) else "broken recording"
         return _Case(name, "error", kind, str(r["error"]), _text(r))
-    bad = ("not verified", "invalid") if "way" in r else () if found["summary"]["good"] else ("worse",)
+    bad = (
+        ("not verified", "undecided", "invalid")
+        if "way" in r
+        else ()
+        if found["summary"]["good"]
+        else ("worse",)
+    )
     return _Case(name, "failure", verdict, why(r), _text(r)) if verdict in bad else _Case(name)
 
 

@@ -45,17 +45,19 @@ def simulate(
     model: VehicleModel | None = None,
     stop_at_collision: bool = True,
     gui: bool = False,
+    moved: bool = True,
 ) -> Run:
     """Drive the scenario with the build's AD function in closed loop.
 
     net: the SUMO net of the scenario's map. step: s, whole milliseconds, of which the build's cycle time is
-    a multiple. perception: `Ideal` if none is given; model: `Kinematic`. Faults of the function end the run
+    a multiple. perception: `Ideal` if none is given; model: `Kinematic`. moved: whether the answers move the EGO; else
+    it goes as the scenario says, and they are kept alone (open loop). Faults of the function end the run
     (`Run.failure`); faults of the input raise ResimError.
     """
     cycle = cycle_steps(build, step)
     session = open_session(net, step, gui=gui)
     stage = staged(scenario, network, step, relaxation)
-    loop = _Loop(stage, session, perception or Ideal(), model or Kinematic())
+    loop = _Loop(stage, session, perception or Ideal(), model or Kinematic(), moved=moved)
     loop.perception.reset(np.random.default_rng(seed))
     with Watchdog() as watchdog:
         driver = Driver(build, watchdog)
@@ -96,7 +98,10 @@ def _setup(
 class _Loop:
     """One run as it happens: the EGO's states and commands, what SUMO answered, and how it ended."""
 
-    def __init__(self, stage: Stage, session: Session, perception: Perception, model: VehicleModel) -> None:
+    def __init__(
+        self, stage: Stage, session: Session, perception: Perception, model: VehicleModel, *, moved: bool
+    ) -> None:
+        self.moved = moved
         self.stage, self.plan, self.members = stage, stage.plan, stage.members
         self.session, self.perception, self.model = session, perception, model
         self.steps = 0
@@ -133,13 +138,15 @@ class _Loop:
                 self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look(stop_at_collision):
                     return
-                if k == begin:
+                if k == begin and self.moved:
                     state = self.model.settle(ego)
                 if (k - begin) % cycle == 0:
                     answer = driver.step(perceive(phase.world(k, ego)), k >= begin)
                 if k == last:
                     break
                 if state is None:
+                    if k >= begin and isinstance(answer, Command):
+                        self.commands.append((answer.acceleration, answer.curvature))
                     ego = self.plan.state(0, k + 1)
                 elif isinstance(answer, Placement):
                     self.commands.append((np.nan, np.nan))

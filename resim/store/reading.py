@@ -23,7 +23,7 @@ JUDGED = ("PASS", "FAIL", "INVALID")
 """Verdicts by criteria."""
 FAILED = "failed"
 """Verdict where a function failed or there is no result."""
-VERIFIED = ("verified", "not verified", "invalid", "error")
+VERIFIED = ("verified", "not verified", "undecided", "invalid", "error")
 COMPARED = ("same", "better", "changed", "worse", "error")
 VERDICTS = (*JUDGED, FAILED, *VERIFIED, *COMPARED[:-1], "within limits", "regresses")
 """All that a result, or an outcome of it, may have as its verdict."""
@@ -121,7 +121,7 @@ def _verification(folder: Path) -> _Found:
         Outcome(r["name"], label, verdict=r["verdict"], cause=_cause(r)) for r in found["recordings"]
     )
     if asked["against"] is None:
-        verdict = next(v for v in ("error", "not verified", "invalid", "verified") if told[v])
+        verdict = next(v for v in ("error", "not verified", "undecided", "invalid", "verified") if told[v])
         return _Found(
             asked["name"], found["versions"], verdict, _counts(outcomes, VERIFIED), inputs, outcomes
         )

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from resim.verification.outcome import Kpi, Outcome, Rms
-from resim.verification.share import Share, share
+from resim.verification.sequential import ERROR, SequentialTest, Stop
+from resim.verification.share import Share
 from resim.verification.tolerance import Excess, Tolerances, excesses
 
-Verdict = Literal["verified", "not verified", "invalid", "error"]
+Verdict = Literal["verified", "not verified", "undecided", "invalid", "error"]
 Way = Literal["rGT", "rSD", "rGT+M"]
 WAYS: tuple[Way, ...] = ("rGT", "rSD", "rGT+M")
 """Re-simulated on ground truth, on sensor data, and on ground truth with a perception model."""
@@ -70,33 +71,62 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Judged:
-    """All re-simulations of one way: the verdict, and the share of the seeds that agree."""
+    """All re-simulations of one way, and the verdict of the test of their share; without a test there is one run."""
 
     way: Way
     comparisons: tuple[Comparison, ...]
-    agreement: float
+    test: SequentialTest | None = None
 
     @property
     def share(self) -> Share:
-        """The share of the runs that are verified."""
-        return share([c.verdict == "verified" for c in self.comparisons])
+        """The share of the runs that are verified, with its interval after a test that ends when it can tell.
+
+        A run that cannot be judged might agree or not: it counts against the lower end and for the upper one.
+        """
+        assert self.test is not None
+        sure, best = self._stops(self.test)
+        counted = self._count("verified"), len(self.comparisons)
+        low, high = self.test.interval(sure)[0], self.test.interval(best)[1]
+        return Share(*counted, low, high, 1.0 - 2.0 * ERROR, "exact, after a sequential test")
 
     @property
     def verdict(self) -> Verdict:
-        """Verified where the share reaches the agreement; invalid where it might if all could be judged."""
-        verdicts = [c.verdict for c in self.comparisons]
-        if "error" in verdicts:
+        """Verified or not where the test tells so, whatever came of the runs that cannot be judged.
+
+        Invalid where it hangs on these, and undecided where the test has not ended.
+        """
+        if self.test is None:
+            return self.comparisons[0].verdict
+        if self._count("error"):
             return "error"
-        need = self.agreement * len(verdicts) - 1e-9
-        good = verdicts.count("verified")
-        if good >= need:
+        sure, best = self._stops(self.test)
+        if sure.told == "enough":
             return "verified"
-        return "invalid" if good + verdicts.count("invalid") >= need else "not verified"
+        if best.told == "too few":
+            return "not verified"
+        return "undecided" if sure.told is None or best.told is None else "invalid"
+
+    @property
+    def needed(self) -> int | None:
+        """How many seeds would tell where it is undecided, if the share seen is the true one; else None."""
+        if self.test is None or self.verdict != "undecided":
+            return None
+        return self.test.needed(self._stops(self.test)[0])
 
     @property
     def worst(self) -> Comparison:
-        """The first run that is the reason for the verdict."""
-        return next((c for c in self.comparisons if c.verdict == self.verdict), self.comparisons[0])
+        """The first run that is the reason for the verdict; where it is undecided, the first that does not agree."""
+        reasons = ("not verified", "invalid") if self.verdict == "undecided" else (self.verdict,)
+        return next((c for c in self.comparisons if c.verdict in reasons), self.comparisons[0])
+
+    def _count(self, verdict: Verdict) -> int:
+        return sum(c.verdict == verdict for c in self.comparisons)
+
+    def _stops(self, test: SequentialTest) -> tuple[Stop, Stop]:
+        """Where the test ends if no run that cannot be judged agrees, and if all of them do."""
+        good: tuple[tuple[Verdict, ...], ...] = (("verified",), ("verified", "invalid"))
+        sure, best = (test.stop([c.verdict in which for c in self.comparisons]) for which in good)
+        return sure, best
 
 
 def compare(

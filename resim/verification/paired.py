@@ -22,7 +22,7 @@ Change = Literal["gained", "lost", "same"]
 class Limits(BaseModel):
     """What a new build may cost: KPIs lost, decisions changed, and the rise of the largest risk in any scenario.
 
-    None: as many as there are.
+    None: as many as there are. seeds: of how many runs of each build, with a perception model.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -30,6 +30,7 @@ class Limits(BaseModel):
     lost: int | None = Field(default=0, ge=0)
     changed: int | None = Field(default=None, ge=0)
     risk: float | None = Field(default=0.05, ge=0.0)
+    seeds: int = Field(default=20, ge=1, le=5000)
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from resim.experiment.intervals import wilson
+from resim.experiment.intervals import CONFIDENCE, wilson
 
 
 @dataclass(frozen=True)
 class Share:
-    """`count` of `of` seeds agree; low, high: the 95 % confidence interval of their share (Wilson)."""
+    """`count` of `of` seeds agree; low, high: the interval of their true share at a confidence, and how it was made."""
 
     count: int
     of: int
     low: float
     high: float
+    confidence: float
+    method: str
 
     @property
     def value(self) -> float:
@@ -23,6 +25,6 @@ class Share:
 
 
 def share(agrees: list[bool]) -> Share:
-    """Give the share of those that agree, of one or more."""
+    """Give the share of those that agree, of one or more; its interval takes their number for given beforehand."""
     low, high = wilson(sum(agrees), len(agrees))
-    return Share(sum(agrees), len(agrees), float(low), float(high))
+    return Share(sum(agrees), len(agrees), float(low), float(high), CONFIDENCE, "Wilson")

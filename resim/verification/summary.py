@@ -10,7 +10,7 @@ from typing import Any
 from resim.verification.outcome import COMFORT
 from resim.verification.paired import Limits, difference
 
-VERDICTS = ("verified", "not verified", "invalid", "error")
+VERDICTS = ("verified", "not verified", "undecided", "invalid", "error")
 CHANGES = ("same", "changed", "better", "worse", "error")
 
 Entry = Mapping[str, Any]
@@ -28,7 +28,7 @@ def summary(recordings: Sequence[Entry], limits: Limits | None) -> dict[str, Any
         "causes": dict(sorted(causes.items())),
         "worst": [
             r["name"]
-            for verdict in ("not verified", "invalid")
+            for verdict in ("not verified", "undecided", "invalid")
             for r in recordings
             if r["verdict"] == verdict
         ],

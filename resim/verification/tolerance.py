@@ -31,7 +31,9 @@ class StepLimits(_Model):
 class Tolerances(_Model):
     """Limits by step, and of the difference of first braking [s].
 
-    The EGO is free in the simulation: how far it is off there is judged at the end of the pipeline, once.
+    The EGO is free in the simulation: how far it is off there is judged at the end of the pipeline, once. vehicle: the
+    largest error after one second in which the vehicle model moves the EGO from where it was measured, on what the
+    function answers there (`resim.verification.vehicle`); it names a cause, and makes no verdict.
     """
 
     reaction: float | None = Field(default=0.2, ge=0.0)
@@ -42,6 +44,7 @@ class Tolerances(_Model):
         ego=Limits(d=0.2, v=0.2, heading=0.02), to=Limits(d=0.2, v=0.2, heading=0.02)
     )
     simulation: StepLimits = StepLimits(to=Limits(d=0.1, v=0.1, heading=0.01))
+    vehicle: StepLimits = StepLimits(ego=Limits(d=0.5, v=0.5, heading=0.03))
     pipeline: StepLimits = StepLimits(ego=Limits(d=1.5, v=1.0, heading=0.03))
 
     def beyond(self, step: str, errors: Mapping[str, Mapping[str, float | None]]) -> Iterator[Excess]:

@@ -82,15 +82,39 @@ def test_the_corner_case_on_the_truth_is_not_verified_because_of_the_sensor(
 def test_with_the_trained_model_the_corner_case_is_verified(
     call: Call, suite: WriteSuite, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    code, _, _ = call(
-        "verify", suite(CORNER_CASE), "--build", PILOT, "--perception", MODEL, "--out", out, "--workers", 1
+    """As soon as its seeds tell so, of all that the suite allows."""
+    out, path = tmp_path / "out", suite(CORNER_CASE, more="agreement = 0.5")
+    code, said, _ = call(
+        "verify", path, "--build", PILOT, "--perception", MODEL, "--out", out, "--workers", 1
     )
     assert code == 0
     (found,) = result(out)["recordings"]
     assert (found["verdict"], found["way"]) == ("verified", "rGT+M")
-    share = found["ways"]["rGT+M"]["share"]
-    assert (share["count"], share["of"]) == (18, 20)
+    way = found["ways"]["rGT+M"]
+    assert (way["share"]["count"], way["share"]["of"], way["share"]["confidence"]) == (8, 8, 0.9)
+    assert way["share"]["low"] > 0.5
+    assert "exact" in way["share"]["method"]
+    assert ([s["seed"] for s in way["seeds"]], way["needed"]) == (list(range(8)), None)
+    assert len(result(out)["inputs"]["seeds"]) == 200
+    assert "8 of 8 seeds [0.69, 1.00]" in " ".join(said.split())
+
+
+def test_seeds_that_do_not_tell_leave_it_undecided_which_is_not_good(
+    call: Call, suite: WriteSuite, tmp_path: Path
+) -> None:
+    out, path = tmp_path / "out", suite(OVERTAKE, more="agreement = 0.5\nseeds = 6")
+    path.write_text(path.read_text() + "[tolerances]\npipeline.ego = { d = 0.42 }\n")
+    code, said, error = call(
+        "verify", path, "--build", PILOT, "--perception", MODEL, "--out", out, "--workers", 1
+    )
+    assert (code, "1 undecided" in error) == (1, True)
+    (found,) = result(out)["recordings"]
+    assert (found["verdict"], found["cause"]["step"]) == ("undecided", "seeds")
+    needed = found["ways"]["rGT+M"]["needed"]
+    assert needed > 6
+    assert f"some {needed} seeds would" in " ".join(said.split())
+    assert "undecided" in (out / "verification.html").read_text()
+    assert 'type="undecided"' in (out / "junit.xml").read_text()
 
 
 def test_the_mirrored_lane_check_is_found_with_scenario_and_second(
@@ -230,6 +254,9 @@ def test_the_hashes_of_the_highway_suite_are_those_of_the_recordings() -> None:
     [
         ("seed_count = 3", str(OVERTAKE), "seed_count"),
         ("agreement = 1.5", str(OVERTAKE), "agreement"),
+        ("agreement = 1e-11", str(OVERTAKE), "agreement"),
+        ("agreement = 1.0", str(OVERTAKE), "agreement"),
+        (f'seeds = 28\nperception = "{MODEL}"', str(OVERTAKE), "seeds = 29 or more"),
         ('vary = ["colour"]', str(OVERTAKE), "colour"),
         ("", "nothing/*", "no recording is there"),
     ],

@@ -51,7 +51,7 @@ def test_an_assessment_without_criteria_is_not_judged(made: Path) -> None:
 def test_a_verification_is_told_by_its_recordings(made: Path) -> None:
     found = read_entry(made / "verification")
     assert (found.kind, found.name, found.verdict) == ("verification", "two", "not verified")
-    assert found.counts == {"verified": 1, "not verified": 1, "invalid": 0, "error": 0}
+    assert found.counts == {"verified": 1, "not verified": 1, "undecided": 0, "invalid": 0, "error": 0}
     assert [(o.recording, o.build, o.verdict) for o in found.outcomes] == [
         ("cut_in_brake", PILOT, "not verified"),
         ("overtake", PILOT, "verified"),

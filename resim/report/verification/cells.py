@@ -15,7 +15,7 @@ Entry = Mapping[str, Any]
 NONE = "–"
 
 LOOKS: Mapping[str, str] = {
-    "verified": "pass", "not verified": "fail", "invalid": "invalid", "error": "failed",
+    "verified": "pass", "not verified": "fail", "undecided": "invalid", "invalid": "invalid", "error": "failed",
     "same": "none", "changed": "changed", "better": "pass", "worse": "fail",
 }  # fmt: skip
 """The look of each verdict's badge (page.css)."""
@@ -86,7 +86,7 @@ def counted(words: Sequence[str]) -> str:
 
 
 def share(found: Entry) -> str:
-    """Give a share of the seeds with its 95 % interval."""
+    """Give a share of the seeds with its interval."""
     between = f"[{found['low']:.2f}, {found['high']:.2f}]"
     return f"{found['count']} of {found['of']} <i>{between}</i>"
 

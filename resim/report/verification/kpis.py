@@ -84,6 +84,9 @@ def errors_table(entry: Entry, tolerances: Entry) -> str:
         if step in entry["errors"]:
             cells = [_error(who, q, entry["errors"][step], tolerances[kind]) for who, q in _columns()]
             rows.append(row([f"{step} <i>{kind}</i>", *cells]))
+    if (driven := entry["driven"]) is not None:
+        cells = [_error(who, q, {"ego": driven["error"]}, tolerances["vehicle"]) for who, q in _columns()]
+        rows.append(row(["vehicle model <i>vehicle, largest after one second</i>", *cells]))
     seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
     if seeds:
         cells = list(_pipeline(seeds, tolerances["pipeline"]["ego"]))

@@ -9,8 +9,9 @@ from typing import Any
 from resim.report.tables import decision_words
 from resim.report.verification.cells import NONE, Entry, badge, filters, link, row, rows_table, second
 from resim.report.verification.drive import decisions, drive, first_braking, folded, kpis_equal, reason
+from resim.verification.sequential import ERROR
 
-ORDER = ("error", "not verified", "invalid", "verified")
+ORDER = ("error", "not verified", "undecided", "invalid", "verified")
 """What needs attention first."""
 HEAD = (
     "recording", "verdict", "rests on", "KPIs equal", "decision measured", "simulated", "first braking less GT",
@@ -37,11 +38,27 @@ def measured(found: Entry, traces: Mapping[str, Any]) -> Iterator[str]:
 
 def meaning(inputs: Entry) -> str:
     """Say in a sentence what the verdict means."""
-    many = f", in at least {inputs['agreement']:.0%} of the seeds" if inputs["perception"] is not None else ""
+    many = (
+        f", in more than {inputs['agreement']:.0%} of the seeds" if inputs["perception"] is not None else ""
+    )
     return (
         "<b>Verified</b>: simulation gives the measured drive's KPI by every criterion and the EGO's decision, and all "
         f"errors of the chain are within tolerance{escape(many)} (Groh 2018, III.B): for this build it may stand in "
-        "for that drive, and for no other. Equal are the KPIs, not their values."
+        f"for that drive, and for no other. Equal are the KPIs, not their values.{_tested(inputs)}"
+    )
+
+
+def _tested(inputs: Entry) -> str:
+    """How the share of the seeds is told, where there are any."""
+    if inputs["perception"] is None:
+        return ""
+    demand = inputs["agreement"]
+    return (
+        f" Seeds are run one after the other, {len(inputs['seeds'])} at most, until a sequential test tells a true "
+        f"share of {demand:.1%} or less (not verified) from one of {0.5 * (1.0 + demand):.1%} or more (verified), "
+        f"either being wrong in at most {ERROR:.0%} of cases; <b>undecided</b>: it cannot tell. Intervals of the share "
+        f"of seeds that agree are exact for that test, with {ERROR:.0%} beyond each end; those of single KPIs and "
+        "decisions are Wilson's, of 95 %, and take the number of seeds for given."
     )
 
 

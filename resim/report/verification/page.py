@@ -52,7 +52,8 @@ def _facts(inputs: Entry) -> Iterator[tuple[str, str]]:
     if inputs["perception"] is not None:
         settings = "".join(f", {escape(s)}" for s in inputs["settings"])
         yield "perception model", escape(Path(inputs["perception"]["path"]).name) + settings
-        yield "seeds", _seeds(inputs["seeds"])
+        many = "at most " if inputs["against"] is None else ""
+        yield "seeds", many + _seeds(inputs["seeds"])
     if inputs["against"] is None:
         yield "re-simulated", " and ".join(inputs["bases"])
 
