@@ -54,7 +54,7 @@ class Asked(_Model):
     settings: tuple[str, ...]
     seeds: tuple[int, ...]
     bases: tuple[Literal["GT", "SD"], ...]
-    agreement: float
+    agreement: float = Field(ge=0.5, le=0.99)
     vary: tuple[str, ...]
     accept: tuple[str, ...]
     driven_by: tuple[str, ...]
