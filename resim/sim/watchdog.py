@@ -65,6 +65,8 @@ class Watchdog:
             self._inside = True
             try:
                 answer = what(*arguments)
+            except FunctionError:
+                raise
             except SystemExit as e:
                 raise FunctionError(f"tried to end the program: SystemExit({e.code})") from e
             except Exception as e:
