@@ -44,7 +44,6 @@ def serve(tasks: Connection, results: Connection) -> None:
     """Answer (function, task) with (result, memory) until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its children
     threading.Thread(target=_mourn, args=(os.getppid(),), daemon=True).start()
-    sys.path[:] = tasks.recv()
     while True:
         try:
             function, task = tasks.recv()

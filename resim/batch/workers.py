@@ -28,7 +28,7 @@ LARGEST = 2048
 GONE = "the cluster's scheduler is gone. What was finished is kept: start it, and go on with --resume."
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
-_SERVE = "from resim.batch.child import main; main()"
+_SERVE = "import sys; sys.path[:] = {path!r}; from resim.batch.child import main; main()"
 _PATIENCE = 5.0
 """s that a child has to end by itself."""
 
@@ -108,8 +108,9 @@ class _Child:
             "OMP_NUM_THREADS": "1",
             **os.environ,
         }  # a core a process: threads would get in their way
+        path = [folder for folder in sys.path if folder]  # "" is the working directory, whatever lies there
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _SERVE, str(inner_tasks), str(inner_results)],
+            [sys.executable, "-P", "-c", _SERVE.format(path=path), str(inner_tasks), str(inner_results)],
             pass_fds=(inner_tasks, inner_results), stdin=subprocess.DEVNULL, stdout=2,
             env=environment,
         )  # fmt: skip
@@ -117,8 +118,6 @@ class _Child:
         os.close(inner_results)
         self.tasks, self.results = Connection(tasks, readable=False), Connection(results, writable=False)
         self.alive = True
-        with contextlib.suppress(OSError):
-            self.tasks.send(sys.path)
 
     def work(self, function: Callable[[Any], Any], task: Any, time_limit: float) -> Any:
         """Give the result of a task, or a Failure; the process may have ended then."""
