@@ -125,8 +125,8 @@ def _perceiving(
     path: Path | None, settings: list[str], seeds: range, bases: tuple[str, ...]
 ) -> Perceiving | None:
     """The perception model that the user asks for, if any."""
-    from resim.perception.model import read_model
-    from resim.pipeline import Perceiving, file_hash
+    from resim.perception.model import freeze_model, read_model
+    from resim.pipeline import Perceiving
 
     if path is None:
         if settings:
@@ -134,7 +134,8 @@ def _perceiving(
         return None
     if "GT" not in bases:
         raise InputError("--perception", "is for re-simulation on GT", "Leave out --basis sd.")
-    return Perceiving(read_model(path, tuple(settings)), tuple(seeds), tuple(settings), file_hash(path))
+    model = freeze_model(path)
+    return Perceiving(read_model(model, tuple(settings)), tuple(seeds), tuple(settings), model.hash)
 
 
 def _with_progress(

@@ -11,11 +11,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field
 
+from resim.assess.criteria import freeze_criteria
 from resim.core.errors import InputError
+from resim.core.frozen import Frozen
 from resim.core.geometry import Floats
 from resim.experiment.adaptive import Lattice, Places, boundary, wanted
 from resim.experiment.design import Parameter, Plan, design
-from resim.pipeline.suite import Entry, Strict, found_folders, joined, read_strict, read_suite
+from resim.perception.model import freeze_model
+from resim.pipeline.suite import Entry, Strict, content_hash, found_folders, joined, read_strict, read_suite
+from resim.sim.adfunction import freeze_build
 
 Indices = NDArray[Any]
 Row = Mapping[str, Any]
@@ -76,15 +80,27 @@ class SweepFile(Strict):
 
 
 class Sweep(Strict):
-    """A sweep with its recordings found, by name."""
+    """A sweep with its recordings found, by name.
+
+    frozen: builds, model and criteria as they were when the sweep was read, by the names that its file has for them.
+    hashes: of the recordings' content at that time.
+    """
 
     path: Path
     file: SweepFile
     folders: dict[str, Path]
+    frozen: dict[str, Frozen] = Field(default_factory=dict)
+    hashes: dict[str, str] = Field(default_factory=dict)
 
-    def beside(self, name: str) -> Path:
-        """Give the path of what the file names."""
-        return joined(self.path, name)
+    @property
+    def perception(self) -> Frozen | None:
+        """The base model, None without one."""
+        return None if self.file.perception is None else self.frozen[self.file.perception]
+
+    @property
+    def criteria(self) -> Frozen:
+        """What runs are judged by."""
+        return self.frozen[self.file.criteria]
 
 
 def read_sweep(path: Path) -> Sweep:
@@ -101,8 +117,15 @@ def read_sweep(path: Path) -> Sweep:
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
     _check_plan(path, file)
     if file.suite is not None:
-        return Sweep(path=path, file=file, folders=read_suite(joined(path, file.suite)).folders)
-    return Sweep(path=path, file=file, folders=found_folders(path, file.recording)[0])
+        folders = read_suite(joined(path, file.suite)).folders
+    else:
+        folders = found_folders(path, file.recording)[0]
+    frozen = {name: freeze_build(joined(path, name)) for name in file.build}
+    frozen[file.criteria] = freeze_criteria(joined(path, file.criteria))
+    if file.perception is not None:
+        frozen[file.perception] = freeze_model(joined(path, file.perception))
+    hashes = {name: content_hash(folder) for name, folder in folders.items()}
+    return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes)
 
 
 def _check_plan(path: Path, file: SweepFile) -> None:
