@@ -75,11 +75,8 @@ class Driver:
 
 def unchangeable(p: Perceived) -> Perceived:
     """Give the same with arrays that nobody can change; those that can be are copied."""
-    if not (
-        p.x_ego.flags.writeable or p.y_ego.flags.writeable or p.heading_ego.flags.writeable or p.v.flags.writeable
-        or p.ids.flags.writeable or p.kind.flags.writeable or p.length.flags.writeable or p.width.flags.writeable
-    ):  # fmt: skip
-        return p
+    if not (p.x_ego.flags.writeable or p.v.flags.writeable or p.ids.flags.writeable):
+        return p  # as of `Ideal`, all of whose arrays are constant
     columns: tuple[Any, ...] = (p.ids, p.kind, p.x_ego, p.y_ego, p.heading_ego, p.v, p.length, p.width)
     return Perceived(p.t, p.ego, *[constant(c) if c.flags.writeable else c for c in columns])
 
@@ -89,6 +86,8 @@ _NUMBERS = (float, int, np.floating, np.integer)
 
 def _plain(number: Any, what: str) -> float:
     """Give a plain finite float, whatever kind of number the function calculates with."""
+    if type(number) is float and math.isfinite(number):
+        return number
     try:
         value = float(number) if isinstance(number, _NUMBERS) else math.nan
     except OverflowError:

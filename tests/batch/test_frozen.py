@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -187,3 +188,34 @@ def test_children_import_nothing_from_the_working_directory(tmp_path: Path) -> N
             capture_output=True, text=True, check=False, timeout=120,
         )  # fmt: skip
         assert (done.returncode, "1 same" in done.stdout) == (0, True), done.stderr
+
+
+def test_a_recording_without_a_hash_is_verified_for_the_label_only(call: Call, tmp_path: Path) -> None:
+    drive, out = tmp_path / "drive", tmp_path / "out"
+    shutil.copytree(DRIVES[0], drive)
+    settings = (drive / "recording.toml").read_text().splitlines()
+    kept = [line for line in settings if not line.startswith(("build_hash", "map"))]
+    (drive / "recording.toml").write_text(
+        "\n".join([f'map = "{ROOT}/networks/proving_ground.xodr"', *kept]) + "\n"
+    )
+    pilot = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
+    code, said, _ = call(
+        "verify", suite(tmp_path, CRITERIA, drive), "--build", pilot, "--out", out, "--workers", 1
+    )
+    (found,) = json.loads((out / "verification.json").read_text())["recordings"]
+    assert code in (0, 1)
+    assert any(note.endswith("the verdict is for the label only") for note in found["notes"])
+    assert "for the label only" in " ".join(said.split())
+
+
+def test_a_function_that_opens_what_its_build_does_not_list_is_told_of(call: Call, tmp_path: Path) -> None:
+    opens = PILOT.replace(
+        "import helper", f"import helper; open({str(tmp_path / 'one' / 'w.json')!r}).close()"
+    )
+    there, out = build(tmp_path / "one", 0.0, pilot=opens), tmp_path / "out"
+    (tmp_path / "one" / "w.json").write_text("1")
+    code, said, _ = call("run", DRIVES[0], "--build", there, "--out", out, "--basis", "gt")
+    assert code == 0
+    note = "opened w.json beside pilot.toml, which its hash does not know"
+    assert note in " ".join(said.split())
+    assert any(note in warning for warning in json.loads((out / "report.json").read_text())["warnings"])
