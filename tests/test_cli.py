@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -369,3 +370,42 @@ def test_a_code_that_no_finding_has_is_refused_for_a_map_too(call: Call, tmp_pat
     assert code == 2
     assert told.startswith("resim: --accept: no finding has the code 'LANEGAP'. Codes: ")
     assert names(tmp_path) == ["road.xodr"]
+
+
+def test_a_road_cut_short_is_no_good_map(call: Call, tmp_path: Path) -> None:
+    """287 m of 1,724: what is missing is an error of the map, with the road and both lengths."""
+    road = tmp_path / "road.xodr"
+    road.write_text(MAP.format(extra="", link="").replace('id="7" length="500"', 'id="7" length="1724"'))
+    code, out, told = call("map", "check", road)
+    assert code == 1
+    assert (
+        "error    ROAD_LENGTH  road 7: its length is declared as 1724.000 m, its elements end at 500.000 m"
+        in out
+    )
+    code, _, told = call("map", "convert", road, "--out", tmp_path / "out")
+    assert (code, "ROAD_LENGTH: road 7" in told, "--accept ROAD_LENGTH" in told) == (2, True, True)
+    assert call("map", "convert", road, "--out", tmp_path / "out", "--accept", "ROAD_LENGTH")[0] == 0
+
+
+def test_a_signal_that_was_ignored_stays_so(call: Call) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        assert call("--version")[0] == 0
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("arguments", ["--version", "check scenarios/overtake"])
+@pytest.mark.parametrize(
+    ("stream", "why"),
+    [(">&-", "is closed"), (">/dev/full", "does not take all"), ("| exec true", "was closed before all")],
+)
+def test_what_cannot_be_told_is_an_error(arguments: str, stream: str, why: str) -> None:
+    """The sleep lets the reader be gone."""
+    code = f"import time; {'time.sleep(0.3); ' * (stream[0] == '|')}from resim.cli import main; main()"
+    command = f"set -o pipefail; {sys.executable} -c '{code}' {arguments} {stream}"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"resim: standard output {why}")
+    assert done.stderr.count("\n") == 1

@@ -42,6 +42,7 @@ def _batch(kind: str, seed: int, numbers: range, limit: float) -> Iterator[Answe
             "PYTHONPATH": str(TOOLS),
             "OMP_NUM_THREADS": "1",
             "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTHONWARNINGS": "always,ignore::DeprecationWarning,ignore::ResourceWarning",
         }
         child = subprocess.Popen(
             [sys.executable, "-c", call], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -34,8 +35,9 @@ WORST = 10
 
 
 def analyse(swept: Swept, place: str) -> dict[str, Any]:
-    """Give what report.json holds. place: the folder of the results, as commands name it."""
+    """Give what report.json holds. place: the folder of the results, from where commands are to run."""
     rows = swept.rows
+    place = f"./{place}" if place.startswith("-") else place  # it is no option
     groups, adaptive = rows.groupby(["recording", "build"], sort=False), swept.file["plan"] == "adaptive"
     return {
         "schema": SCHEMA,
@@ -185,9 +187,10 @@ def _requirements(y: Floats, points: Points, i: int) -> list[dict[str, Any]]:
     step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
     around = bool(step.low[0] < 0.0 < step.high[-1])
     sides: tuple[Side, ...] = ("between",) if around else ("under", "over")
-    found = [requirement(y, step, DEMANDED, side) for side in sides]
+    drawn = points.plan not in ("grid", "one_at_a_time")
+    found = [requirement(y, step, DEMANDED, side, drawn=drawn) for side in sides]
     if all(r.found == "none" for r in found) and not around:
-        found.append(requirement(y, step, DEMANDED, "between"))
+        found.append(requirement(y, step, DEMANDED, "between", drawn=drawn))
     return [{**_plain(r), "binned": step.binned} for r in found]
 
 
@@ -256,7 +259,7 @@ def _worst(rows: pd.DataFrame, parameters: Sequence[Parameter], place: str) -> l
             "decision": None if pd.isna(row["decision"]) else str(row["decision"]),
             "collision": None if pd.isna(row["collision"]) else bool(hit[k]), "risk": number(float(risk[k])),
             "failing": [str(c).removeprefix("kpi ") for c in kpis if row[c] != "PASS"],
-            "command": f"resim sweep repeat {place} {run} --out {again}",
+            "command": shlex.join(["resim", "sweep", "repeat", place, str(run), "--out", again]),
         })  # fmt: skip
     return out
 

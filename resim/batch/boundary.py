@@ -20,6 +20,8 @@ from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
 from resim.experiment.adaptive import Lattice, Places
 
+ISLANDS = (0.05, 0.1, 0.2)
+"""Sizes of islands, as shares of each range, whose probability to be missed is told."""
 Span = tuple[int, int]
 """An interval of one parameter, in finest steps of the lattice."""
 
@@ -69,6 +71,7 @@ def boundary(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequenc
         "tried": [{"at": _exact(x), "good_seeds": n} for x, n in zip(points.x, good_seeds.tolist(), strict=True)],
         "changes": {n: [f.span(i, s) for s in _joined(low[:, i], high[:, i])] for i, n in enumerate(names)},
         "ranges": list(_ranges(f)),
+        "islands": [{"size": size, "missed": lattice.missed(size)} for size in ISLANDS],
         "strips": _strips(f) if len(names) == 2 else None,
     }  # fmt: skip
 

@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import errno
+import mmap
 import os
+import pickle
 import resource
 import signal
+import struct
 import sys
-import threading
-import time
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
 
 from resim.core.errors import ResimError
+from resim.sim import watchdog
 
 _PASSING = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
 """What a machine lacks for a time: disk, memory, open files."""
+
+SIZE = struct.Struct("!Q")
+"""Before each message: how many bytes it has."""
 
 
 @dataclass(frozen=True)
 class Failure:
     """Why a task has no result. crashed: the process died, the code did, or the machine had no more; else the input was
-    wrong.
+    wrong. of_function: whether it died in a call of the function under test.
     """
 
     reason: str
     crashed: bool
+    of_function: bool = False
 
 
 def memory() -> int:
@@ -40,35 +47,78 @@ def memory() -> int:
         return most // (1 << (20 if sys.platform == "darwin" else 10))
 
 
-def serve(tasks: Connection, results: Connection) -> None:
-    """Answer (function, task) with (result, memory) until nobody asks any more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its children
-    threading.Thread(target=_mourn, args=(os.getppid(),), daemon=True).start()
+def main() -> None:
+    """Serve on the open files that the command line names by their numbers."""
+    tasks, results, board, lifeline = map(int, sys.argv[1:5])
+    for mine in (tasks, results, board, lifeline):
+        os.set_inheritable(mine, False)
+    if not os.fork():
+        _end_with_the_command(lifeline, (1, 2, tasks, results, board))
+    os.close(lifeline)
+    watchdog.board = memoryview(mmap.mmap(board, 24)).cast("d")
+    for number in (signal.SIGINT, signal.SIGALRM):
+        signal.signal(number, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its children
+    try:
+        with os.fdopen(tasks, "rb") as incoming, os.fdopen(results, "wb") as outgoing:
+            serve(incoming, outgoing)
+    except OSError:  # nobody listens, or a task closed what is not its own
+        os._exit(1)
+
+
+def _end_with_the_command(lifeline: int, others: tuple[int, ...]) -> NoReturn:
+    """Wait until the command is gone, however it went, and end this process group: the child and all that it started.
+
+    lifeline: open file whose other end the command holds. It works while the child is in compiled code, too.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    for one in others:
+        os.close(one)
+    os.read(lifeline, 1)
+    os.killpg(0, signal.SIGKILL)
+    os._exit(0)
+
+
+def serve(tasks: BinaryIO, results: BinaryIO) -> None:
+    """Answer (working directory, function, task, broken calls) with (result, memory) until nobody asks any more."""
+    process = os.getpid()
     while True:
         try:
-            function, task = tasks.recv()
-        except (EOFError, OSError):
+            folder, function, task, watchdog.broken = pickle.load(tasks)
+        except EOFError:
             return
-        try:
-            result = function(task)
-        except ResimError as e:
-            result = Failure(str(e), crashed=getattr(e.__cause__, "errno", None) in _PASSING)
-        except BaseException as e:  # also what a function raises to end the process, or to look interrupted
-            where = traceback.extract_tb(e.__traceback__)[-1]
-            result = Failure(f"{e!r} in {where.name} ({Path(where.filename).name})", crashed=True)
-        try:
-            results.send((result, memory()))
-        except (BrokenPipeError, OSError):
-            return
+        if folder is not None:
+            os.chdir(folder)  # the task before may have left it
+        watchdog.board[2] = 0.0
+        message = _packed(_answer(function, task))
+        if os.getpid() != process:
+            os._exit(0)  # a copy that the task forked
+        results.write(SIZE.pack(len(message)) + message)
+        results.flush()
 
 
-def _mourn(parent: int) -> None:
-    """End with the parent, also one that was killed in the middle of a task."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)
+def _packed(result: Any) -> bytes:
+    """A result and the memory of the process as bytes."""
+    try:
+        return pickle.dumps((result, memory()))
+    except Exception as e:
+        return pickle.dumps((Failure(f"its result cannot be sent: {type(e).__name__}", crashed=True), 0))
 
 
-def main() -> None:
-    """Serve on the pipes that the command line names by their numbers."""
-    serve(Connection(int(sys.argv[1]), writable=False), Connection(int(sys.argv[2]), readable=False))
+def _answer(function: Callable[[Any], Any], task: Any) -> Any:
+    """The result, or a Failure, whatever is raised: also what a function raises to look interrupted, or to end all."""
+    try:
+        return function(task)
+    except ResimError as e:
+        return Failure(str(e), crashed=getattr(e.__cause__, "errno", None) in _PASSING)
+    except BaseException as e:
+        where = traceback.extract_tb(e.__traceback__)[-1]
+        return Failure(f"unexpected {_said(e)} in {where.name} ({Path(where.filename).name})", crashed=True)
+
+
+def _said(e: BaseException) -> str:
+    """An exception in words; its own code makes them, and may fail, too."""
+    try:
+        return repr(e)
+    except BaseException:
+        return type(e).__name__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from itertools import chain
@@ -182,12 +183,22 @@ def execute(
         while todo is None or (todo and sweep.file.plan == "adaptive"):
             rows = _rows(sweep, out)
             wanted = runs(sweep, rows)
+            plans = _plans(sweep, wanted)
+            for _ in journal.entries(out / "journal", plans, whole=sweep.file.plan != "adaptive"):
+                pass  # none is of something else
             expect(len(wanted))
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
             for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
-                file.append({RUN: number, **_entry(result, sweep)})
+                file.append({RUN: number, "plan": plans[number], **_entry(result, sweep)})
                 tell(isinstance(result, Failure) or result["row"]["failure"] is not None)
+
+
+def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
+    """Give what each run is of, by its number: a checksum over recording, build, seed and parameters."""
+    columns = ["recording", "build", "seed", *(p.name for p in sweep.file.parameter)]
+    rows = zip(wanted[RUN].tolist(), *(wanted[name].tolist() for name in columns), strict=True)
+    return {number: f"{zlib.crc32(repr(of).encode()):08x}" for number, *of in rows}
 
 
 def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
@@ -252,12 +263,12 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
 
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
-    lines = {entry[RUN]: line for line, entry in journal.entries(out / "journal")}
     adaptive = sweep.file.plan == "adaptive"
     rows = _rows(sweep, out) if adaptive else {}
     every = runs(sweep, rows)
-    missing = len(every) - len(lines)
-    if missing:
+    told = journal.entries(out / "journal", _plans(sweep, every))
+    lines = {entry[RUN]: line for line, entry in told}
+    if missing := len(every) - len(lines):
         return missing, 0
     found = _found([lines[k] for k in every[RUN]])
     failed = int(found["failure"].notna().sum())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ def limits(swept: Swept) -> dict[str, str]:
 
 def read_swept(folder: Path) -> Swept:
     """Read a sweep's folder. Raises InputError where there is none, where it is not finished, or damaged."""
-    resume = RESUME.format(folder=folder)
+    resume = RESUME.format(folder=shlex.quote(str(folder)))
     if not (folder / "sweep.json").is_file():
         raise InputError(folder, "holds no sweep", "Name the folder that `resim sweep --out` wrote.")
     path = folder / "manifest.json"

@@ -5,15 +5,17 @@ Exit code 0: done; 1: done, and the verdict is bad; 2: the input or the call is 
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import sys
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
 from resim import __version__
-from resim.core.errors import ResimError
+from resim.core.errors import FunctionError, ResimError, StopError
 
 app = typer.Typer(
     help="Put a measured test drive back into simulation, with the same AD function at the wheel, "
@@ -66,12 +68,61 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
 
 def main() -> None:
     """Run the command line."""
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # what runs is ended, too
+    os.environ.setdefault(
+        "OMP_NUM_THREADS", "1"
+    )  # before numpy: threads of BLAS get in the way of other processes
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as with nohup
+            signal.signal(number, _stop)
+    _open_streams()
     try:
         app(standalone_mode=True)
-    except BadVerdictError as e:
+    except (BadVerdictError, FunctionError) as e:
         typer.echo(f"resim: {e}", err=True)
         sys.exit(1)
     except ResimError as e:
         typer.echo(f"resim: {e}", err=True)
         sys.exit(2)
+    except OSError as e:
+        if e.filename is None:
+            _untold(f"does not take all that is to be told ({e.strerror})")
+        typer.echo(f"resim: {e}", err=True)
+        sys.exit(2)
+    except SystemExit as e:
+        if isinstance(e.__context__, BrokenPipeError):
+            _untold("was closed before all was told")
+        raise
+    finally:
+        _flush()
+
+
+def _stop(number: int, frame: object) -> None:
+    """End the command and all that it started, as somebody asked by a signal."""
+    raise StopError(128 + number)
+
+
+def _open_streams() -> None:
+    """Make sure that no file that is opened later becomes the standard input, output or error."""
+    closed = sys.stdout is None
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:
+        pass
+    os.close(number)
+    if sys.stderr is None:
+        sys.stderr = io.StringIO()
+    if closed:
+        _untold("is closed")
+
+
+def _flush() -> None:
+    """Write what is left to tell."""
+    try:
+        sys.stdout.flush()
+    except OSError as e:
+        _untold(f"does not take all that is to be told ({e.strerror})")
+
+
+def _untold(why: str) -> NoReturn:
+    """End with 2, as a verdict may be among what nobody was told."""
+    sys.stdout = io.StringIO()  # Python flushes it at its end
+    typer.echo(f"resim: standard output {why}. Give one, such as a file.", err=True)
+    sys.exit(2)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +17,7 @@ from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.assess.criteria import Criteria
+    from resim.core.frozen import Frozen
     from resim.pipeline import Assessed
 
 CriteriaFile = Annotated[
@@ -74,47 +78,107 @@ def assess(
 
     Ends with 1 where a criterion fails, or cannot be judged.
     """
-    from resim.assess.risk import Parameters
-    from resim.assess.risk.prediction import named_prediction
-    from resim.cli.verdicts import print_notes, print_verdicts, print_worst
-    from resim.pipeline import How, assess_folder
-    from resim.report import write_assessment_page
-    from resim.store import ASSESSMENT, check_output, whole_folder, write_assessment
+    from resim.batch.workers import in_child
+    from resim.store import ASSESSMENT, check_output, whole_folder
 
     if out is not None:
         check_output(out, ASSESSMENT)
     if road_aware and mode is ModeChoice.published:
         raise InputError("--road-aware", "the published mode knows no road", "Leave out one of both.")
-    how = How(
-        parameters=Parameters(mode=mode.value, seed=seed), path=path.value, prediction=named_prediction(prediction),
-        road_aware=road_aware, criteria=wanted(criteria),
-    )  # fmt: skip
-    found = assess_folder(drive, how, accept or [])
-    if out is not None:
-        with whole_folder(out, ASSESSMENT) as folder:
-            write_assessment(found, folder, drive)
-            write_assessment_page(found, folder / "assessment.html")
-    print_worst(found)
-    print_verdicts(found)
-    print_notes(found)
+    asked = _Asked(
+        drive,
+        frozen(criteria),
+        mode,
+        path,
+        prediction,
+        road_aware,
+        seed,
+        tuple(accept or ()),
+        out,
+        sys.stdout.isatty(),
+    )
+    with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
+        done = in_child(_assess, (asked, folder))
+    typer.echo(done.text, nl=False)
     if out is not None:
         typer.echo(f"\nassessment: {out / 'assessment.html'}")
         register(out)
-    refuse_bad(found)
+    if done.bad:
+        raise BadVerdictError(done.bad)
 
 
-def wanted(path: Path | None) -> Criteria | None:
-    """Give the criteria that the user asks for, if any."""
+@dataclass(frozen=True)
+class _Asked:
+    """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
+
+    drive: Path
+    criteria: Frozen | None
+    mode: ModeChoice
+    path: PathChoice
+    prediction: str
+    road_aware: bool
+    seed: int
+    accept: tuple[str, ...]
+    out: Path | None
+    terminal: bool
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a child process did: what to print, and why the verdict is bad ("" where it is not)."""
+
+    text: str
+    bad: str
+
+
+def _assess(task: tuple[_Asked, Path | None]) -> Done:
+    """Do what is asked for in a child process, and write the results into the folder, if there is one."""
+    from resim.assess.risk import Parameters
+    from resim.assess.risk.prediction import named_prediction
+    from resim.cli.verdicts import captured, print_notes, print_verdicts, print_worst
+    from resim.pipeline import How, assess_folder
+    from resim.report import write_assessment_page
+    from resim.store import told_of, write_assessment
+
+    a, folder = task
+    with contextlib.chdir("."):
+        how = How(
+            parameters=Parameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
+            prediction=named_prediction(a.prediction), road_aware=a.road_aware, criteria=wanted(a.criteria),
+        )  # fmt: skip
+    with contextlib.chdir("."):
+        found = assess_folder(a.drive, how, a.accept)
+    if folder is not None and a.out is not None:
+        with told_of(a.out):
+            write_assessment(found, folder, a.drive)
+            write_assessment_page(found, folder / "assessment.html")
+    with captured(a.terminal) as screen:
+        print_worst(found)
+        print_verdicts(found)
+        print_notes(found)
+    return Done(screen.getvalue(), bad(found))
+
+
+def frozen(path: Path | None) -> Frozen | None:
+    """Give the criteria that the user asks for as they are now, if any."""
+    from resim.assess.criteria import freeze_criteria
+
+    return None if path is None else freeze_criteria(path)
+
+
+def wanted(criteria: Frozen | None) -> Criteria | None:
+    """Read the criteria, if any."""
     from resim.assess.criteria import read_criteria
 
-    return None if path is None else read_criteria(path)
+    return None if criteria is None else read_criteria(criteria)
 
 
-def refuse_bad(found: Assessed) -> None:
-    """Raise BadVerdictError where a run failed, or a criterion fails or cannot be judged."""
+def bad(found: Assessed) -> str:
+    """Say why a verdict is bad: a run failed, or a criterion fails or cannot be judged; "" where none is."""
     if found.failures:
-        raise BadVerdictError("; ".join(f"{name}: {why}" for name, why in found.failures.items()))
-    bad = {name: a.verdict for name, a in found.blocks.items() if a.verdict not in (None, "PASS")}
-    if bad and found.criteria is not None:
-        told = ", ".join(f"{name} {verdict}" for name, verdict in bad.items())
-        raise BadVerdictError(f"{found.name}: does not pass the criteria {found.criteria.name!r}: {told}")
+        return "; ".join(f"{name}: {why}" for name, why in found.failures.items())
+    failed = {name: a.verdict for name, a in found.blocks.items() if a.verdict not in (None, "PASS")}
+    if not failed or found.criteria is None:
+        return ""
+    told = ", ".join(f"{name} {verdict}" for name, verdict in failed.items())
+    return f"{found.name}: does not pass the criteria {found.criteria.name!r}: {told}"

@@ -122,6 +122,10 @@ def _print_conversion(conversion: Conversion) -> None:
         )
     if len(conversion.bad) > MOST:
         typer.echo(f"  ... and {len(conversion.bad) - MOST} more")
+    for link in conversion.lost[:MOST]:
+        typer.echo(f"  not in the net: the link from {link}, of which netconvert makes no connection")
+    if len(conversion.lost) > MOST:
+        typer.echo(f"  ... and {len(conversion.lost) - MOST} more")
     if conversion.jumps:
         worst = conversion.jumps[0]
         typer.echo(

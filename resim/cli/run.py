@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,13 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
-from resim.cli.assess import CriteriaFile, refuse_bad, wanted
+from resim.cli.assess import CriteriaFile, Done, bad, frozen, wanted
 from resim.cli.runs import register
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from resim.core.frozen import Frozen
     from resim.ingest import Recording
     from resim.pipeline import Assessed, Options, Perceiving, Resimulation
     from resim.sim.adfunction import Build
@@ -77,39 +82,93 @@ def run(
 
     Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged.
     """
+    from resim.batch.workers import in_child
+    from resim.perception.model import freeze_model
+    from resim.sim.adfunction import freeze_build
+    from resim.store import check_output, whole_folder
+
+    check_output(out)
+    asked = _Asked(
+        recording, freeze_build(build), basis, vehicle, step, relaxation, seed, stop_at_collision, frozen(criteria),
+        None if perception is None else freeze_model(perception),
+        tuple(settings or ()), seeds, tuple(accept or ()), gui, out, sys.stdout.isatty(),
+    )  # fmt: skip
+    with whole_folder(out) as folder, _terminal_restored():
+        done = in_child(_resimulate, (asked, folder))
+    typer.echo(done.text, nl=False)
+    typer.echo(f"\nreport: {out / 'report.html'}")
+    register(out)
+    if done.bad:
+        raise BadVerdictError(done.bad)
+
+
+@contextlib.contextmanager
+def _terminal_restored() -> Iterator[None]:
+    """Take away the bar of a child process that was killed, and show the cursor that it hides."""
+    try:
+        yield
+    finally:
+        if sys.stderr.isatty():
+            sys.stderr.write("\r\x1b[2K\x1b[?25h")
+            sys.stderr.flush()
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
+
+    recording: Path
+    build: Frozen
+    basis: BasisChoice
+    vehicle: VehicleChoice
+    step: float
+    relaxation: float
+    seed: int
+    stop_at_collision: bool
+    criteria: Frozen | None
+    perception: Frozen | None
+    settings: tuple[str, ...]
+    seeds: int
+    accept: tuple[str, ...]
+    gui: bool
+    out: Path
+    terminal: bool
+
+
+def _resimulate(task: tuple[_Asked, Path]) -> Done:
+    """Do what is asked for in a child process, and write the results into the folder."""
+    from resim.cli.verdicts import captured
     from resim.pipeline import Basis, How, Options, assess_resimulation, examined
     from resim.report import write_report
     from resim.sim.adfunction import load_build
     from resim.sim.dynamics import Kinematic, SingleTrack
-    from resim.store import check_output, whole_folder, write_assessment, write_resimulation
+    from resim.store import told_of, write_assessment, write_resimulation
 
-    check_output(out)
-    pinned, how = load_build(build), How(criteria=wanted(criteria))
-    measured = examined(recording, accept=accept or [])
-    if basis is BasisChoice.sd and measured.sd is None:
+    a, folder = task
+    with contextlib.chdir("."):
+        pinned, how = load_build(a.build), How(criteria=wanted(a.criteria))
+    measured = examined(a.recording, accept=a.accept)
+    if a.basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
-            f"{recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
+            f"{a.recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
         )
     bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
     options = Options(
-        bases=bases[basis.value], step=step, relaxation=relaxation, seed=seed,
-        stop_at_collision=stop_at_collision, gui=gui,
+        bases=bases[a.basis.value], step=a.step, relaxation=a.relaxation, seed=a.seed,
+        stop_at_collision=a.stop_at_collision, gui=a.gui,
     )  # fmt: skip
-    model = SingleTrack() if vehicle is VehicleChoice.single_track else Kinematic()
-    seen = _perceiving(perception, settings or [], range(seed, seed + seeds), bases[basis.value])
-    result = _with_progress(measured, pinned, options, model, accept or [], seen)
-    assessed = assess_resimulation(result, how)
-    with whole_folder(out) as folder:
+    model = SingleTrack() if a.vehicle is VehicleChoice.single_track else Kinematic()
+    seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), bases[a.basis.value])
+    result = _with_progress(measured, pinned, options, model, a.accept, seen)
+    with contextlib.chdir("."):
+        assessed = assess_resimulation(result, how)
+    with told_of(a.out):
         write_resimulation(result, folder)
         write_assessment(assessed, folder, folder)
         write_report(result, assessed, folder / "report.html")
-    _print(result, assessed)
-    typer.echo(f"\nreport: {out / 'report.html'}")
-    register(out)
-    if result.failure:
-        raise BadVerdictError(result.failure)
-    if assessed.criteria is not None:
-        refuse_bad(assessed)
+    with captured(a.terminal) as screen:
+        _print(result, assessed)
+    return Done(screen.getvalue(), result.failure or bad(assessed) * (assessed.criteria is not None))
 
 
 def _print(result: Resimulation, assessed: Assessed) -> None:
@@ -122,24 +181,23 @@ def _print(result: Resimulation, assessed: Assessed) -> None:
 
 
 def _perceiving(
-    path: Path | None, settings: list[str], seeds: range, bases: tuple[str, ...]
+    frozen: Frozen | None, settings: Sequence[str], seeds: range, bases: tuple[str, ...]
 ) -> Perceiving | None:
     """The perception model that the user asks for, if any."""
-    from resim.perception.model import freeze_model, read_model
+    from resim.perception.model import read_model
     from resim.pipeline import Perceiving
 
-    if path is None:
+    if frozen is None:
         if settings:
             raise InputError("--set", f"{settings[0]!r} without a model", "Name one with --perception.")
         return None
     if "GT" not in bases:
         raise InputError("--perception", "is for re-simulation on GT", "Leave out --basis sd.")
-    model = freeze_model(path)
-    return Perceiving(read_model(model, tuple(settings)), tuple(seeds), tuple(settings), model.hash)
+    return Perceiving(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
 
 
 def _with_progress(
-    recording: Recording, build: Build, options: Options, model: VehicleModel, accept: list[str],
+    recording: Recording, build: Build, options: Options, model: VehicleModel, accept: Sequence[str],
     perceiving: Perceiving | None,
 ) -> Resimulation:  # fmt: skip
     from rich.console import Console

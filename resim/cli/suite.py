@@ -23,12 +23,12 @@ def new(
     ],
 ) -> None:
     """Write a suite of all recordings in a folder, with the hashes of their content."""
-    from resim.assess.criteria import read_criteria
+    from resim.batch.workers import in_child
     from resim.ingest.settings import SETTINGS
     from resim.pipeline.suite import new_suite, read_suite
     from resim.store import whole_file
 
-    read_criteria(criteria)  # a file that holds none is told of now
+    in_child(_read, criteria)  # a file that holds none is told of now
     found = sorted(path.parent for path in folder.rglob(SETTINGS)) if folder.is_dir() else []
     if not found:
         raise InputError(
@@ -41,3 +41,10 @@ def new(
         path.write_text(text, encoding="utf-8")
     read_suite(out)
     typer.echo(f"{out}: {len(found)} recordings")
+
+
+def _read(criteria: Path) -> None:
+    """Read criteria in a child process, as they bring code."""
+    from resim.assess.criteria import read_criteria
+
+    read_criteria(criteria)

@@ -47,15 +47,15 @@ def sweep(
     """
     from resim.batch import journal
     from resim.batch.cluster import cluster
-    from resim.batch.sweeps import begin, compact, execute, inputs, table
+    from resim.batch.sweeps import begin, compact, execute
+    from resim.batch.workers import in_child
     from resim.pipeline.sweep import read_sweep
 
     part = _shard(shard)
     wanted = read_sweep(file)
-    runs = table(wanted, part)
-    told = inputs(wanted, out)
+    told, runs = in_child(_checked, (wanted, out, part, dry_run))
     count = workers or os.cpu_count() or 1
-    if dry_run:
+    if runs is not None:
         _estimate(wanted, runs, count)
         return
     if part[1] > 1 and wanted.file.plan == "adaptive":
@@ -81,6 +81,17 @@ def sweep(
     for found in manifest.get("boundaries", ()):
         _tell_boundary(found, len(wanted.file.build) > 1)
     register(out)
+
+
+def _checked(
+    task: tuple[Sweep, Path, tuple[int, int], bool],
+) -> tuple[dict[str, Any], pd.DataFrame | None]:
+    """Check in a child process that the builds take what is swept; give the inputs, and the runs if they are wanted."""
+    from resim.batch.sweeps import inputs, table
+
+    sweep, out, part, wanted = task
+    runs = table(sweep, part)
+    return inputs(sweep, out), runs if wanted else None
 
 
 def _tell_boundary(found: dict[str, Any], builds: bool) -> None:

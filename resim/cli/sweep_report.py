@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from resim.cli.app import BadVerdictError, sweep_app
 from resim.cli.runs import register
+
+if TYPE_CHECKING:
+    from resim.batch.runs import RunTask
 
 
 @sweep_app.command("report")
@@ -24,8 +26,7 @@ def report(
 
     Writes a page and, with all numbers, a JSON file of the same name.
     """
-    from resim.batch.analysis import analyse
-    from resim.batch.swept import read_swept
+    from resim.batch.workers import in_child
     from resim.core.errors import InputError
     from resim.pipeline.suite import relative
     from resim.report.sweep import boundary_lines, overview_line, requirement_lines, write_sweep_page
@@ -34,8 +35,7 @@ def report(
     page = folder / "report.html" if out is None else out
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError("--out", f"{str(page)!r} is no page", "Name an .html file.")
-    swept = read_swept(folder)
-    found = analyse(swept, shlex.quote(relative(folder, Path.cwd())))
+    found = in_child(_analysed, (folder, relative(folder, Path.cwd())))
     with whole_file(page) as path:
         write_sweep_page(found, path)
     with whole_file(page.with_suffix(".json"), (".json",)) as path:
@@ -54,6 +54,22 @@ def report(
     typer.echo(f"\nreport: {page}")
 
 
+def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
+    """Analyse a sweep in a child process, as its criteria bring code: its folder, and that from where commands run."""
+    from resim.batch.analysis import analyse
+    from resim.batch.swept import read_swept
+
+    return analyse(read_swept(results[0]), results[1])
+
+
+def _task(run: tuple[Path, int]) -> RunTask:
+    """Look in a child process whether all is there to do a run again."""
+    from resim.batch.repeat import task_of
+    from resim.batch.swept import read_swept
+
+    return task_of(read_swept(run[0]), run[1])
+
+
 @sweep_app.command("repeat")
 def repeat_run(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
@@ -66,13 +82,14 @@ def repeat_run(
 
     Ends with 1 where the run is not the same as in the sweep.
     """
-    from resim.batch.repeat import other_versions, repeat, task_of, write_traces
+    from resim.batch.repeat import other_versions, repeat, write_traces
     from resim.batch.swept import read_swept
+    from resim.batch.workers import in_child
     from resim.store import check_output
 
     check_output(out)
     swept = read_swept(folder)
-    task = task_of(swept, run)
+    task = in_child(_task, (folder, run))
     differ = repeat(swept, task)
     lost = write_traces(task, out)
     typer.echo(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING
 
 import typer
@@ -13,6 +16,24 @@ if TYPE_CHECKING:
     from resim.assess.assessment import Worst
     from resim.assess.criteria import Verdict
     from resim.pipeline import Assessed
+
+
+class _Screen(io.StringIO):
+    """Text that is meant for standard output, of this process or its parent's."""
+
+    def __init__(self, terminal: bool) -> None:
+        super().__init__()
+        self.terminal = terminal
+
+    def isatty(self) -> bool:
+        return self.terminal
+
+
+@contextmanager
+def captured(terminal: bool) -> Iterator[io.StringIO]:
+    """Give what is printed within as text. terminal: whether a terminal is to show it."""
+    with redirect_stdout(_Screen(terminal)) as screen:
+        yield screen
 
 
 def console() -> Console:

@@ -15,7 +15,7 @@ from resim.cli.runs import register
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
-    from resim.batch.asked import Asked
+    from resim.batch.asked import Asked, Call
     from resim.batch.suites import Told
 
 
@@ -76,8 +76,8 @@ def verify(
     with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken or a
     function crashed.
     """
-    from resim.batch.asked import Call, asked, refuse_others
-    from resim.pipeline.suite import read_suite
+    from resim.batch.asked import Call
+    from resim.batch.workers import in_child
     from resim.store import VERIFICATION, check_output
 
     count = workers or os.cpu_count() or 1
@@ -93,9 +93,25 @@ def verify(
     call = Call(
         build, against, perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ())
     )
+    _verify(in_child(_asked, (suite, call, out)), out, count)
+
+
+def _asked(task: tuple[Path, Call, Path]) -> Asked:
+    """Read what is asked for in a child process, as builds and criteria bring code."""
+    from resim.batch.asked import asked, refuse_others
+    from resim.pipeline.suite import read_suite
+
+    suite, call, out = task
     wanted = asked(read_suite(suite), call, out)
     refuse_others(wanted, out)
-    _verify(wanted, out, count)
+    return wanted
+
+
+def _asked_again(task: tuple[dict[str, Any], Path]) -> Asked:
+    """Read what was asked for before in a child process."""
+    from resim.batch.asked import asked_again
+
+    return asked_again(*task)
 
 
 def _verify(wanted: Asked, out: Path, workers: int) -> None:
@@ -114,13 +130,13 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
 
 
 def _replay(path: Path, workers: int) -> None:
-    from resim.batch.asked import asked_again
     from resim.batch.results import read
     from resim.batch.suites import outcome_code, verify
+    from resim.batch.workers import in_child
     from resim.store import json_text
 
     before = read(path)
-    wanted = asked_again(before["inputs"], path)
+    wanted = in_child(_asked_again, (before["inputs"], path))
     with _progress(len(wanted.recordings)) as tell:
         found, _ = verify(wanted, path.parent, None, workers=workers, tell=tell)
     if json_text(found) == path.read_text(encoding="utf-8"):

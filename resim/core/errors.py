@@ -38,6 +38,10 @@ class FunctionError(ResimError):
     """The AD function under test raised, answered nonsense or overran its time limit: the run has failed."""
 
 
+class StopError(SystemExit):
+    """A signal ends the program; no code under test did."""
+
+
 def _one_line(text: str) -> str:
     if not text.isprintable():
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

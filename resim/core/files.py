@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from resim.core.errors import InputError
 
 LARGEST_TEXT = 100_000_000
+DEEPEST = 30
+"""Levels of tables and lists in a file that a person writes."""
 
 
 def cache_folder(name: str) -> Path:
@@ -40,9 +44,27 @@ def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large
 
 def parse_toml(raw: bytes, path: Path, remedy: str = "") -> dict[str, Any]:
     """Give what the TOML text says; `path` and `remedy` are for its errors. Raises InputError for no TOML."""
+    found: dict[str, Any] = _parsed("TOML", tomllib.loads, raw, path, remedy)
+    return found
+
+
+def parse_json(raw: bytes, path: Path, remedy: str = "") -> Any:
+    """Give what the JSON text says; `path` and `remedy` are for its errors. Raises InputError for no JSON."""
+    return _parsed("JSON", json.loads, raw, path, remedy)
+
+
+def _parsed(form: str, loads: Callable[[str], Any], raw: bytes, path: Path, remedy: str) -> Any:
+    too_deep = InputError(path, f"is not {form} of ours (nested deeper than {DEEPEST} levels)", remedy)
     try:
-        return tomllib.loads(raw.decode("utf-8"))
+        found = loads(raw.decode("utf-8"))
     except RecursionError:
-        raise InputError(path, "is not TOML (it is nested too deeply)", remedy) from None
+        raise too_deep from None
     except ValueError as e:  # of the syntax, of the encoding, of an integer with thousands of digits
-        raise InputError(path, f"is not TOML ({e})", remedy) from None
+        raise InputError(path, f"is not {form} ({e})", remedy) from None
+    level = [found]
+    for _ in range(DEEPEST):  # what parses can still be too deep for whoever copies or prints it
+        inside = [list(v.values()) if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
+        level = [v for values in inside for v in values]
+    if level:
+        raise too_deep
+    return found

@@ -3,7 +3,7 @@
 Bisection in as many dimensions as there are parameters: a grid to begin with, and every cell in which some points pass
 and some do not is halved along all sides that are wider than asked for. A point that a finer neighbour has on a cell's
 side is the cell's too, so that a boundary is followed wherever it goes. What lies within one cell of the first grid
-and touches none of its corners is not found.
+and touches none of its corners is not found (`Lattice.missed`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,14 @@ class Lattice:
         """Finest cells (P,) along each parameter."""
         counts: Places = np.array(self.first) << np.array(self.halvings)
         return counts
+
+    def missed(self, size: float) -> float:
+        """Give the probability that no point of the first grid lies in an island, so that it is not found.
+
+        size: the island's share of each range, more than 0 and less than 1. It is a box somewhere within the ranges,
+        all places alike; one that the boundary of something else leads to may be found all the same.
+        """
+        return 1.0 - prod(min(1.0, (cells - 1) * size / (1.0 - size)) for cells in self.first)
 
     def values(self, places: Places) -> Floats:
         """Give the values (R, P) of lattice points (R, P)."""

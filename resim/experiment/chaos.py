@@ -49,24 +49,29 @@ def chaos(share: Floats, y: Floats) -> Sensitivity | None:
 
     The degree is the one with the least error where each point is left out (Q2 is 1 less that error as a share of the
     variance). Of each index the noise of its coefficients is taken off; intervals are a wild bootstrap over points, of
-    the residuals where each is left out. A parameter with one value has no polynomials, and indices of 0.
+    the residuals where each is left out. What polynomials leave unexplained, as at a sharp edge, may belong to any
+    parameter: each upper end is higher by it. A parameter with one value has no polynomials, and indices of 0.
     """
     varied = np.ptp(share, axis=0) > 0.0
     n = np.isfinite(y).sum(axis=1)
     mean = np.nansum(y, axis=1) / n
     free = int((n - 1).sum())
-    noise = float(np.nansum((y - mean[:, None]) ** 2)) / free if free > 0 else 0.0
+    each = np.nansum((y - mean[:, None]) ** 2, axis=1)
+    noise = float(each.sum()) / free if free > 0 else 0.0
+    doubt = float(np.std(each - noise * (n - 1))) * np.sqrt(len(each)) / free if free > 0 else 0.0
     fit = _best(share[:, varied], mean) if varied.any() else None
     if fit is None:
         return None
     rest = fit.error
     between = max(rest - noise * float(np.mean(1.0 / n)), 0.0)
     (first, total), intervals, left = (np.zeros((2, len(varied), *end)) for end in ((), (2,), ()))
-    (first[varied], total[varied]), intervals[:, varied], left = _indices(fit, noise + between)
+    (first[varied], total[varied]), intervals[:, varied], left = _indices(fit, noise + between, doubt)
     of_noise = noise / (noise + between) if noise + between > 0.0 else 0.0
+    unexplained = (1.0 - of_noise) * float(left[0])
+    intervals[:, varied, 1] = np.minimum(intervals[:, varied, 1] + unexplained, 1.0)
     return Sensitivity(
         first, intervals[0], total, intervals[1],
-        of_noise * float(left[0]) if free > 0 else float("nan"), (1.0 - of_noise) * float(left[0]), "chaos",
+        of_noise * float(left[0]) if free > 0 else float("nan"), unexplained, "chaos",
         max(1.0 - rest / float(np.var(mean)), 0.0) if np.ptp(mean) > 0.0 else 0.0, int(fit.exponents.sum(axis=1).max()),
     )  # fmt: skip
 
@@ -125,8 +130,11 @@ def _exponents(parameters: int, degree: int) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
-def _indices(fit: _Fit, rest: float) -> tuple[Floats, Floats, Floats]:
-    """First order and total indices (2, P), their intervals (2, P, 2), and the share (1,) of what is left."""
+def _indices(fit: _Fit, rest: float, doubt: float) -> tuple[Floats, Floats, Floats]:
+    """First order and total indices (2, P), their intervals (2, P, 2), and the share (1,) of what is left.
+
+    rest: variance that is left; doubt: its standard error.
+    """
     parameters = fit.exponents.shape[1]
     patterns, of = np.unique(fit.exponents > 0, axis=0, return_inverse=True)
     size = np.sum(patterns, axis=1)
@@ -140,11 +148,11 @@ def _indices(fit: _Fit, rest: float) -> tuple[Floats, Floats, Floats]:
         np.add.at(out, of.ravel(), squares)
         return out
 
-    def shares(parts: Floats) -> Floats:
+    def shares(parts: Floats, rest: Floats) -> Floats:
         found = np.maximum(sums @ parts, 0.0)
         found[parameters:-1] = np.maximum(found[parameters:-1], found[:parameters])
         whole = found[-1] + rest
-        return np.asarray(np.concatenate([found[:-1], np.full_like(whole, rest)[None]]) / whole)
+        return np.asarray(np.concatenate([found[:-1], np.broadcast_to(rest, whole.shape)[None]]) / whole)
 
     squares = of_patterns(fit.coefficients**2)
     noise = of_patterns(fit.solver**2 @ fit.left_out**2)
@@ -155,9 +163,10 @@ def _indices(fit: _Fit, rest: float) -> tuple[Floats, Floats, Floats]:
     for _ in range(DRAWS // PART):
         signs = 2.0 * rng.integers(0, 2, (len(fit.left_out), PART)) - 1.0
         moved = centre[:, None] + fit.solver @ (fit.left_out[:, None] * signs)
-        drawn.append(shares(of_patterns(moved**2) - noise[:, None]))
+        left = np.maximum(rest + doubt * rng.standard_normal(PART), 0.0)
+        drawn.append(shares(of_patterns(moved**2) - noise[:, None], left))
     tails = [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE]
     interval = np.quantile(np.concatenate(drawn, axis=1), tails, axis=1).T
-    found = shares(squares - noise)
+    found = shares(squares - noise, np.asarray(rest))
     interval = np.stack([np.minimum(interval[:, 0], found), np.maximum(interval[:, 1], found)], axis=1)
     return found[:-1].reshape(2, parameters), interval[:-1].reshape(2, parameters, 2), found[-1:]

@@ -93,10 +93,13 @@ def _write(tables: Tables, folder: Path, map_reference: str | None) -> None:
 
 
 def _table(folder: Path, name: str) -> Path | None:
-    """The folder's CSV or Parquet file of that name, None where it has neither."""
-    found = [path for end in ("csv", "parquet") if (path := folder / f"{name}.{end}").is_file()]
+    """The CSV or Parquet file of that name, None where there is neither. Raises InputError for what is no file."""
+    found = [path for end in ("csv", "parquet") if os.path.lexists(path := folder / f"{name}.{end}")]
     if len(found) > 1:
         raise InputError(folder, f"holds both {name}.csv and {name}.parquet", "Keep the one that is meant.")
+    if found and not found[0].is_file():
+        problem = "is no file: a folder, a device, a pipe, or a link to nothing"
+        raise InputError(found[0], problem, "Put the table itself there, or take it away.")
     return found[0] if found else None
 
 

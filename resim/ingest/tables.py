@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -86,6 +87,10 @@ def read_table(
     """
     numbers = [c for c in (*required, *optional) if c not in text]
     frame = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, numbers, text)
+    twice = [c for c in (*required, *optional) if list(frame.columns).count(c) > 1]
+    if twice:
+        problem = f"has more than one column {', '.join(twice)}"
+        raise InputError(path, problem, "Keep the one that is meant, or give the others another name.")
     lost = [c for c in required if c not in frame.columns]
     if lost:
         raise InputError(
@@ -133,9 +138,16 @@ def _read_csv(path: Path, numbers: Sequence[str], text: Sequence[str]) -> pd.Dat
             path, f"is not a readable CSV file ({' '.join(str(e).split())})",
             "Write UTF-8 text, comma separated, each row with as many fields as the header.",
         ) from e  # fmt: skip
+    frame.columns = pd.Index(_header(path))  # as written: pandas calls a second x x.1
     frame.index = pd.RangeIndex(2, len(frame) + 2)
     blank = (frame.isna() | (frame == "")).all(axis=1)
     return frame.loc[~blank]
+
+
+def _header(path: Path) -> list[str]:
+    """The names in the first line of a CSV that pandas has read."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        return next(csv.reader(file))
 
 
 def _read_parquet(path: Path) -> pd.DataFrame:

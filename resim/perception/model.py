@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import parse_json, read_file
 from resim.core.frozen import Frozen, freeze, thaw
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
@@ -331,10 +331,7 @@ def read_model(model: Path | Frozen, overrides: tuple[str, ...] = ()) -> Percept
         path, raw = model.path, thaw(model).raw
     else:
         path, raw = model, read_file(model, REMEDY)
-    try:
-        data = json.loads(raw.decode("utf-8"))
-    except (ValueError, RecursionError) as e:
-        raise InputError(path, f"is not JSON ({e})", REMEDY) from e
+    data = parse_json(raw, path, REMEDY)
     for override in overrides:
         _override(data, override)
     if overrides:
@@ -367,7 +364,7 @@ def _override(data: Any, override: str) -> None:
     name = name.strip()
     try:
         value = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         value = None
     if not sign or not isinstance(value, int | float) or isinstance(value, bool):
         raise InputError("--set", f"{override!r} sets no number", ONE)

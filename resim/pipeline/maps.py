@@ -31,7 +31,9 @@ class MapCheck:
         """What speaks against the map, in words; none where it is good."""
         errors = sum(flaw.severity == "error" for flaw in self.flaws)
         out = [f"{errors} error(s) in the map"] if errors else []
-        return out + ([f"{len(self.inexact)} driving lane(s) not exact in the net"] if self.inexact else [])
+        out += [f"{len(self.inexact)} driving lane(s) not exact in the net"] if self.inexact else []
+        lost = self.net.conversion.lost
+        return out + ([f"{len(lost)} link(s) of lanes not in the net"] if lost else [])
 
     def report(self) -> dict[str, Any]:
         """Give what conversion.json holds besides versions."""

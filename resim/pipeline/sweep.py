@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -27,6 +28,8 @@ Row = Mapping[str, Any]
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
+MOST = 10_000_000
+"""Runs of a sweep: those that are planned are held in memory."""
 RUN = "run"
 """Column of the tables: which run it is, counted from 0."""
 
@@ -120,12 +123,22 @@ def read_sweep(path: Path) -> Sweep:
         folders = read_suite(joined(path, file.suite)).folders
     else:
         folders = found_folders(path, file.recording)[0]
+    if (count := _count(file, len(folders))) > MOST:
+        remedy = "Give fewer points, steps or seeds, or cut it into several."
+        raise InputError(path, f"asks for up to {count:,} runs; a sweep has up to {MOST:,}", remedy)
     frozen = {name: freeze_build(joined(path, name)) for name in file.build}
     frozen[file.criteria] = freeze_criteria(joined(path, file.criteria))
     if file.perception is not None:
         frozen[file.perception] = freeze_model(joined(path, file.perception))
     hashes = {name: content_hash(folder) for name, folder in folders.items()}
     return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes)
+
+
+def _count(file: SweepFile, recordings: int) -> int:
+    """How many runs it is at most."""
+    levels = [len(p.values) or p.steps for p in file.parameter]
+    points = {"grid": math.prod(levels), "one_at_a_time": 1 + sum(levels)}.get(file.plan, file.points)
+    return recordings * len(file.build) * points * file.seeds
 
 
 def _check_plan(path: Path, file: SweepFile) -> None:

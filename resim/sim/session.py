@@ -59,7 +59,8 @@ class Session:
     def __init__(self, net: Path, step: float, *, gui: bool = False) -> None:
         self.net, self.step_length, self.gui = net, step, gui
         self._length: dict[str, float] = {}
-        self._folder = tempfile.TemporaryDirectory(prefix="resim-")
+        own = f"resim-{os.getpid()}-"  # who kills this process can tell what it leaves
+        self._folder = tempfile.TemporaryDirectory(prefix=own)
         folder = Path(self._folder.name)
         types = folder / "types.add.xml"
         types.write_text(_TYPES, encoding="utf-8")

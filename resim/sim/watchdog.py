@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
 import time
+from array import array
 from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any
 
-from resim.core.errors import FunctionError
+from resim.core.errors import FunctionError, StopError
 
-_LAST_RING = 5
-"""Interruptions after which a function that swallows them all takes its process along, with a word."""
+board: Any = array("d", [0.0, 0.0, 0.0])
+"""What a supervisor sees of the call that is under way: deadline [s of `time.monotonic`], limit [s], its number.
+
+A deadline of 0 is none. In a child process this is memory that its supervisor reads, so that it can end what no signal
+interrupts, such as compiled code that never returns.
+"""
+
+broken: dict[int, str] = {}
+"""Calls that are known to end the process, by number, and how: they are not made again, they fail."""
 
 
 class _Overrun(BaseException):
@@ -24,7 +33,8 @@ class Watchdog:
     """Context in which calls raise FunctionError for an exception or an overrun in what is called.
 
     In the main thread a call that does not return is interrupted by an interval timer (as far as it runs
-    Python code); elsewhere an overrun is only found when the call returns.
+    Python code); elsewhere an overrun is only found when the call returns, or by who reads `board`. A copy of the
+    process that the function forked ends where it returns. The working directory is restored at the end.
     """
 
     def __init__(self) -> None:
@@ -32,9 +42,11 @@ class Watchdog:
         self._timed = in_main and hasattr(signal, "setitimer")  # Windows has none
         self._inside = False
         self._previous: Any = None
-        self._rung = 0
+        self._process = os.getpid()
+        self._home = contextlib.chdir(".")
 
     def __enter__(self) -> Watchdog:
+        self._home.__enter__()
         if self._timed:
             self._previous = signal.signal(signal.SIGALRM, self._ring)
         return self
@@ -45,37 +57,71 @@ class Watchdog:
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, self._previous)
+        self._home.__exit__(kind, e, tb)
 
     def _ring(self, number: int, frame: FrameType | None) -> None:
-        if not self._inside:
-            return
-        self._rung += 1
-        if self._rung > _LAST_RING:
-            os.write(2, b"resim: the AD function does not answer and swallows every interruption\n")
-            os._exit(1)
-        raise _Overrun
+        if self._inside:
+            raise _Overrun
 
     def call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         """Call within `limit` [s] of wall clock and give the answer."""
-        begin = time.perf_counter()
-        self._rung = 0
+        board[2] += 1.0
+        if broken and (known := broken.get(int(board[2]))) is not None:
+            raise FunctionError(known)
+        begin = time.monotonic()
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
+        board[1] = limit
+        board[0] = begin + limit
+        failure = ""
         try:
             self._inside = True
             try:
                 answer = what(*arguments)
-            except FunctionError:
+            except _Overrun:
                 raise
-            except SystemExit as e:
-                raise FunctionError(f"tried to end the program: SystemExit({e.code})") from e
-            except Exception as e:
-                said = " ".join(str(e).split())
-                raise FunctionError(f"raised {type(e).__name__}: {said:.300}") from e
+            except BaseException as e:
+                if type(e) is FunctionError or _is_of_others(e):
+                    raise
+                failure = _told(e)
             finally:
                 self._inside = False
+                if os.getpid() != self._process:
+                    os._exit(0)
         except _Overrun:
-            raise FunctionError(f"did not answer within {limit:g} s") from None
-        if time.perf_counter() - begin > limit:
+            raise FunctionError(unanswered(limit)) from None
+        finally:
+            board[0] = 0.0
+        if failure:
+            raise FunctionError(failure)
+        if time.monotonic() - begin > limit:
             raise FunctionError(f"took longer than {limit:g} s to answer")
         return answer
+
+
+def unanswered(limit: float) -> str:
+    """Say that a call has no answer after `limit` [s]."""
+    return f"did not answer within {limit:g} s"
+
+
+def _is_of_others(e: BaseException) -> bool:
+    """Whether a signal to the program raised it, and not the function: the user's Ctrl-C, where it is not ignored."""
+    interrupted = isinstance(e, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) != signal.SIG_IGN
+    return interrupted or isinstance(e, StopError)
+
+
+def _told(e: BaseException) -> str:
+    """What a function raised, in words; its text is the function's code, too."""
+    if isinstance(e, SystemExit):
+        return f"tried to end the program: SystemExit({_said(lambda: str(e.code))})"
+    return f"raised {type(e).__name__}: {_said(lambda: str(e)):.300}"
+
+
+def _said(text: Callable[[], str]) -> str:
+    """A text in one line; or that there is none, where making it fails."""
+    try:
+        return " ".join(str(text()).split())
+    except _Overrun:
+        raise
+    except BaseException:
+        return "(its text raised, too)"

@@ -9,6 +9,7 @@ from resim.store.folders import (
     Results,
     check_output,
     remove_results,
+    told_of,
     whole_file,
     whole_folder,
 )
@@ -31,6 +32,7 @@ __all__ = [
     "check_output",
     "json_text",
     "remove_results",
+    "told_of",
     "whole_file",
     "whole_folder",
     "write_assessment",

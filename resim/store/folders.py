@@ -116,6 +116,15 @@ def _strange(folder: Path, kind: Results) -> Iterator[str]:
 
 
 @contextlib.contextmanager
+def told_of(folder: Path) -> Iterator[None]:
+    """Raise InputError of the folder for what the system refuses within."""
+    try:
+        yield
+    except OSError as e:
+        raise InputError(folder, f"cannot be written: {e}", "Name another with --out.") from e
+
+
+@contextlib.contextmanager
 def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
     """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
     check_output(folder, kind)
@@ -123,23 +132,23 @@ def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(beside, ignore_errors=True)
-        beside.mkdir()
-        yield beside
-        if folder.exists():
-            folder.rename(old)
-        try:
-            beside.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
-        shutil.rmtree(old, ignore_errors=True)
-    except OSError as e:
-        raise InputError(folder, f"cannot be written: {e}", "Name another with --out.") from e
+        with told_of(folder):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            shutil.rmtree(beside, ignore_errors=True)
+            beside.mkdir()
+            yield beside
+            try:
+                if folder.exists():
+                    folder.rename(old)
+                beside.rename(folder)
+            except BaseException:  # a signal, too
+                if old.exists() and not folder.exists():
+                    old.rename(folder)
+                raise
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
 
 
 @contextlib.contextmanager

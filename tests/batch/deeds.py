@@ -6,8 +6,10 @@ import errno
 import os
 import signal
 import time
+from pathlib import Path
 
-from resim.core.errors import ResimError
+from resim.core.errors import FunctionError, ResimError
+from resim.sim.watchdog import Watchdog
 
 
 def act(task: tuple[str, int]) -> tuple[int, int]:
@@ -33,3 +35,68 @@ def act(task: tuple[str, int]) -> tuple[int, int]:
     if name == "raise":
         raise ZeroDivisionError("a fault of our own")
     return number, os.getpid()
+
+
+def _leave() -> None:
+    os._exit(0)
+
+
+def _never_return() -> None:
+    sum(range(10**14))  # compiled code, which no signal interrupts
+
+
+def _hear_nothing() -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 32))
+    time.sleep(600.0)
+
+
+def _disarm() -> None:
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    time.sleep(600.0)
+
+
+def _copy() -> None:
+    os.fork()
+
+
+def _answer() -> None:
+    """Be quick."""
+
+
+IN_FUNCTION = {
+    "leave": _leave, "abort": os.abort, "never return": _never_return, "hear nothing": _hear_nothing,
+    "disarm": _disarm, "copy": _copy, "answer": _answer,
+}  # fmt: skip
+
+
+def call(task: tuple[str, int]) -> list[str]:
+    """Let a function under test do something so many times, within 0.2 s each; give what it was blamed for."""
+    name, times = task
+    said = []
+    with Watchdog() as watchdog:
+        for _ in range(times):
+            try:
+                watchdog.call(0.2, IN_FUNCTION[name])
+                said.append("")
+            except FunctionError as e:
+                said.append(str(e))
+    return said
+
+
+def start_others(note: str) -> None:
+    """Fork, start a program, note their numbers, and end this process alone."""
+    import subprocess
+
+    program = subprocess.Popen(["sleep", "600"])
+    forked = os.fork()
+    if not forked:
+        time.sleep(600.0)
+    Path(note).write_text(f"{program.pid} {forked}")
+    os._exit(3)
+
+
+def leave_the_folder(folder: str) -> str:
+    """Change the working directory after telling it."""
+    here = str(Path.cwd())
+    os.chdir(folder)
+    return here

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import time
+from pathlib import Path
 
 import pytest
-from batch.deeds import act
+from batch.deeds import act, call, leave_the_folder, start_others
 
+from resim.batch import workers
 from resim.batch.child import Failure
 from resim.batch.workers import run_all
 
@@ -36,7 +39,7 @@ def test_a_process_is_used_again() -> None:
 
 def test_a_task_that_raises_what_ends_a_process_costs_itself_only(capfd: pytest.CaptureFixture[str]) -> None:
     found = dict(run_all(act, [("interrupt", 0), ("print", 1)], workers=1, time_limit=30.0))
-    assert found[0] == Failure("KeyboardInterrupt() in act (deeds.py)", crashed=True)
+    assert found[0] == Failure("unexpected KeyboardInterrupt() in act (deeds.py)", crashed=True)
     assert found[1][0] == 1
     out, err = capfd.readouterr()
     assert (out, err) == ("", "what a function has to say\n")
@@ -59,6 +62,57 @@ def test_stopping_early_ends_the_processes() -> None:
 def test_what_the_system_refuses_is_worth_another_attempt() -> None:
     found = dict(run_all(act, [("full", 0)], workers=1, time_limit=30.0))
     assert found[0] == Failure("the cache cannot be written", crashed=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "why"),
+    [
+        ("leave", 3, "ended its process, which ended with code 0"),
+        ("abort", 1, "ended its process, which was ended by SIGABRT"),
+        ("never return", 1, "did not answer within 0.2 s, and could not be interrupted"),
+        ("hear nothing", 1, "did not answer within 0.2 s, and could not be interrupted"),
+        ("disarm", 1, "did not answer within 0.2 s, and could not be interrupted"),
+        ("copy", 2, ""),
+    ],
+)
+def test_what_a_function_does_to_its_process_is_told_as_its_failure(name: str, times: int, why: str) -> None:
+    found = dict(run_all(call, [(name, times), ("copy", 1)], workers=1, time_limit=60.0))
+    assert found == {0: [why] * times, 1: [""]}
+
+
+def test_a_function_that_ends_its_process_over_and_over_is_given_up() -> None:
+    why = "the function ended its process, which ended with code 0"
+    found = dict(run_all(call, [("leave", 9)], workers=1, time_limit=60.0))
+    assert found == {0: Failure(why, crashed=True, of_function=True)}
+
+
+def test_many_quick_calls_are_never_taken_for_a_slow_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "_TICK", 0.0)  # look all the time
+    found = dict(run_all(call, [("answer", 200_000)], workers=1, time_limit=60.0))
+    assert found == {0: [""] * 200_000}
+
+
+def test_what_a_process_started_holds_nothing_up_and_ends_with_it(tmp_path: Path) -> None:
+    begin = time.monotonic()
+    found = dict(run_all(start_others, [str(tmp_path / "others")], workers=1, time_limit=600.0))
+    assert found == {0: Failure("the process ended with code 3", crashed=True)}
+    others = [int(number) for number in (tmp_path / "others").read_text().split()]
+    while not all(map(is_gone, others)):
+        assert time.monotonic() < begin + 60.0
+        time.sleep(0.05)
+
+
+def is_gone(process: int) -> bool:
+    """Whether a process is no more, or only waits for somebody to take note of its end."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+def test_every_task_begins_in_the_folder_of_the_command(tmp_path: Path) -> None:
+    found = dict(run_all(leave_the_folder, [str(tmp_path)] * 2, workers=1, time_limit=60.0))
+    assert found == dict.fromkeys((0, 1), str(Path.cwd()))
 
 
 def test_no_tasks() -> None:

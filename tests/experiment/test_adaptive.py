@@ -89,3 +89,16 @@ def test_what_was_not_halved_is_told_as_large_as_it_is() -> None:
     places = np.concatenate([places, more[lattice.values(more)[:, 1] <= 0.25]])
     low, high = boundary(lattice, places, lattice.values(places)[:, 0] < 0.3)
     assert lattice.values(high - low)[:, 0].tolist() == [0.125, 0.125, 0.25, 0.25, 0.25]
+
+
+@pytest.mark.parametrize(("first", "size"), [((4,), 0.1), ((10, 4), 0.05), ((3, 5), 0.25), ((1,), 0.5)])
+def test_an_island_is_missed_as_often_as_told(first: tuple[int, ...], size: float) -> None:
+    """Boxes dropped anywhere, and the points of the first grid counted in them."""
+    n = len(first)
+    lattice = Lattice((0.0,) * n, (1.0,) * n, first, (3,) * n)
+    low = np.random.default_rng(0).random((20_000, n)) * (1.0 - size)
+    inside = [
+        ((grid >= low[:, i, None]) & (grid <= low[:, i, None] + size)).any(axis=1)
+        for i, grid in enumerate(np.linspace(0.0, 1.0, cells + 1) for cells in first)
+    ]
+    assert lattice.missed(size) == pytest.approx(1.0 - np.all(inside, axis=0).mean(), abs=0.012)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -250,3 +251,22 @@ def test_tables_of_a_recording_give_it_again(make: Make) -> None:
     assert again.gt.to_frame().equals(recording.gt.to_frame())
     assert (again.sd_gt_id, again.environment) == (recording.sd_gt_id, recording.environment)
     np.testing.assert_array_equal(again.existence_probability, recording.existence_probability)
+
+
+@pytest.mark.parametrize("name", ["sd.csv", "plan.csv", "sd.parquet"])
+def test_what_is_no_file_is_not_passed_over(make: Make, name: str) -> None:
+    """A pipe would have been taken for no sensor data at all."""
+    folder = make()
+    os.mkfifo(folder / name)
+    with pytest.raises(InputError, match=f"{name}: is no file: a folder, a device, a pipe"):
+        read_recording(folder)
+    (folder / name).unlink()
+    (folder / name).symlink_to("nowhere.csv")
+    with pytest.raises(InputError, match="a link to nothing"):
+        read_recording(folder)
+
+
+def test_two_columns_of_one_name_are_refused(make: Make) -> None:
+    rows = [f"{line},99.0" for line in EGO.splitlines()]
+    with pytest.raises(InputError, match=r"gt\.csv: has more than one column x\. Keep the one that is meant"):
+        read_recording(make(gt="\n".join([f"{HEADER},x", *rows]) + "\n"))

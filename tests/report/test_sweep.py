@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +36,13 @@ def grid(call: Call, tmp_path: Path) -> tuple[dict[str, Any], str, str]:
 def test_it_says_how_far_a_parameter_may_go(grid: tuple[dict[str, Any], str, str]) -> None:
     """The risk is 0.2 latency + 0.02 |bias - 0.5|: with the mean bias it is 0.1 near 0.39 s."""
     limit = outcome(grid[0], "kpi accident risk")["requirements"][SPEED][0]
-    assert (limit["side"], limit["found"], limit["high"], limit["next_high"]) == ("under", "limit", 0.3, 0.4)
-    assert limit["high_interval"][0] <= 0.3 <= limit["high_interval"][1]
-    assert limit["share"] >= 0.95 > limit["high_share"]
-    told = "latency of speed up to 0.3 s [0.2, 0.3] keeps it in 95 % of runs (96.7 % of 180 do; 86.7 % at 0.3 s alone"
+    assert (limit["side"], limit["found"], limit["estimate"]) == ("under", "limit", [None, 0.3])
+    assert (limit["bounds"], limit["beyond"]) == ([None, 0.2], [None, 0.3])
+    assert limit["share"] > limit["least"] >= 0.95
+    told = "latency of speed up to 0.2 s keeps it in 95 % of runs (100 % of 135 runs, at least 96.1 %"
     assert told in grid[1]
     assert told in grid[2]
+    assert "estimate: up to 0.3 s" in grid[1]
     over = outcome(grid[0], "same_decision")["requirements"][SPEED]
     assert [r["found"] for r in over] == ["none", "limit"]
     assert "no value swept keeps it in 95 % of runs" in grid[1]
@@ -165,14 +168,23 @@ def test_the_same_rows_give_the_same_bytes(
         assert str(tmp_path).encode() not in one
 
 
+@pytest.mark.parametrize("name", ["my sweep", "$(touch x); it's", "-rf"])
 def test_the_command_names_the_folder_from_here(
-    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    found, page, _ = report(call, Path("my sweep") / "out")
-    run = found["sections"][0]["worst"][0]["run"]
-    command = f"resim sweep repeat 'my sweep/out' {run} --out 'my sweep/out'-run-{run}"
-    assert found["sections"][0]["worst"][0]["command"] == command
+    found, page, _ = report(call, tmp_path / name / "out")
+    worst = found["sections"][0]["worst"][0]
+    read = ["sh", "-c", f"printf '%s\\n' {worst['command']}"]
+    words = subprocess.run(read, capture_output=True, text=True, check=True).stdout.splitlines()
+    place, run = f"{'./' * (name == '-rf')}{name}/out", str(worst["run"])
+    assert words == ["resim", "sweep", "repeat", place, run, "--out", f"{place}-run-{run}"]
+    (Path(name) / "out" / "manifest.json").unlink()
+    code, _, error = call("sweep", "report", tmp_path / name / "out")
+    assert code == 2
+    line = error.partition("Do what is missing: ")[2].strip()
+    assert shlex.split(line)[:3] == ["resim", "sweep", "FILE"]
+    assert shlex.split(line)[4] == str(tmp_path / name / "out")
     assert not re.search(r"\d\d:\d\d:\d\d", page.split("</script></head>")[1])
 
 
@@ -190,7 +202,7 @@ def test_a_hundred_thousand_rows(call: Call, tmp_path: Path) -> None:
     assert found["runs"] == 100_000
     assert len(page) < 6_500_000
     limit = outcome(found, "kpi accident risk")["requirements"][SPEED][0]
-    assert 0.33 < limit["high"] < 0.38
+    assert 0.33 < limit["bounds"][1] <= limit["estimate"][1] <= limit["possible"][1] < 0.38
 
 
 def test_the_file_may_be_named(call: Call, tmp_path: Path) -> None:

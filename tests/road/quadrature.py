@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
@@ -37,10 +38,15 @@ def number(element, name):
     return float(element.get(name))
 
 
+def exact(element, name):
+    """An attribute as it is written, to the last digit."""
+    return Fraction(element.get(name))
+
+
 def last_before(records, key, s):
-    """The record in force at s: the last that begins at or before it, the first where none does."""
-    records = sorted(records, key=lambda record: number(record, key))
-    return records[max(bisect_right([number(record, key) for record in records], s) - 1, 0)]
+    """The record in force at s (exact): the last that begins at or before it, the first where none does."""
+    records = sorted(records, key=lambda record: exact(record, key))
+    return records[max(bisect_right([exact(record, key) for record in records], s) - 1, 0)]
 
 
 def cubic(record, ds):
@@ -52,8 +58,8 @@ def profile(records, key, s):
     """The piecewise cubic at s, 0 without records."""
     if not records:
         return 0.0
-    record = last_before(records, key, s)
-    return cubic(record, s - number(record, key))
+    record = last_before(records, key, Fraction(s))
+    return cubic(record, float(Fraction(s) - exact(record, key)))
 
 
 def integral(f, end, panels):
@@ -154,11 +160,12 @@ class RawRoad:
     def borders(self, lane, s):
         """The inner and outer border's t of the lane at s: the lane offset and the widths up to it."""
         lanes = self.lanes(s)
-        inner = outer = profile(self.offsets, "s", s)
+        begin = min((number(offset, "s") for offset in self.offsets), default=math.inf)
+        inner = outer = profile(self.offsets, "s", s) if s >= begin else 0.0
         side = 1 if lane > 0 else -1
         for between in range(side, lane + side, side) if lane else ():
             section, element = lanes[between]
-            inner, ds = outer, s - number(section, "s")
+            inner, ds = outer, Fraction(s) - exact(section, "s")
             widths, borders = element.findall("{*}width"), element.findall("{*}border")
             if borders and not widths:
                 outer = profile(borders, "sOffset", ds)

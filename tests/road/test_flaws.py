@@ -74,10 +74,14 @@ DOUBLE = '<paramPoly3 aU="0" bU="200" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/
         (geometry(0, 0, 50) + geometry(50, 50, 50, heading=0.05), "note", "KINK", 50, 0.05, "kink of 0.050 rad"),
         (geometry(0, 0, 50) + geometry(50, 50, 50, heading=6.0), "warning", "KINK", 50, 0.2832, "kink"),
         (geometry(0, 0, 60) + geometry(50, 50, 50), "warning", "ELEMENT_OVERLAP", 50, 10, "begins 10.000 m before"),
-        (geometry(0, 0, 40) + geometry(50, 50, 50), "warning", "ELEMENT_HOLE", 50, 10, "begins 10.000 m behind"),
+        (geometry(0, 0, 40) + geometry(50, 50, 50), "error", "ELEMENT_HOLE", 50, 10, "begins 10.000 m behind"),
+        (geometry(0, 0, 49.8) + geometry(50, 50, 50), "warning", "ELEMENT_HOLE", 50, 0.2, "begins 0.200 m behind"),
+        (geometry(4, 4, 96), "error", "ELEMENT_HOLE", 4, 4, "first element begins at s=4.000 m, not at 0"),
         (geometry(0, 0, 0) + LINE, "note", "EMPTY_ELEMENT", 0, 0, "has no length and is passed over"),
         (geometry(0, 0, 100, curve=DOUBLE), "warning", "STRETCHED", 0, 100, "is 200.000 m long, its length"),
-        (geometry(0, 0, 99), "warning", "ROAD_LENGTH", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
+        (geometry(0, 0, 99), "error", "ROAD_LENGTH", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
+        (geometry(0, 0, 99.7), "warning", "ROAD_LENGTH", 99.7, 0.3, "declared as 100.000 m"),
+        (geometry(0, 0, 105), "warning", "ROAD_LENGTH", 105, 5, "declared as 100.000 m, its elements end at 105.000 m"),
     ],
 )  # fmt: skip
 def test_reference_lines(found, plan, severity, code, s, value, says):
@@ -109,6 +113,15 @@ def cubic(a, b=0.0, c=0.0, tag="width"):
         (cubic(3.0, 0.2), "driving", "warning", "WIDE_LANE", 100, 23.0),
         ("", "driving", "error", "NO_WIDTH", 0, math.nan),
         ("", "border", "note", "NO_WIDTH", 0, math.nan),
+        ('<width sOffset="7" a="3" b="0" c="0" d="0"/>', "driving", "warning", "LATE_WIDTH", 0, 7.0),
+        (
+            cubic(3.0) + '<width sOffset="50" a="4" b="0" c="0" d="0"/>',
+            "driving",
+            "warning",
+            "LANE_STEP",
+            50,
+            0.5,
+        ),
     ],
 )
 def test_lanes(found, inside, kind, severity, code, s, value):
@@ -122,7 +135,7 @@ def test_lanes(found, inside, kind, severity, code, s, value):
 
 def test_a_section_behind_the_end_of_its_road(found):
     (flaw,) = found(road("1", LINE, LANES + section(lane(-1), 120)))
-    assert (flaw.severity, flaw.code, flaw.section, flaw.value) == ("warning", "SECTION_BEYOND_END", 1, 20.0)
+    assert (flaw.severity, flaw.code, flaw.section, flaw.value) == ("error", "SECTION_BEYOND_END", 1, 20.0)
 
 
 def test_no_lane_to_drive_on(found):
@@ -263,3 +276,49 @@ def test_what_is_known_of_real_maps(shared_map):
     assert "road 112: its successor is junction 675, which is not in the map" in texts
     (jump, *_) = flaws(shared_map("xodr/edge_cases/sumo_imprecise_geometry.xodr"))
     assert (jump.code, round(jump.value, 3)) == ("LINE_GAP", 3.714)
+
+
+def test_a_road_whose_lanes_begin_late(found):
+    (flaw,) = found(road("1", LINE, section(lane(-1), s=30.0), length=100))
+    assert (flaw.severity, flaw.code, flaw.value) == ("error", "LATE_SECTION", 30.0)
+
+
+def test_there_is_no_lane_offset_before_the_first(found):
+    """So all lanes jump where one begins that is not zero there; at a section's border links say where lanes go on."""
+    offset = '<laneOffset s="40" a="0.7" b="0" c="0" d="0"/>'
+    (flaw,) = found(road("1", LINE, offset + LANES, length=100))
+    assert (flaw.severity, flaw.code, flaw.s, round(flaw.value, 6)) == ("warning", "LANE_STEP", 40.0, 0.7)
+    smooth = offset.replace('a="0.7"', 'a="0"')
+    assert found(road("1", LINE, smooth + LANES, length=100)) == ()
+
+
+@pytest.mark.parametrize(
+    ("record", "says"),
+    [
+        ('<height sOffset="0" inner="0.1"/>', "height 0: <height> lacks the attribute outer"),
+        ('<height sOffset="0" outer="0.1"/>', "height 0: <height> lacks the attribute inner"),
+        ('<height inner="0.1" outer="0.1"/>', "height 0: <height> lacks the attribute sOffset"),
+        ('<height sOffset="0" a="0.1" b="0" c="0" d="0"/>', "height 0: <height> lacks the attribute inner"),
+        ('<height sOffset="0" inner="nan" outer=""/>', "is not a finite number"),
+        (
+            '<roadMark sOffset="0" type="solid" width=""/>',
+            "roadMark 0: width='' of <roadMark> is not a finite number",
+        ),
+        ('<roadMark sOffset="x" type="solid"/>', "roadMark 0: sOffset='x'"),
+    ],
+)
+def test_records_that_move_no_lane_refuse_no_map(found, record, says):
+    (flaw,) = found(road("1", LINE, section(lane(-1, WIDTH + record)), length=100))
+    assert (flaw.severity, flaw.code, flaw.lane) == ("note", "UNREAD_RECORD", -1)
+    assert says in flaw.text
+
+
+@pytest.mark.parametrize(("s", "height"), [("-5", 0.2), ("0", 0.2), ("60", 0.0), ("1000", 0.0)])
+def test_heights_may_begin_anywhere(tmp_path, s, height):
+    record = f'<height sOffset="70" inner="0.4" outer="0.4"/><height sOffset="{s}" inner="0.2" outer="0.2"/>'
+    path = tmp_path / "heights.xodr"
+    path.write_text(
+        f"<OpenDRIVE>{road('1', LINE, section(lane(-1, WIDTH + record)), length=100)}</OpenDRIVE>"
+    )
+    assert flaws(load(path)) == ()
+    assert load(path).z("1", [50.0, 80.0], lane=-1).tolist() == [height, 0.4]

@@ -272,3 +272,61 @@ def test_a_link_into_the_middle_of_a_road_joins_no_ends_and_is_told_of(written, 
     (flaw,) = flaws(net)
     assert (flaw.severity, flaw.code, flaw.road, flaw.s) == ("warning", "LINK_INSIDE", "b", 0.0)
     assert "road b: its predecessor is road a at s=20.000 m, inside of it" in flaw.text
+
+
+def through(number, junction, incoming, connecting):
+    link = '<laneLink from="-1" to="-1"/>'
+    return (
+        f'<connection id="{number}" incomingRoad="{incoming}" connectingRoad="{connecting}" contactPoint="start">'
+        f"{link}</connection>"
+    )
+
+
+def two_junctions_in_a_row(first, last):
+    """A road, a connecting road of junction 5, one of junction 6, a road; `first` and `last` may be the same."""
+    inner = simple(-1, before=-1, after=-1)
+    return (
+        road("8", 100, 0, 0, 10, inner, before=f"road:{first}:end", after="road:9:start", junction="5"),
+        road("9", 110, 0, 0, 10, inner, before="road:8:end", after=f"road:{last}:start", junction="6"),
+        f'<junction id="5">{through(0, 5, first, 8)}</junction><junction id="6">{through(0, 6, 8, 9)}</junction>',
+    )
+
+
+def test_a_way_may_lead_through_several_junctions(written, tmp_path):
+    """Ends that only lanes join are one node: netconvert "could not insert connection" between others."""
+    net = written(
+        road("1", 0, 0, 0, 100, simple(-1), after="junction:5"),
+        road("2", 120, 0, 0, 100, simple(-1), before="junction:6"), *two_junctions_in_a_row(1, 2),
+    )  # fmt: skip
+    converted = sumo_net(net, cache=tmp_path)
+    assert connected(converted) == {(("1", -1), ("2", -1))}
+    assert (converted.conversion.lost, converted.conversion.bad) == ((), ())
+
+
+def test_a_road_may_come_back_to_itself_through_several_junctions(written, tmp_path):
+    ring = road("1", 0, 0, 0, 100, simple(-1), before="junction:6", after="junction:5")
+    converted = sumo_net(written(ring, *two_junctions_in_a_row(1, 1)), cache=tmp_path)
+    assert connected(converted) == {(("1", -1), ("1", -1))}
+
+
+def test_a_connecting_road_that_names_no_road_is_joined_all_the_same(written, tmp_path):
+    net = written(
+        road("1", 0, 0, 0, 100, simple(-1), after="junction:5"), road("8", 100, 0, 0, 10, simple(-1), junction="7"),
+        f'<junction id="5">{through(0, 5, 1, 8)}</junction><junction id="7"/>',
+    )  # fmt: skip
+    assert connected(sumo_net(net, cache=tmp_path)) == {(("1", -1), ("8", -1))}
+
+
+def test_a_connection_that_netconvert_refuses_costs_that_connection_only(written, tmp_path, monkeypatch):
+    """Refused for good: here as the ends are not joined, which is what joins them taken away."""
+    from resim.road.sumo import plain
+
+    monkeypatch.setattr(plain, "_together", lambda *_: [])
+    net = written(
+        road("1", 0, 0, 0, 100, simple(-1), after="junction:5"),
+        road("2", 120, 0, 0, 100, simple(-1), before="junction:6"), *two_junctions_in_a_row(1, 2),
+    )  # fmt: skip
+    conversion = sumo_net(net, cache=tmp_path).conversion
+    assert conversion.lost == ("road 1 section 0 lane -1 to road 2 section 0 lane -1",)
+    missing = [(lane.road, lane.remark) for lane in conversion.lanes if lane.worst is None]
+    assert missing == [(name, "netconvert makes no connection of the link over it") for name in ("8", "9")]

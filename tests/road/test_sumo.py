@@ -177,3 +177,14 @@ def test_the_maker_writes_the_network_that_ships(proving_ground):
     tools = proving_ground.path.parents[1] / "tools" / "make_networks.py"
     made = runpy.run_path(str(tools))["proving_ground"]()
     assert made == proving_ground.path.read_bytes()
+
+
+def test_what_netconvert_refuses_is_told_in_the_terms_of_the_map(proving_ground, tmp_path, fake_netconvert):
+    fake_netconvert("echo \"Error: Edge '1.2' and lane '-1.0_0' are bad at node '1.at3'.\" >&2; exit 1")
+    with pytest.raises(ConversionError) as error:
+        sumo_net(proving_ground, cache=tmp_path)
+    for part in (
+        "Edge road 1, s = 200.000 to 300.000 m and lane road 1 section 0 lane ",
+        "node the end of road 1, s = ",
+    ):
+        assert part in str(error.value)

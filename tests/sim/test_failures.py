@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resim.core.errors import InputError
+from resim.core.errors import InputError, StopError
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
@@ -22,12 +23,21 @@ from resim.sim.run import Run
 Drive = Callable[..., Run]
 Make = Callable[..., Build]
 Member = Callable[..., ScenarioObject]
+ROOT = Path(__file__).parents[2]
 
 LATER = "if perceived.t < 1.0: return Command(0.0, 0.0)\n"
 NEVER = "while True: pass"
 SLEEPS = "time.sleep(100.0)"
 ORACLE = "needs_truth = True"
 METHODS = "".join(f"    def {name}(self, _=None): pass\n" for name in ("reset", "step", "close"))
+SILENT = """
+class KeyboardOff(BaseException): pass
+class Silent(BaseException):
+    def __str__(self): raise KeyboardOff
+    __repr__ = __str__
+class Slow(Exception):
+    def __str__(self): time.sleep(100.0)
+"""
 STUBBORN = """while True:
     try:
         while True: time.sleep(0.01)
@@ -59,6 +69,14 @@ STUBBORN = """while True:
         (STUBBORN, "did not answer within 0.5 s"),
         ("end = time.perf_counter() + 0.7\nwhile time.perf_counter() < end: pass", "0.5 s"),
         ("def deep(): return deep()\nreturn deep()", "raised RecursionError"),
+        ("raise GeneratorExit('enough')", "raised GeneratorExit: enough"),
+        ("class Own(BaseException): pass\nraise Own('of my own')", "raised Own: of my own"),
+        (f"{SILENT}raise Silent", "raised Silent: (its text raised, too)"),
+        (f"{SILENT}raise SystemExit(Silent())", "SystemExit((its text raised, too))"),
+        (f"{SILENT}raise Slow", "did not answer within 0.5 s"),
+        (f"{SILENT}return Silent()", "raised KeyboardOff"),
+        (f"{SILENT}return Command(Silent(), 0.0)", "raised KeyboardOff"),
+        ("from resim.core.errors import FunctionError\nraise FunctionError('mine')", "mine"),
     ],
 )
 def test_a_fault_in_a_step_ends_the_run_with_its_reason(
@@ -136,8 +154,6 @@ def test_a_slow_run_of_quick_answers_is_no_overrun(drive: Drive, function: Make,
 
 
 def test_an_alarm_of_the_caller_is_left_as_it_was(drive: Drive, function: Make, member: Member) -> None:
-    import signal
-
     def own(number: int, frame: object) -> None:
         raise AssertionError("not mine")
 
@@ -192,6 +208,37 @@ def test_a_function_cannot_change_what_others_see(
     assert run.perceived[0].length.tolist() == [4.7]
 
 
+def test_a_signal_to_the_program_is_no_failure_of_the_function(
+    drive: Drive, function: Make, member: Member
+) -> None:
+    def stop(number: int, frame: object) -> None:
+        raise StopError(128 + number)
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        with pytest.raises(StopError):
+            drive(
+                function("import os, signal\nos.kill(os.getpid(), signal.SIGTERM)"), member("e", 300.0, 20.0)
+            )
+        with pytest.raises(KeyboardInterrupt):
+            drive(
+                function("import os, signal\nos.kill(os.getpid(), signal.SIGINT)"), member("e", 300.0, 20.0)
+            )
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_an_interrupt_of_its_own_is_a_failure_of_the_function(
+    drive: Drive, function: Make, member: Member
+) -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as in a child process
+    try:
+        run = drive(function("raise KeyboardInterrupt"), member("e", 300.0, 20.0))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert "raised KeyboardInterrupt" in run.failure
+
+
 def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member: Member) -> None:
     own = function(
         "import numpy as np\nreturn Placement(EgoState(np.float32(300.0), -5.0, 0.0, 1.0))", members=ORACLE
@@ -199,7 +246,7 @@ def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member
     assert drive(own, member("e", 300.0, 20.0)).end == "duration"
 
 
-def test_a_function_that_swallows_every_interruption_ends_its_process_with_a_word(tmp_path: Path) -> None:
+def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_path: Path) -> None:
     (tmp_path / "stubborn.py").write_text(
         "import time\nclass Stubborn:\n    def reset(self, setup): pass\n    def close(self): pass\n"
         "    def step(self, perceived):\n        while True:\n            try:\n                time.sleep(10)\n"
@@ -207,14 +254,24 @@ def test_a_function_that_swallows_every_interruption_ends_its_process_with_a_wor
     )
     build = tmp_path / "stubborn.toml"
     build.write_text('name = "stubborn"\nversion = "1"\nfactory = "stubborn:Stubborn"\ntime_limit = 0.1\n')
-    scenario = Path(__file__).parents[2] / "scenarios" / "overtake"
+    order = [
+        "run",
+        str(ROOT / "scenarios" / "overtake"),
+        "--basis",
+        "gt",
+        "--build",
+        build,
+        "--out",
+        tmp_path / "out",
+    ]
     done = subprocess.run(
-        [sys.executable, "-m", "resim", "run", scenario, "--build", build, "--out", tmp_path / "out"],
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
+        [sys.executable, "-m", "resim", *order], capture_output=True, text=True, check=False, timeout=60
+    )
     assert done.returncode == 1
-    assert "does not answer and swallows every interruption" in done.stderr
-    assert not (tmp_path / "out").exists()
+    assert (
+        "stubborn-1 at t = -3.00 s did not answer within 0.1 s, and could not be interrupted" in done.stderr
+    )
+    assert (tmp_path / "out" / "run.json").exists()
 
 
 def test_a_module_beside_its_build_takes_no_other_modules_place(write_build: Callable[..., Path]) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,7 +11,7 @@ import duckdb
 import pandas as pd
 import pytest
 
-from resim.core.errors import InputError
+from resim.core.errors import InputError, StopError
 from resim.ingest import Recording
 from resim.pipeline import Options, resimulate
 from resim.scenario.jscen import read_jscen
@@ -184,3 +185,24 @@ def test_results_are_written_with_everything_that_went_in_and_came_out(
 def test_the_root_is_no_folder_for_results() -> None:
     with pytest.raises(InputError, match="is not a results folder"):
         check_output(Path("/"))
+
+
+@pytest.mark.parametrize("renames", [1, 2])
+def test_a_signal_while_results_take_their_place_loses_neither(tmp_path: Path, renames: int) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    mark(out, "before")
+    seen = 0
+
+    def stop(frame: object, event: str, of: object) -> None:
+        nonlocal seen
+        seen += event == "c_return" and of is os.rename
+        if seen == renames:
+            sys.setprofile(None)
+            raise StopError(143)
+
+    with pytest.raises(StopError), whole_folder(out) as folder:  # noqa: PT012
+        mark(folder, "now")
+        sys.setprofile(stop)
+    assert ("before" if renames == 1 else "now") in (out / RUN.mark).read_text()
+    assert names(tmp_path) == ["out"]

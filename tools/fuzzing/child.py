@@ -55,7 +55,8 @@ def _one(kind: str, seed: int, number: int, folder: Path, said: int) -> tuple[st
             what, text = entries.outcome(entries.steps(kind, path, own, number), names)
         sys.stderr.flush()
         told = os.pread(said, 3000, 0).decode(errors="replace")
-        if "Traceback" in told or "Warning" in told or (told and not text.startswith("exit code")):
+        faults = ("Traceback", "Warning", "unexpected ", "the process ")
+        if any(fault in told for fault in faults) or (told and not text.startswith("exit code")):
             return "FAILURE", f"standard error: {told}"
         if told.count("\n") > 1:
             return "FAILURE", f"several lines on standard error: {told}"

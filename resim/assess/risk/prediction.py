@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic.dataclasses import dataclass
 
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import parse_json, read_file
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import KINDS, Strings
 
@@ -233,9 +233,9 @@ def read_prediction(path: Path) -> Prediction:
 
     Kinds that the file leaves out are those of the published set; what is `like` another kind follows the file's.
     """
-    raw = read_file(path, f"Check the path; {_REMEDY}")
+    data = parse_json(read_file(path, f"Check the path; {_REMEDY}"), path, _REMEDY)
     try:
-        found = PredictionSet.model_validate(json.loads(raw.decode("utf-8")))
+        found = PredictionSet.model_validate(data)
     except ValidationError as e:
         problems = "; ".join(
             f"{'.'.join(map(str, p['loc'])) or 'the whole'}: {p['msg']}"
@@ -243,8 +243,6 @@ def read_prediction(path: Path) -> Prediction:
             for p in e.errors()
         )
         raise InputError(path, problems, f"Correct these fields; {_REMEDY}") from e
-    except (ValueError, RecursionError) as e:
-        raise InputError(path, f"is not JSON ({e})", _REMEDY) from e
     return _resolved(path, found)
 
 

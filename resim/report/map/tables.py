@@ -44,6 +44,13 @@ def errors_section(conversion: Conversion | None) -> str:
         if lanes:
             parts.append(f"<h3>{title} that are missing or not exact, worst first ({len(lanes)})</h3>")
             parts.append(_table(LANE_HEAD, [_lane_row(lane) for lane in lanes[:MOST]], len(lanes)))
+    if conversion.lost:
+        parts.append(
+            f"<h3>Links of lanes that the net has not ({len(conversion.lost)})</h3>"
+            "<p>netconvert makes no connection of them.</p>"
+        )
+        rows = [f"<tr><td>{escape(link)}</td></tr>" for link in conversion.lost[:MOST]]
+        parts.append(_table(("link",), rows, len(conversion.lost)))
     if conversion.jumps:
         jumps = conversion.jumps
         parts.append(

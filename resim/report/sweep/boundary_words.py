@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from resim.report.sweep.words import Entry, keeps
+from resim.report.sweep.words import Entry, keeps, percent
 
 ROWS = 16
 """Rows on where the outcome changes by a second parameter: of the terminal, and of the page before it folds them."""
@@ -14,7 +14,12 @@ ROWS = 16
 def boundary_lines(section: Entry, parameters: Sequence[Entry]) -> Iterator[tuple[str, list[str]]]:
     """Give what is good, and sentences on where that changes and where it does not."""
     found = section["boundary"]
-    lines = [*_known(found, parameters), *_changes(found, parameters), *_ranges(found, parameters)]
+    lines = [
+        *_known(found, parameters),
+        *_changes(found, parameters),
+        *_ranges(found, parameters),
+        _islands(found),
+    ]
     yield f"{keeps(found)}, {_asked(found)}", lines
     if found["strips"] and found["cells"]:
         first, second = parameters
@@ -53,6 +58,12 @@ def ran_out(found: Entry, parameters: Sequence[Entry]) -> str:
         f"and cells of up to {_size(found, parameters, 'widest')} are left open "
         f"(asked for: {_size(found, parameters, 'widths')})"
     )
+
+
+def _islands(found: Entry) -> str:
+    """Say how likely it is that a small region where the outcome is another was missed."""
+    sizes = ", ".join(f"{percent(i['size'])}: {percent(i['missed'])}" for i in found["islands"])
+    return f"an island within one cell of the first grid is not found; missed, by its share of each range: {sizes}"
 
 
 def _size(found: Entry, parameters: Sequence[Entry], key: str) -> str:

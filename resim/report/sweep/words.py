@@ -78,41 +78,55 @@ def requirement_lines(
 
 
 def _lines(found: Sequence[Entry], parameter: Entry, demanded: float) -> Iterator[str]:
-    """Sentences for one parameter: its limits; else that it holds everywhere, that nothing can be told, or nowhere."""
+    """Sentences for one parameter: what is shown; else that it holds everywhere, that nothing is shown, or nowhere."""
     label, unit = parameter["label"], parameter["unit"]
     limits = [r for r in found if r["found"] == "limit"]
     if any(r["found"] == "whole" for r in found):
         whole = next(r for r in found if r["found"] == "whole")
         span = f"{quantity(parameter['low'], unit)} to {quantity(parameter['high'], unit)}"
-        yield f"{label}: holds in the whole range swept, {span} ({percent(whole['share'])} of {whole['runs']} runs)"
+        yield f"{label}: holds in the whole range swept, {span} ({_share(whole)})"
     elif limits:
         yield from (_limit(r, parameter, demanded) for r in limits)
     elif any(r["found"] == "unclear" for r in found):
-        yield f"{label}: no limit can be told: too few runs, or values that differ by no more than chance"
+        yield from (_unclear(r, parameter, demanded) for r in found if r["found"] == "unclear")
     else:
         yield f"{label}: no value swept keeps it in {percent(demanded)} of runs"
 
 
+def _share(r: Entry) -> str:
+    return f"{percent(r['share'])} of {r['runs']} runs, at least {percent(r['least'])} at 95 % confidence"
+
+
+def _span(bounds: Sequence[float | None], unit: str) -> str:
+    low, high = bounds
+    if low is None and high is None:
+        return "the whole range swept"
+    if low is None:
+        return f"up to {quantity(high, unit)}"
+    return (
+        f"from {quantity(low, unit)} on" if high is None else f"from {plain(low)} to {quantity(high, unit)}"
+    )
+
+
+def _unclear(r: Entry, parameter: Entry, demanded: float) -> str:
+    label, unit = parameter["label"], parameter["unit"]
+    if r["bounds"] is not None:
+        told = f"shown {_span(r['bounds'], unit)} ({_share(r)}), but its values differ by no more than chance"
+        return f"{label}: no limit can be told; {told}"
+    if r["estimate"] is None:
+        return f"{label}: unclear, too few runs to tell where it is kept in {percent(demanded)} of them"
+    return f"{label}: unclear, too few runs to show it; estimate: {_span(r['estimate'], unit)} ({_share(r)})"
+
+
 def _limit(r: Entry, parameter: Entry, demanded: float) -> str:
     unit = parameter["unit"]
-
-    def bound(end: str) -> str:
-        between = ", ".join("none" if v is None else plain(v) for v in r[f"{end}_interval"])
-        return f"{quantity(r[end], unit)} [{between}]"
-
-    if r["low"] is None:
-        where = f"up to {bound('high')}"
-    elif r["high"] is None:
-        where = f"from {bound('low')} on"
-    else:
-        where = f"from {bound('low')} to {bound('high')}"
-    ends = [end for end in ("low", "high") if r[end] is not None]
+    ends = [k for k in (0, 1) if r["bounds"][k] is not None]
     if r["binned"]:
-        at = "".join(f"; {percent(r[f'{end}_share'])} in the bin of drawn values at this end" for end in ends)
+        at = "".join(f"; {percent(r['at'][k])} in the bin of drawn values at this end" for k in ends)
     else:
-        at = "".join(f"; {percent(r[f'{end}_share'])} at {quantity(r[end], unit)} alone" for end in ends)
-        at += f"; the next value swept is {' and '.join(quantity(r[f'next_{end}'], unit) for end in ends)}"
+        at = "".join(f"; {percent(r['at'][k])} at {quantity(r['bounds'][k], unit)} alone" for k in ends)
+        at += f"; the next value swept is {' and '.join(quantity(r['beyond'][k], unit) for k in ends)}"
     return (
-        f"{parameter['label']} {where} keeps it in {percent(demanded)} of runs ({percent(r['share'])} of {r['runs']} "
-        f"do{at})"
+        f"{parameter['label']} {_span(r['bounds'], unit)} keeps it in {percent(demanded)} of runs ({_share(r)}{at}; "
+        f"estimate: {_span(r['estimate'], unit)}; possible: {_span(r['possible'], unit)})"
     )

@@ -13,6 +13,9 @@ MAP_CODES = frozenset(
         "EMPTY_ELEMENT",
         "KINK",
         "LANE_GAP",
+        "LANE_STEP",
+        "LATE_SECTION",
+        "LATE_WIDTH",
         "LINE_GAP",
         "LINK_INSIDE",
         "MISSING_JUNCTION",
@@ -27,6 +30,7 @@ MAP_CODES = frozenset(
         "SECTION_BEYOND_END",
         "SPEED_SIGN",
         "STRETCHED",
+        "UNREAD_RECORD",
         "WIDE_LANE",
     }
 )

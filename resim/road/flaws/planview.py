@@ -2,9 +2,10 @@
 
 LINE_GAP: successive elements do not meet, by over 0.01 m (error over 0.5 m). KINK: their headings differ by over
 0.01 rad (note; warning over 0.1 rad). ELEMENT_OVERLAP, ELEMENT_HOLE: an element begins over 0.01 m before or
-behind the end of the one before (the later one holds; the earlier one is drawn on). EMPTY_ELEMENT: an element
-without length, passed over. STRETCHED: the curve of a paramPoly3 is over 1 % and 0.05 m longer or shorter than
-its length says, and s with it. ROAD_LENGTH: the road's declared length is over 0.1 m off that of its elements.
+behind the end of the one before, or the first one behind the road's start (the later one holds; the earlier one is
+drawn on; error for a hole over 0.5 m). EMPTY_ELEMENT: an element without length, passed over. STRETCHED: the curve of
+a paramPoly3 is over 1 % and 0.05 m longer or shorter than its length says, and s with it. ROAD_LENGTH: the road's
+declared length is over 0.1 m off that of its elements (error where over 0.5 m of the road have no element).
 """
 
 from __future__ import annotations
@@ -79,6 +80,12 @@ def _stretched(network: RoadNetwork) -> Iterator[Flaw]:
 
 def _distances(road: Road) -> Iterator[Flaw]:
     """Elements that overlap in s, leave a hole or have no length, and the road's own length."""
+    severity: Severity
+    begin = road.geometries[0].s
+    if abs(begin) > JUMP:
+        severity = "error" if abs(begin) > BROKEN else "warning"
+        text = f"road {road.id}: its first element begins at s={begin:.3f} m, not at 0"
+        yield Flaw(severity, "ELEMENT_HOLE", road.id, None, None, begin, abs(begin), "m", text)
     for before, after in pairwise(road.geometries):
         early = before.s + before.length - after.s
         if abs(early) > JUMP:
@@ -87,14 +94,16 @@ def _distances(road: Road) -> Iterator[Flaw]:
                 f"road {road.id}: the element at s={after.s:.3f} m begins {abs(early):.3f} m {what} the end "
                 f"of the one at s={before.s:.3f} m"
             )
-            yield Flaw("warning", code, road.id, None, None, after.s, abs(early), "m", text)
+            severity = "error" if early < -BROKEN else "warning"
+            yield Flaw(severity, code, road.id, None, None, after.s, abs(early), "m", text)
     for s in road.empty:
         text = f"road {road.id}: the element at s={s:.3f} m has no length and is passed over"
         yield Flaw("note", "EMPTY_ELEMENT", road.id, None, None, s, 0.0, "m", text)
-    off = abs(road.declared_length - road.length)
-    if off > LENGTH:
+    lost = road.declared_length - road.length
+    if abs(lost) > LENGTH:
+        severity = "error" if lost > BROKEN else "warning"
         text = (
             f"road {road.id}: its length is declared as {road.declared_length:.3f} m, its elements end at "
             f"{road.length:.3f} m, which is taken"
         )
-        yield Flaw("warning", "ROAD_LENGTH", road.id, None, None, road.length, off, "m", text)
+        yield Flaw(severity, "ROAD_LENGTH", road.id, None, None, road.length, abs(lost), "m", text)

@@ -26,7 +26,7 @@ def raised(roads: Sequence[Road], lanes: Lanes, row: Ints, s: Floats, t: Floats)
             continue
         here = np.flatnonzero(row == own)
         table = np.array([(-np.inf, 0.0, 0.0), *lane.heights])
-        held = table[np.searchsorted(table[:, 0], s[here] - section.start + 1e-9, side="right") - 1]
+        held = table[np.searchsorted(section.start + table[:, 0], s[here], side="right") - 1]
         across = t[here] / np.maximum(width[here], 1e-9) * (1.0 if number > 0 else -1.0)
         out[here] = held[:, 1] + np.clip(0.5 + across, 0.0, 1.0) * (held[:, 2] - held[:, 1])
     return out

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
+from typing import TypeVar
 
 from lxml.etree import _Element
 
+from resim.core.errors import InputError
 from resim.road.opendrive.model import Cubic, Height, Lane, LaneSection, RoadMark
 from resim.road.opendrive.sections import both_sides
 from resim.road.opendrive.signs import SPEED_UNITS
 from resim.road.opendrive.xml import Reader
 
+Record = TypeVar("Record", Height, RoadMark)
 Coefficients = tuple[float, float, float, float]
 
 
@@ -53,31 +57,53 @@ class LaneReader(Reader):
     def _lane(self, element: _Element, where: str) -> Lane:
         lane_id = self.integer(element, "id", where)
         at = f"{where}, lane {lane_id}"
+        heights, lost = self._readable(element, "height", self._height)
+        marks, unmarked = self._readable(element, "roadMark", self._mark)
         return Lane(
             id=lane_id, type=element.get("type", "none"),
             widths=self.cubics(element, "width", "sOffset", at),
             borders=self.cubics(element, "border", "sOffset", at),
-            marks=self._marks(element, at),
+            marks=tuple(sorted(marks, key=lambda mark: mark.s_offset)),
             speeds=tuple(sorted(
-                (self.number(e, "sOffset", at), self.speed(e, at)) for e in element.iterfind("speed")
+                ((self.number(e, "sOffset", at), self.speed(e, at)) for e in element.iterfind("speed")),
+                key=lambda record: record[0],
             )),
             predecessor=self._lane_link(element, "predecessor", at),
             successor=self._lane_link(element, "successor", at),
-            heights=tuple(sorted(
-                Height(*(self.number(e, name, at) for name in ("sOffset", "inner", "outer")))
-                for e in element.iterfind("height")
-            )),
-            reversed=element.get("direction") == "reversed",
+            heights=tuple(sorted(heights, key=lambda height: height.s)),
+            reversed=element.get("direction") == "reversed", unread=(*lost, *unmarked),
         )  # fmt: skip
 
-    def _marks(self, lane: _Element, where: str) -> tuple[RoadMark, ...]:
-        return tuple(
-            RoadMark(
-                self.number(e, "sOffset", where, 0.0), e.get("type", "none"), e.get("color", "standard"),
-                self.number(e, "width", where) if "width" in e.attrib else None,
-            )
-            for e in lane.iterfind("roadMark")
+    def _readable(
+        self, lane: _Element, tag: str, read: Callable[[_Element, str], Record]
+    ) -> tuple[list[Record], list[str]]:
+        """The records of this tag, and what is wrong with those that cannot be read.
+
+        For records that move no lane: no map is refused because of them.
+        """
+        found, unread = [], []
+        for i, element in enumerate(lane.iterfind(tag)):
+            try:
+                found.append(read(element, f"{tag} {i}"))
+            except InputError as error:
+                unread.append(error.problem)
+        return found, unread
+
+    def _height(self, element: _Element, where: str) -> Height:
+        s, inner, outer = (self.number(element, name, where) for name in ("sOffset", "inner", "outer"))
+        return Height(s, inner, outer)
+
+    def _mark(self, element: _Element, where: str) -> RoadMark:
+        return RoadMark(
+            self.number(element, "sOffset", where, 0.0), element.get("type", "none"),
+            element.get("color", "standard"),
+            self.number(element, "width", where) if "width" in element.attrib else None,
         )  # fmt: skip
+
+    def lane_offsets(self, road: _Element, where: str) -> tuple[Cubic, ...]:
+        """Read the lane offsets. Before the first there is none: a record says so where that is not at 0."""
+        found = self.cubics(road, "lanes/laneOffset", "s", where)
+        return (Cubic(0.0, 0.0, 0.0, 0.0, 0.0), *found) if found and found[0].s > 0.0 else found
 
     def _lane_link(self, lane: _Element, tag: str, where: str) -> int | None:
         element = lane.find(f"link/{tag}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -27,6 +26,15 @@ def reexpanded(records: Sequence[Cubic], s: Floats) -> Floats:
     own = row[:, 1:]
     half, sixth = 0.5 * powers(own, ds, 2), powers(own, ds, 3) / 6.0
     return np.stack([powers(own, ds), powers(own, ds, 1), half, sixth], axis=1)
+
+
+def on_road(section: LaneSection, records: Sequence[Cubic]) -> list[Cubic]:
+    """Give a lane's records with s counted from the road's start, the one place where it is turned so.
+
+    Places are compared with these sums, never (place - start) with a record's own s: in floating point
+    (start + s) - start may be less than s.
+    """
+    return [record._replace(s=section.start + record.s) for record in records]
 
 
 class Lanes:
@@ -121,15 +129,16 @@ def _with_zero(section: LaneSection) -> list[Lane]:
 
 
 def _breaks(road: Road, section: LaneSection) -> Floats:
-    """Every s in the section at which a polynomial or a speed limit of one of its lanes changes."""
+    """Every s in the section at which a polynomial or a speed limit of one of its lanes changes.
+
+    All of them are kept, however close: what is looked up at a break is what begins there, to the last bit.
+    """
     at = {section.start, *(c.s for c in road.lane_offsets), *(t.s for t in road.types)}
     at |= {sign.s for sign in road.signs}
     for lane in section.lanes.values():
-        at |= {section.start + c.s for c in (lane.widths or lane.borders)}
+        at |= {record.s for record in on_road(section, lane.widths or lane.borders)}
         at |= {section.start + s for s, _ in lane.speeds}
-    inside = sorted(s for s in at if s == section.start or section.start < s < section.end)
-    close = {after for before, after in pairwise(inside) if after - before < 1e-9}
-    return np.array([s for s in inside if s not in close])
+    return np.array(sorted(s for s in at if s == section.start or section.start < s < section.end))
 
 
 def _profiles(road: Road, index: int, breaks: Floats) -> list[tuple[Floats, Floats, Floats]]:
@@ -140,15 +149,15 @@ def _profiles(road: Road, index: int, breaks: Floats) -> list[tuple[Floats, Floa
     for side in (1, -1):
         inner = offset
         for lane in sorted((x for x in section.lanes.values() if x.id * side > 0), key=lambda x: abs(x.id)):
-            outer = _outer(lane, inner, breaks - section.start, side)
+            outer = _outer(section, lane, inner, breaks, side)
             out[lane.id] = (0.5 * (inner + outer), side * (outer - inner),
                             limits(road, index, lane.id, breaks))  # fmt: skip
             inner = outer
     return [out[lane] for lane in sorted(out)]
 
 
-def _outer(lane: Lane, inner: Floats, ds: Floats, side: int) -> Floats:
+def _outer(section: LaneSection, lane: Lane, inner: Floats, s: Floats, side: int) -> Floats:
     """The outer border's t: the inner one and the width, or the border record where no width is given."""
     if lane.borders and not lane.widths:
-        return reexpanded(lane.borders, ds)
-    return inner + side * reexpanded(lane.widths, ds)
+        return reexpanded(on_road(section, lane.borders), s)
+    return inner + side * reexpanded(on_road(section, lane.widths), s)

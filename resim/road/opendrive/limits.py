@@ -40,11 +40,11 @@ def _signed(road: Road, lane: int, along: bool, s: Floats) -> Floats:
         held = _held(signs, s)
     else:
         table = np.array([*signs, (np.inf, np.nan)])
-        held = table[np.searchsorted(table[:, 0], s + 1e-9, side="right"), 1]
+        held = table[np.searchsorted(table[:, 0], s, side="right"), 1]
     return np.where(np.isfinite(held), held, np.nan)
 
 
 def _held(records: Iterable[tuple[float, float]], s: Floats) -> Floats:
     """The value of the last record at or before s, NaN before the first."""
     table = np.array([(-np.inf, np.nan), *records])
-    return np.asarray(table[np.searchsorted(table[:, 0], s + 1e-9, side="right") - 1, 1])
+    return np.asarray(table[np.searchsorted(table[:, 0], s, side="right") - 1, 1])

@@ -70,7 +70,8 @@ class Lane:
     """One lane of a lane section. widths, borders, heights, speeds (s, m/s) count s from the section's start.
 
     speeds: inf where the file says that there is no limit, NaN where it leaves it open. reversed: driven
-    against the road's rule (direction="reversed" of OpenDRIVE 1.8).
+    against the road's rule (direction="reversed" of OpenDRIVE 1.8). unread: what is wrong with records of height
+    and road marks that are passed over.
     """
 
     id: int
@@ -83,6 +84,7 @@ class Lane:
     successor: int | None = None
     heights: tuple[Height, ...] = ()
     reversed: bool = False
+    unread: tuple[str, ...] = ()
 
     @property
     def drivable(self) -> bool:

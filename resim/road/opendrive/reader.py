@@ -97,7 +97,7 @@ class ModelReader(LaneReader):
             left_hand=element.get("rule", "RHT").upper() == "LHT",
             geometries=geometries,
             sections=self.sections(element, length, where),
-            lane_offsets=self.cubics(element, "lanes/laneOffset", "s", where),
+            lane_offsets=self.lane_offsets(element, where),
             elevations=self.cubics(element, "elevationProfile/elevation", "s", where),
             types=self._types(element, where),
             predecessor=self._link(element, "predecessor", where),

@@ -43,14 +43,22 @@ class Steps:
         self.last = np.searchsorted(group, number, side="right") - 1
         low, high = np.minimum(start[self.first], 0.0), start[self.last] + 1.0
         self.base = np.concatenate([[0.0], np.cumsum(high - low)[:-1]]) - low
-        self.high = high
+        self.high, self.start = high, start
         self.key = self.base[group] + start
 
     def find(self, group: Ints, s: Floats) -> Ints:
-        """Give the record (N,) of each group (N,) that holds at s (N,); the first one before it begins."""
+        """Give the record (N,) of each group (N,) that holds at s (N,); the first one before it begins.
+
+        The sum of base and s is rounded, the more the longer all roads are: s itself has the last word.
+        """
+        first, last = self.first[group], self.last[group]
         key = self.base[group] + np.minimum(s, self.high[group])
-        found = np.searchsorted(self.key, key, side="right") - 1
-        return np.minimum(np.maximum(found, self.first[group]), self.last[group])
+        found = np.minimum(np.maximum(np.searchsorted(self.key, key, side="right") - 1, first), last)
+        while np.any(early := (s < self.start[found]) & (found > first)):
+            found = found - early
+        while np.any(late := (found < last) & (s >= self.start[np.minimum(found + 1, last)])):
+            found = found + late
+        return found
 
 
 class ReferenceLines:

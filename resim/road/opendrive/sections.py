@@ -28,7 +28,7 @@ def _later(lane: Lane, distance: float) -> Lane:
     """The lane with its records counted from `distance` further on."""
     marks = [replace(mark, s_offset=mark.s_offset - distance) for mark in lane.marks]
     return replace(
-        lane, predecessor=lane.id, widths=_shifted(lane.widths, distance),
+        lane, predecessor=lane.id, unread=(), widths=_shifted(lane.widths, distance),
         borders=_shifted(lane.borders, distance), heights=_shifted(lane.heights, distance),
         speeds=tuple((s - distance, speed) for s, speed in lane.speeds),
         marks=tuple(marks[max(sum(mark.s_offset <= 0.0 for mark in marks) - 1, 0):]),

@@ -20,9 +20,9 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.conversion import Conversion, measure
 from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
 from resim.road.sumo.patch import patch
-from resim.road.sumo.plain import plain, write
+from resim.road.sumo.plain import names, plain, write
 
-VERSION = 5
+VERSION = 6
 """Counts up when the same map gives another net."""
 
 TIME_LIMIT = 120.0
@@ -121,7 +121,8 @@ def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
         raise ConversionError(
             f"{network.path}: no lane has a length, but inside of junctions to which none leads. Correct the map"
         )
-    run_netconvert(network.path, write(network, made, work), work / NET, time_limit=time_limit)
+    arguments = write(network, made, work)
+    run_netconvert(network.path, arguments, work / NET, time_limit=time_limit, names=names(made))
     net, via = patch(work / NET, made)
     report = measure(network, net, made, via)
     (result / NET).write_bytes(net)

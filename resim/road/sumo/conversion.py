@@ -17,7 +17,8 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.patch import Via
 from resim.road.sumo.pieces import SHORTEST
 from resim.road.sumo.plain import Plain
-from resim.road.sumo.shapes import Stretch, sample
+from resim.road.sumo.shapes import Stretch
+from resim.road.sumo.truth import Truth
 
 EXACT = 0.005
 VARIED = 0.01
@@ -79,11 +80,15 @@ class Jump:
 
 @dataclass(frozen=True)
 class Conversion:
-    """What became of a map. lanes: worst first, missing ones before. connections: linked pairs of SUMO lanes."""
+    """What became of a map. lanes: worst first, missing ones before. connections: linked pairs of SUMO lanes.
+
+    lost: links of lanes that netconvert made no connection of, in words.
+    """
 
     lanes: tuple[LaneError, ...]
     connections: int
     jumps: tuple[Jump, ...]
+    lost: tuple[str, ...] = ()
 
     @property
     def bad(self) -> tuple[LaneError, ...]:
@@ -110,7 +115,8 @@ class Conversion:
     def from_json(cls, data: Mapping[str, Any]) -> Conversion:
         """Make it of what `to_json` gave."""
         lanes = tuple(LaneError(**{**lane, "sumo": tuple(lane["sumo"])}) for lane in data["lanes"])
-        return cls(lanes, data["connections"], tuple(Jump(**jump) for jump in data["jumps"]))
+        return cls(lanes, data["connections"], tuple(Jump(**jump) for jump in data["jumps"]),
+                   tuple(data["lost"]))  # fmt: skip
 
 
 class _Found(NamedTuple):
@@ -137,41 +143,51 @@ class _Found(NamedTuple):
 
 
 def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversion:
-    """Compare the net, as written, with the map; lane sections without length are left out."""
+    """Compare the net, as written, with the map's file, read anew; lane sections without length are left out.
+
+    Of `network`, which made the net, it takes the types of lanes and the junctions of roads only.
+    """
+    truth = Truth(network.path)
     found: dict[LaneKey, list[_Found]] = defaultdict(list)
-    for each in _compared(network, _shapes(net), _uses(made, via)):
+    for each in _compared(truth, _shapes(net), _uses(made, via)):
         found[each.stretch.key].append(each)
-    keys = [
-        LaneKey(road.id, k, lane) for road in network.roads.values()
-        for k, section in enumerate(road.sections) for lane in section.lanes
-        if lane != 0 and min(section.end, road.length) - section.start > SHORTEST
+    whole = [Stretch(*lane, forward=True) for lane in truth.lanes()]
+    whole = [stretch for stretch in whole if stretch.end - stretch.start > SHORTEST]
+    there = [c for c in made.connections if (c.origin, c.target) in via]
+    lost = [c for c in made.connections if (c.origin, c.target) not in via]
+    off = {key for c in lost for key in c.way}
+    lanes = [
+        _error(network, each, found[each.key]) if found[each.key]
+        else _missing(network, truth, each, lost=each.key in off)
+        for each in whole
     ]  # fmt: skip
-    lanes = [_error(network, key, found[key]) if found[key] else _missing(network, key) for key in keys]
     lanes.sort(key=lambda lane: -(lane.worst if lane.worst is not None else np.inf))
+    links = [f"{made.lanes[c.origin].stretch.key} to {made.lanes[c.target].stretch.key}" for c in lost]
     jumps = [
         Jump(c.origin, c.target, round(c.jump, 6), *(round(float(v), 3) for v in c.line[0]))
-        for c in made.connections if c.jump > JUMP
+        for c in there if c.jump > JUMP
     ]  # fmt: skip
-    return Conversion(tuple(lanes), len(made.connections), tuple(sorted(jumps, key=lambda jump: -jump.gap)))
+    jumps.sort(key=lambda jump: -jump.gap)
+    return Conversion(tuple(lanes), len(there), tuple(jumps), tuple(links))
 
 
 def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[Stretch]]:
     """The stretches that each SUMO lane, or the internal lanes of a connection, stand for."""
     uses: dict[tuple[str, ...], list[Stretch]] = {(name,): [own.stretch] for name, own in made.lanes.items()}
     for connection in made.connections:
-        if connection.stretches:
+        if connection.stretches and (connection.origin, connection.target) in via:
             uses[via[connection.origin, connection.target]] = list(connection.stretches)
     return uses
 
 
 def _compared(
-    network: RoadNetwork, shapes: Mapping[str, Floats], uses: Mapping[tuple[str, ...], list[Stretch]]
+    truth: Truth, shapes: Mapping[str, Floats], uses: Mapping[tuple[str, ...], list[Stretch]]
 ) -> Iterator[_Found]:
     """Compare both ways: places on the exact lane with the net, and the points of the net with the lane."""
     stretches = [stretch for own in uses.values() for stretch in own]
     if not stretches:
         return
-    exact = sample(network, stretches, CHECK_STEP)
+    exact = truth.sample(stretches, CHECK_STEP)
     number = np.repeat(np.arange(len(stretches)), np.diff(exact.first))
     lines = shapely.linestrings(exact.xy, indices=number)
     at = 0
@@ -190,33 +206,34 @@ def _compared(
                          np.concatenate([xy, points[mine]]), lines[row])  # fmt: skip
 
 
-def _error(network: RoadNetwork, key: LaneKey, found: list[_Found]) -> LaneError:
+def _error(network: RoadNetwork, whole: Stretch, found: list[_Found]) -> LaneError:
+    key = whole.key
     found = sorted(found, key=lambda f: f.stretch.start if f.stretch.forward else -f.stretch.start)
     worst = max(found, key=lambda f: float(f.distance.max()))
     at = int(worst.distance.argmax())
     parts = {f.stretch: f for f in found}.values()  # ways through a junction may pass one lane several times
     width = np.concatenate([f.width for f in parts])
     road = network.roads[key.road]
+    length = sum(f.stretch.end - f.stretch.start for f in parts)
+    lost = abs(whole.end - whole.start - length)
     return LaneError(
         *key, road.sections[key.section].lanes[key.lane].type, road.junction,
-        tuple(dict.fromkeys(name for f in found for name in f.sumo)),
-        round(sum(f.stretch.end - f.stretch.start for f in parts), 3),
-        round(float(worst.distance[at]), 6),
+        tuple(dict.fromkeys(name for f in found for name in f.sumo)), round(length, 3),
+        round(max(float(worst.distance[at]), lost), 6),
         round(float(np.concatenate([f.distance[: len(f.s)] for f in parts]).mean()), 6),
         EXACT if np.ptp(width) < ONE_WIDTH else VARIED,
         round(worst.place(at), 3), round(float(worst.xy[at, 0]), 3), round(float(worst.xy[at, 1]), 3),
+        f"{lost:.3f} m of it are not in the net" if lost > EXACT else "",
     )  # fmt: skip
 
 
-def _missing(network: RoadNetwork, key: LaneKey) -> LaneError:
-    road = network.roads[key.road]
-    section = road.sections[key.section]
-    s, length = section.start, min(section.end, road.length) - section.start
-    x, y = network.to_xy(key.road, key.lane, s, 0.0)
+def _missing(network: RoadNetwork, truth: Truth, whole: Stretch, *, lost: bool) -> LaneError:
+    road, (x, y) = network.roads[whole.road], truth.sample([whole], whole.end - whole.start).xy[0]
     return LaneError(
-        *key, section.lanes[key.lane].type, road.junction, (), round(length, 3), None, None, EXACT,
-        round(s, 3), round(float(x), 3), round(float(y), 3),
-        "another way through the junction links the same lanes",
+        *whole.key, road.sections[whole.section].lanes[whole.lane].type, road.junction, (),
+        round(whole.end - whole.start, 3), None, None, EXACT, round(whole.start, 3), round(x, 3), round(y, 3),
+        "netconvert makes no connection of the link over it" if lost
+        else "another way through the junction links the same lanes",
     )  # fmt: skip
 
 

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import signal
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 
 from resim.core.errors import ConversionError
 
 OPTIONS = (
     "--precision", "6", "--offset.disable-normalization", "--no-turnarounds", "--default.junctions.radius", "0",
-    "--junctions.small-radius", "0", "--junctions.endpoint-shape", "--no-warnings",
+    "--junctions.small-radius", "0", "--junctions.endpoint-shape", "--no-warnings", "--ignore-errors.connections",
 )  # fmt: skip
+NO_NAMES: Mapping[str, str] = MappingProxyType({})
 INSTALL = "Install eclipse-sumo of the version in pyproject.toml"
 LIBRARIES = "Install libX11, libXext, libXrender, libGL, libatomic and libexpat from the system's packages"
 SIMPLIFY = "Look at the map there in an OpenDRIVE editor, or use another map"
@@ -28,8 +32,13 @@ def sumo_version() -> str:
         raise ConversionError(f"netconvert: the package eclipse-sumo is not installed. {INSTALL}") from None
 
 
-def run_netconvert(xodr: Path, arguments: list[str], net: Path, *, time_limit: float) -> None:
+def run_netconvert(
+    xodr: Path, arguments: list[str], net: Path, *, time_limit: float, names: Mapping[str, str] = NO_NAMES
+) -> None:
     """Run netconvert so that it writes `net`; `xodr` names the map in errors. time_limit: s.
+
+    A connection that netconvert cannot make is left out, without an error. names: of the net's elements, by SUMO's
+    ids, for errors in the map's own terms.
 
     Raises ConversionError where netconvert is missing, refuses, crashes or takes too long.
     """
@@ -48,7 +57,8 @@ def run_netconvert(xodr: Path, arguments: list[str], net: Path, *, time_limit: f
     except OSError as error:
         raise ConversionError(f"netconvert cannot be started ({error.strerror}). {INSTALL}.") from None
     if done.returncode != 0 or not net.is_file():
-        raise _failure(xodr, done.returncode, done.stderr)
+        said = re.sub(r"'([^']*)'", lambda found: names.get(found[1], found[0]), done.stderr)
+        raise _failure(xodr, done.returncode, said)
 
 
 def _sumo_home() -> Path:

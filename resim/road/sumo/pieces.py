@@ -45,20 +45,28 @@ class Pieces:
     of_lane: Mapping[LaneKey, tuple[Piece, ...]]
 
 
-def cut(network: RoadNetwork, inside: Collection[str], passed: Collection[LaneKey]) -> Pieces:
+RoadEnd = tuple[str, bool]
+"""A road and whether it is its end (else its start)."""
+
+
+def cut(
+    network: RoadNetwork, inside: Collection[str], passed: Collection[LaneKey],
+    together: Collection[tuple[RoadEnd, RoadEnd]] = (),
+) -> Pieces:  # fmt: skip
     """Give the pieces of all lanes but those `passed` inside of junctions, which become junction-internal lanes.
 
-    inside: the roads of `passed`; their other lanes become edges by themselves, linked to nothing.
+    inside: the roads of `passed`; their other lanes become edges by themselves, linked to nothing. together: ends of
+    roads that are one node though no link of roads or junctions says so.
     """
     parts = {road.id: list(_parts(road)) for road in network.roads.values()}
     count = {name: len(own) for name, own in parts.items() if name not in inside}
-    nodes = _Nodes(network, count)
+    nodes = _Nodes(network, count, together)
     for name in count:
         if len(parts[name]) == 1 and nodes.name(name, 0) == nodes.name(name, 1):
             section, start, end = parts[name][0]
             middle = 0.5 * (start + end)
             parts[name] = [(section, start, middle), (section, middle, end)]  # SUMO has no edge in a loop
-    nodes = _Nodes(network, {name: len(parts[name]) for name in count})
+    nodes = _Nodes(network, {name: len(parts[name]) for name in count}, together)
     names = _safe_names(network.roads)
     pieces = [
         piece for road in network.roads.values()
@@ -110,7 +118,9 @@ class _Border(NamedTuple):
 class _Nodes:
     """Which borders of parts are one node: linked ends of roads, and all ends that meet one junction."""
 
-    def __init__(self, network: RoadNetwork, count: Mapping[str, int]) -> None:
+    def __init__(
+        self, network: RoadNetwork, count: Mapping[str, int], together: Collection[tuple[RoadEnd, RoadEnd]]
+    ) -> None:
         self._above: dict[_Border, _Border] = {}
         self._roads, self._junctions = _safe_names(network.roads), _safe_names(network.junctions)
         for road in (network.roads[name] for name in count):
@@ -119,6 +129,9 @@ class _Nodes:
         for junction in network.junctions.values():
             for border in _meeting(network, junction, count):
                 self._join(border, _Border(junction.id, -1))
+        for ends in together:
+            one, other = (_Border(road, count[road] if at_end else 0) for road, at_end in ends)
+            self._join(one, other)
 
     def name(self, road: str, number: int) -> str:
         """Give the id of the node at a border of the road's parts."""

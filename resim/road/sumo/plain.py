@@ -20,7 +20,7 @@ from lxml import etree
 from resim.core.geometry import Floats
 from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, passed_lanes, ways
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
-from resim.road.sumo.pieces import Piece, Pieces, cut
+from resim.road.sumo.pieces import Piece, Pieces, RoadEnd, cut
 from resim.road.sumo.shapes import Stretch, mean_widths, polylines, sample
 
 ALLOWED = {
@@ -78,6 +78,8 @@ def plain(network: RoadNetwork) -> Plain:
     passed = passed_lanes(network, graph)
     inside = inner_roads(network, passed)
     pieces = cut(network, inside, passed)
+    if together := _together(_connected(graph, inside, pieces), pieces):
+        pieces = cut(network, inside, passed, together)
     places = [(piece, index, lane) for piece in pieces.all for index, lane in enumerate(piece.lanes)]
     stretches = [Stretch(p.road, p.section, lane, p.start, p.end, p.forward) for p, _, lane in places]
     samples = sample(network, stretches) if stretches else None
@@ -93,6 +95,20 @@ def plain(network: RoadNetwork) -> Plain:
 
 
 Ends = tuple[str, str]
+
+
+def _together(found: Collection[Ends], pieces: Pieces) -> list[tuple[RoadEnd, RoadEnd]]:
+    """The ends of roads whose lanes are linked, but which no link makes one node: SUMO connects at nodes only.
+
+    So it is where a way leads through several junctions, or where a connecting road does not say what it connects.
+    """
+    by_id = {piece.id: piece for piece in pieces.all}
+    out: dict[tuple[RoadEnd, RoadEnd], None] = {}
+    for ends in found:
+        origin, target = (by_id[lane.rpartition("_")[0]] for lane in ends)
+        if origin.target != target.origin:
+            out[(origin.road, origin.forward), (target.road, not target.forward)] = None
+    return list(out)
 
 
 def _connected(graph: Graph, inside: Collection[str], pieces: Pieces) -> dict[Ends, tuple[LaneKey, ...]]:
@@ -158,6 +174,17 @@ def _whole(network: RoadNetwork, key: LaneKey) -> Stretch | None:
     if end - section.start < 1e-6:
         return None
     return Stretch(*key, section.start, end, road.along(key.lane, key.section))
+
+
+def names(made: Plain) -> dict[str, str]:
+    """Give what the edges, lanes and nodes of the net are called in the map: for errors of netconvert's."""
+    out = {}
+    for piece in made.pieces.all:
+        out[piece.id] = f"road {piece.road}, s = {piece.start:.3f} to {piece.end:.3f} m"
+        ends = ("start", "end") if piece.forward else ("end", "start")
+        for node, side in ((piece.origin, ends[0]), (piece.target, ends[1])):
+            out.setdefault(node, f"the {side} of {out[piece.id]}")
+    return out | {name: str(own.stretch.key) for name, own in made.lanes.items()}
 
 
 def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
