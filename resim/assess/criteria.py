@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -18,8 +17,9 @@ from resim.assess.criticality.measure import Bad
 from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Objectification, Subject, names
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
+from resim.core.frozen import Copy, Frozen, thaw
 from resim.core.geometry import Bools, Floats
-from resim.core.plugin import load_named, sources
+from resim.core.plugin import freeze_code, load_named
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
@@ -98,6 +98,7 @@ class _CriteriaFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(min_length=1)
+    files: tuple[str, ...] = ()
     objectification: tuple[OwnObjectification, ...] = ()
     criterion: tuple[Criterion, ...] = Field(min_length=1)
 
@@ -131,38 +132,51 @@ class Verdict:
     reason: str
 
 
-def read_criteria(path: Path) -> Criteria:
-    """Read a TOML file of criteria. Raises InputError naming every fault."""
+def freeze_criteria(path: Path) -> Frozen:
+    """Keep a copy of a file of criteria, with the code of its own objectifications. Raises InputError."""
+    raw = read_file(path, EXAMPLE)
+    file = _parsed(raw, path)
+    return freeze_code(path, raw, [o.function for o in file.objectification], file.files)
+
+
+def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
     try:
-        raw = read_file(path, EXAMPLE)
-        file = _CriteriaFile.model_validate(parse_toml(raw, path, EXAMPLE))
+        return _CriteriaFile.model_validate(parse_toml(raw, path, EXAMPLE))
     except ValidationError as e:
         faults = [
             p for p in e.errors() if p["type"] != "too_short"
         ] or e.errors()  # what is too short lacks the faulty
         problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in faults)
         raise InputError(path, problems, EXAMPLE) from e
-    own = tuple(_own(path, o) for o in file.objectification)
+
+
+def read_criteria(criteria: Path | Frozen) -> Criteria:
+    """Read a TOML file of criteria, from a frozen copy. Raises InputError naming every fault."""
+    frozen = criteria if isinstance(criteria, Frozen) else freeze_criteria(criteria)
+    path, copy = frozen.path, thaw(frozen, freeze_criteria)
+    file = _parsed(copy.raw, path)
+    own = tuple(_own(frozen, copy, o) for o in file.objectification)
     known = [*names(OBJECTIFICATIONS), *names(own)]
     for what, called in (("criterion", [c.name for c in file.criterion]), ("objectification", known)):
         if twice := [name for name in called if called.count(name) > 1]:
             raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
     if strange := [c.measure for c in file.criterion if c.measure not in known]:
         raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
-    modules = [load_named(path, o.function, "objectification")[1] for o in file.objectification]
-    digest = hashlib.sha256(b"\0".join([raw, *map(sources, modules)])).hexdigest()
-    return Criteria(file.name, file.criterion, own, digest)
+    return Criteria(file.name, file.criterion, own, frozen.hash)
 
 
-def _own(path: Path, own: OwnObjectification) -> Objectification:
-    function, _ = load_named(path, own.function, "objectification")
+def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification:
+    function, opened = load_named(frozen, copy, own.function, "objectification")
+    path = frozen.path
 
     def of(subject: Subject) -> Measure:
         drive = subject.drive
         try:
-            given = function(deepcopy(drive), subject.network)
+            with opened:
+                given = function(deepcopy(drive), subject.network)
         except (Exception, SystemExit) as e:
-            raise InputError(path, f"objectification {own.name!r}: {own.function} raised {e!r}") from e
+            problem = f"objectification {own.name!r}: {own.function} raised {e!r}"
+            raise InputError(path, problem, opened.remedy()) from e
         shapes = drive.t.shape, drive.present.shape
         if what := _no_measure(given, shapes):
             problem = f"objectification {own.name!r}: {own.function} gave {what}"

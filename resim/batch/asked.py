@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from resim.assess.criteria import read_criteria
+from resim.assess.criteria import freeze_criteria, read_criteria
 from resim.batch.tasks import Task
 from resim.core.errors import InputError, ResimError
+from resim.core.frozen import Frozen, freeze_file
 from resim.ingest.settings import SETTINGS, read_settings
-from resim.perception.model import read_model
-from resim.pipeline import check_codes, file_hash
+from resim.perception.model import freeze_model, read_model
+from resim.pipeline import check_codes
 from resim.pipeline.suite import Suite, content_hash, relative
 from resim.pipeline.verify import UNKNOWN, may_verify
-from resim.sim.adfunction import load_build
+from resim.sim.adfunction import freeze_build, load_build
 from resim.variation import PARAMETERS
 from resim.verification.paired import Limits
 from resim.verification.sequential import SequentialTest
@@ -94,21 +95,23 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
     if call.against is not None and (call.vary or call.driven_by):
         raise InputError("--against", "compares builds alone", "Leave out --vary and --driven-by.")
     check_codes(file.accept)
-    if perception is not None:
-        read_model(perception, call.settings)
-    criteria = suite.beside(file.criteria)
+    model = None if perception is None else freeze_model(perception)
+    if model is not None:
+        read_model(model, call.settings)
+    criteria = freeze_criteria(suite.beside(file.criteria))
+    read_criteria(criteria)
     count = call.seeds or (file.seeds if call.against is None else file.limits.seeds)
     if call.against is None and perception is not None:
         _enough(suite.path, SequentialTest(file.agreement, count))
     return Asked(
         name=file.name,
-        suite=_file(suite.path, base),
+        suite=_file(freeze_file(suite.path), base),
         build=_build(call.build, base),
         against=None if call.against is None else _build(call.against, base),
-        criteria=File(path=relative(criteria, base), hash=read_criteria(criteria).hash),
-        perception=None if perception is None else _file(perception, base),
+        criteria=_file(criteria, base),
+        perception=None if model is None else _file(model, base),
         settings=call.settings,
-        seeds=() if perception is None else tuple(range(file.seed, file.seed + count)),
+        seeds=() if model is None else tuple(range(file.seed, file.seed + count)),
         bases=file.bases,
         agreement=file.agreement,
         vary=call.vary or file.vary,
@@ -140,15 +143,13 @@ def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:
     except ValidationError as e:
         raise InputError(path, "is not what `resim verify` writes", remedy) from e
     base = path.parent
-    files = [before.build, before.against, before.perception]
-    now: list[tuple[str, str | None, str | None]] = []
-    for one in files:
-        if isinstance(one, Named):
-            now.append((one.path, one.hash, load_build(_there(base, one)).hash))
-        elif one is not None:
-            now.append((one.path, one.hash, _hash(_there(base, one))))
-    criteria = before.criteria
-    now.append((criteria.path, criteria.hash, read_criteria(_there(base, criteria)).hash))
+    files: list[tuple[File | None, Callable[[Path], Frozen]]] = [
+        (before.build, freeze_build), (before.against, freeze_build), (before.perception, freeze_model),
+        (before.criteria, freeze_criteria),
+    ]  # fmt: skip
+    now: list[tuple[str, str | None, str | None]] = [
+        (one.path, one.hash, again(_there(base, one)).hash) for one, again in files if one is not None
+    ]
     now += [(r.path, r.hash, _content(_there(base, r))) for r in before.recordings.values()]
     if changed := [name for name, old, new in now if old != new]:
         more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
@@ -160,7 +161,7 @@ def refuse_others(a: Asked, base: Path) -> None:
     """Raise InputError for recordings that another function drove: the method compares what one function did twice."""
     if a.against is not None:
         return
-    build, other = load_build(_there(base, a.build)), []
+    build, other = load_build(_frozen(base, a.build)), []
     for name, file in a.recordings.items():
         try:
             settings = read_settings(_there(base, file) / SETTINGS)
@@ -180,12 +181,12 @@ def refuse_others(a: Asked, base: Path) -> None:
 
 def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
     """Give a task for each recording, by name. base: what the paths are from."""
-    against = None if a.against is None else _there(base, a.against)
+    against = None if a.against is None else _frozen(base, a.against)
+    perception = None if a.perception is None else _frozen(base, a.perception)
     return {
         name: Task(
-            name, _there(base, file), a.wanted.get(name) or file.hash, _there(base, a.build), against,
-            _there(base, a.criteria),
-            a.bases, None if a.perception is None else _there(base, a.perception), a.settings, a.seeds, a.agreement,
+            name, _there(base, file), a.wanted.get(name) or file.hash, _frozen(base, a.build), against,
+            _frozen(base, a.criteria), a.bases, perception, a.settings, a.seeds, a.agreement,
             a.tolerances, a.vary, a.accept, reports,
         )
         for name, file in a.recordings.items()
@@ -196,15 +197,13 @@ def _there(base: Path, file: File) -> Path:
     return Path(os.path.normpath(base / file.path))
 
 
-def _file(path: Path, base: Path) -> File:
-    return File(path=relative(path, base), hash=_hash(path))
+def _frozen(base: Path, file: File) -> Frozen:
+    """What was hashed when this was asked for, and nothing that came after."""
+    return Frozen(_there(base, file), str(file.hash))
 
 
-def _hash(path: Path) -> str:
-    try:
-        return file_hash(path)
-    except OSError as e:
-        raise InputError(path, f"cannot be read ({e.strerror})") from e
+def _file(frozen: Frozen, base: Path) -> File:
+    return File(path=relative(frozen.path, base), hash=frozen.hash)
 
 
 def _build(path: Path, base: Path) -> Named:

@@ -10,17 +10,19 @@ from typing import Any
 
 import pandas as pd
 
-from resim.assess.criteria import read_criteria
+from resim.assess.criteria import freeze_criteria, read_criteria
 from resim.batch.child import Failure
 from resim.batch.runs import RunTask, run, swept_model, with_values
 from resim.batch.suites import versions
 from resim.batch.swept import Swept
 from resim.batch.workers import run_all
 from resim.core.errors import InputError, ResimError
-from resim.pipeline import How, Options, Perceiving, assess_resimulation, examined, file_hash, resimulate
+from resim.core.frozen import Frozen
+from resim.perception.model import freeze_model
+from resim.pipeline import How, Options, Perceiving, assess_resimulation, examined, resimulate
 from resim.pipeline.suite import content_hash
 from resim.report import write_report
-from resim.sim.adfunction import load_build
+from resim.sim.adfunction import freeze_build, load_build
 from resim.store import whole_folder, write_assessment, write_resimulation
 
 LONGEST = 600.0
@@ -40,20 +42,20 @@ def task_of(swept: Swept, number: int) -> RunTask:
     row = _row(swept, number)
     inputs, file = swept.inputs, swept.file
     hashes: dict[str, Callable[[Path], str]] = {
-        "recording": content_hash, "build": lambda p: load_build(p).hash, "criteria": lambda p: read_criteria(p).hash,
-        "perception": file_hash,
+        "recording": content_hash, "build": lambda p: freeze_build(p).hash,
+        "criteria": lambda p: freeze_criteria(p).hash, "perception": lambda p: freeze_model(p).hash,
     }  # fmt: skip
     told = {
         "recording": inputs["recordings"][row["recording"]], "build": inputs["builds"][row["build"]],
         "criteria": inputs["criteria"], "perception": inputs["perception"],
     }  # fmt: skip
-    paths = {
+    held = {
         name: _unchanged(swept.folder, one, hashes[name]) for name, one in told.items() if one is not None
     }
     values = tuple((p.name, float(row[p.name])) for p in swept.parameters)
     return RunTask(
-        number, paths["recording"], paths["build"], paths.get("perception"), paths["criteria"],
-        tuple(file["accept"]), values, int(row["seed"]),
+        number, held["recording"].path, held["recording"].hash, held["build"], held.get("perception"),
+        held["criteria"], tuple(file["accept"]), values, int(row["seed"]),
     )  # fmt: skip
 
 
@@ -65,8 +67,8 @@ def _row(swept: Swept, number: int) -> pd.Series[Any]:
     return mine.iloc[0]
 
 
-def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str]) -> Path:
-    """The path of an input, as long as it is what it was."""
+def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str]) -> Frozen:
+    """An input, as long as it is what it was."""
     path = Path(os.path.normpath(folder / told["path"]))
     remedy = "Restore it as it was in the sweep; without it the run cannot be repeated."
     try:
@@ -76,7 +78,7 @@ def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str
     if found != told["hash"]:
         problem = f"has changed since the sweep: its hash is {found[:12]}…, was {told['hash'][:12]}…"
         raise InputError(path, problem, remedy)
-    return path
+    return Frozen(path, found)
 
 
 def repeat(swept: Swept, task: RunTask) -> dict[str, tuple[Any, Any]]:
@@ -118,7 +120,7 @@ def _write(traces: Traces) -> None:
             (name.removeprefix("perception."), v) for name, v in task.values if name.startswith("perception.")
         ]
         overrides = tuple(f"{name}={v!r}" for name, v in told)
-        perceiving = Perceiving(model, (task.seed,), overrides, file_hash(task.perception))
+        perceiving = Perceiving(model, (task.seed,), overrides, task.perception.hash)
     recording = examined(task.folder, accept=task.accept)
     options = Options(bases=("GT",), seed=0 if perceiving else task.seed)
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)

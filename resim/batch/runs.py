@@ -10,9 +10,11 @@ from typing import Any
 
 from resim.assess.criteria import read_criteria
 from resim.core.errors import InputError
+from resim.core.frozen import Frozen
 from resim.perception.model import PerceptionModel, read_model
 from resim.pipeline import examined
 from resim.pipeline.single import Prepared, Row, prepare, run_once
+from resim.pipeline.suite import refuse_changed
 from resim.sim.adfunction import Build, load_build
 
 Values = tuple[tuple[str, float], ...]
@@ -21,13 +23,14 @@ Values = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class RunTask:
-    """One run: `values` are of the parameters that are swept."""
+    """One run: `values` are of the parameters that are swept. hash: of the recording's content."""
 
     run: int
     folder: Path
-    build: Path
-    perception: Path | None
-    criteria: Path
+    hash: str
+    build: Frozen
+    perception: Frozen | None
+    criteria: Frozen
     accept: tuple[str, ...]
     values: Values
     seed: int
@@ -35,7 +38,7 @@ class RunTask:
 
 def run(task: RunTask) -> dict[str, Any]:
     """Give the `row` of the run, and how long it took [s]."""
-    prepared = _prepared(task.folder, task.build, task.criteria, task.accept)
+    prepared = _prepared(task.folder, task.hash, task.build, task.criteria, task.accept)
     build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
     row: Row = run_once(prepared, build, model, task.seed)
@@ -43,26 +46,29 @@ def run(task: RunTask) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=32)
-def _prepared(folder: Path, build: Path, criteria: Path, accept: tuple[str, ...]) -> Prepared:
+def _prepared(
+    folder: Path, digest: str, build: Frozen, criteria: Frozen, accept: tuple[str, ...]
+) -> Prepared:
+    refuse_changed(folder, digest)
     return prepare(examined(folder, accept=accept), _build(build), read_criteria(criteria), accept)
 
 
 @lru_cache(maxsize=32)
-def _build(path: Path) -> Build:
-    return load_build(path)
+def _build(frozen: Frozen) -> Build:
+    return load_build(frozen)
 
 
 @lru_cache(maxsize=32)
-def swept_model(path: Path | None, values: Values) -> PerceptionModel | None:
+def swept_model(frozen: Frozen | None, values: Values) -> PerceptionModel | None:
     """Give the model with the parameters of it that are swept, None without one. Raises InputError."""
-    if path is None:
+    if frozen is None:
         return None
     mine = tuple(
         f"{name.removeprefix('perception.')}={value!r}"
         for name, value in values
         if name.startswith("perception.")
     )
-    return read_model(path, mine)
+    return read_model(frozen, mine)
 
 
 def with_values(build: Build, values: Values) -> Build:

@@ -21,8 +21,9 @@ from resim.batch.runs import RunTask, Values, run, swept_model, with_values
 from resim.batch.suites import versions
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
-from resim.pipeline import Options, file_hash
-from resim.pipeline.suite import content_hash, relative
+from resim.core.frozen import Frozen
+from resim.pipeline import Options
+from resim.pipeline.suite import relative
 from resim.pipeline.sweep import OUTCOMES, RUN, Sweep, boundaries, runs
 from resim.sim.adfunction import load_build
 from resim.sim.driver import cycle_steps
@@ -49,15 +50,18 @@ def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
     def told(path: Path, digest: str) -> dict[str, str]:
         return {"path": relative(path, out), "hash": digest}
 
-    builds = {name: load_build(sweep.beside(name)) for name in file.build}
+    def kept(frozen: Frozen) -> dict[str, str]:
+        return told(frozen.path, frozen.hash)
+
+    read_criteria(sweep.criteria)
     return {
         "sweep": file.model_dump(mode="json"),
-        "criteria": told(sweep.beside(file.criteria), read_criteria(sweep.beside(file.criteria)).hash),
-        "perception": None
-        if file.perception is None
-        else told(sweep.beside(file.perception), file_hash(sweep.beside(file.perception))),
-        "builds": {name: {**told(b.path, b.hash), "label": b.label} for name, b in builds.items()},
-        "recordings": {name: told(folder, content_hash(folder)) for name, folder in sweep.folders.items()},
+        "criteria": kept(sweep.criteria),
+        "perception": None if sweep.perception is None else kept(sweep.perception),
+        "builds": {
+            n: {**kept(sweep.frozen[n]), "label": load_build(sweep.frozen[n]).label} for n in file.build
+        },
+        "recordings": {name: told(folder, sweep.hashes[name]) for name, folder in sweep.folders.items()},
     }
 
 
@@ -130,7 +134,7 @@ def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
         raise InputError(
             sweep.path, f"an adaptive plan cannot halve {name}: it is a multiple of the step", remedy
         )
-    for build in map(load_build, map(sweep.beside, sweep.file.build)):
+    for build in (load_build(sweep.frozen[name]) for name in sweep.file.build):
         for value in values:
             cycle_steps(with_values(build, ((name, value),)), Options().step)
 
@@ -139,11 +143,7 @@ def _has_outcome(sweep: Sweep) -> None:
     """Raise InputError where an adaptive plan asks for an outcome that runs do not have."""
     if sweep.file.plan != "adaptive":
         return
-    known = list(
-        dict.fromkeys(
-            [*OUTCOMES, *(c.name for c in read_criteria(sweep.beside(sweep.file.criteria)).criteria)]
-        )
-    )
+    known = list(dict.fromkeys([*OUTCOMES, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
     if sweep.file.adaptive.outcome not in known:
         problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is none of this sweep's"
         raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
@@ -151,16 +151,17 @@ def _has_outcome(sweep: Sweep) -> None:
 
 def _fits(sweep: Sweep, values: Values) -> None:
     """Raise InputError where the model or a build does not take these values."""
-    if sweep.file.perception is not None:
-        swept_model(sweep.beside(sweep.file.perception), values)
+    swept_model(sweep.perception, values)
     for name in sweep.file.build:
-        build = with_values(load_build(sweep.beside(name)), values)
+        build = with_values(load_build(sweep.frozen[name]), values)
         try:
             build.make()
         except Exception as e:
             raise InputError(
                 build.path, f"does not take the parameters of the sweep: {e}", "Correct them."
             ) from e
+        if build.opened.found:
+            raise InputError(build.path, build.opened.note())
 
 
 def execute(
@@ -224,9 +225,8 @@ def _entry(result: dict[str, Any] | Failure, sweep: Sweep) -> dict[str, Any]:
     """What the journal holds of a result; files as the sweep names them, wherever it lies."""
     if not isinstance(result, Failure):
         return result
-    file, reason = sweep.file, result.reason
-    named = [*file.build, file.criteria, *([] if file.perception is None else [file.perception])]
-    for name, path in [*((name, sweep.beside(name)) for name in named), *sweep.folders.items()]:
+    reason, files = result.reason, {name: frozen.path for name, frozen in sweep.frozen.items()}
+    for name, path in (files | sweep.folders).items():
         reason = reason.replace(str(path), name)
     return {"row": {"end": FAILED, "failure": reason}, "time": None}
 
@@ -234,15 +234,14 @@ def _entry(result: dict[str, Any] | Failure, sweep: Sweep) -> dict[str, Any]:
 def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
     """Give the tasks of runs."""
     file, names = sweep.file, [p.name for p in sweep.file.parameter]
-    perception = None if file.perception is None else sweep.beside(file.perception)
     columns = zip(
         wanted[RUN].tolist(), wanted["recording"].tolist(), wanted["build"].tolist(), wanted["seed"].tolist(),
         wanted[names].to_numpy(dtype=float).tolist(), strict=True,
     )  # fmt: skip
     for number, recording, build, seed, values in columns:
         yield RunTask(
-            number, sweep.folders[recording], sweep.beside(build), perception, sweep.beside(file.criteria),
-            file.accept, tuple(zip(names, values, strict=True)), seed,
+            number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
+            sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed,
         )  # fmt: skip
 
 

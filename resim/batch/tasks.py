@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from resim.assess.criteria import read_criteria
-from resim.core.errors import InputError
+from resim.core.frozen import Frozen
 from resim.core.tracks import Tracks
 from resim.ingest import Recording
 from resim.perception.model import read_model
@@ -22,11 +22,10 @@ from resim.pipeline import (
     Resimulation,
     assess_resimulation,
     examined,
-    file_hash,
     resimulate,
 )
 from resim.pipeline.builds import compare_builds
-from resim.pipeline.suite import content_hash
+from resim.pipeline.suite import refuse_changed
 from resim.pipeline.verify import Demands, verify_recording
 from resim.report import write_report
 from resim.report.verification.drive import REPORTED
@@ -50,11 +49,11 @@ class Task:
     name: str
     folder: Path
     hash: str | None
-    build: Path
-    against: Path | None
-    criteria: Path
+    build: Frozen
+    against: Frozen | None
+    criteria: Frozen
     bases: tuple[Basis, ...]
-    perception: Path | None
+    perception: Frozen | None
     settings: tuple[str, ...]
     seeds: tuple[int, ...]
     agreement: float
@@ -67,9 +66,8 @@ class Task:
 def run(task: Task) -> dict[str, Any]:
     """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
     begin = time.perf_counter()
-    if task.hash is not None and (found := content_hash(task.folder)) != task.hash:
-        problem = f"its content has the hash {found[:12]}…, expected was {task.hash[:12]}…"
-        raise InputError(task.folder, problem, "Restore the recording, or make the suite anew.")
+    if task.hash is not None:
+        refuse_changed(task.folder, task.hash)
     recording = examined(task.folder, accept=task.accept)
     out = _verify(task, recording) if task.against is None else _compare(task, recording)
     return {**out, "time": time.perf_counter() - begin}
@@ -84,7 +82,7 @@ def _verify(task: Task, recording: Recording) -> dict[str, Any]:
 
 
 def _compare(task: Task, recording: Recording) -> dict[str, Any]:
-    old, new = (load_build(path) for path in (task.against, task.build) if path is not None)
+    old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
     found = compare_builds(
         recording, old, new, read_criteria(task.criteria), Options(bases=("GT",)), _perceiving(task), task.accept
     )  # fmt: skip
@@ -119,7 +117,7 @@ def _perceiving(task: Task) -> Perceiving | None:
     if task.perception is None:
         return None
     model = read_model(task.perception, task.settings)
-    return Perceiving(model, task.seeds, task.settings, file_hash(task.perception))
+    return Perceiving(model, task.seeds, task.settings, task.perception.hash)
 
 
 def _traces(result: Resimulation) -> dict[str, Any]:

@@ -159,7 +159,7 @@ class _Child:
             self.results, inner_results = _pipe(mine, of_child)
             inner_life, _ = _pipe(of_child, mine)
             inner = (inner_tasks, inner_results, shared.fileno(), inner_life)
-            path = [os.path.abspath(folder) for folder in sys.path]  # noqa: PTH100  ("" is the working directory)
+            path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _SERVE.format(path=path), *map(str, inner)],
                 pass_fds=inner, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,

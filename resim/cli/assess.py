@@ -17,6 +17,7 @@ from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.assess.criteria import Criteria
+    from resim.core.frozen import Frozen
     from resim.pipeline import Assessed
 
 CriteriaFile = Annotated[
@@ -86,7 +87,7 @@ def assess(
         raise InputError("--road-aware", "the published mode knows no road", "Leave out one of both.")
     asked = _Asked(
         drive,
-        criteria,
+        frozen(criteria),
         mode,
         path,
         prediction,
@@ -111,7 +112,7 @@ class _Asked:
     """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
 
     drive: Path
-    criteria: Path | None
+    criteria: Frozen | None
     mode: ModeChoice
     path: PathChoice
     prediction: str
@@ -159,11 +160,18 @@ def _assess(task: tuple[_Asked, Path | None]) -> Done:
     return Done(screen.getvalue(), bad(found))
 
 
-def wanted(path: Path | None) -> Criteria | None:
-    """Give the criteria that the user asks for, if any."""
+def frozen(path: Path | None) -> Frozen | None:
+    """Give the criteria that the user asks for as they are now, if any."""
+    from resim.assess.criteria import freeze_criteria
+
+    return None if path is None else freeze_criteria(path)
+
+
+def wanted(criteria: Frozen | None) -> Criteria | None:
+    """Read the criteria, if any."""
     from resim.assess.criteria import read_criteria
 
-    return None if path is None else read_criteria(path)
+    return None if criteria is None else read_criteria(criteria)
 
 
 def bad(found: Assessed) -> str:

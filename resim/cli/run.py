@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
-from resim.cli.assess import CriteriaFile, Done, bad, wanted
+from resim.cli.assess import CriteriaFile, Done, bad, frozen, wanted
 from resim.cli.runs import register
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from resim.core.frozen import Frozen
     from resim.ingest import Recording
     from resim.pipeline import Assessed, Options, Perceiving, Resimulation
     from resim.sim.adfunction import Build
@@ -83,11 +84,14 @@ def run(
     rGT and rSD, and in any seed of --perception.
     """
     from resim.batch.workers import in_child
+    from resim.perception.model import freeze_model
+    from resim.sim.adfunction import freeze_build
     from resim.store import check_output, whole_folder
 
     check_output(out)
     asked = _Asked(
-        recording, build, basis, vehicle, step, relaxation, seed, stop_at_collision, criteria, perception,
+        recording, freeze_build(build), basis, vehicle, step, relaxation, seed, stop_at_collision, frozen(criteria),
+        None if perception is None else freeze_model(perception),
         tuple(settings or ()), seeds, tuple(accept or ()), gui, out, sys.stdout.isatty(),
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
@@ -115,15 +119,15 @@ class _Asked:
     """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
 
     recording: Path
-    build: Path
+    build: Frozen
     basis: BasisChoice
     vehicle: VehicleChoice
     step: float
     relaxation: float
     seed: int
     stop_at_collision: bool
-    criteria: Path | None
-    perception: Path | None
+    criteria: Frozen | None
+    perception: Frozen | None
     settings: tuple[str, ...]
     seeds: int
     accept: tuple[str, ...]
@@ -178,19 +182,19 @@ def _print(result: Resimulation, assessed: Assessed) -> None:
 
 
 def _perceiving(
-    path: Path | None, settings: Sequence[str], seeds: range, bases: tuple[str, ...]
+    frozen: Frozen | None, settings: Sequence[str], seeds: range, bases: tuple[str, ...]
 ) -> Perceiving | None:
     """The perception model that the user asks for, if any."""
     from resim.perception.model import read_model
-    from resim.pipeline import Perceiving, file_hash
+    from resim.pipeline import Perceiving
 
-    if path is None:
+    if frozen is None:
         if settings:
             raise InputError("--set", f"{settings[0]!r} without a model", "Name one with --perception.")
         return None
     if "GT" not in bases:
         raise InputError("--perception", "is for re-simulation on GT", "Leave out --basis sd.")
-    return Perceiving(read_model(path, tuple(settings)), tuple(seeds), tuple(settings), file_hash(path))
+    return Perceiving(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
 
 
 def _with_progress(

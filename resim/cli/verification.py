@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from resim.cli.verdicts import console
+from resim.pipeline.notes import OF_BUILD
 from resim.verification.summary import VERDICTS
 
 Entry = Mapping[str, Any]
@@ -48,11 +49,18 @@ def _verified(found: Mapping[str, Any]) -> None:
                 f"{r['name']}: {r['verdict']}{when}: {r['cause']['step']}: {r['cause']['text']}",
                 highlight=False,
             )
+        _print_notes(r, out)
         for v in r.get("validity", []):
             out.print(f"{r['name']}: {_range(v)}", highlight=False)
     told = found["summary"]
     counts = ", ".join(f"{told[name]} {name}" for name in VERDICTS)
     out.print(f"{len(found['recordings'])} recordings: {counts}", highlight=False)
+
+
+def _print_notes(r: Entry, out: Console) -> None:
+    """Which code the verdict is not of."""
+    for note in (n for n in r.get("notes", ()) if n.endswith(OF_BUILD)):
+        out.print(f"{r['name']}: note: {note}", highlight=False)
 
 
 def _print_errors(found: Mapping[str, Any], out: Console) -> None:
@@ -116,6 +124,8 @@ def _compared(found: Mapping[str, Any]) -> None:
     out = console()
     out.print(table)
     _print_errors(found, out)
+    for r in found["recordings"]:
+        _print_notes(r, out)
     risk = told["risk"]
     if risk is not None:
         between = "" if risk["low"] is None else f" [{risk['low']:+.4f}, {risk['high']:+.4f}]"

@@ -1,8 +1,9 @@
-"""Reads files of strangers whole: folders, devices and what is too large are refused before anything is read."""
+"""Reads files of strangers whole: folders, devices and what is too large are refused first. Names the cache."""
 
 from __future__ import annotations
 
 import json
+import os
 import stat
 import tomllib
 from collections.abc import Callable
@@ -14,6 +15,12 @@ from resim.core.errors import InputError
 LARGEST_TEXT = 100_000_000
 DEEPEST = 30
 """Levels of tables and lists in a file that a person writes."""
+
+
+def cache_folder(name: str) -> Path:
+    """Give the folder of this name in which resim keeps what can be made again: in XDG_CACHE_HOME or ~/.cache."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "resim" / name
 
 
 def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large: str = "") -> bytes:

@@ -5,11 +5,18 @@ Map frame: x east, y north, heading anticlockwise from +x (ISO 8855), radians an
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+
+def constant(array: NDArray[Any]) -> NDArray[Any]:
+    """Give a copy that nobody can change, nor make writable again."""
+    return np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape)
 
 
 def wrap_angle(angle: ArrayLike) -> Floats:

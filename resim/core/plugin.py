@@ -1,97 +1,167 @@
-"""Code that a user names in a file, `module:name`, loaded from beside that file or from what is installed."""
+"""Code that a user names in a file, `module:name`: loaded from the file's frozen copy, each in a namespace of its own.
+
+Modules of two files may have the same names, also beside installed ones: those of each get private names, and what they
+import is looked for among their own first.
+"""
 
 from __future__ import annotations
 
-import ast
-import hashlib
+import builtins
 import importlib
+import importlib.abc
+import importlib.machinery
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 from resim.core.errors import InputError
+from resim.core.frozen import Copy, Frozen, freeze
+from resim.core.imports import is_own, options, own_data, own_sources
+from resim.core.opened import Opened
 
 
-def load_named(path: Path, named: str, what: str) -> tuple[Callable[..., Any], ModuleType]:
-    """Give the callable that the file at `path` names as "module:name" for its field `what`, and its module.
+def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[str] = ()) -> Frozen:
+    """Freeze the file at `path`, which holds `raw`, with the code and the data that belong to it.
 
-    A module file beside `path` goes before an installed module. Raises InputError for a module or name that is not
-    there.
+    named: the "module:name" that it says. files: what it lists as data. Raises InputError.
     """
+    modules = [one.partition(":")[0] for one in named]
+    data = own_data(path, files, modules)
+    scripts = [name for name in data if name.endswith(".py") and data[name] == path.parent / name]
+    sources = own_sources(path, modules, scripts)
+    return freeze(path, raw, sources, {name: file for name, file in data.items() if name not in sources})
+
+
+def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> tuple[Callable[..., Any], Opened]:
+    """Give the callable that a frozen file names as "module:name" for its field `what`, from its copy.
+
+    Also gives the context in which to call it, which hears of files that it opens. Raises InputError for a module or
+    name that is not there.
+    """
+    path = frozen.path
     module_name, _, name = named.partition(":")
-    module = _import(path, module_name, what)
+    private = f"_resim_{frozen.hash[:16]}"
+    if private not in _spaces:
+        _spaces[private] = _Space(private, copy)
+    space = _spaces[private]
+    opened = Opened(path, copy.folder, copy.names, frozenset(space.opened))
+    try:
+        with opened:
+            module = space.load(module_name)
+    except (Exception, SystemExit) as e:
+        problem = f"{what} module {module_name!r} cannot be imported: {e!r}"
+        remedy = f"Install it, or put the module's file beside {path.name}."
+        raise InputError(path, problem, opened.remedy() or remedy) from e
+    space.opened |= opened.found
     found = getattr(module, name, None)
     if not callable(found):
         raise InputError(path, f"{what} {named!r}: module {module_name} has no {name}")
-    return found, module
+    return found, opened
 
 
-def sources(module: ModuleType) -> bytes:
-    """Give the module's source, and those of the modules it imports from its own folder, and they from it."""
-    folder = Path(_file(module)).parent
-    known: dict[str, bytes] = {}
-    todo = [module]
-    while todo:
-        one = todo.pop()
-        if one.__name__ in known or not _file(one):
-            continue
-        known[one.__name__] = source = Path(_file(one)).read_bytes()
-        nodes = list(ast.walk(ast.parse(source))) if _file(one).endswith(".py") else []
-        froms = [
-            (node.module, node.names) for node in nodes if isinstance(node, ast.ImportFrom) and node.module
-        ]
-        names = {module for module, _ in froms} | {
-            f"{module}.{a.name}" for module, each in froms for a in each
-        }
-        names |= {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-        imported = [sys.modules[name] for name in sorted(names) if name in sys.modules]
-        todo += [m for m in imported if _file(m) and _own(Path(_file(m)), folder)]
-    return b"\0".join(sorted(known.values()))
+class _Space:
+    """A namespace of modules: a package of a private name, whose modules import one another by their own names.
 
-
-def _own(file: Path, folder: Path) -> bool:
-    """Whether a file lies in the folder, or in a package below it that is no installed one."""
-    return file.parent == folder or (
-        file.is_relative_to(folder) and not {"site-packages", "resim"} & set(file.relative_to(folder).parts)
-    )
-
-
-def _file(module: ModuleType) -> str:
-    """The module's file, source or compiled; "" for one that is built in."""
-    return str(getattr(module, "__file__", None) or "")
-
-
-def _import(path: Path, module_name: str, what: str) -> ModuleType:
-    beside = path.parent / f"{module_name}.py"
-    try:
-        if not beside.is_file():
-            return importlib.import_module(module_name)
-        return _load(beside)
-    except (Exception, SystemExit) as e:
-        remedy = f"Install it, or put the module's file beside {path.name}."
-        raise InputError(path, f"{what} module {module_name!r} cannot be imported: {e!r}", remedy) from e
-
-
-def _load(file: Path) -> ModuleType:
-    """Load a module from its file under a name of its own, so that it takes no other's place.
-
-    What it imports may lie beside it.
+    opened: files that they opened when they were loaded.
     """
-    name = f"{file.stem}_{hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look themselves up there
-    sys.path.insert(0, str(file.parent.resolve()))
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    finally:
-        sys.path.remove(str(file.parent.resolve()))
-    return module
+
+    def __init__(self, name: str, copy: Copy) -> None:
+        self.name, self.copy, self.opened = name, copy, set[str]()
+        tops = {name.partition("/")[0].partition(".")[0] for name in copy.names}
+        self._tops = {top for top in tops if is_own(top, copy.names)}
+        self.builtins = {**vars(builtins), "__import__": self._import}
+        self._importlib = _Importlib(self)
+
+    def load(self, name: str, package: str | None = None) -> ModuleType:
+        """Import a module by the name that it has for the user."""
+        if self.name not in sys.modules:
+            root = ModuleType(self.name, "Modules of a user's file.")
+            root.__path__ = [str(self.copy.folder)]
+            sys.modules[self.name] = root
+        return importlib.import_module(
+            self._private(name), None if package is None else self._private(package)
+        )
+
+    def _private(self, name: str) -> str:
+        return f"{self.name}.{name}" if name.partition(".")[0] in self._tops else name
+
+    def _import(
+        self,
+        name: str,
+        globals: Mapping[str, object] | None = None,
+        locals: Mapping[str, object] | None = None,
+        fromlist: Sequence[str] | None = (),
+        level: int = 0,
+    ) -> ModuleType:
+        """Do what `__import__` does, for the modules of this space."""
+        top = name.partition(".")[0]
+        if level or top not in self._tops:
+            found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            return self._importlib if found is importlib else found
+        whole = builtins.__import__(f"{self.name}.{name}", globals, locals, fromlist or (), 0)
+        return whole if fromlist else sys.modules[f"{self.name}.{top}"]
+
+    def spec(self, name: str) -> importlib.machinery.ModuleSpec | None:
+        """Say where the module of a private name is loaded from; None where it is not in the copy."""
+        place = name.partition(".")[2].replace(".", "/")
+        folder, names = self.copy.folder / place, self.copy.names
+        file = next((option for option in options(place) if option in names), None)
+        if file is None:
+            if not any(each.startswith(f"{place}/") for each in names):
+                return None
+            spec = importlib.machinery.ModuleSpec(name, None, is_package=True)
+            spec.submodule_search_locations = [str(folder)]
+            return spec
+        inside = [str(folder)] if file.startswith(f"{place}/") else None
+        path = str(self.copy.folder / file)
+        loader = _Loader(name, path, self, file) if file.endswith(".py") else None
+        return importlib.util.spec_from_file_location(
+            name, path, loader=loader, submodule_search_locations=inside
+        )
+
+
+class _Importlib(ModuleType):
+    """`importlib` as the modules of a space see it: their own modules can be imported by their names."""
+
+    def __init__(self, space: _Space) -> None:
+        super().__init__("importlib")
+        self.import_module = space.load
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(importlib, name)
+
+
+class _Loader(importlib.machinery.SourceFileLoader):
+    """Runs a module's source as it was hashed, never bytecode that was made from another."""
+
+    def __init__(self, name: str, path: str, space: _Space, file: str) -> None:
+        super().__init__(name, path)
+        self._space, self._file = space, file
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Compile the source."""
+        source = self._space.copy.sources[self._file]
+        code: CodeType = compile(source, self.path, "exec", dont_inherit=True)
+        return code
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the module with the imports of its space."""
+        module.__dict__["__builtins__"] = self._space.builtins
+        exec(self.get_code(module.__name__), module.__dict__)
+
+
+class _Finder(importlib.abc.MetaPathFinder):
+    """Finds modules of the spaces by their private names."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        space = _spaces.get(fullname.partition(".")[0])
+        return None if space is None else space.spec(fullname)
+
+
+_spaces: dict[str, _Space] = {}
+sys.meta_path.insert(0, _Finder())

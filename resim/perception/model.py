@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
+from resim.core.frozen import Frozen, freeze, thaw
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
@@ -315,13 +316,21 @@ class PerceptionModel(_Part):
         return self
 
 
-def read_model(path: Path, overrides: tuple[str, ...] = ()) -> PerceptionModel:
+def freeze_model(path: Path) -> Frozen:
+    """Keep a copy of a model. Raises InputError."""
+    return freeze(path, read_file(path, REMEDY))
+
+
+def read_model(model: Path | Frozen, overrides: tuple[str, ...] = ()) -> PerceptionModel:
     """Read a model. overrides: "latency.speed=0.4" and the like, indices of tables dotted too.
 
     What is set of latency, averaging or errors is set of every maneuver. With a latency that was set, averaging is at
     most twice that, if it was not set as well. Raises InputError naming every fault.
     """
-    raw = read_file(path, REMEDY)
+    if isinstance(model, Frozen):
+        path, raw = model.path, thaw(model).raw
+    else:
+        path, raw = model, read_file(model, REMEDY)
     data = parse_json(raw, path, REMEDY)
     for override in overrides:
         _override(data, override)

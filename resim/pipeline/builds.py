@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from resim.assess.criteria import Criteria
+from resim.core.opened import UNKNOWN
 from resim.ingest import Recording
 from resim.pipeline.assessments import How, assess_resimulation
 from resim.pipeline.outcomes import outcomes, parted, perceived_outcome
@@ -55,6 +56,7 @@ class Compared:
                 "now": [p.reactions[1] for p in self.pairs],
             },
             "pairs": [asdict(p) for p in self.pairs],
+            "notes": [n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNKNOWN)],
         }
 
 

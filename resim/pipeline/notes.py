@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from resim.assess.unseen import GAP
+from resim.core.opened import UNKNOWN
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
@@ -19,6 +20,10 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
+
+LABEL_ONLY = "without build_hash it is not known whether this code did, and the verdict is for the label only"
+OF_BUILD = (LABEL_ONLY, UNKNOWN)
+"""Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
 
 OFF_ROAD = 0.1
 """Share of the EGO's samples on no driving lane from which on the map is worth a look."""
@@ -41,6 +46,8 @@ def notes(
     yield from _repaired(recording)
     yield from _map(checked, measured)
     yield from _who_drove(recording, build)
+    if opened := build.opened.note():
+        yield f"{build.label}: {opened}"
     yield from _plausible(recording, checked.network, measured["GT"], errors)
     for basis, scenario in described.items():
         yield from _described(basis, measured[basis], scenario)
@@ -101,6 +108,8 @@ def _inexact(lane: LaneError) -> str:
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
     if drove(recording, build) is not False:
+        if recording.build and recording.build_hash is None:
+            yield f"{build.label} drove the recording by its label alone: {LABEL_ONLY}"
         return
     if recording.build != build.label:
         yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"

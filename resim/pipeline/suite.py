@@ -164,6 +164,13 @@ def content_hash(folder: Path) -> str:
     return hash_of_hashes(files, hashlib.sha256(road).hexdigest())
 
 
+def refuse_changed(folder: Path, digest: str) -> None:
+    """Raise InputError where a recording's content has not this hash."""
+    if (found := content_hash(folder)) != digest:
+        problem = f"its content has the hash {found[:12]}…, expected was {digest[:12]}…"
+        raise InputError(folder, problem, "Restore the recording, or begin anew with it as it is.")
+
+
 def hash_of_hashes(files: Mapping[str, str], road: str) -> str:
     """Give the SHA-256 of a recording from those of its files by name (others are left out) and of its map."""
     told = hashlib.sha256()

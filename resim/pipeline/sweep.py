@@ -12,11 +12,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field
 
+from resim.assess.criteria import freeze_criteria
 from resim.core.errors import InputError
+from resim.core.frozen import Frozen
 from resim.core.geometry import Floats
 from resim.experiment.adaptive import Lattice, Places, boundary, wanted
 from resim.experiment.design import Parameter, Plan, design
-from resim.pipeline.suite import Entry, Strict, found_folders, joined, read_strict, read_suite
+from resim.perception.model import freeze_model
+from resim.pipeline.suite import Entry, Strict, content_hash, found_folders, joined, read_strict, read_suite
+from resim.sim.adfunction import freeze_build
 
 Indices = NDArray[Any]
 Row = Mapping[str, Any]
@@ -79,15 +83,27 @@ class SweepFile(Strict):
 
 
 class Sweep(Strict):
-    """A sweep with its recordings found, by name."""
+    """A sweep with its recordings found, by name.
+
+    frozen: builds, model and criteria as they were when the sweep was read, by the names that its file has for them.
+    hashes: of the recordings' content at that time.
+    """
 
     path: Path
     file: SweepFile
     folders: dict[str, Path]
+    frozen: dict[str, Frozen] = Field(default_factory=dict)
+    hashes: dict[str, str] = Field(default_factory=dict)
 
-    def beside(self, name: str) -> Path:
-        """Give the path of what the file names."""
-        return joined(self.path, name)
+    @property
+    def perception(self) -> Frozen | None:
+        """The base model, None without one."""
+        return None if self.file.perception is None else self.frozen[self.file.perception]
+
+    @property
+    def criteria(self) -> Frozen:
+        """What runs are judged by."""
+        return self.frozen[self.file.criteria]
 
 
 def read_sweep(path: Path) -> Sweep:
@@ -110,7 +126,12 @@ def read_sweep(path: Path) -> Sweep:
     if (count := _count(file, len(folders))) > MOST:
         remedy = "Give fewer points, steps or seeds, or cut it into several."
         raise InputError(path, f"asks for up to {count:,} runs; a sweep has up to {MOST:,}", remedy)
-    return Sweep(path=path, file=file, folders=folders)
+    frozen = {name: freeze_build(joined(path, name)) for name in file.build}
+    frozen[file.criteria] = freeze_criteria(joined(path, file.criteria))
+    if file.perception is not None:
+        frozen[file.perception] = freeze_model(joined(path, file.perception))
+    hashes = {name: content_hash(folder) for name, folder in folders.items()}
+    return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes)
 
 
 def _count(file: SweepFile, recordings: int) -> int:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -13,12 +13,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
+from resim.core.frozen import Frozen, thaw
 from resim.core.geometry import Floats, from_frame
-from resim.core.plugin import load_named, sources
+from resim.core.opened import Opened
+from resim.core.plugin import freeze_code, load_named
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 
-PARTS = 'A build has name, version, factory = "module:name", [parameters].'
+PARTS = 'A build has name, version, factory = "module:name", files = [...], [parameters].'
 
 
 class EgoState(NamedTuple):
@@ -118,6 +120,7 @@ class _BuildFile(BaseModel):
     factory: str = Field(pattern=r"^[\w.]+:\w+$")
     cycle_time: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    files: tuple[str, ...] = ()
     parameters: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -126,8 +129,9 @@ class Build:
     """An AD function at one version: what makes it, with which parameters.
 
     cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
-    answer; `reset` and `close` have a minute. hash: SHA-256 over the build file, the source of the factory's
-    module, and the sources of what it imports from its own folder.
+    answer; `reset` and `close` have a minute. frozen: the copy that it was loaded from, whose hash is of the build
+    file, the factory's module, what that imports from its own folder, and the files that the build lists. opened: what
+    else its code opens beside the build file.
     """
 
     name: str
@@ -137,7 +141,13 @@ class Build:
     parameters: dict[str, Any]
     cycle_time: float | None
     time_limit: float
-    hash: str
+    frozen: Frozen
+    opened: Opened
+
+    @property
+    def hash(self) -> str:
+        """What pins it (SHA-256)."""
+        return self.frozen.hash
 
     @property
     def label(self) -> str:
@@ -150,24 +160,29 @@ class Build:
         return bool(getattr(self.factory, "needs_truth", False))
 
     def make(self) -> AdFunction:
-        """Make the function."""
-        return self.factory(**self.parameters)
+        """Make the function, with parameters of its own that no other run has."""
+        with self.opened:
+            return self.factory(**deepcopy(self.parameters))
 
 
-def load_build(path: Path) -> Build:
-    """Read a build file (TOML) and import the factory that it names.
+def freeze_build(path: Path) -> Frozen:
+    """Keep a copy of a build file with all that its hash is of. Raises InputError for what is not there."""
+    raw = read_file(path, PARTS)
+    file = _parsed(raw, path)
+    return freeze_code(path, raw, [file.factory], file.files)
+
+
+def load_build(file: Path | Frozen) -> Build:
+    """Read a build file (TOML) and import the factory that it names, from a frozen copy.
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module.
     Raises InputError for a file, field, module or name that is not there.
     """
-    raw = read_file(path, PARTS)
-    try:
-        file = _BuildFile.model_validate(parse_toml(raw, path, PARTS))
-    except ValidationError as e:
-        faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors())
-        raise InputError(path, faults, PARTS) from e
-    factory, module = load_named(path, file.factory, "factory")
-    name = file.factory.partition(":")[2]
+    frozen = file if isinstance(file, Frozen) else freeze_build(file)
+    path, copy = frozen.path, thaw(frozen, freeze_build)
+    said = _parsed(copy.raw, path)
+    factory, opened = load_named(frozen, copy, said.factory, "factory")
+    name = said.factory.partition(":")[2]
     lacks = [
         call
         for call in ("reset", "step", "close")
@@ -175,21 +190,30 @@ def load_build(path: Path) -> Build:
     ]
     if lacks:
         raise InputError(
-            path, f"factory {file.factory!r} has no {', '.join(lacks)}", "An AD function has all three."
+            path, f"factory {said.factory!r} has no {', '.join(lacks)}", "An AD function has all three."
         )
     try:
-        inspect.signature(factory).bind(**file.parameters)
+        inspect.signature(factory).bind(**said.parameters)
     except TypeError as e:
         raise InputError(path, f"[parameters] do not fit {name}: {e}") from e
     except ValueError:  # compiled code may not say its parameters; a run will find out
         pass
     return Build(
-        name=file.name,
-        version=file.version,
+        name=said.name,
+        version=said.version,
         path=path,
         factory=factory,
-        parameters=file.parameters,
-        cycle_time=file.cycle_time,
-        time_limit=file.time_limit,
-        hash=hashlib.sha256(raw + b"\0" + sources(module)).hexdigest(),
+        parameters=said.parameters,
+        cycle_time=said.cycle_time,
+        time_limit=said.time_limit,
+        frozen=frozen,
+        opened=opened,
     )
+
+
+def _parsed(raw: bytes, path: Path) -> _BuildFile:
+    try:
+        return _BuildFile.model_validate(parse_toml(raw, path, PARTS))
+    except ValidationError as e:
+        faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors())
+        raise InputError(path, faults, PARTS) from e

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from resim.core.errors import FunctionError, ResimError
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, constant
 from resim.sim.adfunction import AdFunction, Build, Command, EgoState, Perceived, Placement, Setup
 from resim.sim.watchdog import Watchdog
 
@@ -45,18 +45,16 @@ class Driver:
 
     def step(self, perceived: Perceived, keep: bool) -> Command | Placement:
         """Give the function's answer; FunctionError for one that cannot be driven."""
-        answer: Command | Placement = self._watchdog.call(self._limit, self._answer, perceived, keep)
+        answer: Command | Placement = self._watchdog.call(
+            self._limit, self._answer, unchangeable(perceived), keep
+        )
         return answer
 
     def _answer(self, perceived: Perceived, keep: bool) -> Command | Placement:
         """Ask and check the answer, which may run code of the function's, too."""
         answer: Command | Placement = self._step(perceived)
         if isinstance(answer, Command):
-            answer = _numbers(answer)
-            if answer.plan is not None and not _is_plan(answer.plan):
-                raise FunctionError(
-                    f"answered the plan {answer.plan!r:.60}, expected one or more rows of finite numbers (K, 4)"
-                )
+            answer = _copied(answer)
             if keep and answer.plan is not None:
                 self.plans.append((perceived.t, answer.plan))
         elif isinstance(answer, Placement):
@@ -75,11 +73,21 @@ class Driver:
             self._watchdog.call(_RESET_LIMIT, lambda: self._function.close())
 
 
+def unchangeable(p: Perceived) -> Perceived:
+    """Give the same with arrays that nobody can change; those that can be are copied."""
+    if not (p.x_ego.flags.writeable or p.v.flags.writeable or p.ids.flags.writeable):
+        return p  # as of `Ideal`, all of whose arrays are constant
+    columns: tuple[Any, ...] = (p.ids, p.kind, p.x_ego, p.y_ego, p.heading_ego, p.v, p.length, p.width)
+    return Perceived(p.t, p.ego, *[constant(c) if c.flags.writeable else c for c in columns])
+
+
 _NUMBERS = (float, int, np.floating, np.integer)
 
 
 def _plain(number: Any, what: str) -> float:
     """Give a plain finite float, whatever kind of number the function calculates with."""
+    if type(number) is float and math.isfinite(number):
+        return number
     try:
         value = float(number) if isinstance(number, _NUMBERS) else math.nan
     except OverflowError:
@@ -89,12 +97,11 @@ def _plain(number: Any, what: str) -> float:
     return value
 
 
-def _numbers(answer: Command) -> Command:
+def _copied(answer: Command) -> Command:
+    """Give a command of plain numbers that the function cannot change any more."""
     a = _plain(answer.acceleration, "acceleration")
     curvature = _plain(answer.curvature, "curvature")
-    if a is answer.acceleration and curvature is answer.curvature:
-        return answer
-    return Command(a, curvature, answer.plan)
+    return Command(a, curvature, None if answer.plan is None else _plan(answer.plan))
 
 
 def _placement(answer: Placement) -> Placement:
@@ -105,7 +112,13 @@ def _placement(answer: Placement) -> Placement:
     return Placement(EgoState(*[_plain(value, f"placement {name}") for name, value in values]))
 
 
-def _is_plan(plan: Any) -> bool:
-    is_table = isinstance(plan, np.ndarray) and plan.ndim == 2 and plan.shape[1] == 4 and len(plan) > 0
-    is_numbers = is_table and plan.dtype.kind in "fiu"
-    return is_numbers and np.count_nonzero(np.isfinite(plan)) == plan.size  # half the time of .all()
+def _plan(plan: Any) -> Floats:
+    """Give a copy of a plan: the function may write the next one into the same array."""
+    if isinstance(plan, np.ndarray) and plan.dtype.kind in "fiu" and not isinstance(plan, np.ma.MaskedArray):
+        copy: Floats = plan.astype(float, order="C", subok=False)
+        is_table = copy.ndim == 2 and copy.shape[1] == 4 and len(copy) > 0
+        if is_table and (
+            math.isfinite(np.vdot(copy, copy)) or np.isfinite(copy).all()
+        ):  # the former is quicker
+            return copy
+    raise FunctionError(f"answered the plan {plan!r:.60}, expected one or more rows of finite numbers (K, 4)")

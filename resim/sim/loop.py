@@ -59,19 +59,25 @@ def simulate(
     stage = staged(scenario, network, step, relaxation)
     loop = _Loop(stage, session, perception or Ideal(), model or Kinematic(), moved=moved)
     loop.perception.reset(np.random.default_rng(seed))
-    with Watchdog() as watchdog:
+    with Watchdog() as watchdog, build.opened:
         driver = Driver(build, watchdog)
         try:
             driver.reset(_setup(scenario, network, stage.plan, step * cycle, seed, build))
             loop.run(driver, cycle, stop_at_collision)
         except FunctionError as e:
-            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}", stop_at_collision)
+            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(build)}", stop_at_collision)
         try:
             driver.close()
         except FunctionError as e:
             loop.failure = loop.failure or f"{build.label} on closing {e}"
             loop.end = "function_failed" if loop.end == "duration" else loop.end
     return loop.result(driver, seed)
+
+
+def _remedy(build: Build) -> str:
+    """What the user may have to write into the build file, after a failure."""
+    remedy = build.opened.remedy()
+    return f". {remedy}" if remedy else ""
 
 
 def _setup(

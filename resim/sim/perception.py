@@ -52,7 +52,9 @@ class Ideal:
         away = world.position - complex(ego.x, ego.y)
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         relative = c * away - complex(0.0, s) * away  # of one complex product, processors round differently
+        relative = np.frombuffer(relative.tobytes(), complex)  # whoever sees it cannot change it
         turned = math.pi - np.mod((math.pi + ego.heading) - world.heading, 2.0 * math.pi)
+        turned = np.frombuffer(turned.tobytes())
         return Perceived(
             world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
             world.length, world.width,

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, constant
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, ScenarioObject
@@ -91,11 +91,9 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
         rows, shown = 1 + np.flatnonzero(plan.present[1:, first]), first >= plan.begin
         x, y, heading, v = (c[rows, first:after].T.copy() for c in (plan.x, plan.y, plan.heading, plan.v))
         names = tuple(f"{n}" for n in rows.tolist())
-        position = x + 1j * y
-        who = ids[rows], kind[rows], length[rows], width[rows]
-        for shared in (position, heading, v, *who):
-            shared.setflags(write=False)  # every run and function sees these
         told = np.stack([*to_sumo(x, y, heading, length[rows]), np.abs(v)], axis=-1).tolist()
+        position, heading, v = constant(x + 1j * y), constant(heading), constant(v)  # every run sees these
+        who = [constant(column[rows]) for column in (ids, kind, length, width)]
         yield Phase(
             first=first,
             after=after,

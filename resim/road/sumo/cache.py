@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import shutil
 import tempfile
 import time
@@ -15,6 +14,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from resim.core.errors import ConversionError, InputError
+from resim.core.files import cache_folder
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.conversion import Conversion, measure
@@ -70,8 +70,7 @@ def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: flo
 
 def default_cache() -> Path:
     """Give the directory of the converted nets."""
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "resim" / "nets"
+    return cache_folder("nets")
 
 
 @lru_cache(maxsize=64)
