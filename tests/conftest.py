@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,9 @@ from resim.sim.adfunction import Build, load_build
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT.parent / "shared" / "data"
+signal.signal(
+    signal.SIGINT, signal.default_int_handler
+)  # a shell that started us in the background had it ignored
 SHIPPED = ("cut_in_brake", "rear_end", "overtake")
 
 BUILD = """name = "test"

@@ -290,7 +290,9 @@ class _Seen:
         )
         first, last = tracks.span()
         some = np.zeros(len(tracks.t), dtype=bool)
-        some[np.searchsorted(tracks.t, np.arange(tracks.t[0], tracks.t[-1], OFTEN))] = True
+        count = int((tracks.t[-1] - tracks.t[0]) / OFTEN) + 1
+        often = tracks.t[0] + OFTEN * np.arange(count)
+        some[np.minimum(np.searchsorted(tracks.t, often), len(tracks.t) - 1)] = True
         shown = tracks.valid & (some | (tracks.t == first[:, None]) | (tracks.t == last[:, None]))
         place = np.column_stack([tracks.x[shown], tracks.y[shown]])
         return cls(place, float(np.median(np.diff(me.t))), me.t, me.state, farthest)
