@@ -30,6 +30,7 @@ from resim.ingest.folder import PLAN_COLUMNS
 from resim.ingest.tables import read_table
 from resim.pipeline.doubts import doubts
 from resim.pipeline.model_runs import MODEL, ModelRuns
+from resim.pipeline.notes import misfits
 from resim.pipeline.recordings import examined, finding_lines
 from resim.pipeline.result import Resimulation, finding_of
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
@@ -75,6 +76,7 @@ class Assessed:
     failures: of runs that failed, and why; also of those that have no assessment, as there was nothing to assess.
     findings: what is wrong with the recording, worst first, notes left out. model: the runs with a perception model,
     where there are any, and criteria to judge them by.
+    misfits: lines that name objects whose traces, by which they are assessed, are not where they were.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Assessed:
     failures: Mapping[str, str]
     findings: tuple[str, ...] = ()
     model: ModelRuns | None = None
+    misfits: tuple[str, ...] = ()
 
     def notes(self) -> list[str]:
         """Give what one has to know to compare the blocks and to believe them."""
@@ -97,6 +100,7 @@ class Assessed:
                 f"the EGO's path differs: {told}; `resim assess {folder} --path state` makes them alike"
             )
         out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
+        out += self.misfits
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 
     def bad(self) -> dict[str, str]:
@@ -168,7 +172,12 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
         )
         for basis, scenario in scenarios.items()
     }  # fmt: skip
-    return _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
+    found = _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
+    lines = [
+        line for basis, scenario in scenarios.items()
+        for line in misfits(basis, scenario, measured[basis].to_frame(), network)
+    ]  # fmt: skip
+    return replace(found, misfits=tuple(lines))
 
 
 def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
@@ -241,7 +250,11 @@ def _assess_results(folder: Path, how: How) -> Assessed:
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
     found = _assessed(name, network, True, blocks, how, failures, findings)
-    return replace(found, model=model)
+    lines = [
+        line for basis, scenario in scenarios.items()
+        for line in misfits(basis, scenario, tables.tracks[tables.tracks.source == basis], network)
+    ]  # fmt: skip
+    return replace(found, model=model, misfits=tuple(lines))
 
 
 def _described(report: Mapping[str, Any]) -> list[str]:

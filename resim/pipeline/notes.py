@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from resim.assess.unseen import GAP
 from resim.core.opened import UNKNOWN
@@ -18,6 +19,7 @@ from resim.pipeline.result import Basis, Branch, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
+from resim.scenario.course import beyond_noise, position_noise
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
 
@@ -51,7 +53,10 @@ def notes(
     yield from _plausible(recording, checked.network, measured["GT"], errors)
     for basis, scenario in described.items():
         yield from _described(basis, measured[basis], scenario)
+        yield from misfits(basis, scenario, measured[basis].to_frame(), checked.network)
     for basis, branch in branches.items():
+        if branch.refit is not None:
+            yield from misfits(f"r{basis}", branch.refit, branch.run.truth.to_frame(), checked.network)
         if branch.run.end in ("collision", "off_road"):
             yield f"r{basis} ended at t = {branch.run.truth.t[-1]:.2f} s: {branch.run.end.replace('_', ' ')}"
         if branch.run.failure:
@@ -136,6 +141,33 @@ def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str
     if lost := sorted(set(tracks.ids.tolist()) - there):
         yield f"{basis}: seen only once and left out: {', '.join(lost)}"
     yield from _gaps(basis, tracks, scenario.ego.id)
+
+
+def misfits(what: str, scenario: Scenario, positions: pd.DataFrame, network: RoadNetwork) -> Iterator[str]:
+    """Give one line that names every object whose trace is farther from its positions than their noise explains.
+
+    positions: what was described: a table of t [s], id, x, y [m]; an object's parts may be one in it.
+    """
+    times = np.unique(positions["t"].to_numpy(float))
+    traces = scenario.tracks(network, times)
+    if not set(traces.parts()) & set(positions["id"]):
+        traces = traces.joined()
+    row = {name: n for n, name in enumerate(traces.ids.tolist())}
+    far: list[tuple[float, str]] = []
+    for name, own in positions.groupby("id", sort=False):
+        if (n := row.get(str(name))) is None:
+            continue
+        t, place = own["t"].to_numpy(float), own["x"].to_numpy(float) + 1j * own["y"].to_numpy(float)
+        at = np.searchsorted(times, t)
+        off = np.nan_to_num(np.abs(traces.x[n, at] + 1j * traces.y[n, at] - place))
+        worst, noise = int(np.argmax(off)), position_noise(t, place)
+        if off[worst] > beyond_noise(noise):
+            far.append(
+                (float(off[worst]), f"{name} by {off[worst]:.2f} m at {t[worst]:.2f} s (noise {noise:.2g} m)")
+            )
+    if far:
+        told = ", ".join(text for _, text in sorted(far, reverse=True))
+        yield f"{what}: traces are off the positions that they were fitted to by more than noise: {told}"
 
 
 def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:

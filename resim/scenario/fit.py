@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 from scipy.linalg.lapack import dposv
 
 from resim.core.geometry import Floats, unwrap_angle
+from resim.scenario.course import Complexes, beyond_noise, mean_heading, position_noise, stands, way
 from resim.scenario.natural import Natural
 from resim.scenario.trace import Quadrature, Trace
-
-Complexes = NDArray[np.complex128]
 
 MIN_SEGMENT = 0.1
 """Least time [s] between two knots (Eq. 5.5)."""
@@ -51,24 +50,25 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
     Measured heading [rad] and v [m/s] serve as the start of the search; the heading also stands where
     positions say nothing about it. Times need not be evenly spaced: gaps are bridged.
     """
-    problem = _Problem(t, x, y, unwrap_angle(heading), v)
-    span = float(t[-1] - t[0])
-    segments = max(1, round(span / SEGMENT))
-    most = max(segments, min(int(span / MIN_SEGMENT), len(t) // 2))
-    best = last = problem.improve(problem.even(segments), rounds=8, move_knots=False)
-    stalled = 0
-    while segments < most and best.mean > _EXACT and stalled < (6 if last.hangs_together else 2):
-        segments += 1
-        problem.noise = max(best.mean, _LEAST_NOISE)
-        last = problem.improve(problem.split(last), rounds=2, move_knots=False)
-        if last.mean < (1.0 - GAIN) * best.mean:
-            best, stalled = last, 0
-        else:
-            stalled += 1
-    if best.mean > _EXACT:
-        best = problem.improve(problem.again(best), rounds=5)
-    splines = best.v.spline(best.p_v), best.heading.spline(best.p_heading)
-    return Fit(Trace(best.start.real, best.start.imag, *splines), best.distance)
+    place = x + 1j * y
+    noise = position_noise(t, place)
+    if stands(place, noise):
+        return _at_rest(t, place, heading)
+    found = _Problem(t, place, unwrap_angle(heading), v).solve()
+    if found.distance.max() > beyond_noise(noise):  # headings of who hardly moves may be anything
+        again = _Problem(t, place, *way(t, place, heading, noise)).solve(patience=6)
+        found = min(found, again, key=lambda s: float(np.square(s.distance).mean()))
+    splines = found.v.spline(found.p_v), found.heading.spline(found.p_heading)
+    return Fit(Trace(found.start.real, found.start.imag, *splines), found.distance)
+
+
+def _at_rest(t: Floats, place: Complexes, heading: Floats) -> Fit:
+    """Who does not move: at the middle of the positions, with one heading."""
+    ends, middle = np.array([t[0], t[-1]]), complex(place.mean())
+    constant = np.zeros((4, 1))
+    constant[3] = mean_heading(heading)
+    trace = Trace(middle.real, middle.imag, PPoly(np.zeros((4, 1)), ends), PPoly(constant, ends))
+    return Fit(trace, np.abs(place - middle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +108,27 @@ class _State:
 class _Problem:
     """The measured samples, and the damped Gauss-Newton steps that bring a candidate closer to them."""
 
-    def __init__(self, t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> None:
-        self.t, self.place, self.measured_heading, self.measured_v = t, x + 1j * y, heading, v
+    def __init__(self, t: Floats, place: Complexes, heading: Floats, v: Floats) -> None:
+        self.t, self.place, self.measured_heading, self.measured_v = t, place, heading, v
         self.rule = Quadrature.over(float(t[0]), t)
         self.noise = _LEAST_NOISE
+
+    def solve(self, patience: int = 2) -> _State:
+        """Add segments, halved where the error is largest, until they no longer help; then move the knots."""
+        span = float(self.t[-1] - self.t[0])
+        segments = max(1, round(span / SEGMENT))
+        most = max(segments, min(int(span / MIN_SEGMENT), len(self.t) // 2))
+        best = last = self.improve(self.even(segments), rounds=8, move_knots=False)
+        stalled = 0
+        while segments < most and best.mean > _EXACT and stalled < (6 if last.hangs_together else patience):
+            segments += 1
+            self.noise = max(best.mean, _LEAST_NOISE)
+            last = self.improve(self.split(last), rounds=2, move_knots=False)
+            if last.mean < (1.0 - GAIN) * best.mean:
+                best, stalled = last, 0
+            else:
+                stalled += 1
+        return self.improve(self.again(best), rounds=5) if best.mean > _EXACT else best
 
     def even(self, segments: int) -> _State:
         """A candidate with evenly spaced knots and the measured speed and heading."""
