@@ -108,7 +108,7 @@ def _both(gt: Table, sd: Table, known: list[Found], ego: str) -> Iterator[Found]
     ]
     beside, mistaken = misnamed(gt, beside)
     yield from mistaken
-    found_clocks, explained = clocks(gt, sd, beside)
+    found_clocks, explained = clocks(gt, sd, beside, ego)
     yield from found_clocks
     yield from reference_points(beside, explained, ego)
     yield from strangers(sd, beside, explained, parts_of(known))

@@ -9,6 +9,7 @@ import numpy as np
 from resim.check.beside import Pair, beside
 from resim.check.codes import Found, found
 from resim.check.derived import motion
+from resim.check.pooled import DRIFTED, pooled
 from resim.check.reference import CONSTANT, is_point
 from resim.check.tracks import Table, Track
 from resim.core.finding import Severity, Source
@@ -26,8 +27,6 @@ LATENCY = 0.05
 """Delay [s] from which on it is worth a note, where it is sure."""
 USUAL = 0.3
 """Delay [s] that sensors have; with more, stamps are wrong."""
-DRIFTED = 0.12
-"""Growth of the delay [s] over the recording that no sensor has: 3 m at 25 m/s."""
 SAME_RATE = 0.4
 """Part of the rate of a drift by which the speeds may miss it."""
 SURE = 3.0
@@ -48,25 +47,42 @@ class Delay:
     left: float
 
 
-def clocks(gt: Table, sd: Table, known: list[Pair]) -> tuple[list[Found], set[str]]:
+def clocks(gt: Table, sd: Table, known: list[Pair], ego: str) -> tuple[list[Found], set[str]]:
     """Give drift and delay between the clocks, or of single objects; and the SD objects that these explain."""
     fits = {p.sd.id: fit for p in known if (fit := delay_of(p)) is not None}
     if not fits:
         return [], set()
     by_id = {p.sd.id: p for p in known}
+    if (drift := _drift(gt, sd, fits, by_id)) is not None:
+        return [drift], set(fits)
+    if (late := _shared(sd, fits)) is not None:
+        return [late], set(fits)
+    whole = pooled(known, ego)
+    if whole.what == "drift":
+        source = _whose_clock(gt, sd, whole.drift / (whole.span[1] - whole.span[0]))
+        return [_drifting(source, whole.span, whole.drift)], set(by_id)
+    if whole.what:
+        return [_delayed("sd", "", sd.span, whole.delay, "every object of it", whole.point)], set(by_id)
+    return _single(gt, sd, fits, by_id)
+
+
+def _drift(gt: Table, sd: Table, fits: dict[str, Delay], by_id: dict[str, Pair]) -> Found | None:
+    """The drift that every object that is seen for long shows by itself."""
     long = [f for n, f in fits.items() if by_id[n].t[-1] - by_id[n].t[0] >= LONG]
-    if long:
-        drifts = np.array([f.drift for f in long])
-        noise = np.array([f.drift_spread for f in long])
-        drift = float(np.average(drifts, weights=noise**-2.0))
-        agree = np.abs(drifts - drift) < np.maximum(0.4 * abs(drift), SURE * noise)
-        if abs(drift) > max(DRIFTED, SURE * float(noise.min())) and agree.all():
-            longest = max(known, key=lambda p: p.t[-1] - p.t[0])
-            span = (float(longest.t[0]), float(longest.t[-1]))
-            source = _whose_clock(gt, sd, drift / (span[1] - span[0]))
-            if source != "recording" or (len(long) > 1 and abs(drift) > 2.0 * DRIFTED):
-                return [_drifting(source, span, drift)], set(fits)
-    return _offsets(gt, sd, fits, by_id)
+    if not long:
+        return None
+    drifts = np.array([f.drift for f in long])
+    noise = np.array([f.drift_spread for f in long])
+    drift = float(np.average(drifts, weights=noise**-2.0))
+    agree = np.abs(drifts - drift) < np.maximum(0.4 * abs(drift), SURE * noise)
+    if abs(drift) <= max(DRIFTED, SURE * float(noise.min())) or not agree.all():
+        return None
+    longest = max(by_id.values(), key=lambda p: p.t[-1] - p.t[0])
+    span = (float(longest.t[0]), float(longest.t[-1]))
+    source = _whose_clock(gt, sd, drift / (span[1] - span[0]))
+    if source == "recording" and (len(long) == 1 or abs(drift) <= 2.0 * DRIFTED):
+        return None
+    return _drifting(source, span, drift)
 
 
 def delay_of(pair: Pair) -> Delay | None:
@@ -131,16 +147,21 @@ def _whose_clock(gt: Table, sd: Table, rate: float) -> Source:
     return best[2]
 
 
-def _offsets(
-    gt: Table, sd: Table, fits: dict[str, Delay], by_id: dict[str, Pair]
-) -> tuple[list[Found], set[str]]:
-    """The delay that all share, else those of single objects."""
+def _shared(sd: Table, fits: dict[str, Delay]) -> Found | None:
+    """The delay that every object shows by itself."""
     delays = np.array([f.delay for f in fits.values()])
     spreads = np.array([f.spread for f in fits.values()])
     common = float(np.average(delays, weights=spreads**-2.0))
     allowed = np.maximum(max(0.1, 0.2 * abs(common)), 2.0 * spreads)
     if len(fits) > 1 and (np.abs(delays - common) < allowed).all() and _sure(common, float(spreads.min())):
-        return [_delayed("sd", "", sd.span, common, "every object of it")], set(fits)
+        return _delayed("sd", "", sd.span, common, "every object of it")
+    return None
+
+
+def _single(
+    gt: Table, sd: Table, fits: dict[str, Delay], by_id: dict[str, Pair]
+) -> tuple[list[Found], set[str]]:
+    """The delays of single objects, and the SD objects that these explain."""
     out, explained = [], set()
     for name, fit in fits.items():
         pair = by_id[name]
@@ -163,14 +184,23 @@ def _sure(delay: float, spread: float) -> bool:
     return abs(delay) > max(LATENCY, SURE * spread)
 
 
-def _delayed(source: Source, name: str, span: tuple[float, float], delay: float, who: str) -> Found:
+def _delayed(
+    source: Source, name: str, span: tuple[float, float], delay: float, who: str, point: float = 0.0
+) -> Found:
+    """The finding of a delay; point [m]: how far off another reference point would be that explains as much."""
     when = "late" if delay > 0.0 else "early"
     text = f"{who} comes {abs(delay):.2f} s too {when} against the other source"
+    if point:
+        text += (
+            f", or names a point {abs(point):.2f} m {'behind' if point < 0.0 else 'ahead of'} that of the other: "
+            "their speeds differ too little to tell"
+        )
     usual = abs(delay) <= USUAL
-    severity: Severity = "error" if not usual else "note" if delay > 0.0 and source == "sd" else "warning"
+    late = delay > 0.0 and source == "sd" and not point
+    severity: Severity = "error" if not usual else "note" if late else "warning"
     return found(
         "CLOCK_OFFSET", source, name, span, delay, "s", text, limit=LATENCY, severity=severity,
-        repair="" if severity == "note" else None, details={"shift": -delay},
+        repair="" if severity == "note" or point else None, details={"shift": -delay},
     )  # fmt: skip
 
 

@@ -17,6 +17,8 @@ FIXED = 0.35
 """Spread [m] (scaled median deviation) of an offset that is a point of the vehicle."""
 SIDE = 0.6
 """Offset [m] across the box from which on a corner is asked for: a car's half width less the noise."""
+SMALL = 0.7
+"""Half length [m] below which the points of a box are no farther apart than usual errors: pedestrians."""
 CLEAR = 1.0
 """Offset [m] along the box from which on a reference point is asked for: Mcity's sensor is 1.1 m off at most."""
 
@@ -53,6 +55,8 @@ def is_point(pair: Pair, peers: float = 0.0) -> bool:
         if 1.4826 * float(np.median(np.abs(values - middle))) > FIXED:
             return False
     half, side = 0.5 * pair.gt.length, abs(abs(across) - 0.5 * pair.gt.width)
+    if half < SMALL:
+        return False
     if abs(abs(along - peers) - half) < POINT and peers != 0.0 and min(abs(across), side) < POINT:
         return True
     if (

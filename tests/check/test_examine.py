@@ -102,7 +102,7 @@ def doubled(frame: pd.DataFrame) -> pd.DataFrame:
 
 def cornered(frame: pd.DataFrame) -> pd.DataFrame:
     along = 0.5 * frame["length"] * np.cos(frame["heading"])
-    return frame.assign(x=frame["x"] + along, y=frame["y"] + 0.5 * frame["length"] * np.sin(frame["heading"]))
+    return frame.assign(x=frame["x"] - along, y=frame["y"] - 0.5 * frame["length"] * np.sin(frame["heading"]))
 
 
 def returned(frame: pd.DataFrame) -> pd.DataFrame:
@@ -176,7 +176,7 @@ def test_a_reference_point_may_be_that_of_either_table(
             x=frame["x"] + half * np.cos(frame["heading"]), y=frame["y"] + half * np.sin(frame["heading"])
         )
 
-    before = tables("overtake")
+    before = tables("cut_in_brake")  # speeds differ: no delay explains it
     for changed in (replace(before, sd=moved(before.sd, sign)), replace(before, gt=moved(before.gt, -sign))):
         (hit, *_) = [f for f in look(changed) if f.code == "REFERENCE_POINT"]
         assert f"SD names its {own} bumper, or GT its {other} bumper" in hit.text
@@ -261,3 +261,46 @@ def test_no_table_that_can_be_read_makes_it_fail(tables: Read, look: Look, data:
         frames[name] = frame.reset_index(drop=True)
     findings = look(replace(before, **frames))
     assert all(f.code in CODES and "\n" not in f.text for f in findings)
+
+
+def delayed(frame: pd.DataFrame, by: float) -> pd.DataFrame:
+    return frame.assign(t=frame["t"] + by)
+
+
+@pytest.mark.parametrize("name", ["cut_in_brake", "rear_end", "overtake"])
+@pytest.mark.parametrize("by", [0.1, 0.12])
+def test_a_usual_sensor_delay_is_told_once_and_stops_nothing(
+    tables: Read, look: Look, name: str, by: float
+) -> None:
+    before = tables(name)
+    assert before.sd is not None
+    new = [f for f in look(replace(before, sd=delayed(before.sd, by))) if f.code != "SPEED_DISAGREES"]
+    assert [(f.code, f.object) for f in new] == [("CLOCK_OFFSET", "")]
+    assert new[0].severity in ("note", "warning")
+    assert new[0].value == pytest.approx(by, abs=0.03)
+
+
+def test_a_reference_point_is_told_from_a_delay_where_speeds_differ(tables: Read, look: Look) -> None:
+    before = tables("cut_in_brake")
+    assert before.sd is not None
+    sd, half = before.sd, 0.5 * before.sd["length"]
+    behind = sd.assign(x=sd["x"] - half * np.cos(sd["heading"]), y=sd["y"] - half * np.sin(sd["heading"]))
+    found = look(replace(before, sd=behind))
+    assert {(f.code, f.severity) for f in found if f.object == "ego"} == {("REFERENCE_POINT", "error")}
+    assert not [f for f in found if f.code == "CLOCK_OFFSET"]
+
+
+@pytest.mark.parametrize("off", [0.06, 0.15, 0.3])
+def test_a_pedestrian_is_too_small_for_a_reference_point(tables: Read, look: Look, off: float) -> None:
+    before = tables("overtake")
+    assert before.sd is not None
+
+    def walking(frame: pd.DataFrame, by: float) -> pd.DataFrame:
+        rows = own(frame, "3")
+        out = frame.assign(kind=frame["kind"].where(~rows, "pedestrian"))
+        for column, value in (("length", 0.5), ("width", 0.6), ("v", 1.4), ("heading", 0.0), ("y", -15.0)):
+            out = put(out, rows, column, value)
+        return put(out, rows, "x", 300.0 + 1.4 * frame.loc[rows, "t"] + by)
+
+    found = look(replace(before, gt=walking(before.gt, 0.0), sd=walking(before.sd, off)))
+    assert "REFERENCE_POINT" not in {f.code for f in found}
