@@ -12,13 +12,14 @@ from resim.check.bodies import overlaps, sizes
 from resim.check.clock import in_order
 from resim.check.codes import CODES, Code, Found, worst_first
 from resim.check.delay import clocks
+from resim.check.headings import headings
 from resim.check.identity import broken, jumps, parts_of
 from resim.check.motion import heading, limits, speed
 from resim.check.place import places
 from resim.check.reference import reference_points
 from resim.check.samples import duplicates, holes, missing_values, repeated
 from resim.check.tracks import Table, table_of
-from resim.check.units import heading_units, mirrored, speed_units
+from resim.check.units import mirrored, speed_units
 from resim.core.finding import Finding, Source
 from resim.ingest import Tables
 from resim.ingest.tables import GT_ID
@@ -75,7 +76,7 @@ def _source(
     out += sizes(source, frame)
     out += holes(table_of(source, frame, gt_id, incomplete=True), ego)
     table = table_of(source, frame, gt_id)
-    for look in (repeated, speed_units, heading_units):
+    for look in (repeated, speed_units, headings):
         table, more = look(table)
         out += more
     return table, out

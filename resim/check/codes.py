@@ -112,6 +112,12 @@ CODES: Mapping[str, Code] = {
     ),
     "SPEED_UNIT": Code("error", "every result that uses speed is wrong", "convert the speeds to m/s"),
     "HEADING_UNIT": Code("error", "every result that uses heading is wrong", "convert the headings to radians"),
+    "HEADING_TURNED": Code(
+        "error", "front and rear are exchanged: it seems to drive backwards", "turn the headings by pi"
+    ),
+    "HEADING_CONVENTION": Code(
+        "error", "every result that uses heading is wrong", "count the headings anticlockwise from +x, in radians"
+    ),
     "MIRRORED_Y": Code(
         "error", "left and right are exchanged, and lanes with them", "turn the sign of y and of the heading"
     ),

@@ -1,8 +1,8 @@
 """Delay and drift of SD against GT by all its objects together, where none of them alone is sure of it.
 
-Offsets along each object's heading are e = point L/2 + bias - v (delay + drift (t - middle) / lasts): a delay grows with the
-speed, another reference point with the length, a sensor's bias with neither. The bias is that of the EGO's own
-localisation, or one that all sensed objects share, and a little of each object's own.
+Offsets along each object's heading are e = point L/2 + bias - v (delay + drift (t - middle) / lasts): a delay
+grows with the speed, another reference point with the length, a sensor's bias with neither. The bias is that of
+the EGO's own localisation, or one that all sensed objects share, and a little of each object's own.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ CLEAR = 2.0
 """Difference of log likelihoods from which on one explanation is better than the other."""
 FAR = 2.5
 """Offset [m] that is left of a bin, beyond which it counts less: an object misnamed, or astray."""
+SIDE = 0.6
+"""Offset across the box [m] from which on all objects are off to the side: a corner."""
 MOST_ASTRAY = 0.1
 """Share of the bins that may be left so far off by what all objects have in common."""
 
@@ -73,6 +75,8 @@ def pooled(known: list[Pair], ego: str) -> Pooled:
         return Pooled("drift", float(drifted.value[0]), drift, span)
     if abs(delay) < SURE * delayed.spread[0] or delayed.cost > plain.cost - 0.5 * SURE**2:
         return Pooled("")
+    if float(np.median([abs(float(np.median(p.across))) for p in pairs])) > SIDE:
+        return Pooled("")  # no delay moves an object sideways
     sign = -1.0 if delay > 0.0 else 1.0
     turned = bins.fit(0, sign).cost
     if turned < delayed.cost - (CLEAR if delay > 0.0 else -CLEAR):  # no sensor is early
@@ -85,8 +89,8 @@ def pooled(known: list[Pair], ego: str) -> Pooled:
 
 @dataclass(frozen=True, eq=False)
 class _Bins:
-    """Offset ahead e [m], speed v [m/s], time from -0.5 to 0.5 and half length [m] of every bin; the biases' columns, and
-    the standard deviation of each."""
+    """Offset ahead e [m], speed v [m/s], time from -0.5 to 0.5 and half length [m] of every bin; columns of the
+    biases, and the standard deviation of each."""
 
     e: Floats
     v: Floats

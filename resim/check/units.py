@@ -1,4 +1,4 @@
-"""Units and signs: speeds in km/h, headings in degrees, y down. What is found is put right for the checks after."""
+"""Units and signs: speeds in km/h, y down. What is found is put right for the checks after."""
 
 from __future__ import annotations
 
@@ -19,15 +19,6 @@ NEAR = 0.08
 apart, and no speedometer is wrong by a factor of two."""
 MOVING = 1.0
 """Speed of the positions [m/s] from which on their ratio to the speed says something."""
-DEGREES = 180.0 / np.pi
-FITS, MISFITS = 0.1, 0.3
-"""Heading in degrees: it fits the course [rad, median] when converted, and by a third of that at most
-of what it does as it stands."""
-TURNED = 0.01
-"""Misfit of the heading [rad] from which on its unit is asked for: smaller does no harm."""
-LIVELY, OFTEN, STILL = 4.0, (0.5, 0.8), 0.004
-"""Times by which the heading's changes over 0.4 s exceed the course's when it is in degrees, at one of these
-quantiles; changes [rad] that are noise of a heading in radians."""
 BAD, GOOD = 0.3, 0.8
 """Share of places with the road's direction, as they stand and mirrored, that tell a mirrored map frame."""
 ENOUGH = 1000
@@ -63,79 +54,14 @@ def speed_units(table: Table) -> tuple[Table, list[Found]]:
         who = f"all {moving} moving objects: their speeds are" if whole else "its speeds are"
         text = f"{who} {SPEED_UNITS[unit]:.2f} times those of the positions: {unit}"
         factor = SPEED_UNITS[unit]
-        out.append(_over(table, name, "SPEED_UNIT", factor, "", text, 1.0, {"factor": factor}))
+        out.append(over(table, name, "SPEED_UNIT", factor, "", text, 1.0, {"factor": factor}))
     if whole:  # those at rest are in the same unit
         unit = next(iter(units.values()))
         return table.shaped(v=lambda k: k.v / SPEED_UNITS[unit]), out
     return table.shaped(v=converted), out
 
 
-def heading_units(table: Table) -> tuple[Table, list[Found]]:
-    """Give objects whose heading fits their course in degrees, and the table in radians, unwrapped."""
-    table, out = _radians(table)
-    return table.shaped(heading=lambda k: np.unwrap(k.heading)), out
-
-
-def _radians(table: Table) -> tuple[Table, list[Found]]:
-    """The same, as they come."""
-    fits: dict[str, tuple[float, float]] = {}
-    asked = 0
-    for track in table.tracks:
-        if (both := _misfits(track, table.step)) is None:
-            continue
-        asked += 1
-        as_is, converted = both
-        if as_is > TURNED and converted < min(FITS, MISFITS * as_is) and _lively(track, table.step):
-            fits[track.id] = both
-    if not fits:
-        return table, []
-    whole = len(fits) == asked > 1
-    out = []
-    for name in [""] if whole else fits:
-        as_is, converted = fits[name] if name else max(fits.values())
-        text = f"headings are {as_is:.3g} rad off the course as radians and {converted:.3g} rad as degrees"
-        out.append(_over(table, name, "HEADING_UNIT", as_is, "rad", text, TURNED, {"factor": DEGREES}))
-
-    def radians(track: Track) -> Floats:
-        return track.heading / DEGREES if whole or track.id in fits else track.heading
-
-    return table.shaped(heading=radians), out
-
-
-def _lively(track: Track, step: float) -> bool:
-    """Whether the heading changes far more than the course: noise and turns are 57 times as large in degrees.
-
-    A heading that is only turned by an amount changes as the course does.
-    """
-    if np.abs(track.heading).max() > 2.1 * np.pi:
-        return True
-    lag, base = max(round(0.4 / step), 1), max(round(1.6 / step), 1)
-    course = np.unwrap(np.angle(track.p[base:] - track.p[:-base]))
-    if len(course) <= lag:
-        return False
-    of_heading, of_course = (np.quantile(np.abs(h[lag:] - h[:-lag]), OFTEN) for h in (track.heading, course))
-    return bool((of_heading > LIVELY * of_course + STILL).any())
-
-
-def _misfits(track: Track, step: float) -> tuple[float, float] | None:
-    """How far [rad, median] the heading is off the course, as radians and as degrees; None where it does not drive."""
-    if track.kind == PEDESTRIAN or len(track) < 5:
-        return None
-    far = max(round(0.4 / step), 1)
-    if len(track) <= 2 * far:
-        return None
-    way = track.p[2 * far :] - track.p[: -2 * far]
-    drives = np.abs(way) > max(4.0 * MOVING * far * step, 0.5)
-    if not drives.any():
-        return None
-    course = np.angle(way[drives])
-    raw = track.heading[far:-far][drives]
-    reverse = np.where(track.v[far:-far][drives] < 0.0, np.pi, 0.0)
-    off = [np.abs(wrap_angle(h + reverse - course)) for h in (raw, raw / DEGREES)]
-    return float(np.median(off[0])), float(np.median(off[1]))
-
-
-def _over(
+def over(
     table: Table,
     name: str,
     code: str,
@@ -146,6 +72,7 @@ def _over(
     details: Mapping[str, float] | None = None,
     repair: str | None = None,
 ) -> Found:
+    """Give a finding over all of the object's time, or the table's."""
     own = [k for k in table.tracks if k.id == name]
     span = (own[0].t[0], own[-1].t[-1]) if own else table.span
     return found(
@@ -190,7 +117,7 @@ def mirrored(
         )  # fmt: skip
         height = float(np.median(np.concatenate([np.abs(k.p.imag) for k in table.tracks])))
         sure = look is not None and look.turned > look.as_is  # else it may be the other source's y
-        out.append(_over(table, "", "MIRRORED_Y", height, "m", text, 1.0, repair=None if sure else ""))
+        out.append(over(table, "", "MIRRORED_Y", height, "m", text, 1.0, repair=None if sure else ""))
         tables.append(_turned(table))
     return tables[0], tables[1], out  # type: ignore[return-value]
 

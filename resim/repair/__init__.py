@@ -20,7 +20,7 @@ from resim.repair.motion import heading_disagrees, speed_disagrees
 from resim.repair.order import duplicate_samples, size_changes, time_backwards
 from resim.repair.outliers import outlier, repeated_samples, spikes
 from resim.repair.settings import FILTERS, Filter, How
-from resim.repair.units import heading_unit, mirrored_y, speed_unit
+from resim.repair.units import heading, mirrored_y, speed_unit
 from resim.road.opendrive import RoadNetwork
 
 __all__ = ["FILTERS", "Count", "Done", "Filter", "Repaired", "repair"]
@@ -29,7 +29,9 @@ Repair = Callable[[Tables, Finding, How], Tables]
 
 REPAIRS: dict[str, Repair] = {
     "SPEED_UNIT": speed_unit,
-    "HEADING_UNIT": heading_unit,
+    "HEADING_UNIT": heading,
+    "HEADING_TURNED": heading,
+    "HEADING_CONVENTION": heading,
     "CLOCK_JUMP": clock_jump,
     "TIME_BACKWARDS": time_backwards,
     "DUPLICATE_SAMPLES": duplicate_samples,

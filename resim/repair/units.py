@@ -7,6 +7,7 @@ import numpy as np
 from resim.check.tracks import table_of
 from resim.check.units import headings_turn
 from resim.core.finding import Finding
+from resim.core.geometry import wrap_angle
 from resim.ingest import Tables
 from resim.repair.frames import changed, complete, frame_of, rows_of, with_frame
 from resim.repair.settings import How
@@ -14,21 +15,20 @@ from resim.repair.settings import How
 
 def speed_unit(tables: Tables, finding: Finding, how: How) -> Tables:
     """Give the speeds of the object, or of all, in m/s: divided by the unit's factor."""
-    return _scaled(tables, finding, "v")
-
-
-def heading_unit(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give the headings of the object, or of all, in radians."""
-    return _scaled(tables, finding, "heading")
-
-
-def _scaled(tables: Tables, finding: Finding, column: str) -> Tables:
     frame = frame_of(tables, finding.source)
-    values = frame[column].to_numpy(float) / float(finding.details["factor"])
+    values = frame["v"].to_numpy(float) / float(finding.details["factor"])
     rows = rows_of(frame, finding.object)
-    return with_frame(
-        tables, finding.source, changed(frame, rows, finding.code, **{column: values})
-    )  # fmt: skip
+    return with_frame(tables, finding.source, changed(frame, rows, finding.code, v=values))
+
+
+def heading(tables: Tables, finding: Finding, how: How) -> Tables:
+    """Give the headings of the object, or of all, in radians, anticlockwise from +x."""
+    frame, d = frame_of(tables, finding.source), finding.details
+    values = float(d["sign"]) * frame["heading"].to_numpy(float) / float(d["factor"]) + float(d["offset"])
+    rows = rows_of(frame, finding.object)
+    if finding.code != "HEADING_UNIT":
+        values = wrap_angle(values)
+    return with_frame(tables, finding.source, changed(frame, rows, finding.code, heading=values))
 
 
 def mirrored_y(tables: Tables, finding: Finding, how: How) -> Tables:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from resim.check import CODES, examine
 from resim.core.finding import SEVERITIES, Finding
 from resim.ingest import Tables
+from resim.repair import repair
 
 Read = Callable[[str], Tables]
 Look = Callable[[Tables], tuple[Finding, ...]]
@@ -145,6 +146,8 @@ PLANTS: tuple[tuple[str, str, str, Change], ...] = (
     ("SPEED_UNIT", "gt", "", lambda f: f.assign(v=3.6 * f["v"])),
     ("SPEED_UNIT", "sd", "2", lambda f: put(f, own(f, "2"), "v", 2.237 * f["v"])),
     ("HEADING_UNIT", "gt", "", degrees),
+    ("HEADING_TURNED", "gt", "", lambda f: f.assign(heading=f["heading"] + np.pi)),
+    ("HEADING_CONVENTION", "sd", "", lambda f: f.assign(heading=0.5 * np.pi - f["heading"])),
     ("MIRRORED_Y", "gt", "", lambda f: f.assign(y=-f["y"], heading=-f["heading"])),
     ("SD_WITHOUT_GT", "sd", "2", lambda f: put(f, own(f, "2"), "gt_id", "")),
 )  # fmt: skip
@@ -304,3 +307,49 @@ def test_a_pedestrian_is_too_small_for_a_reference_point(tables: Read, look: Loo
 
     found = look(replace(before, gt=walking(before.gt, 0.0), sd=walking(before.sd, off)))
     assert "REFERENCE_POINT" not in {f.code for f in found}
+
+
+CONVENTIONS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+    "degrees": ("HEADING_UNIT", np.degrees),
+    "turned by pi": ("HEADING_TURNED", lambda h: h + np.pi),
+    "turned the other way": ("HEADING_TURNED", lambda h: h - np.pi),
+    "turned by 180 degrees": ("HEADING_TURNED", lambda h: np.degrees(h) + 180.0),
+    "clockwise from north": ("HEADING_CONVENTION", lambda h: 0.5 * np.pi - h),
+    "clockwise from north in degrees": ("HEADING_CONVENTION", lambda h: np.degrees(0.5 * np.pi - h) % 360.0),
+    "anticlockwise from north": ("HEADING_CONVENTION", lambda h: h - 0.5 * np.pi),
+    "clockwise from +x": ("HEADING_CONVENTION", lambda h: -h),
+}
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+@pytest.mark.parametrize("table", ["gt", "sd"])
+@pytest.mark.parametrize("turned", [0.0, -0.6])
+def test_conventions_of_headings_are_told_apart_and_repaired(
+    tables: Read, table: str, name: str, turned: float
+) -> None:
+    """On a straight road to the east, and to the south-east, where each convention is another one."""
+    code, convention = CONVENTIONS[name]
+    if turned == 0.0 and name == "clockwise from +x":
+        return  # the same there
+    before = tables("cut_in_brake")
+    c, s = np.cos(turned), np.sin(turned)
+    frames = {
+        n: f.assign(x=c * f["x"] - s * f["y"], y=s * f["x"] + c * f["y"], heading=f["heading"] + turned)
+        for n, f in (("gt", before.gt), ("sd", before.sd))
+    }
+    good = replace(before, **frames)
+    bad = replace(
+        good, **{table: frames[table].assign(heading=convention(frames[table]["heading"].to_numpy()))}
+    )
+    found = [f for f in examine(bad, None) if f.severity == "error"]
+    assert [(f.code, f.source, f.object) for f in found] == [(code, table, "")], [f.text for f in found]
+    again = getattr(repair(bad, None).tables, table)["heading"].to_numpy()
+    off = again - frames[table]["heading"].to_numpy()
+    assert np.abs(np.angle(np.exp(1j * off))).max() < 1e-9
+
+
+def test_one_heading_that_is_turned_is_found(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    for by in (np.pi, -np.pi):
+        faulty = replace(before, gt=add(before.gt, own(before.gt), "heading", by))
+        assert [(f.code, f.source, f.object) for f in look(faulty)] == [("HEADING_TURNED", "gt", "1")]
