@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from resim.check.beside import misnamed, pairs, strangers
-from resim.check.bodies import overlaps, sizes
+from resim.check.bodies import overlaps, sizes, swapped
 from resim.check.clock import in_order
 from resim.check.codes import CODES, Code, Found, worst_first
 from resim.check.delay import clocks
@@ -36,7 +36,7 @@ EXPLAINED = {
     "SPEED_DISAGREES": ("CLOCK_DRIFT",),
     "WRONG_WAY": ("HEADING_DISAGREES", *TORN),
     "OFF_MAP": TORN,
-    "OVERLAP": ("OFF_MAP", *TORN),
+    "OVERLAP": ("OFF_MAP", "SIZE_SWAPPED", *TORN),
     "GAP": ("ID_REUSED",),
     "MISSING_SAMPLES": ("ID_REUSED",),
 }
@@ -74,6 +74,7 @@ def _source(
     out += missing_values(source, frame)
     out += duplicates(source, frame)
     out += sizes(source, frame)
+    out += swapped(source, frame)
     out += holes(table_of(source, frame, gt_id, incomplete=True), ego)
     table = table_of(source, frame, gt_id)
     for look in (repeated, speed_units, headings):

@@ -16,14 +16,35 @@ DEEP = 0.3
 """Depth [m] from which on two boxes are in each other: what measured positions and sizes may miss."""
 LONG = 1.0
 """Time [s] after which it is no collision: struck cars part, or stop."""
+MANY, SHARE = 3, 0.1
+"""Pairs in each other, and share of the objects in them, from which on nothing of the recording can be judged."""
 SIZE = 0.05
 """Change of length or width [m] that is none; a real object keeps its own."""
+WIDER = 1.05
+"""Times its length that a vehicle is wide when the two are swapped; no vehicle is."""
+SHAPELESS = ("pedestrian", "unknown")
+"""Kinds that may be wider than long."""
 MUCH = 0.1
 """Part of the size by which it changes when it matters."""
 
 
 def overlaps(table: Table) -> Iterator[Found]:
-    """Give pairs whose boxes are in each other for longer than a collision lasts."""
+    """Give pairs whose boxes are in each other for longer than a collision lasts; where they are many, the table."""
+    pairs = list(_pairs_inside(table))
+    concerned = {name for one in pairs for name in (one.finding.object, one.other)}
+    yield from pairs
+    if len(pairs) >= MANY and len(concerned) > SHARE * len({k.id for k in table.tracks}):
+        span = min(f.finding.start for f in pairs), max(f.finding.end for f in pairs)
+        text = (
+            f"{len(pairs)} pairs of boxes are in each other, of {len(concerned)} objects: tracks that do not belong "
+            "to one time or one frame, or wrong sizes"
+        )
+        yield found(
+            "OVERLAP", table.source, "", span, len(pairs), "pairs", text, limit=MANY, severity="error"
+        )
+
+
+def _pairs_inside(table: Table) -> Iterator[Found]:
     tracks = sorted((k for k in table.tracks if len(k) > 1), key=lambda k: k.t[0])
     boxes = [_bounds(k) for k in tracks]
     for n, a in enumerate(tracks):
@@ -36,7 +57,7 @@ def overlaps(table: Table) -> Iterator[Found]:
             if (span := _inside(a, b, table.step)) is not None:
                 text = f"is in {b.id!r} by more than {DEEP} m from {span[0]:.2f} to {span[1]:.2f} s"
                 lasts = span[1] - span[0]
-                yield found("OVERLAP", table.source, a.id, span, lasts, "s", text, limit=LONG)
+                yield found("OVERLAP", table.source, a.id, span, lasts, "s", text, limit=LONG, other=b.id)
 
 
 def _bounds(track: Track) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -64,6 +85,30 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
     spans = [(float(common[s]), float(common[e])) for s, e in runs(hit)]
     span = max(spans, key=lambda s: s[1] - s[0], default=None)
     return span if span is not None and span[1] - span[0] >= LONG - 0.5 * step else None
+
+
+def swapped(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
+    """Give vehicles that are wider than long; where most of them are, the table, whose columns are swapped.
+
+    One alone may be seen from behind by a sensor: of the SD it is a note.
+    """
+    sides = frame[~frame["kind"].isin(SHAPELESS)].groupby("id", sort=False)[["length", "width"]].median()
+    wide = sides[sides["width"] > WIDER * sides["length"]]
+    if wide.empty:
+        return
+    excess = float((wide["width"] / wide["length"]).max())
+    span = (float(frame["t"].min()), float(frame["t"].max()))
+    if len(wide) > max(0.5 * len(sides), 1):
+        text = f"{len(wide)} of {len(sides)} vehicles are wider than long, up to {excess:.1f} times"
+        yield found("SIZE_SWAPPED", source, "", span, excess, "1", text, limit=WIDER)
+        return
+    for name, (length, width) in zip(wide.index, wide.to_numpy(), strict=True):
+        t = frame.loc[frame["id"] == name, "t"]
+        yield found(
+            "SIZE_SWAPPED", source, str(name), (t.min(), t.max()), width / length, "1",
+            f"is {length:.2f} m long and {width:.2f} m wide", limit=WIDER,
+            severity="warning" if source == "gt" else "note", repair=None if source == "gt" else "",
+        )  # fmt: skip
 
 
 def sizes(source: Source, frame: pd.DataFrame) -> Iterator[Found]:

@@ -17,7 +17,7 @@ from resim.repair.frames import SOURCES, Count, counted, frame_of, numbered, wit
 from resim.repair.gaps import holes, missing_values
 from resim.repair.identity import id_reused, id_switch, track_broken
 from resim.repair.motion import heading_disagrees, speed_disagrees
-from resim.repair.order import duplicate_samples, size_changes, time_backwards
+from resim.repair.order import duplicate_samples, size_changes, size_swapped, time_backwards
 from resim.repair.outliers import outlier, repeated_samples, spikes
 from resim.repair.settings import FILTERS, Filter, How
 from resim.repair.units import heading, mirrored_y, speed_unit
@@ -43,6 +43,7 @@ REPAIRS: dict[str, Repair] = {
     "TRACK_BROKEN": track_broken,
     "REPEATED_SAMPLES": repeated_samples,
     "OUTLIER": outlier,
+    "SIZE_SWAPPED": size_swapped,
     "SIZE_CHANGES": size_changes,
     "ACCELERATION": spikes,
     "YAW_RATE": spikes,

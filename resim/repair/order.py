@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from resim.check.bodies import SHAPELESS
 from resim.core.finding import Finding
 from resim.ingest import Tables
 from resim.repair.frames import changed, frame_of, marked, rows_of, with_frame
@@ -43,6 +44,15 @@ def size_changes(tables: Tables, finding: Finding, how: How) -> Tables:
     kind = frame.loc[own, "kind"].value_counts(sort=True).index[0]
     values["kind"] = np.where(own, kind, frame["kind"])
     return with_frame(tables, finding.source, changed(frame, own, finding.code, **values))
+
+
+def size_swapped(tables: Tables, finding: Finding, how: How) -> Tables:
+    """Give the object, or every object that is wider than long, its width for its length."""
+    frame = frame_of(tables, finding.source)
+    wide = (frame["width"] > frame["length"]).to_numpy() & ~frame["kind"].isin(SHAPELESS).to_numpy()
+    rows = rows_of(frame, finding.object) & wide
+    values = {"length": frame["width"].to_numpy(), "width": frame["length"].to_numpy()}
+    return with_frame(tables, finding.source, changed(frame, rows, finding.code, **values))
 
 
 def _middle(values: pd.Series) -> float:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from resim.check import CODES, examine
 from resim.core.finding import SEVERITIES, Finding
-from resim.ingest import Tables
+from resim.ingest import Tables, read_commonroad
 from resim.repair import repair
 
 Read = Callable[[str], Tables]
@@ -140,6 +141,8 @@ PLANTS: tuple[tuple[str, str, str, Change], ...] = (
     ("YAW_RATE", "gt", "1", lambda f: driven(f, turned=0.3)),
     ("OVERLAP", "gt", "3", doubled),
     ("SIZE_CHANGES", "gt", "1", lambda f: put(f, own(f) & late(f), "length", 6.0)),
+    ("SIZE_SWAPPED", "gt", "", lambda f: f.assign(length=f["width"], width=f["length"])),
+    ("SIZE_SWAPPED", "sd", "2", lambda f: put(put(f, own(f, "2"), "length", 1.9), own(f, "2"), "width", 4.7)),
     ("OFF_MAP", "gt", "3", lambda f: add(f, own(f, "3"), "y", -40.0)),
     ("WRONG_WAY", "gt", "3", returned),
     ("REFERENCE_POINT", "recording", "ego", cornered),
@@ -353,3 +356,70 @@ def test_one_heading_that_is_turned_is_found(tables: Read, look: Look) -> None:
     for by in (np.pi, -np.pi):
         faulty = replace(before, gt=add(before.gt, own(before.gt), "heading", by))
         assert [(f.code, f.source, f.object) for f in look(faulty)] == [("HEADING_TURNED", "gt", "1")]
+
+
+NGSIM = Path(__file__).parents[2].parent / "shared" / "data" / "ngsim"
+
+
+def real(name: str, ego: str) -> Tables:
+    return Tables.of(read_commonroad(NGSIM / f"{name}.xml", map=NGSIM / f"{name}.xodr", ego=ego))
+
+
+def sensed(gt: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
+    """GT as a sensor sees it: 5 cm of noise, and each object up to 0.3 m off."""
+    rng = np.random.default_rng(seed)
+    bias = {name: rng.normal(0.0, 0.15, 2) for name in dict.fromkeys(gt["id"])}
+    noise = rng.normal(0.0, 0.05, (2, len(gt)))
+    off = np.array([bias[name] for name in gt["id"]]).T + noise
+    return gt.assign(x=gt["x"] + off[0], y=gt["y"] + off[1])
+
+
+needs_ngsim = pytest.mark.skipif(not NGSIM.is_dir(), reason="needs the NGSIM scenarios beside the project")
+
+
+@needs_ngsim
+@pytest.mark.parametrize("rate", [0.02, -0.02])
+@pytest.mark.parametrize("source", ["gt", "sd"])
+def test_a_drift_is_found_in_real_traffic_of_short_tracks(rate: float, source: str) -> None:
+    """2 % on US-101, tracks of which hardly one is there for all of it: each cut to its 4 s."""
+    before = real("USA_US101-22_1_T-1", "659")
+    begins = before.gt.groupby("id")["t"].transform("min")
+    gt = before.gt[(before.gt["t"] - begins <= 4.0) | (before.gt["id"] == "659")]
+    clean = replace(before, gt=gt, sd=sensed(gt))
+    assert [f for f in examine(clean, None) if f.severity == "error"] == []
+    frame = clean.gt if source == "gt" else clean.sd
+    assert frame is not None
+    found = examine(replace(clean, **{source: frame.assign(t=(1.0 + rate) * frame["t"])}), None)
+    drifts = [f for f in found if f.code == "CLOCK_DRIFT"]
+    assert [(f.severity, f.object) for f in drifts] == [("error", "")]
+    lasts = float(frame["t"].max() - frame["t"].min())
+    assert abs(drifts[0].value) == pytest.approx(abs(rate) * lasts, rel=0.15)
+
+
+@needs_ngsim
+def test_a_delay_is_found_in_real_traffic(look: Look) -> None:
+    before = real("USA_US101-22_1_T-1", "659")
+    late_sd = replace(before, sd=delayed(sensed(before.gt), 0.1))
+    found = [
+        f for f in examine(late_sd, None) if f.code in ("CLOCK_OFFSET", "REFERENCE_POINT", "CLOCK_DRIFT")
+    ]
+    assert [(f.code, f.severity, f.object) for f in found] == [("CLOCK_OFFSET", "note", "")]
+    assert found[0].value == pytest.approx(0.1, abs=0.02)
+
+
+def test_tracks_that_are_shifted_to_start_together_are_an_error(tables: Read, look: Look) -> None:
+    """Ten cars that enter one after another, every 2 s in one of two lanes."""
+    before = tables("overtake")
+    one = before.gt[own(before.gt, "ego")]
+    many = [
+        one.assign(id=f"c{k}", t=one["t"] + 1.0 * k, y=one["y"] + 3.5 * (k % 2), v=one["v"])
+        for k in range(10)
+    ]
+    gt = pd.concat([one.assign(t=one["t"] + 20.0), *many]).sort_values("t", kind="stable")
+    gt = gt[gt["t"] < 25.0].reset_index(drop=True)
+    right = replace(before, gt=gt, sd=None)
+    assert "OVERLAP" not in {f.code for f in look(right)}
+    together = gt.assign(t=np.round(gt["t"] - gt.groupby("id")["t"].transform("min"), 6))
+    found = look(replace(right, gt=together.sort_values("t", kind="stable")))
+    assert ("OVERLAP", "error", "") in {(f.code, f.severity, f.object) for f in found}
+    assert sum(f.code == "OVERLAP" and f.severity == "error" for f in found) == 1

@@ -92,6 +92,7 @@ PLANTS: tuple[tuple[str, str, Change, tuple[float, ...]], ...] = (
     ("HEADING_DISAGREES", "gt", lambda f: add(f, own(f) & f["t"].between(3.0, 5.0), heading=0.4),
      (1e-6, 0.03, 1e-9, 1e-9)),
     ("SIZE_CHANGES", "gt", lambda f: put(f, own(f) & (f["t"] > 8.0), length=6.0), EXACT),
+    ("SIZE_SWAPPED", "gt", lambda f: f.assign(length=f["width"], width=f["length"]), EXACT),
     ("SPEED_UNIT", "gt", lambda f: f.assign(v=3.6 * f["v"]), EXACT),
     ("SPEED_UNIT", "sd", lambda f: put(f, own(f, "2"), v=2.236936 * f["v"]), EXACT),
     ("HEADING_UNIT", "gt", lambda f: f.assign(heading=np.degrees(f["heading"])), EXACT),
