@@ -78,7 +78,7 @@ def reaction_figure(view: View) -> go.Figure:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.64, 0.36], vertical_spacing=0.06)
     if (lead := view.lead) is not None:
         tracks = view.tracks["GT"]
-        trace = line(tracks.t, tracks.v[tracks.index(lead)], color=view.color(lead, "GT"), width=1.4,
+        trace = line(view.since(tracks.t), tracks.v[tracks.index(lead)], color=view.color(lead, "GT"), width=1.4,
                      name=f"{view.label(lead)} GT", hover="t = %{x:.2f} s: %{y:.2f} m/s")  # fmt: skip
         figure.add_trace(trace, row=1, col=1)
     for source in ("GT", "rGT", "rSD"):
@@ -87,8 +87,8 @@ def reaction_figure(view: View) -> go.Figure:
     style(figure, 470.0, margin={"l": 62, "r": 14, "t": 58, "b": 44})
     figure.update_yaxes(title_text="v [m/s]", row=1)
     figure.update_yaxes(title_text="EGO a [m/s²]", row=2)
-    figure.update_xaxes(range=view.span)
-    figure.update_xaxes(title_text="t [s]", row=2)
+    figure.update_xaxes(range=[0.0, view.span[1] - view.start])
+    figure.update_xaxes(title_text=view.clock, row=2)
     return figure
 
 
@@ -99,21 +99,26 @@ def _draw_reaction(figure: go.Figure, view: View, source: str) -> None:
     tracks, color = view.tracks[source], view.color(view.ego, source)
     look: dict[str, Any] = {"color": color, "name": f"EGO {source}", "dashed": source.startswith("r")}
     speed = tracks.v[tracks.index(view.ego)]
-    figure.add_trace(line(tracks.t, speed, hover="t = %{x:.2f} s: %{y:.2f} m/s", **look), row=1, col=1)
+    figure.add_trace(
+        line(view.since(tracks.t), speed, hover="t = %{x:.2f} s: %{y:.2f} m/s", **look), row=1, col=1
+    )
     spline = scenario.ego.v
     t = np.arange(spline.x[0], spline.x[-1], 0.02)
     figure.add_trace(
-        line(t, spline(t, 1), width=1.5, hover="t = %{x:.2f} s: %{y:.2f} m/s²", **look), row=2, col=1
+        line(view.since(t), spline(t, 1), width=1.5, hover="t = %{x:.2f} s: %{y:.2f} m/s²", **look),
+        row=2,
+        col=1,
     )
     at = view.report["reaction"][source]
     if at is None:
         return
+    at -= view.start
     level = ("GT", "rGT", "rSD").index(source)
     figure.add_shape(
         type="line", xref="x", yref="paper", x0=at, x1=at, y0=0.0, y1=1.015 + 0.042 * level,
         line={"color": color, "width": 1.6, "dash": "dash" if source.startswith("r") else "solid"},
     )  # fmt: skip
-    right = at > 0.5 * (view.span[0] + view.span[1])
+    right = at > 0.5 * (view.span[1] - view.start)
     figure.add_annotation(
         text=f"<b>{source}</b> {at:.2f} s", xref="x", yref="paper", x=at, y=1.015 + 0.042 * level,
         xanchor="right" if right else "left", yanchor="middle", xshift=-4 if right else 4, showarrow=False,

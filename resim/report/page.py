@@ -89,7 +89,11 @@ def _header(look: View) -> str:
             " and ".join(result.branches) + ("" if result.recording.sd is not None else " (no sensor data)"),
         ),
         ("EGO", f"{escape(look.ego)}, with {len(objects)} traffic object{'' if len(objects) == 1 else 's'}"),
-        ("time", f"{look.span[0]:.2f} s to {look.span[1]:.2f} s"),
+        (
+            "time",
+            f"{look.span[0]:.2f} s to {look.span[1]:.2f} s"
+            + ("; figures count from the first" if look.start else ""),
+        ),
     )
     listed = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in facts)
     warnings = "".join(f"<li>{escape(w)}</li>" for w in report["warnings"])
@@ -205,6 +209,6 @@ def _reaction(look: View) -> str:
 
 def _perceived(look: View) -> str:
     return (
-        "<p>Objects shown to the function from t = 0 on, and how far they were off the simulated truth."
+        "<p>Objects shown to the function from the start on, and how far they were off the simulated truth."
         f"</p>{tables.perceived(look)}"
     )

@@ -17,9 +17,22 @@ CONFIG = {"displayModeBar": False, "responsive": True}
 """Zoom by dragging, back by a double click; a bar of buttons would cover the figures."""
 
 
-def compact(values: Floats) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Give values as 32-bit floats: half the page, and finer than a pixel."""
-    return np.ascontiguousarray(values, dtype=np.float32)
+FINEST = 1e-4
+"""Part of a figure's width that is finer than a pixel."""
+
+
+def compact(values: Floats) -> np.ndarray[Any, Any]:
+    """Give values as 32-bit floats, half the page, where these are finer than a pixel; else as they are."""
+    known = np.abs(values[np.isfinite(values)])
+    fine = not known.size or np.spacing(np.float32(known.max())) <= FINEST * float(
+        np.ptp(values[np.isfinite(values)])
+    )
+    return np.ascontiguousarray(values, dtype=np.float32 if fine else np.float64)
+
+
+def clock_words(start: float) -> str:
+    """Give the title of an axis of times [s] counted from a start [s] of the recording's clock."""
+    return f"t [s] from {start:.2f} s on" if start else "t [s]"
 
 
 def fade(color: str, share: float) -> str:

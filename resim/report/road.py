@@ -64,13 +64,13 @@ def distance_figure(view: View) -> go.Figure | None:
     figure = make_subplots(rows=1, cols=len(steps) + seen, shared_yaxes=True, horizontal_spacing=0.03)
     for column, step in enumerate(steps, start=1):
         error_panel(figure, view, step, "d", {"row": 1, "col": column})
-        figure.update_xaxes(title_text=f"{step} over t [s]", row=1, col=column)
+        figure.update_xaxes(title_text=f"{step} over {view.clock}", row=1, col=column)
     if seen:
         cell = {"row": 1, "col": len(steps) + 1}
         seeds_panel(figure, view, cell)
-        figure.update_xaxes(title_text="PIPE_GT+M over t [s]", **cell)
+        figure.update_xaxes(title_text=f"PIPE_GT+M over {view.clock}", **cell)
     style(figure, 250.0, margin={"l": 62, "r": 14, "t": 22, "b": 42})
-    figure.update_xaxes(range=view.span)
+    figure.update_xaxes(range=[0.0, view.span[1] - view.start])
     figure.update_yaxes(**FROM_ZERO)
     figure.update_yaxes(title_text="d [m]", col=1)
     return figure
@@ -119,7 +119,7 @@ def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) 
                 continue
             x, y = places(tracks, name)
             yield line(
-                x, y, t=tracks.t, color=view.color(name, source), name=f"{view.label(name)} {source}",
+                x, y, t=view.since(tracks.t), color=view.color(name, source), name=f"{view.label(name)} {source}",
                 dashed=source.startswith("r"), hover="t = %{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m",
             )  # fmt: skip
 

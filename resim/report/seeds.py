@@ -58,7 +58,7 @@ def drive_figure(look: View) -> go.Figure:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.56, 0.44])
     own = [p.run.truth.select([look.ego]) for p in look.result.perceived_runs]
     for row, quantity in enumerate(("v", "a"), start=1):
-        x, y = joined([truth.t for truth in own], [getattr(truth, quantity)[0] for truth in own])
+        x, y = joined([look.since(truth.t) for truth in own], [getattr(truth, quantity)[0] for truth in own])
         figure.add_trace(line(x, y, color=fade(SEEDS, 0.35), name="rGT+M", width=1.0), row=row, col=1)
     for source in ("rGT", "rSD", "GT"):
         for row, (t, values) in enumerate(_known(look, source), start=1):
@@ -69,8 +69,8 @@ def drive_figure(look: View) -> go.Figure:
     style(figure, 430.0, margin={"l": 62, "r": 14, "t": 14, "b": 44})
     for row, title in enumerate(("v [m/s]", "a [m/s²]"), start=1):
         figure.update_yaxes(title_text=title, row=row)
-    figure.update_xaxes(range=look.span)
-    figure.update_xaxes(title_text="t [s]", row=2)
+    figure.update_xaxes(range=[0.0, look.span[1] - look.start])
+    figure.update_xaxes(title_text=look.clock, row=2)
     return figure
 
 
@@ -81,7 +81,7 @@ def _known(look: View, source: str) -> list[tuple[Floats, Floats]]:
         return []
     tracks, spline = look.tracks[source].select([look.ego]), scenario.ego.v
     t = np.arange(spline.x[0], spline.x[-1], 0.04)
-    return [(tracks.t, tracks.v[0]), (t, spline(t, 1))]
+    return [(look.since(tracks.t), tracks.v[0]), (look.since(t), spline(t, 1))]
 
 
 def _reactions(figure: go.Figure, look: View) -> None:
@@ -90,11 +90,13 @@ def _reactions(figure: go.Figure, look: View) -> None:
     if at is not None:
         look_of = {"color": look.color(look.ego, "GT"), "width": 1.4, "dash": "dot"}
         for row in (1, 2):
-            figure.add_vline(x=at, line=look_of, row=row, col=1)
+            figure.add_vline(x=at - look.start, line=look_of, row=row, col=1)
     times = np.array([s["reaction"] for s in look.report["perception"]["seeds"] if s["reaction"] is not None])
     if len(times):
         level = np.full(len(times), BRAKING)
-        marks = dots(times, level, color=SEEDS, name="first braking", hover="t = %{x:.2f} s", size=7.0)
+        marks = dots(
+            look.since(times), level, color=SEEDS, name="first braking", hover="t = %{x:.2f} s", size=7.0
+        )
         figure.add_trace(marks, row=2, col=1)
 
 
@@ -103,15 +105,15 @@ def seeds_panel(figure: go.Figure, look: View, cell: dict[str, int]) -> None:
     pipes = [p.pipe for p in look.result.perceived_runs if p.pipe is not None]
     every = np.stack([pipe.d[EGO_ROW][0] for pipe in pipes])  # all at the times of GT
     there = np.isfinite(every).any(axis=0)
-    t = pipes[0].t[there]
+    t = look.since(pipes[0].t[there])
     low, middle, high = np.nanquantile(every[:, there], [0.0, 0.5, 1.0], axis=0)
     band = line(np.r_[t, t[::-1]], np.r_[low, high[::-1]], color=SEEDS, name="", width=0.0)
     band.update(mode="none", fill="toself", fillcolor=fade(SEEDS, 0.22))
     figure.add_trace(band, **cell)
     if (without := look.result.errors.get("PIPE_GT")) is not None:
         color = look.color(look.ego, "rGT")
-        trace = line(without.t, without.d[EGO_ROW][0], color=color, name="EGO PIPE_GT", dashed=True, width=1.4,
-                     hover="t = %{x:.2f} s: %{y:.3f} m")  # fmt: skip
+        trace = line(look.since(without.t), without.d[EGO_ROW][0], color=color, name="EGO PIPE_GT", dashed=True,
+                     width=1.4, hover="t = %{x:.2f} s: %{y:.3f} m")  # fmt: skip
         figure.add_trace(trace, **cell)
     name = f"median of {len(pipes)} seeds"
     figure.add_trace(line(t, middle, color=SEEDS, name=name, hover="t = %{x:.2f} s: %{y:.3f} m"), **cell)

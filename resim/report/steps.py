@@ -64,8 +64,8 @@ def band_figure(view: View, band: Band) -> go.Figure:
         if (least := LEAST.get(quantity)) is not None:
             figure.update_yaxes(autorangeoptions_include=[-least, least], row=2, col=column)
     figure.update_yaxes(**FROM_ZERO, row=2, col=1)
-    figure.update_xaxes(range=view.span)
-    figure.update_xaxes(title_text="t [s]", row=2)
+    figure.update_xaxes(range=[0.0, view.span[1] - view.start])
+    figure.update_xaxes(title_text=view.clock, row=2)
     return figure
 
 
@@ -84,7 +84,7 @@ def _draw_source(figure: go.Figure, view: View, source: str) -> None:
         for column, (values, unit) in enumerate(_values(view, tracks, name), start=1):
             hover = f"t = %{{x:.2f}} s: %{{y:.3f}} {unit}"
             trace = line(
-                tracks.t, values, name=label, dashed=source.startswith("r"), hover=hover, **look,  # type: ignore[arg-type]
+                view.since(tracks.t), values, name=label, dashed=source.startswith("r"), hover=hover, **look,  # type: ignore[arg-type]
             )  # fmt: skip
             figure.add_trace(trace, row=1, col=column)
         if scenario is not None:
@@ -95,7 +95,7 @@ def _draw_source(figure: go.Figure, view: View, source: str) -> None:
                 own = tracks.valid[n]
                 at = np.interp(spline.x, tracks.t[own], values[own])
                 knots = dots(
-                    spline.x,
+                    view.since(spline.x),
                     at,
                     color=color,
                     name=f"{label}: knot",
@@ -126,7 +126,7 @@ def _draw_lane(figure: go.Figure, view: View) -> None:
     borders = [half, -half, np.where(left > 0.0, half + left, np.nan)]
     borders.append(np.where(right > 0.0, -half - right, np.nan))
     for border in borders:
-        trace = line(tracks.t, border, color="#b4bac2", name="lane border", width=1.0)
+        trace = line(view.since(tracks.t), border, color="#b4bac2", name="lane border", width=1.0)
         trace.line.dash = "dot"
         figure.add_trace(trace, row=1, col=1)
 
@@ -139,7 +139,7 @@ def error_panel(figure: go.Figure, view: View, step: str, quantity: str, cell: d
     every = errors.ids.tolist()
     grey = [n for n, name in enumerate(every) if name in set(view.others)]
     if grey:
-        trace = line(*joined([errors.t] * len(grey), [values[n] for n in grey]), color=OTHERS,
+        trace = line(*joined([view.since(errors.t)] * len(grey), [values[n] for n in grey]), color=OTHERS,
                      name="other TOs", width=0.8)  # fmt: skip
         figure.add_trace(trace, **cell)
     text = [_ribbon(figure, view, errors, quantity, source, who, cell) for who in ("TO", "EGO")]
@@ -147,7 +147,7 @@ def error_panel(figure: go.Figure, view: View, step: str, quantity: str, cell: d
         if name in every:
             figure.add_trace(
                 line(
-                    errors.t, values[every.index(name)], color=view.color(name, source), width=1.4,
+                    view.since(errors.t), values[every.index(name)], color=view.color(name, source), width=1.4,
                     name=f"{view.label(name)} {step}", dashed=source.startswith("r"),
                     hover=f"t = %{{x:.2f}} s: %{{y:.4f}} {QUANTITIES[quantity]}",
                 ),
@@ -168,7 +168,7 @@ def _ribbon(
         return ""
     color = view.color(view.ego if who == "EGO" or not view.focus else view.focus[0], source)
     mean, std = found["mean"], found["std"]
-    known = errors.t[np.isfinite(errors.x).any(axis=0)][[0, -1]]
+    known = view.since(errors.t[np.isfinite(errors.x).any(axis=0)][[0, -1]])
     around = np.r_[known, known[::-1], known[:1]]
     edge = mean + std * np.array([-1.0, -1.0, 1.0, 1.0, -1.0])
     band = line(around, edge, color=color, name="", width=0.0)

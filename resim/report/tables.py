@@ -110,7 +110,7 @@ def perceived(view: View) -> str:
 
 
 def _perceived_rows(view: View, run: str, branch: Branch) -> Iterable[list[str]]:
-    seen = [p for p in branch.run.perceived if p.t >= -1e-9]
+    seen = [p for p in branch.run.perceived if p.t >= view.start - 1e-6]
     counts = [len(p.ids) for p in seen]
     if not seen:
         yield [run, "no cycle", *[NONE] * 6]

@@ -14,6 +14,7 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Floats, to_frame, unwrap_angle
 from resim.core.tracks import Tracks
 from resim.pipeline import Resimulation
+from resim.report.plots import clock_words
 from resim.road.opendrive import LaneShape
 from resim.road.path import Path, lane_path
 
@@ -89,6 +90,20 @@ class View:
         """First and last time [s] of any source."""
         times = [t for tracks in self.tracks.values() for t in tracks.t[[0, -1]].tolist() if len(tracks.t)]
         return min(times), max(times)
+
+    @property
+    def start(self) -> float:
+        """What times in figures are counted from [s]."""
+        return self.span[0]
+
+    def since(self, t: Floats) -> Floats:
+        """Give times [s] from the start on."""
+        return np.asarray(t - self.start)
+
+    @property
+    def clock(self) -> str:
+        """The title of an axis of times."""
+        return clock_words(self.start)
 
     def color(self, object_id: str, source: str) -> str:
         """Give the colour of an object as a source (GT, SD, rGT, rSD) has it."""

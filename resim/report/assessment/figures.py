@@ -13,7 +13,7 @@ from resim.core.geometry import Floats, box_corners, to_frame
 from resim.pipeline import Assessed
 from resim.report.assessment.marks import NUMBERS, RISK, TIMES, block_color, least, marked
 from resim.report.lanes import Box, lane_traces
-from resim.report.plots import FAINT, compact, fade, line, number, style
+from resim.report.plots import FAINT, clock_words, compact, fade, line, number, style
 from resim.report.view import OTHERS
 from resim.road.opendrive import LaneShape, RoadNetwork
 
@@ -31,10 +31,11 @@ def risk_figure(assessed: Assessed) -> go.Figure:
     """Draw the accident risk of GT, SD, rGT and rSD over time: linear above, logarithmic below."""
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
     largest = max(float(np.nan_to_num(a.risk.r_ind).max()) for a in assessed.blocks.values())
+    start = min(float(a.drive.t[0]) for a in assessed.blocks.values())
     for name, a in assessed.blocks.items():
         for row in (1, 2):
             shown = np.maximum(PERCENT * a.risk.r_ind, 1e-5) if row == 2 else PERCENT * a.risk.r_ind
-            trace = line(a.drive.t, shown, color=block_color(name), name=name, dashed=name.startswith("r"),
+            trace = line(a.drive.t - start, shown, color=block_color(name), name=name, dashed=name.startswith("r"),
                          hover="t = %{x:.1f} s: %{y:.3g} %")  # fmt: skip
             figure.add_trace(trace, row=row, col=1)
     for limit in _limits(assessed):
@@ -47,7 +48,7 @@ def risk_figure(assessed: Assessed) -> go.Figure:
     figure.update_yaxes(
         title_text="risk [%]", type="log", range=[-5.0, 2.2], dtick=2, exponentformat="power", row=2
     )
-    figure.update_xaxes(title_text="t [s]", row=2)
+    figure.update_xaxes(title_text=clock_words(start), row=2)
     return figure
 
 
@@ -71,9 +72,10 @@ def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> go
     style(figure, sum(heights) + 90.0, margin={"l": 62, "r": 14, "t": 8, "b": 42})
     for row, scene in enumerate(scenes, start=1):
         _frame(figure, assessment, row, scene)
-    span = [float(assessment.drive.t[0]), float(assessment.drive.t[-1])]
+    start = float(assessment.drive.t[0])
+    span = [0.0, float(assessment.drive.t[-1]) - start]
     figure.update_xaxes(range=span, row=n + 1, col=1, showticklabels=False)
-    figure.update_xaxes(range=span, row=n + 2, col=1, title_text="t [s]")
+    figure.update_xaxes(range=span, row=n + 2, col=1, title_text=clock_words(start))
     figure.update_yaxes(title_text="time [s]", range=[0.0, LONGEST], row=n + 1, col=1)
     figure.update_yaxes(title_text="risk [%]", rangemode="tozero", row=n + 2, col=1)
     return figure
@@ -81,7 +83,10 @@ def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> go
 
 def _frame(figure: go.Figure, assessment: Assessment, row: int, scene: int) -> None:
     """A strip's axes, its words, and its mark in the panels below."""
-    t, risk = float(assessment.drive.t[scene]), PERCENT * float(assessment.risk.r_ind[scene])
+    t, risk = (
+        float(assessment.drive.t[scene] - assessment.drive.t[0]),
+        PERCENT * float(assessment.risk.r_ind[scene]),
+    )
     bottom = len(marked(assessment)) + 2
     figure.update_xaxes(range=[-BEHIND, AHEAD], showgrid=False, showticklabels=row == bottom - 2, row=row, col=1,
                         ticksuffix=" m")  # fmt: skip
@@ -105,14 +110,20 @@ def _percent(risk: float) -> str:
 def _times(figure: go.Figure, assessment: Assessment, row: int) -> None:
     for name, color in TIMES.items():
         value = least(assessment, name)
-        trace = line(assessment.drive.t, value, color=color, name=name, hover="t = %{x:.1f} s: %{y:.2f} s")
+        trace = line(
+            assessment.drive.t - assessment.drive.t[0],
+            value,
+            color=color,
+            name=name,
+            hover="t = %{x:.1f} s: %{y:.2f} s",
+        )
         trace.mode = "lines+markers"
         trace.marker = {"size": 3.5, "color": color}
         figure.add_trace(trace, row=row, col=1)
 
 
 def _area(assessment: Assessment) -> go.Scatter:
-    trace = line(assessment.drive.t, PERCENT * assessment.risk.r_ind, color=RISK, name="risk",
+    trace = line(assessment.drive.t - assessment.drive.t[0], PERCENT * assessment.risk.r_ind, color=RISK, name="risk",
                  hover="t = %{x:.1f} s: %{y:.3g} %")  # fmt: skip
     return trace.update(fill="tozeroy", fillcolor=fade(RISK, 0.12))
 

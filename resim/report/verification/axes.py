@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import Floats
+from resim.report.plots import clock_words
 
 WIDTH, HEIGHT = 640.0, 240.0
 LEFT, RIGHT, TOP, BOTTOM = 72.0, 14.0, 34.0, 50.0
@@ -71,7 +72,9 @@ class Axes:
     def _frame(self) -> str:
         bottom, right = HEIGHT - BOTTOM, WIDTH - RIGHT
         rows = [(round(self.y_of(value), 1), value) for value in ticks(*self.y)]
-        columns = [(round(self.x_of(t), 1), t) for t in ticks(*self.t)]
+        first, last = self.t
+        clock = clock_words(first)
+        columns = [(round(self.x_of(first + t), 1), t) for t in ticks(0.0, last - first)]
         grid = "".join(f"M{LEFT:g} {y:g}H{right:g}" for y, _ in rows)
         grid += "".join(f"M{x:g} {bottom:g}v5" for x, _ in columns)
         values = "".join(f'<text x="{LEFT - 7.0:g}" y="{y + 5.0:g}">{value:g}</text>' for y, value in rows)
@@ -79,7 +82,7 @@ class Axes:
         return (
             f'<path class="grid" d="{grid}"/><path class="frame" d="M{LEFT:g} {TOP:g}V{bottom:g}H{right:g}"/>'
             f'<text x="2" y="{TOP - 14.0:g}">{self.label}</text><g text-anchor="end">{values}'
-            f'<text x="{right:g}" y="{HEIGHT - 8.0:g}">t [s]</text></g><g text-anchor="middle">{times}</g>'
+            f'<text x="{right:g}" y="{HEIGHT - 8.0:g}">{clock}</text></g><g text-anchor="middle">{times}</g>'
         )
 
     def _points(self, t: Floats, values: Floats) -> list[str]:
