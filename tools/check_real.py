@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from import_mcity import TRIALS, import_trial
+from import_mcity import import_trial, trials
 from validate_real import NGSIM, candidates
 
 from resim.check import examine
@@ -40,7 +40,7 @@ def recordings(data: Path) -> Iterator[Tables]:
     yield Tables.of(replace(sample, name="highd_us101_22"))
     mcity = data / "mcity"
     network = load(mcity / "mcity.xodr")
-    for trial in TRIALS:
+    for trial in trials(mcity):
         yield Tables.of(import_trial(trial, mcity, network))
 
 

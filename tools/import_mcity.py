@@ -2,9 +2,10 @@
 
     python tools/import_mcity.py DATA_DIR OUT_DIR
 
-DATA_DIR holds `gts/`, `dets/` and `mcity.xodr`. Each trial becomes the folder OUT_DIR/mcity_N. The tracked
-vehicle (trial 11: pedestrian) is the EGO and the only ground truth; the sensor data hold all that the
-roadside sensor perceived, the EGO among it. What was found out about the data, and is applied here:
+DATA_DIR holds `gts/`, `dets/` and `mcity.xodr`. A trial is what one file of perception saw, and all files of truth
+whose times lie in its; it becomes the folder OUT_DIR/mcity_N, N being the last number in its name. The tracked
+objects are the ground truth, the EGO is the vehicle (else pedestrian) that is tracked longest; the sensor data hold
+all that the roadside sensor perceived, the EGO among it. What was found out about the data, and is applied here:
 
 - `rotation` [rad] points backwards: heading = rotation + pi. For pedestrians it says nothing.
 - `speed` is in km/h: over the matched vehicle it is 3.6 times the truth's.
@@ -32,17 +33,11 @@ from resim.ingest import Recording, write_recording
 from resim.ingest.recording import sample_rate
 from resim.road.opendrive import RoadNetwork, load
 
-TRIALS = {  # truth, perception, EGO
-    "3": ("gts/gps_data_3.json", "dets/detection_3.json", "vehicle"),
-    "4": ("gts/gps_data_4.json", "dets/detection_4.json", "vehicle"),
-    "5": ("gts/gps_data_5.json", "dets/detection_5.json", "vehicle"),
-    "11": ("gts/ped_gps_data_ped_11.json", "dets/detection_ped_11.json", "pedestrian"),
-}
 KIND = {"2": "car", "10": "pedestrian"}
 LENGTH, WIDTH = 4.92, 1.86  # m, Lincoln MKZ: the data do not name the vehicle
 PEDESTRIAN_SIZE = 0.5  # m
 GATE = 3.0  # m; a perceived object farther from the truth is another one
-SMOOTHED = {"vehicle": 0.5, "pedestrian": 1.1}  # s, window of the local cubic fit to the truth
+SMOOTHED = {"car": 0.5, "pedestrian": 1.1}  # s, window of the local cubic fit to the truth
 STANDING = 0.3  # m/s; slower, the truth keeps its last heading
 
 
@@ -58,7 +53,7 @@ def main() -> int:
     args = parser.parse_args()
     try:
         network = load(args.data_dir / "mcity.xodr")
-        for trial in TRIALS:
+        for trial in trials(args.data_dir):
             recording = import_trial(trial, args.data_dir, network, length=args.length, width=args.width)
             write_recording(recording, args.out_dir / recording.name)
             print(f"{recording.name}: {recording.provenance['outcome']}")
@@ -71,30 +66,37 @@ def main() -> int:
 def import_trial(
     trial: str, data_dir: Path, network: RoadNetwork, *, length: float = LENGTH, width: float = WIDTH
 ) -> Recording:
-    """Give one trial as a recording; time 0 is the first truth sample within both files' times."""
-    truth_file, seen_file, ego = TRIALS[trial]
+    """Give one trial as a recording; time 0 is the first truth sample of the EGO within both files' times."""
+    known = trials(data_dir)
+    if trial not in known:
+        raise InputError(data_dir, f"holds no trial {trial!r}", f"It has {', '.join(known) or 'none'}.")
+    seen_file, truth_files = known[trial]
     origin = _origin(network)
-    truth = _read_frames(data_dir / truth_file, origin)
-    seen, swapped = _in_order(_read_frames(data_dir / seen_file, origin))
-    first = truth.loc[truth["t"] >= seen["t"].min(), "t"].min()
-    last = min(truth["t"].max(), seen["t"].max())
-    box = (length, width) if ego == "vehicle" else (PEDESTRIAN_SIZE, PEDESTRIAN_SIZE)
-    gt = Tracks.from_frame(_truth(truth, ego, box)).window(first, last)
+    truth = _named([_read_frames(path, origin) for path in truth_files])
+    seen, swapped = _in_order(_read_frames(seen_file, origin))
+    ego = _ego(truth)
+    own = truth.loc[truth["id"] == ego, "t"]
+    first, last = own[own >= seen["t"].min()].min(), min(own.max(), seen["t"].max())
+    boxes = {"car": (length, width), "pedestrian": (PEDESTRIAN_SIZE, PEDESTRIAN_SIZE)}
+    kinds = truth.groupby("id", sort=False)["kind"].first()
+    tracks = [_truth(rows, kinds[name], boxes[kinds[name]]) for name, rows in truth.groupby("id", sort=False)]
+    gt = Tracks.from_frame(pd.concat(tracks).sort_values("t", kind="stable")).window(first, last)
     sd = Tracks.from_frame(_perceived(seen)).window(first, last)
     gt, sd = (_from_zero(t, first) for t in (gt, sd))
     gt_id = match(gt, sd)
     return Recording(
         name=f"mcity_{trial}", map=network.path.resolve(), ego=ego, gt=gt, sd=sd, sd_gt_id=gt_id,
-        gt_rate=sample_rate(data_dir / truth_file, gt), sd_rate=sample_rate(data_dir / seen_file, sd),
+        gt_rate=sample_rate(truth_files[0], gt.select([ego])), sd_rate=sample_rate(seen_file, sd),
         provenance={
-            "source": f"Mcity trial {trial}, University of Michigan, MIT licence: {truth_file}, {seen_file}",
+            "source": f"Mcity trial {trial}, University of Michigan, MIT licence: "
+            + ", ".join(path.relative_to(data_dir).as_posix() for path in (*truth_files, seen_file)),
             "original_start": f"unix time {first:.6f} s",
             "projection": network.geo_reference or "",
-            "ego_size": f"assumed {box[0]:g} x {box[1]:g} m, the truth being its centre",
-            "heading_and_speed_of_truth": f"local cubic over {SMOOTHED[ego]} s of the positions",
+            "ego_size": "assumed {:g} x {:g} m, the truth being its centre".format(*boxes[kinds[ego]]),
+            "heading_and_speed_of_truth": f"local cubic over {SMOOTHED[kinds[ego]]} s of the positions",
             "identity": f"of the perceived, the nearest to the truth within {GATE} m, by majority per id",
             "frames_put_in_order": str(swapped),
-            "outcome": _outcome(network, gt, sd, gt_id),
+            "outcome": _outcome(network, gt, sd, gt_id, ego),
         },
     )  # fmt: skip
 
@@ -132,17 +134,80 @@ def transverse_mercator(
 
 
 def match(gt: Tracks, sd: Tracks) -> Strings:
-    """Give the GT id (N_sd,) of each perceived object, "" for all but those that are the one truth object.
+    """Give the GT id (N_sd,) of each perceived object, "" for all that are no truth object.
 
-    At each time the nearest perceived object within GATE is taken for it; an id that is so in more than half
-    of its samples gets the identity.
+    At each time the nearest perceived object within GATE is taken for a truth object; an id that is so in more than
+    half of the samples that both have gets the identity.
     """
     truth = gt.at(sd.t)
-    distance = np.hypot(sd.x - truth.x, sd.y - truth.y)
-    distance = np.where(np.isfinite(distance), distance, np.inf)
-    nearest, taken = distance.argmin(axis=0), distance.min(axis=0) <= GATE
-    wins = np.bincount(nearest[taken], minlength=len(sd))
-    return np.where(wins > 0.5 * (sd.valid & truth.valid).sum(axis=1), gt.ids[0], "")
+    out = np.full(len(sd), "", dtype=gt.ids.dtype)
+    for n, name in enumerate(gt.ids):
+        distance = np.hypot(sd.x - truth.x[n], sd.y - truth.y[n])
+        distance = np.where(np.isfinite(distance), distance, np.inf)
+        nearest, taken = distance.argmin(axis=0), distance.min(axis=0) <= GATE
+        wins = np.bincount(nearest[taken], minlength=len(sd))
+        out[wins > 0.5 * (sd.valid & truth.valid[n]).sum(axis=1)] = name
+    return out
+
+
+def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
+    """Give each trial's perception file and the truth files whose times lie mostly in its, by the trial's number."""
+    spans = {
+        path: _span(path) for folder in ("gts", "dets") for path in sorted((data_dir / folder).glob("*.json"))
+    }
+    found: dict[Path, list[Path]] = {}
+    for truth, (begins, ends) in spans.items():
+        if truth.parent.name != "gts":
+            continue
+        shared = {
+            seen: min(ends, last) - max(begins, first)
+            for seen, (first, last) in spans.items()
+            if seen.parent.name == "dets"
+        }
+        best = max(shared, key=lambda seen: shared[seen], default=None)
+        if best is not None and shared[best] > 0.5 * (ends - begins):
+            found.setdefault(best, []).append(truth)
+    if not found:
+        raise InputError(data_dir, "holds no truth (gts/*.json) at the time of a perception (dets/*.json)")
+    named = {
+        (re.findall(r"\d+", seen.stem) or [seen.stem])[-1]: (seen, tuple(files))
+        for seen, files in found.items()
+    }
+    if len(named) < len(found):
+        named = {seen.stem: (seen, tuple(files)) for seen, files in found.items()}
+    return dict(sorted(named.items(), key=lambda item: (len(item[0]), item[0])))
+
+
+def _span(path: Path) -> tuple[float, float]:
+    """First and last time [s] of a file's frames."""
+    times = [float(frame["timestamp"]) for frame in _frames(path)]
+    if not times:
+        raise InputError(path, "holds no frames")
+    return min(times), max(times)
+
+
+def _named(files: list[pd.DataFrame]) -> pd.DataFrame:
+    """The rows of all truth, `id` and `kind` by object: vehicle or pedestrian, with a number where there are more."""
+    parts = []
+    for number, rows in enumerate(files):
+        again = rows.groupby(["t", "id"]).cumcount()  # two in one frame under one id
+        kind = rows["classType"].map(KIND).fillna("car")
+        parts.append(
+            rows.assign(kind=kind, id=[f"{number}/{i}/{n}" for i, n in zip(rows["id"], again, strict=True)])
+        )
+    rows = pd.concat(parts, ignore_index=True)
+    names = {}
+    for kind, word in (("car", "vehicle"), ("pedestrian", "pedestrian")):
+        own = rows.loc[rows["kind"] == kind, "id"].drop_duplicates().tolist()
+        names |= {name: word if len(own) == 1 else f"{word}_{k}" for k, name in enumerate(own, start=1)}
+    return rows.assign(id=rows["id"].map(names))
+
+
+def _ego(truth: pd.DataFrame) -> str:
+    """The vehicle, else the pedestrian, that is there longest, the first of equals."""
+    lasts = truth.groupby(["kind", "id"], sort=False)["t"].agg(np.ptp).reset_index()
+    lasts = lasts.sort_values(["kind", "t"], ascending=[True, False], kind="stable")
+    return str(lasts["id"].iloc[0])
 
 
 def _origin(network: RoadNetwork) -> tuple[float, float]:
@@ -154,14 +219,24 @@ def _origin(network: RoadNetwork) -> tuple[float, float]:
     return float(found[0][1]), float(found[1][1])
 
 
-def _read_frames(path: Path, origin: tuple[float, float]) -> pd.DataFrame:
-    """One row per frame and object, in the order of the file: t [s, unix], x, y [m], and the file's fields."""
+def _frames(path: Path) -> list[dict[str, Any]]:
     try:
         frames: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-        rows = pd.DataFrame([o | {"t": f["timestamp"]} for f in frames for o in f["objs"]])
-        latitude, longitude = rows["lat"].to_numpy(float), rows["lon"].to_numpy(float)
+        if not all(isinstance(f["timestamp"], (int, float)) and isinstance(f["objs"], list) for f in frames):
+            raise TypeError("timestamp is no number, or objs no list")
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", "Name the folder of the Mcity data.") from e
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(path, f"is not a list of frames with timestamp and objs ({e!r})") from e
+    return frames
+
+
+def _read_frames(path: Path, origin: tuple[float, float]) -> pd.DataFrame:
+    """One row per frame and object, in the order of the file: t [s, unix], x, y [m], and the file's fields."""
+    frames = _frames(path)
+    try:
+        rows = pd.DataFrame([o | {"t": f["timestamp"]} for f in frames for o in f["objs"]])
+        latitude, longitude = rows["lat"].to_numpy(float), rows["lon"].to_numpy(float)
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(path, f"is not a list of frames with timestamp and objs ({e!r})") from e
     rows["x"], rows["y"] = transverse_mercator(
@@ -176,9 +251,9 @@ def _in_order(rows: pd.DataFrame) -> tuple[pd.DataFrame, int]:
     return rows.sort_values("t", kind="stable"), int((rows["t"].diff() < 0.0).sum())
 
 
-def _truth(rows: pd.DataFrame, ego: str, box: tuple[float, float]) -> pd.DataFrame:
-    """The track table of the truth: positions as measured, heading and speed of a zero-phase local fit."""
-    samples = round(SMOOTHED[ego] / float(rows["t"].diff().median())) // 2 * 2 + 1
+def _truth(rows: pd.DataFrame, kind: str, box: tuple[float, float]) -> pd.DataFrame:
+    """The track table of one object's truth: positions as measured, heading and speed of a zero-phase local fit."""
+    samples = round(SMOOTHED[kind] / float(rows["t"].diff().median())) // 2 * 2 + 1
 
     def rate(values: pd.Series) -> Floats:
         smoothed: Floats = savgol_filter(values - values.iloc[0], samples, 3, deriv=1)
@@ -188,9 +263,8 @@ def _truth(rows: pd.DataFrame, ego: str, box: tuple[float, float]) -> pd.DataFra
     vx, vy = rate(rows["x"]) / step, rate(rows["y"]) / step
     v = np.hypot(vx, vy)
     heading = pd.Series(np.where(v > STANDING, np.arctan2(vy, vx), np.nan)).ffill().bfill()
-    kind = "car" if ego == "vehicle" else "pedestrian"
-    return rows[["t", "x", "y"]].assign(
-        id=ego, heading=heading.to_numpy(), v=v, length=box[0], width=box[1], kind=kind
+    return rows[["t", "id", "x", "y"]].assign(
+        heading=heading.to_numpy(), v=v, length=box[0], width=box[1], kind=kind
     )
 
 
@@ -211,16 +285,18 @@ def _from_zero(tracks: Tracks, first: float) -> Tracks:
     return Tracks.from_frame(frame.assign(t=np.round(frame["t"] - first, 6)))
 
 
-def _outcome(network: RoadNetwork, gt: Tracks, sd: Tracks, gt_id: Strings) -> str:
+def _outcome(network: RoadNetwork, gt: Tracks, sd: Tracks, gt_id: Strings, ego: str) -> str:
     """What the trial holds, how far the perceived EGO is off, and how much of the drive is beyond the lanes."""
-    matched = gt_id != ""
+    matched = gt_id == ego
+    gt = gt.select([ego])
     truth = gt.at(sd.t)
     error = np.hypot(sd.x - truth.x, sd.y - truth.y)[matched]
     error = error[np.isfinite(error)]
-    off = int((~network.to_road(gt.x[0], gt.y[0], heading=gt.heading[0]).on_road).sum())
+    off = int((~network.to_road(gt.x[gt.valid], gt.y[gt.valid], heading=gt.heading[gt.valid]).on_road).sum())
     return (
-        f"{gt.t[-1]:.1f} s, {len(gt.t)} truth samples, {off} of them on no driving lane; {len(sd)} perceived ids, "
-        f"{int(matched.sum())} of the EGO with {len(error)} samples, median error {np.median(error):.2f} m"
+        f"{gt.t[-1]:.1f} s, {int(gt.valid.sum())} truth samples, {off} of them on no driving lane; "
+        f"{len(sd)} perceived ids, {int(matched.sum())} of the EGO with {len(error)} samples, "
+        f"median error {np.median(error):.2f} m"
     )
 
 

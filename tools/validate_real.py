@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from import_mcity import TRIALS, import_trial
+from import_mcity import import_trial, trials
 from lxml import etree
 
 from resim.core.errors import ResimError
@@ -62,7 +62,7 @@ def recordings(data: Path, count: int) -> list[Recording]:
         xml, road = data / "ngsim" / f"{name}.xml", data / "ngsim" / f"{name}.xodr"
         out += [read_commonroad(xml, map=road, ego=ego) for ego in candidates(xml, count)]
     mcity = data / "mcity"
-    out += [import_trial(trial, mcity, load(mcity / "mcity.xodr")) for trial in TRIALS]
+    out += [import_trial(trial, mcity, load(mcity / "mcity.xodr")) for trial in trials(mcity)]
     return out
 
 

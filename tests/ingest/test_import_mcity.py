@@ -113,9 +113,51 @@ def test_truth_heading_follows_the_path_and_speed_its_length(recordings: dict[st
 
 def test_refuses_data_that_are_not_there_or_no_frames(tool: ModuleType, data: Path, tmp_path: Path) -> None:
     network = load(data / "mcity" / "mcity.xodr")
-    with pytest.raises(InputError, match=r"gps_data_3\.json: cannot be read .* Name the folder"):
+    with pytest.raises(InputError, match=r"holds no truth \(gts/\*\.json\)"):
         tool.import_trial("3", tmp_path, network)
     (tmp_path / "gts").mkdir()
     (tmp_path / "gts" / "gps_data_3.json").write_text(json.dumps([{"time": 1}]))
     with pytest.raises(InputError, match=r"gps_data_3\.json: is not a list of frames"):
         tool.import_trial("3", tmp_path, network)
+    with pytest.raises(InputError, match=r"holds no trial '7'"):
+        tool.import_trial("7", data / "mcity", network)
+
+
+@pytest.mark.parametrize("how", ["ids", "files", "one id"])
+def test_two_tracked_vehicles_are_each_found_in_what_was_perceived(
+    tool: ModuleType, data: Path, tmp_path: Path, how: str
+) -> None:
+    """Trials 3 and 5 laid onto one clock, in the ways in which two vehicles may stand in the truth."""
+    mcity = data / "mcity"
+
+    def frames(name: str, later: float = 0.0) -> list[dict]:
+        read = json.loads((mcity / name).read_text())
+        return [{**f, "timestamp": f["timestamp"] + later} for f in read]
+
+    one, seen = frames("gts/gps_data_3.json"), frames("dets/detection_3.json")
+    later = one[0]["timestamp"] - frames("gts/gps_data_5.json")[0]["timestamp"]
+    two, more = frames("gts/gps_data_5.json", later), frames("dets/detection_5.json", later)
+    for frame in more:
+        frame["objs"] = [{**o, "id": f"5{o['id']}"} for o in frame["objs"]]
+    for frame in two:
+        frame["objs"] = [{**o, "id": 0 if how == "one id" else 1} for o in frame["objs"]]
+    if how != "files":  # in the frames of the first, at the same index
+        one = [{**f, "objs": f["objs"] + (two[k]["objs"] if k < len(two) else [])} for k, f in enumerate(one)]
+    (tmp_path / "gts").mkdir()
+    (tmp_path / "dets").mkdir()
+    (tmp_path / "gts" / "run_a.json").write_text(json.dumps(one))
+    if how == "files":
+        (tmp_path / "gts" / "run_b.json").write_text(json.dumps(two))
+    every = sorted(seen + more, key=lambda f: f["timestamp"])
+    (tmp_path / "dets" / "run_17.json").write_text(json.dumps(every))
+    network = load(mcity / "mcity.xodr")
+    assert list(tool.trials(tmp_path)) == ["17"]
+    recording = tool.import_trial("17", tmp_path, network)
+    assert recording.ego == "vehicle_1"  # there for 28 s, the other for 22 s
+    assert recording.gt.ids.tolist() == ["vehicle_1", "vehicle_2"]
+    assert recording.sd is not None
+    assert recording.sd_gt_id is not None
+    own = {n: recording.sd.ids[recording.sd_gt_id == n].tolist() for n in recording.gt.ids.tolist()}
+    assert [len(found) for found in own.values()] == [1, 3]  # as each alone
+    assert all(name.startswith("5") for name in own["vehicle_2"])
+    assert not own["vehicle_1"][0].startswith("57")

@@ -39,7 +39,7 @@ def times(text: str) -> list[tuple[float, float, int]]:
             shared = axes.get(axis, {}).get("matches", "")
             if axis in over_time or (shared and "xaxis" + shared[1:] in over_time):
                 x = numbers(trace.get("x"))
-                if len(x) > 1:
+                if len(x) > 1 and trace["mode"] == "lines":
                     out.append((float(np.nanmin(x)), float(np.nanmax(x)), len(np.unique(x[np.isfinite(x)]))))
     return out
 
