@@ -212,6 +212,13 @@ def clock_offset(b: Bed) -> Plant:
     return replace(plant, named=(("gt", ""), ("sd", "")))
 
 
+def sensor_delay(b: Bed) -> Plant:
+    """0.09 to 0.2 s of the SD, as sensors have it: 2 to 4 m at 20 m/s."""
+    amount = b.between(0.09, 0.2)
+    b.source, b.frame = "sd", b.of("sd").assign(t=b.of("sd")["t"] + amount)
+    return b.done(f"{amount:+.3f} s", "CLOCK_OFFSET", whole=True)
+
+
 def track_shifted(b: Bed) -> Plant:
     """One object's track, 0.35 to 3 s against the others."""
     amount = b.sign() * b.between(0.35, 3.0)
@@ -421,7 +428,10 @@ def wrong_way(b: Bed) -> Plant:
 
 
 def reference_point(b: Bed) -> Plant:
-    """Front or rear bumper or a corner for the centre: of a whole source, or of one object."""
+    """Front or rear bumper or a corner for the centre: of a whole source, or of one object.
+
+    Of a whole source at steady speeds a delay may explain as much: then one finding says either.
+    """
     whole = b.rng.random() < 0.5
     along = b.sign() * 0.5
     across = float(b.rng.choice([-0.5, 0.0, 0.5], p=[0.25, 0.5, 0.25]))
@@ -430,7 +440,7 @@ def reference_point(b: Bed) -> Plant:
     x, y = along * length, across * width
     b.frame["x"] += np.where(rows, x * np.cos(h) - y * np.sin(h), 0.0)
     b.frame["y"] += np.where(rows, x * np.sin(h) + y * np.cos(h), 0.0)
-    plant = b.done(f"{along:+g} {across:+g}, whole {whole}", "REFERENCE_POINT")
+    plant = b.done(f"{along:+g} {across:+g}, whole {whole}", "REFERENCE_POINT", "CLOCK_OFFSET")
     names = ["", *b.ids] if whole else [b.object]
     return replace(plant, named=tuple((s, n) for s in ("gt", "sd", "recording") for n in names))
 
@@ -452,6 +462,34 @@ def heading_unit(b: Bed) -> Plant:
     b.frame["heading"] = new
     plant = b.done("degrees", "HEADING_UNIT", whole=whole)
     return replace(plant, named=tuple((b.source, n) for n in (["", *b.ids] if whole else [b.object])))
+
+
+def heading_turned(b: Bed) -> Plant:
+    """Turned by pi, of one object that drives fast enough not to reverse, or of all."""
+    whole = b.rng.random() < 0.5
+    if not whole and b.frame.loc[b.own, "v"].median() < 8.5:
+        raise AgainError
+    b.frame["heading"] += np.where(b.own | whole, b.sign() * np.pi, 0.0)
+    return b.done("turned", "HEADING_TURNED", whole=whole)
+
+
+def heading_convention(b: Bed) -> Plant:
+    """From north, clockwise or not, in radians or degrees."""
+    sign = b.sign()
+    heading = sign * (b.frame["heading"] - 0.5 * np.pi)
+    degrees = b.rng.random() < 0.5
+    b.frame["heading"] = np.degrees(heading) if degrees else heading
+    return b.done(f"from north, sign {sign:+g}, degrees {degrees}", "HEADING_CONVENTION", whole=True)
+
+
+def size_swapped(b: Bed) -> Plant:
+    """Length and width of one object, or of all."""
+    whole = b.rng.random() < 0.5
+    rows = b.own | whole
+    sides = {"length": np.where(rows, b.frame["width"], b.frame["length"])}
+    sides["width"] = np.where(rows, b.frame["length"], b.frame["width"])
+    b.frame = b.frame.assign(**sides)
+    return b.done(f"whole {whole}", "SIZE_SWAPPED", whole=whole)
 
 
 def mirrored_y(b: Bed) -> Plant:
@@ -490,10 +528,11 @@ def sd_without_gt(b: Bed) -> Plant:
 KINDS: dict[str, Callable[[Bed], Plant]] = {
     f.__name__: f
     for f in (
-        missing_samples, missing_values, duplicates, repeated_samples, time_backwards, gap, clock_jump, clock_drift,
-        clock_offset, track_shifted, id_reused, id_switch, track_broken, position_jump, outlier, speed_disagrees,
-        heading_disagrees, acceleration, yaw_rate, overlap, size_changes, off_map, wrong_way, reference_point,
-        speed_unit, heading_unit, mirrored_y, sd_without_gt,
+        missing_samples, missing_values, duplicates, repeated_samples, time_backwards, gap, clock_jump,
+        clock_drift, clock_offset, sensor_delay, track_shifted, id_reused, id_switch, track_broken,
+        position_jump, outlier, speed_disagrees, heading_disagrees, acceleration, yaw_rate, overlap,
+        size_changes, off_map, wrong_way, reference_point, speed_unit, heading_unit, heading_turned,
+        heading_convention, size_swapped, mirrored_y, sd_without_gt,
     )
 }  # fmt: skip
 
@@ -527,7 +566,7 @@ def main() -> None:
     parser.add_argument("--fix", action="store_true", help="repair each plant as well")
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
-    recordings = [read_tables(folder) for folder in sorted(SCENARIOS.glob("*/"))]
+    recordings = [read_tables(file.parent) for file in sorted(SCENARIOS.glob("*/recording.toml"))]
     networks = [load(tables.map) for tables in recordings]
     known = [examine(t, n) for t, n in zip(recordings, networks, strict=True)]
     kinds = [arguments.only] if arguments.only else list(KINDS)

@@ -32,8 +32,8 @@ CLEAR = 2.0
 """Difference of log likelihoods from which on one explanation is better than the other."""
 FAR = 2.5
 """Offset [m] that is left of a bin, beyond which it counts less: an object misnamed, or astray."""
-SIDE = 0.6
-"""Offset across the box [m] from which on all objects are off to the side: a corner."""
+SIDE, SIDE_NEAR = 0.6, 0.35
+"""Offset across the box [m] from which on an object may be off by a corner, and how near to the half width that is."""
 MOST_ASTRAY = 0.1
 """Share of the bins that may be left so far off by what all objects have in common."""
 
@@ -75,16 +75,24 @@ def pooled(known: list[Pair], ego: str) -> Pooled:
         return Pooled("drift", float(drifted.value[0]), drift, span)
     if abs(delay) < SURE * delayed.spread[0] or delayed.cost > plain.cost - 0.5 * SURE**2:
         return Pooled("")
-    if float(np.median([abs(float(np.median(p.across))) for p in pairs])) > SIDE:
+    if any(_at_side(p) for p in pairs):
         return Pooled("")  # no delay moves an object sideways
     sign = -1.0 if delay > 0.0 else 1.0
-    turned = bins.fit(0, sign).cost
+    turned = min(
+        bins.fit(0, sign).cost, bins.fit(0, sign * bins.biases[:, 0]).cost
+    )  # of all, or of the EGO alone
     if turned < delayed.cost - (CLEAR if delay > 0.0 else -CLEAR):  # no sensor is early
         return Pooled("")
     point = sign * 0.5 * float(np.median([p.gt.length for p in pairs]))
     if turned > delayed.cost + CLEAR:
         return Pooled("delay", delay, 0.0, span)
     return Pooled("either", delay, 0.0, span, point)
+
+
+def _at_side(pair: Pair) -> bool:
+    """Whether the object is off by half its width to a side: a corner."""
+    across = abs(float(np.median(pair.across)))
+    return across > SIDE and abs(across - 0.5 * pair.gt.width) < SIDE_NEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +125,8 @@ class _Bins:
         prior = np.r_[LOCALISED, SHARED, np.full(len(pairs), OWN)]
         return cls(e, v, (t - t.min()) / lasts - 0.5, half, biases, prior)
 
-    def fit(self, terms: int, point: float = 0.0) -> _Fit:
-        """The most likely delay (terms 1) and drift (2), given that the point is so many half lengths off."""
+    def fit(self, terms: int, point: float | Floats = 0.0) -> _Fit:
+        """The most likely delay (terms 1) and drift (2), given that the point is so many half lengths off (K,)."""
         clocks = np.stack([-self.v, -self.v * self.u], axis=1)[:, :terms]
         design = np.concatenate([clocks, self.biases], axis=1)
         weight = np.r_[np.array([DELAY, DRIFT])[:terms], self.prior] ** -2.0
