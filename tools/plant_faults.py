@@ -320,7 +320,7 @@ def heading_disagrees(b: Bed) -> Plant:
         rows, amount = b.span(b.between(1.0, 4.0)), b.sign() * b.between(0.15, np.pi)
     h[rows] = wrap_angle(h[rows] + amount)
     b.frame["heading"] = h
-    return b.done(f"{amount:+.3f} rad, {int(rows.sum())} samples", "HEADING_DISAGREES")
+    return b.done(f"{amount:+.3f} rad, {int(rows.sum())} samples", "HEADING_DISAGREES", "HEADING_TURNED")
 
 
 def _redriven(b: Bed, v: Floats, heading: Floats) -> None:

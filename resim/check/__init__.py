@@ -36,7 +36,7 @@ EXPLAINED = {
     "SPEED_DISAGREES": ("CLOCK_DRIFT",),
     "WRONG_WAY": ("HEADING_DISAGREES", *TORN),
     "OFF_MAP": TORN,
-    "OVERLAP": ("OFF_MAP", "SIZE_SWAPPED", *TORN),
+    "OVERLAP": ("OFF_MAP", *TORN),
     "GAP": ("ID_REUSED",),
     "MISSING_SAMPLES": ("ID_REUSED",),
 }
@@ -74,7 +74,8 @@ def _source(
     out += missing_values(source, frame)
     out += duplicates(source, frame)
     out += sizes(source, frame)
-    out += swapped(source, frame)
+    frame, more = swapped(source, frame)
+    out += more
     out += holes(table_of(source, frame, gt_id, incomplete=True), ego)
     table = table_of(source, frame, gt_id)
     for look in (repeated, speed_units, headings):

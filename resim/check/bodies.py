@@ -87,28 +87,40 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
     return span if span is not None and span[1] - span[0] >= LONG - 0.5 * step else None
 
 
-def swapped(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
-    """Give vehicles that are wider than long; where most of them are, the table, whose columns are swapped.
+def swapped(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Found]]:
+    """Give vehicles that are wider than long, where most are as one finding of the table; and the table put right.
 
-    One alone may be seen from behind by a sensor: of the SD it is a note.
+    One alone may be seen from behind by a sensor: of the SD it is a note, and stays.
     """
     sides = frame[~frame["kind"].isin(SHAPELESS)].groupby("id", sort=False)[["length", "width"]].median()
     wide = sides[sides["width"] > WIDER * sides["length"]]
     if wide.empty:
-        return
+        return frame, []
     excess = float((wide["width"] / wide["length"]).max())
     span = (float(frame["t"].min()), float(frame["t"].max()))
-    if len(wide) > max(0.5 * len(sides), 1):
+    most = len(wide) > max(0.5 * len(sides), 1)
+    if most:
         text = f"{len(wide)} of {len(sides)} vehicles are wider than long, up to {excess:.1f} times"
-        yield found("SIZE_SWAPPED", source, "", span, excess, "1", text, limit=WIDER)
-        return
-    for name, (length, width) in zip(wide.index, wide.to_numpy(), strict=True):
-        t = frame.loc[frame["id"] == name, "t"]
-        yield found(
-            "SIZE_SWAPPED", source, str(name), (t.min(), t.max()), width / length, "1",
-            f"is {length:.2f} m long and {width:.2f} m wide", limit=WIDER,
-            severity="warning" if source == "gt" else "note", repair=None if source == "gt" else "",
-        )  # fmt: skip
+        out = [found("SIZE_SWAPPED", source, "", span, excess, "1", text, limit=WIDER)]
+    else:
+        out = [_wide(source, str(name), frame[frame["id"] == name]) for name in wide.index]
+    if most or source == "gt":
+        rows = frame["id"].isin(wide.index)
+        sides = frame[["length", "width"]]
+        frame = frame.assign(
+            length=sides["length"].mask(rows, sides["width"]),
+            width=sides["width"].mask(rows, sides["length"]),
+        )
+    return frame, out
+
+
+def _wide(source: Source, name: str, rows: pd.DataFrame) -> Found:
+    length, width = rows["length"].median(), rows["width"].median()
+    return found(
+        "SIZE_SWAPPED", source, name, (rows["t"].min(), rows["t"].max()), width / length, "1",
+        f"is {length:.2f} m long and {width:.2f} m wide", limit=WIDER,
+        severity="warning" if source == "gt" else "note", repair=None if source == "gt" else "",
+    )  # fmt: skip
 
 
 def sizes(source: Source, frame: pd.DataFrame) -> Iterator[Found]:

@@ -9,7 +9,7 @@ import numpy as np
 from resim.check.beside import Pair, beside
 from resim.check.codes import Found, found
 from resim.check.derived import motion
-from resim.check.pooled import DRIFTED, pooled
+from resim.check.pooled import DRIFTED, USUAL, pooled
 from resim.check.reference import CONSTANT, is_point
 from resim.check.tracks import Table, Track
 from resim.core.finding import Severity, Source
@@ -25,8 +25,6 @@ DELAY, DRIFT = 2.0, 1.0
 """Delays and drifts over the recording [s] that are looked for, one standard deviation."""
 LATENCY = 0.05
 """Delay [s] from which on it is worth a note, where it is sure."""
-USUAL = 0.3
-"""Delay [s] that sensors have; with more, stamps are wrong."""
 SAME_RATE = 0.4
 """Part of the rate of a drift by which the speeds may miss it."""
 SURE = 3.0

@@ -68,7 +68,7 @@ def headings(table: Table) -> tuple[Table, list[Found]]:
         mean = np.mean(list(misfits.values()), axis=0)
         of_all = _best(mean, list(table.tracks), table.step)
         k = CONVENTIONS.index(of_all)
-        if of_all is not PLAIN and all(m[k] <= max(FITS, m[0]) for m in misfits.values()):
+        if of_all is not PLAIN and all(m[k] < min(FITS, MISFITS * m[0]) for m in misfits.values()):
             return _told(table, {"": of_all}, {"": mean})
     found = {}
     for track in table.tracks:

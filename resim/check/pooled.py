@@ -22,6 +22,8 @@ NOISE = 0.5
 """Slowly varying position error of a sensor [m], one standard deviation over a bin."""
 LOCALISED, SHARED, OWN = 0.5, 1.5, 0.3
 """Constant offset [m] of the EGO, of all sensed objects, and of one object beside these, one standard deviation."""
+USUAL = 0.3
+"""Delay [s] that sensors have; objects that are later show it each by itself."""
 DELAY, DRIFT = 0.3, 1.0
 """Delay and its growth over the recording [s], one standard deviation."""
 DRIFTED = 0.12
@@ -69,18 +71,17 @@ def pooled(known: list[Pair], ego: str) -> Pooled:
     plain, delayed, drifted = (bins.fit(n) for n in (0, 1, 2))
     delay, drift = float(delayed.value[0]), float(drifted.value[1])
     span = (float(min(p.t[0] for p in pairs)), float(max(p.t[-1] for p in pairs)))
-    if min(delayed.astray, drifted.astray) > MOST_ASTRAY:
-        return Pooled("")
-    if abs(drift) > max(DRIFTED, SURE * drifted.spread[1]) and drifted.cost < delayed.cost - 0.5 * SURE**2:
+    grows = abs(drift) > max(DRIFTED, SURE * drifted.spread[1]) and drifted.astray <= MOST_ASTRAY
+    if grows and drifted.cost < delayed.cost - 0.5 * SURE**2:
         return Pooled("drift", float(drifted.value[0]), drift, span)
-    if abs(delay) < SURE * delayed.spread[0] or delayed.cost > plain.cost - 0.5 * SURE**2:
+    late = SURE * delayed.spread[0] < abs(delay) <= USUAL and delayed.astray <= MOST_ASTRAY
+    if not late or delayed.cost > plain.cost - 0.5 * SURE**2:
         return Pooled("")
     if any(_at_side(p) for p in pairs):
         return Pooled("")  # no delay moves an object sideways
     sign = -1.0 if delay > 0.0 else 1.0
-    turned = min(
-        bins.fit(0, sign).cost, bins.fit(0, sign * bins.biases[:, 0]).cost
-    )  # of all, or of the EGO alone
+    points = sign * np.ones(len(bins.e)), sign * bins.biases[:, 0]  # of all, of the EGO alone
+    turned = min(bins.fit(0, point).cost for point in points)
     if turned < delayed.cost - (CLEAR if delay > 0.0 else -CLEAR):  # no sensor is early
         return Pooled("")
     point = sign * 0.5 * float(np.median([p.gt.length for p in pairs]))
@@ -138,6 +139,6 @@ class _Bins:
             each = NOISE**-2.0 * np.minimum(1.0, FAR / np.maximum(off, 1e-9))
         loss = np.where(off < FAR, 0.5 * off**2, FAR * (off - 0.5 * FAR)) / NOISE**2
         cost = float(loss.sum() + 0.5 * (weight * value**2).sum())
-        usual = np.r_[value[:terms], np.clip(value[terms:], -4.0 * self.prior, 4.0 * self.prior)]
+        usual = np.r_[value[:terms], np.clip(value[terms:], -SURE * self.prior, SURE * self.prior)]
         astray = float(np.mean(np.abs(e - design @ usual) > FAR))
         return _Fit(value, np.sqrt(np.diag(covariance)), cost, astray)
