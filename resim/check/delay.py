@@ -29,6 +29,8 @@ SAME_RATE = 0.4
 """Part of the rate of a drift by which the speeds may miss it."""
 SURE = 3.0
 """Standard deviations by which a delay differs from none."""
+MOST_APART = 0.1
+"""Share of the objects that may show another delay than all together."""
 DRIVES = 3.0
 """Speed [m/s] from which on a delay shows in the positions."""
 
@@ -59,7 +61,8 @@ def clocks(gt: Table, sd: Table, known: list[Pair], ego: str) -> tuple[list[Foun
     if whole.what == "drift":
         source = _whose_clock(gt, sd, whole.drift / (whole.span[1] - whole.span[0]))
         return [_drifting(source, whole.span, whole.drift)], set(by_id)
-    if whole.what:
+    apart = [abs(f.delay - whole.delay) > max(0.1, SURE * f.spread) for f in fits.values()]
+    if whole.what and np.mean(apart) <= MOST_APART:
         return [_delayed("sd", "", sd.span, whole.delay, "every object of it", whole.point)], set(by_id)
     return _single(gt, sd, fits, by_id)
 
