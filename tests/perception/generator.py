@@ -99,6 +99,42 @@ def tracks_of(motion: Motion, t: Floats, noise: float, rng: np.random.Generator)
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """What a perception model cannot say: white noise as Student's t of so many degrees of freedom, of the same
+    variance; a latency that varies by so much [s], with this correlation time [s] (0: from list to list); a scale of
+    speeds; offsets by quantity while an object brakes; level: a factor of every spread."""
+
+    tails: float = 0.0
+    late: float = 0.0
+    late_time: float = 0.0
+    scale: float = 0.0
+    braking: tuple[tuple[str, float], ...] = ()
+    level: float = 1.0
+
+    def lateness(self, n: int, dt: float, rng: np.random.Generator) -> Floats:
+        """Latency beyond the usual one (n,) [s]."""
+        if self.late == 0.0:
+            return np.zeros(n)
+        keep = np.exp(-dt / self.late_time) if self.late_time > 0.0 else 0.0
+        z = rng.standard_normal(n)
+        for k in range(1, n):
+            z[k] = keep * z[k - 1] + np.sqrt(1.0 - keep**2) * z[k]
+        return self.late * z
+
+    def white(self, shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
+        """White noise of unit variance."""
+        if self.tails == 0.0:
+            return rng.standard_normal(shape)
+        return rng.standard_t(self.tails, shape) * np.sqrt(1.0 - 2.0 / self.tails)
+
+    def offsets(self, v: Floats, a: Floats) -> dict[str, Floats]:
+        """Errors (N, K) by quantity, of true speeds and accelerations."""
+        out = {name: offset * (a < -1.0) for name, offset in self.braking}
+        out["speed"] = out.get("speed", 0.0) + self.scale * v
+        return out
+
+
 def response(r: Response, f: Floats) -> Floats:
     return r.constant + r.range * f[0] + r.bearing * f[1] + r.relative_speed * f[2] + r.acceleration * f[3]
 
@@ -147,9 +183,9 @@ def detected(model: PerceptionModel, r: Floats, b: Floats, dt: float, rng: np.ra
 
 def make_recording(
     model: PerceptionModel, seed: int, *, duration: float = 10.0, rate: float = 25.0, objects: int | None = None,
-    noise: float = 0.0, name: str | None = None, named: bool = True,
+    noise: float = 0.0, name: str | None = None, named: bool = True, beyond: Beyond = Beyond(),
 ) -> Recording:  # fmt: skip
-    """One drive with 3 to 5 traffic objects, perceived by the model (pooled parameters)."""
+    """One drive with 3 to 5 traffic objects, perceived by the model (pooled parameters), and what is beyond it."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 6)) if objects is None else objects
     motion = drive_about(rng, duration, count)
@@ -166,19 +202,23 @@ def make_recording(
     ego = {k: motion.at(k, lists)[0] for k in ("x", "y", "heading", "v")}
     late, over = model.latency, model.averaging
     c, s = np.cos(ego["heading"]), np.sin(ego["heading"])
-    dx, dy = (motion.at(k, lists - late.position)[1:] - ego[k] for k in ("x", "y"))
+    now = lists - beyond.lateness(len(lists), dt, rng)
+    dx, dy = (motion.at(k, now - late.position)[1:] - ego[k] for k in ("x", "y"))
     x, y = c * dx + s * dy, c * dy - s * dx
-    v = motion.mean("v", lists - late.speed, over.speed)[1:]
-    heading = motion.mean("heading", lists - late.heading, over.heading)[1:] - ego["heading"]
-    a = motion.at("a", lists - late.speed)[1:]
+    v = motion.mean("v", now - late.speed, over.speed)[1:]
+    heading = motion.mean("heading", now - late.heading, over.heading)[1:] - ego["heading"]
+    a = motion.at("a", now - late.speed)[1:]
     f = np.stack([np.hypot(x, y), np.arctan2(y, x), v * np.cos(heading) - ego["v"], a])
     seen = detected(model, f[0], np.abs(f[1]), dt, rng)
     each = [getattr(model.errors, q) for q in QUANTITIES]
     coupling = np.eye(6) if model.errors.coupling is None else np.array(model.errors.coupling)
     z = wander(np.array([e.correlation_time for e in each]), coupling, x.shape, dt, rng)
-    w = rng.standard_normal((6, *x.shape))
+    w = beyond.white((6, *x.shape), rng)
+    offsets = beyond.offsets(v, a)
     errors = [
-        response(e.bias, f) + spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q]
+        response(e.bias, f)
+        + beyond.level * (spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q])
+        + offsets.get(QUANTITIES[q], 0.0)
         for q, e in enumerate(each)
     ]
     x, y, v, heading = x + errors[0], y + errors[1], v + errors[2], heading + errors[3]

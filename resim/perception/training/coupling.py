@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.perception.model import QUANTITIES, Estimate
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive, certain
 from resim.perception.training.errors import ObjectErrors, sizes_of
 from resim.perception.training.lists import around
 
 SURE = 3.3
-"""Standard errors by which a correlation differs from none to be one."""
+"""Standard errors, of many drives, by which a correlation differs from none to be one."""
 
 
 def fit_coupling(
@@ -35,7 +36,6 @@ def fit_coupling(
         standard[name] = np.where(fitted.known, fitted.residual / level, np.nan)
     taus: Mapping[str, float] = {n: f.spreads.tau for n, f in drifts.items() if f.spreads is not None}
     names = list(drifts)
-    clusters = np.unique(group, return_inverse=True)[1]
     for i, one in enumerate(names):
         for other in names[:i]:
             products, count = np.zeros(len(group)), np.zeros(len(group))
@@ -47,17 +47,17 @@ def fit_coupling(
             if count.sum() < 50:
                 continue
             value = float(products.sum() / count.sum())
-            by_drive = np.bincount(clusters, products - value * count)
-            parts = by_drive if len(by_drive) >= 8 else products - value * count
-            se = float(np.sqrt((parts**2).sum())) / float(count.sum())
+            known = count > 0
+            drives = len(np.unique(group[known]))
+            alike = group if drives >= FEWEST else np.arange(len(group))
+            scores, weights = (by_drive(v[known], alike[known]) for v in (products - value * count, count))
+            se = float(np.sqrt(between_drives(scores[:, None], weights[:, None, None])[0, 0]))
             factor = (taus[one] + taus[other]) / (2.0 * np.sqrt(taus[one] * taus[other]))
-            if abs(value) > SURE * se > 0.0:
+            if abs(value) > certain(SURE, drives) * se > 0.0:
                 p, q = QUANTITIES.index(one), QUANTITIES.index(other)
                 driving = float(np.clip(value * factor, -0.999, 0.999))
                 out[p, q] = out[q, p] = driving
-                estimates[f"errors.coupling.{p}.{q}"] = around(
-                    driving, se * factor, int(count.sum()), len(parts)
-                )
+                estimates[f"errors.coupling.{p}.{q}"] = around(driving, se * factor, int(count.sum()), drives)
     if not estimates:
         return None, {}
     values, vectors = np.linalg.eigh(out)

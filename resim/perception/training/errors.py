@@ -196,20 +196,18 @@ def refit(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -> Fi
 
 
 def surprises(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -> bool:
-    """Whether these samples (R, T) are surely off in the mean, or vary more or less, than the fit of all expects."""
+    """Whether these samples (R, T) are so far off in the mean, or vary so much more or less than the fit of all
+    expects, that a fit of their own is worth it. That one is judged by how drives differ."""
     pooled = objects.fitted[name]
     component = _with(Component(samples.x, samples.x, samples.x, 1.0), pooled.spreads, objects.features, name)
     table = np.stack([np.where(mask, pooled.residual, 0.0), np.where(mask, 1.0, 0.0)], axis=-1)
     white = whiten(table, mask, objects.steps, component.drift, component.noise, component.tau)
     y, x = white[..., 0], white[..., 1]
-    offset, excess = (x * y).sum(axis=1), np.where(mask, y**2 - 1.0, 0.0).sum(axis=1)
-    groups = np.unique(samples.drive, return_inverse=True)[1]
-    for rows, model in ((offset, float((x * x).sum())), (excess, 2.0 * float(mask.sum()))):
-        drives = np.bincount(groups, rows)
-        spread = max(model, float((drives**2).sum()) if len(drives) >= 8 else 0.0)
-        if abs(float(rows.sum())) > SURPRISING * np.sqrt(spread):
-            return True
-    return False
+    offset, excess = float((x * y).sum()), float(np.where(mask, y**2 - 1.0, 0.0).sum())
+    return bool(
+        abs(offset) > SURPRISING * np.sqrt((x * x).sum())
+        or abs(excess) > SURPRISING * np.sqrt(2.0 * mask.sum())
+    )
 
 
 def error_of(fitted: Fitted) -> Error:

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.perception.model import FEATURES, Estimate
+from resim.perception.training.clusters import quantile
 from resim.perception.training.errors import Fitted, ObjectErrors
 from resim.perception.training.lists import around
 from resim.perception.training.localisation import spread_estimates
-from resim.perception.training.spread import quantile
 
 LAGS = {"position": "longitudinal", "speed": "speed", "heading": "heading"}
 """Which quantity tells each latency."""

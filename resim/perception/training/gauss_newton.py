@@ -12,10 +12,12 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.perception.training.alignment import PRIOR, Aligned, Task
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive, certain, larger, quantile
 from resim.perception.training.whiten import whiten
 
 SURE, SOME = 3.0, 2.0
-"""Standard errors by which a bias differs from none to depend on a feature, and an averaging time to be one."""
+"""Standard errors, of many drives, by which a bias differs from none to depend on a feature, and an averaging time to
+be one."""
 TINY = 1e-30
 """Variance where there is none: without noise rounding may leave less than 0."""
 LATEST_OF_ALL = 3.0
@@ -61,7 +63,9 @@ class _Solver:
                 _Column(c, f + 1) for f in np.flatnonzero(self.width[c]).tolist()
             ]
         self.unsure_square: tuple[float, float] | None = None
-        self.clusters = np.unique(task.group, return_inverse=True)[1]
+        known = np.stack([np.isfinite(c.measured).any(axis=1) for c in task.components]).any(axis=0)
+        self.used = np.flatnonzero(known)
+        self.drives = len(np.unique(task.group[self.used]))
 
     @property
     def over(self) -> float:
@@ -143,7 +147,7 @@ class _Solver:
         hessian, right = total + np.diag(held), self.gradient.sum(axis=0) + pull
         inverse = _inverse(hessian)
         self.solution = self._within_bounds(hessian, inverse, right, settled)
-        self.covariance = self._covariance(inverse)
+        self.covariance = self._covariance(inverse, held)
 
     def _within_bounds(self, hessian: Floats, inverse: Floats, right: Floats, settled: bool) -> Floats:
         """Give the solution; where it steps out of a bound, that step ends there and the biases make up for it."""
@@ -160,36 +164,38 @@ class _Solver:
             solution[free] = _inverse(hessian[np.ix_(free, free)]) @ rest
         return solution
 
-    def _covariance(self, model: Floats) -> Floats:
+    def _covariance(self, model: Floats, held: Floats) -> Floats:
         """Give the larger of what the model of the errors says and what drives differ by."""
-        left = self.gradient - np.einsum("rij,j->ri", self.normal, self.solution)
-        by_drive = np.stack([np.bincount(self.clusters, column) for column in left.T], axis=1)
-        if len(by_drive) < 8:
+        if self.drives < FEWEST:
             return model
-        robust = model @ (by_drive.T @ by_drive * len(by_drive) / (len(by_drive) - 1)) @ model
-        larger = np.sqrt(np.maximum(np.diag(robust) / np.diag(model), 1.0))
-        return np.asarray(model * larger[:, None] * larger[None, :])
+        left = self.gradient - np.einsum("rij,j->ri", self.normal, self.solution)
+        scores, information = (
+            by_drive(v[self.used], self.task.group[self.used]) for v in (left, self.normal)
+        )
+        return larger(model, between_drives(scores, information, np.diag(held)))
 
     def over_limits(self, se: Floats) -> tuple[float, float]:
         """Give where the averaging time is, 95 %; found too unsure to be one, it may still be one."""
         square, spread = self.square, float(se[1]) if _Column(-1, 1) in self.columns else 0.0
         if self.unsure_square is not None:
             square, spread = self.unsure_square
-        low, high = (float(np.sqrt(max(square + k * spread, 0.0))) for k in (-2.0, 2.0))
+        half = quantile(self.drives)
+        low, high = (float(np.sqrt(max(square + k * spread, 0.0))) for k in (-half, half))
         return (0.0 if self.unsure_square else low), high
 
     def unsure(self) -> list[_Column]:
         """Give what is to go: the feature, or the averaging, that tells least, with all that tell next to nothing."""
         se = np.sqrt(np.maximum(np.diag(self.covariance), TINY))
+        sure, some = (certain(z, self.drives) for z in (SURE, SOME))
         unsure: dict[_Column, float] = {}
         for k, column in enumerate(self.columns):
             if column.component >= 0 and column.column > 0:
                 unsure[column] = abs(float(self.solution[k])) / se[k]
             elif column.component < 0 and column.column == 1:
-                unsure[column] = self.square / se[k] * SURE / SOME
+                unsure[column] = self.square / se[k] * sure / some
         nothing = [c for c, z in unsure.items() if z < 1.0]
         worst = min(unsure, key=lambda c: unsure[c], default=None)
-        return nothing or ([worst] if worst is not None and unsure[worst] < SURE else [])
+        return nothing or ([worst] if worst is not None and unsure[worst] < sure else [])
 
     def drop(self, column: _Column) -> None:
         """Take a feature or the averaging out."""

@@ -9,9 +9,9 @@ from scipy.stats import gamma
 
 from resim.core.geometry import Floats
 from resim.perception.model import Estimate, FalseObjects, Update
+from resim.perception.training.clusters import quantile
 from resim.perception.training.drive import Drive
 from resim.perception.training.matching import Matching
-from resim.perception.training.spread import quantile
 
 REGULAR = 0.02
 """Share of the period below which its variation is none: clocks and rounding."""

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
 from resim.perception.model import Error, Estimate, Localisation, Own, Response, Spread
+from resim.perception.training.clusters import quantile
 from resim.perception.training.drive import Drive
 from resim.perception.training.lists import around
 from resim.perception.training.matching import Matching
 from resim.perception.training.samples import LONGEST
-from resim.perception.training.spread import Problem, Spreads, fit_spreads, quantile
+from resim.perception.training.spread import Problem, Spreads, fit_spreads
 from resim.perception.training.whiten import whiten
 
 LEAST = {"longitudinal": 1e-3, "lateral": 1e-3, "heading": 1e-4, "speed": 1e-3}

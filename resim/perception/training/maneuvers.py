@@ -6,6 +6,7 @@ import numpy as np
 
 from resim.core.geometry import Bools
 from resim.perception.model import MANEUVERS, Error, Errors, Estimate, Maneuver, Objects
+from resim.perception.training.clusters import certain
 from resim.perception.training.errors import (
     MEASURED,
     Fitted,
@@ -21,7 +22,7 @@ from resim.perception.training.samples import Samples
 SAMPLES, TRACKS = 300, 8
 """Fewest matched samples, and fewest tracks that they are of, from which a maneuver has errors of its own."""
 SURE = 3.3
-"""Standard errors by which they differ from those of all."""
+"""Standard errors, of many drives, by which they differ from those of all."""
 
 
 def fit_maneuvers(
@@ -41,7 +42,8 @@ def fit_maneuvers(
             if not surprises(samples, objects, quantity, mask):
                 continue
             fitted = refit(samples, objects, quantity, mask)
-            if _differs(pooled, fitted, mask, objects):
+            drives = len(np.unique(samples.drive[mask.any(axis=1)]))
+            if _differs(pooled, fitted, mask, objects, certain(SURE, drives)):
                 own[quantity] = error_of(fitted)
                 prefix = f"maneuvers.{name}.errors.{quantity}"
                 estimates |= error_estimates(prefix, fitted, samples.drive)
@@ -52,11 +54,11 @@ def fit_maneuvers(
     return found, estimates
 
 
-def _differs(pooled: Fitted, own: Fitted, mask: Bools, objects: ObjectErrors) -> bool:
-    """Whether bias, or a spread, where this maneuver is, differs surely from that of all."""
+def _differs(pooled: Fitted, own: Fitted, mask: Bools, objects: ObjectErrors, sure: float) -> bool:
+    """Whether bias, or a spread, where this maneuver is, differs from that of all by `sure` standard errors."""
     middle = np.concatenate([[1.0], objects.features[mask].mean(axis=0)])
     off = float((own.aligned.biases[0] - pooled.aligned.biases[pooled.component]) @ middle)
-    if abs(off) > SURE * own.aligned.se_mean[0]:
+    if abs(off) > sure * own.aligned.se_mean[0]:
         return True
     if (own.spreads is None) or (pooled.spreads is None):
         return (own.spreads is None) != (pooled.spreads is None)
@@ -66,4 +68,4 @@ def _differs(pooled: Fitted, own: Fitted, mask: Bools, objects: ObjectErrors) ->
         drift, noise = spreads.levels(sizes)
         total.append(np.log(np.mean((drift**2 + noise**2)[mask])) / 2.0)
     name = "drift" if own.spreads.drift is not None else "noise"
-    return bool(abs(total[0] - total[1]) > SURE * own.spreads.se[name])
+    return bool(abs(total[0] - total[1]) > sure * own.spreads.se[name])

@@ -1,23 +1,28 @@
 """How far errors spread: drift and white noise by maximum likelihood, with what they depend on.
 
 The likelihood takes finite records as they are: no autocovariance has to be corrected for the mean that was taken
-out of each. Features enter by a score test, one after the other, and stay if they earn it.
+out of each. Features are tried one after the other, the one with the largest score first, and stay if the fit with
+them earns it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import t as student
 
 from resim.core.geometry import Bools, Floats
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive, certain, larger
 from resim.perception.training.whiten import log_likelihood
 
 SURE = 3.3
-"""Standard errors by which a dependence differs from none to be in a model: once in a thousand by chance."""
+"""Standard errors, of many drives, by which a dependence differs from none to be in a model: once in a thousand by
+chance."""
+WORTH = 2.0
+"""Standard errors by which its score differs from none for a dependence to be tried."""
 GAIN = 10.8
 """Twice the log-likelihood that a part has to earn: the same."""
 LEAST = 1e-3
@@ -99,6 +104,7 @@ class _Fitter:
         z = (problem.features - self.middle) / safe
         self.z = np.where(known[..., None], z, 0.0)
         self.y = np.where(known, problem.residual, 0.0) / scale
+        self.drives = len(np.unique(problem.group[known.any(axis=1)]))
         duration = float(np.max(np.where(known, np.cumsum(problem.steps, axis=1), 0.0)))
         step = float(np.median(problem.steps[:, 1:][known[:, 1:]])) if known[:, 1:].any() else 0.04
         self.limits = {"tau": (np.log(0.5 * step), np.log(max(duration, 2.0 * step)))}
@@ -160,67 +166,61 @@ class _Fitter:
         return np.asarray((rows[:n] - rows[n:]).T / 2e-4)
 
     def with_features(self, state: _State) -> _State:
-        """Let features in, one after the other, the most telling first; drop who did not keep its word."""
+        """Let features in, one after the other, the most telling first, as long as one keeps its word."""
         for _ in range(4):
-            parts = [n for n in ("drift", "noise") if n in state.names]
-            free = [
-                f"{p}.{f}"
-                for p in parts
-                for f in np.flatnonzero(self.width > 0.0)
-                if f"{p}.{f}" not in state.names
-            ]
-            trial = _State(
-                (*state.names, *free), np.concatenate([state.values, np.zeros(len(free))]), state.loglik
-            )
-            if not free:
-                break
-            gains = dict(zip(free, self.gains(trial, len(state.values)), strict=True))
-            name = max(gains, key=lambda n: gains[n])
-            if gains[name] < SURE:
-                break
-            more = self.fit((*state.names, name), np.append(state.values, 0.0))
-            k = len(more.values) - 1
-            if 2.0 * (more.loglik - state.loglik) < GAIN or abs(more.values[k]) < SURE * self.errors(more)[k]:
+            more = next((m for m in self.trials(state) if self.earned(m, state)), None)
+            if more is None:
                 break
             state = more
         return state
 
-    def gains(self, state: _State, n: int) -> list[float]:
-        """Give by how many standard errors the score of each parameter after the n-th differs from none.
+    def trials(self, state: _State) -> Iterator[_State]:
+        """Give the fits with one dependence more, in the order of their scores."""
+        free = [
+            f"{part}.{f}"
+            for part in ("drift", "noise")
+            if part in state.names
+            for f in np.flatnonzero(self.width > 0.0)
+            if f"{part}.{f}" not in state.names
+        ]
+        scores = dict(zip(free, self.gains(state, free), strict=True))
+        for name in sorted(free, key=lambda n: -scores[n]):
+            if scores[name] > WORTH:
+                yield self.fit((*state.names, name), np.append(state.values, 0.0))
 
-        What the scores of the first n explain of it is taken out, as they vary from row to row; rows are taken
-        together by drive where that says more.
+    def earned(self, more: _State, state: _State) -> bool:
+        """Whether the last parameter surely differs from none, by the likelihood and by how drives differ."""
+        return 2.0 * (more.loglik - state.loglik) >= GAIN and bool(
+            abs(more.values[-1]) >= certain(SURE, self.drives) * self.errors(more)[-1]
+        )
+
+    def gains(self, state: _State, free: list[str]) -> list[float]:
+        """Give by how many standard errors the scores of these parameters, at 0, differ from none.
+
+        What the scores of the state's own explain of it is taken out, as they vary from row to row.
         """
-        rows = self.row_scores(state)
-        into = np.linalg.lstsq(rows[:, :n], rows[:, n:], rcond=None)[0]
-        own = rows[:, n:] - rows[:, :n] @ into
-        spread = (own**2).sum(axis=0)
-        if len(drives := self.by_drive(own)) > 5:
-            spread = np.maximum(spread, (drives**2).sum(axis=0))
-        return [float(z) for z in np.abs(own.sum(axis=0)) / np.sqrt(np.maximum(spread, 1e-12))]
-
-    def by_drive(self, rows: Floats) -> Floats:
-        """Sum rows (R, P) by drive (D, P)."""
-        groups = np.unique(self.problem.group, return_inverse=True)[1]
-        return np.stack([np.bincount(groups, c) for c in rows.T], axis=1)
+        if not free:
+            return []
+        n = len(state.values)
+        rows = self.row_scores(
+            _State((*state.names, *free), np.append(state.values, np.zeros(len(free))), state.loglik)
+        )
+        own = rows[:, n:] - rows[:, :n] @ np.linalg.lstsq(rows[:, :n], rows[:, n:], rcond=None)[0]
+        spread = np.sqrt(np.maximum((own**2).sum(axis=0), 1e-12))
+        return [float(z) for z in np.abs(own.sum(axis=0)) / spread]
 
     def information(self, state: _State) -> Floats:
-        """Give minus the second derivatives (P, P) of the log-likelihood."""
+        """Give minus the second derivatives (R, P, P) of each row's log-likelihood."""
         n, d = len(state.values), 2e-3
         eye = d * np.eye(n)
         one, other = np.triu_indices(n)
         sets = np.concatenate(
             [state.values + a * eye[one] + b * eye[other] for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
         )
-        total = np.concatenate(
-            [
-                self.rows(state.names, part).sum(axis=1)
-                for part in np.array_split(sets, max(1, len(sets) // 12))
-            ]
-        )
-        pp, pm, mp, mm = np.split(total, 4)
-        h = np.zeros((n, n))
-        h[one, other] = h[other, one] = -(pp - pm - mp + mm) / (4.0 * d * d)
+        parts = np.array_split(sets, max(1, len(sets) // 12))
+        pp, pm, mp, mm = np.split(np.concatenate([self.rows(state.names, part) for part in parts]), 4)
+        h = np.zeros((pp.shape[1], n, n))
+        h[:, one, other] = h[:, other, one] = -(pp - pm - mp + mm).T / (4.0 * d * d)
         return h
 
     def errors(self, state: _State) -> Floats:
@@ -228,16 +228,18 @@ class _Fitter:
         return np.sqrt(np.diag(self.covariance(state)))
 
     def covariance(self, state: _State) -> Floats:
-        h = self.information(state)
+        rows = self.information(state)
+        h = rows.sum(axis=0)
         floor = 1e-6 * max(float(np.trace(h)), 1e-6)
         values, vectors = np.linalg.eigh(0.5 * (h + h.T))
         model: Floats = (vectors / np.maximum(values, floor)) @ vectors.T
-        score = self.by_drive(self.row_scores(state))
-        if len(score) < 8:
+        if self.drives < FEWEST:
             return model
-        robust = model @ (score.T @ score * len(score) / (len(score) - 1)) @ model
-        larger = np.sqrt(np.maximum(np.diag(robust) / np.diag(model), 1.0))
-        return np.asarray(model * larger[:, None] * larger[None, :])
+        known = self.problem.known.any(axis=1)
+        scores, information = (
+            by_drive(v[known], self.problem.group[known]) for v in (self.row_scores(state), rows)
+        )
+        return larger(model, between_drives(scores, information))
 
     def result(self, state: _State, *, errors: bool) -> Spreads:
         """Give the parameters in the units of residuals and features."""
@@ -272,8 +274,3 @@ class _Fitter:
             se,
             state.loglik,
         )
-
-
-def quantile(groups: int) -> float:
-    """Give the factor of a standard error for 95 %, by how many independent drives it rests on."""
-    return float(student.ppf(0.975, max(groups - 1, 4)))

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
+from resim.perception.training.clusters import FEWEST, certain
 from resim.perception.training.spread import Problem, Spreads
 
 LONGEST, LAGS = 3.0, 24
 """Lags [s] that are looked at, and how many."""
 SURE = 3.0
-"""Standard errors by which the logarithms of both correlation times differ, for the variogram to be believed."""
+"""Standard errors, of many drives, by which the logarithms of both correlation times differ, for the variogram to be
+believed."""
 
 
 def reconsidered(spreads: Spreads, problem: Problem) -> Spreads:
@@ -31,7 +33,7 @@ def reconsidered(spreads: Spreads, problem: Problem) -> Spreads:
     step = float(np.median(problem.steps[:, 1:])) if z.shape[1] > 1 else 0.0
     most = min(int(LONGEST / step), z.shape[1] // 2) if step > 0.0 else 0
     groups = np.unique(problem.group, return_inverse=True)[1]
-    if most < 4 or groups.max() < 4:
+    if most < 4 or groups.max() + 1 < FEWEST:
         return spreads
     lags = np.unique(np.round(np.geomspace(1, most, LAGS)).astype(int))
     sums, counts = _differences(z, lags, groups)
@@ -45,7 +47,7 @@ def reconsidered(spreads: Spreads, problem: Problem) -> Spreads:
     ])  # fmt: skip
     se = np.sqrt((n - 1) / n * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))
     tau, share, scale = np.exp(every)
-    if abs(every[0] - np.log(spreads.tau)) < SURE * np.hypot(se[0], spreads.se.get("tau", 0.0)):
+    if abs(every[0] - np.log(spreads.tau)) < certain(SURE, n) * np.hypot(se[0], spreads.se.get("tau", 0.0)):
         return spreads
     was = float(np.mean((drift**2 / total**2)[problem.known]))
     errors = {**spreads.se, "tau": float(se[0]), "drift": float(np.hypot(se[1] / 2.0, se[2] / 2.0))}
