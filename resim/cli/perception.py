@@ -12,7 +12,7 @@ from resim.cli.app import Accept, app
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    from resim.perception.model import PerceptionModel
+    from resim.perception.model import PerceptionModel, Training
 
 perception_app = typer.Typer(rich_markup_mode=None, no_args_is_help=True)
 app.add_typer(
@@ -96,3 +96,17 @@ def print_model(model: PerceptionModel) -> None:
     if spans:
         told = (f"{name.replace('_', ' ')} {low:.4g} to {high:.4g}" for name, (low, high) in spans.items())
         typer.echo(f"valid for {', '.join(told)}")
+    if model.training is not None:
+        _print_fit(model.training)
+
+
+def _print_fit(training: Training) -> None:
+    """Say whether the model fits what it was trained on, and what was left out."""
+    from resim.perception.parameters import fit_in_words
+
+    verdict, misfits = fit_in_words(training)
+    typer.echo(verdict)
+    for text in misfits:
+        typer.echo(f"warning: {text}")
+    for part in training.left_out:
+        typer.echo(f"left out: {part.count} of {part.of} {part.what}: {part.reason}")

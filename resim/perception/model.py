@@ -27,6 +27,7 @@ QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 FEATURES = ("range", "bearing", "relative_speed", "acceleration")
 MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 
+Assumption = Literal["bias", "spread", "tails", "white", "together", "latency"]
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
 Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
 Number = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -274,13 +275,48 @@ class Estimate(_Part):
     samples: int
 
 
+class Misfit(_Part):
+    """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
+    model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
+    `latency` (one for all). size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
+
+    quantity: Quantity
+    assumption: Assumption
+    on: str
+    size: float
+    unit: str
+    p: float
+    text: str
+
+
+class Fit(_Part):
+    """How the model fits what it was trained on: how many tests on how many drives, and which failed; no tests: not
+    tested. The probability that one fails by chance is 5 % for all together."""
+
+    drives: int
+    tests: int = 0
+    misfits: tuple[Misfit, ...] = ()
+
+
+class LeftOut(_Part):
+    """What was not learned from, and why: count of so many."""
+
+    what: str
+    reason: str
+    count: int
+    of: int
+
+
 class Training(_Part):
-    """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter."""
+    """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter; fit:
+    whether it fits, None where nobody asked."""
 
     sources: dict[str, str]
     drives: int
     matched: int
     estimates: dict[str, Estimate]
+    fit: Fit | None = None
+    left_out: tuple[LeftOut, ...] = ()
 
 
 class PerceptionModel(_Part):

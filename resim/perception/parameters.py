@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from resim.perception.model import PerceptionModel
+from resim.perception.model import PerceptionModel, Training
 
 UNITS = {
     "longitudinal": "m", "lateral": "m", "speed": "m/s", "heading": "rad", "length": "m", "width": "m",
@@ -20,6 +20,8 @@ PER = {
 TIMES = ("latency", "averaging", "update")
 RATES = ("loss", "gain", "rate", "id_switch")
 NAMES = ("schema", "name", "provenance", "training", "validity")
+FEW = 10
+"""Drives below which a misfit of the size of the errors themselves may not show."""
 EDGES = ("range_edges", "bearing_edges", "occlusion_edges")
 """What is no parameter; edges say where the rates of detection hold."""
 
@@ -34,6 +36,20 @@ def parameters(model: PerceptionModel) -> Iterator[tuple[str, float, str]]:
         for j, value in enumerate(row[:i]):
             if value != 0.0:
                 yield f"errors.coupling.{i}.{j}", float(value), ""
+
+
+def fit_in_words(training: Training) -> tuple[str, list[str]]:
+    """Say whether the model fits what it was trained on, and which assumptions fail, most sure first."""
+    fit = training.fit
+    if fit is None:
+        return "whether the model fits was not tested: train it again", []
+    if not fit.tests:
+        return f"whether the model fits was not tested: {fit.drives} drives, or no error, tell too little", []
+    if not fit.misfits:
+        few = "; with so few drives only gross ones show" if fit.drives < FEW else ""
+        return f"no misfit found by {fit.tests} tests on {fit.drives} drives{few}", []
+    verdict = f"the model does not fit: {len(fit.misfits)} of {fit.tests} tests on {fit.drives} drives fail"
+    return verdict, [misfit.text for misfit in fit.misfits]
 
 
 def unit(name: str) -> str:

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from resim.perception.model import PerceptionModel
-from resim.perception.parameters import parameters
+from resim.perception.parameters import fit_in_words, parameters
 from resim.perception.validation import SHARES, Report
 from resim.report.document import document
 from resim.report.plots import number, sample, style, to_html
@@ -38,7 +38,7 @@ def write_perception_page(model: PerceptionModel, report: Report, path: Path) ->
         f"{to_html(_autocorrelations(report), 'correlation')}</figure>"
         f'<figure><figcaption><b>Lengths of drop-outs</b> <span class="note">{_detected(report)}</span></figcaption>'
         f"{_dropouts(report)}</figure>{_latencies(report)}</section>\n"
-        f"<section><h2>Parameters</h2>{_parameters(model)}</section></main>"
+        f"{_fit(model)}<section><h2>Parameters</h2>{_parameters(model)}</section></main>"
     )
     path.write_text(document(f"{model.name} · perception model", body), encoding="utf-8", newline="\n")
 
@@ -140,6 +140,27 @@ def _latencies(report: Report) -> str:
     folds = max((len(values) for values in report.latencies.values()), default=0)
     head = ["latency", *(f"fold {n}" for n in range(1, 1 + folds))]
     return "<h3>Latencies, trained without each fold</h3>" + table(head, rows, "sums")
+
+
+def _fit(model: PerceptionModel) -> str:
+    """Which assumptions fail, what it costs, and what was left out of the training."""
+    if model.training is None:
+        return ""
+    verdict, misfits = fit_in_words(model.training)
+    items = "".join(f"<li>{escape(text)}</li>" for text in misfits)
+    rows = [
+        [escape(part.what), f"{part.count} of {part.of}", escape(part.reason)]
+        for part in model.training.left_out
+    ]
+    dropped = table(["left out", "count", "reason"], rows, "sums") if rows else "<p>Nothing was left out.</p>"
+    return (
+        f'<section id="fit"><h2>Does the model fit?</h2><p>{escape(verdict)}.</p>'
+        + (f"<ul>{items}</ul>" if items else "")
+        + "<p>Tested is what is left of the errors of the training: tails, independence in time and between objects, "
+        "one latency for all, and whether errors or their spread depend on what the model leaves out. For a model that "
+        "fits, the probability that any test fails is 5 %.</p>"
+        f"{dropped}</section>\n"
+    )
 
 
 def _parameters(model: PerceptionModel) -> str:

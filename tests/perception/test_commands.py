@@ -178,6 +178,8 @@ def test_train_learns_shows_and_repeats_itself(call, tmp_path):
     assert model["latency"]["speed"] == pytest.approx(0.8, abs=0.2)  # half of the sensor's window
     assert model["latency"]["position"] < 0.05
     assert set(model["training"]["sources"])
+    assert "whether the model fits was not tested: 3 drives" in " ".join(out.split())
+    assert "left out: " in out
     code, out, _ = call("perception", "show", tmp_path / "a" / "m.json", "--set", "latency.position=0.25")
     assert code == 0
     assert "trained on 3 drives" in out

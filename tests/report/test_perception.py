@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 
 from resim.ingest import read_recording
-from resim.perception.model import read_model
+from resim.perception.model import Fit, LeftOut, Misfit, read_model
 from resim.perception.validation import judge
 from resim.report import write_perception_page
 
@@ -51,3 +51,21 @@ def test_a_report_is_json_and_drop_outs_are_drawn(model, found, tmp_path):
     assert "objects are detected 90.0 % of the time, in the model 80.0 %; 2 drop-outs, in the model 1" in body
     assert "nothing was lost" not in body
     assert '<div id="dropouts"' in body
+
+
+def test_the_page_says_whether_the_model_fits_and_what_was_left_out(model, found, tmp_path):
+    assert model.training is not None
+    misfit = Misfit(
+        quantity="speed", assumption="bias", on="speed", size=0.7, unit="m/s", p=1e-6, text="speed is <3 %> too high"
+    )  # fmt: skip
+    part = LeftOut(what="samples", reason="outliers", count=7, of=900)
+    pages = []
+    for fit in (None, Fit(drives=10, tests=90), Fit(drives=10, tests=90, misfits=(misfit,))):
+        training = model.training.model_copy(update={"fit": fit, "left_out": (part,)})
+        write_perception_page(model.model_copy(update={"training": training}), found, tmp_path / "page")
+        pages.append((tmp_path / "page").read_text(encoding="utf-8"))
+    assert "whether the model fits was not tested" in pages[0]
+    assert "no misfit found by 90 tests on 10 drives." in pages[1]
+    assert "the model does not fit: 1 of 90 tests on 10 drives fail." in pages[2]
+    assert "<li>speed is &lt;3 %&gt; too high</li>" in pages[2]
+    assert all("7 of 900" in page for page in pages)

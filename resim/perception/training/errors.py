@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from resim.core.geometry import Bools, Floats
-from resim.perception.model import FEATURES, Averaging, Error, Latency, Response, Spread
+from resim.perception.model import FEATURES, Averaging, Error, Latency, Quantity, Response, Spread
 from resim.perception.training.alignment import Aligned, Component, Task, first_guess, trusted, without
 from resim.perception.training.gauss_newton import align
 from resim.perception.training.samples import Samples
@@ -20,7 +20,7 @@ NEGLIGIBLE = {"longitudinal": 0.005, "lateral": 0.005, "speed": 0.005, "heading"
 """Spread [m, m, m/s, rad] below which an error is none: references and splines are no better."""
 SURPRISING = 3.3
 """Standard errors by which samples differ from what is expected of them to be a surprise."""
-MEASURED = ("longitudinal", "lateral", "speed", "heading")
+MEASURED: tuple[Quantity, ...] = ("longitudinal", "lateral", "speed", "heading")
 """What is measured anew in every list."""
 
 
@@ -104,7 +104,7 @@ def _fit(
             spread = _spreads(
                 name, Problem(residual, known, steps, sizes_of(features), samples.drive), final=last
             )
-            component = _with(component, spread, features, name)
+            component = with_spread(component, spread, features, name)
             known = trusted(known, component, residual, steps)
             spreads.append(spread)
             kept.append(known)
@@ -161,7 +161,8 @@ def sizes_of(features: Floats) -> Floats:
     return np.where(np.isfinite(features), np.abs(features), 0.0)
 
 
-def _with(component: Component, spread: Spreads | None, features: Floats, name: str) -> Component:
+def with_spread(component: Component, spread: Spreads | None, features: Floats, name: str) -> Component:
+    """Give the component with these spreads at these features."""
     if spread is None:
         full = np.full(component.measured.shape, NEGLIGIBLE[name])
         return replace(component, drift=0.0 * full, noise=full)
@@ -176,7 +177,7 @@ def _spread_of(component: Component, fitted: Fitted, features: Floats) -> Compon
     if spread is None:
         full = np.full(component.measured.shape, max(float(np.std(size)) if len(size) else 0.0, 1e-4))
         return replace(component, drift=0.0 * full, noise=full)
-    return _with(component, spread, features, "")
+    return with_spread(component, spread, features, "")
 
 
 def refit(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -> Fitted:
@@ -184,7 +185,7 @@ def refit(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -> Fi
     names = ("longitudinal", "lateral") if name in ("longitudinal", "lateral") else (name,)
     pooled, c = objects.fitted[name], names.index(name)
     whole = _task(samples, names, objects.features, objects.steps)
-    component = without(_with(whole.components[c], pooled.spreads, objects.features, name), mask)
+    component = without(with_spread(whole.components[c], pooled.spreads, objects.features, name), mask)
     task = Task(
         [component], lambda late, over: [whole.expected(late, over)[c]], whole.features, whole.steps, samples.drive,
         fixed=True,
@@ -199,7 +200,9 @@ def surprises(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -
     """Whether these samples (R, T) are so far off in the mean, or vary so much more or less than the fit of all
     expects, that a fit of their own is worth it. That one is judged by how drives differ."""
     pooled = objects.fitted[name]
-    component = _with(Component(samples.x, samples.x, samples.x, 1.0), pooled.spreads, objects.features, name)
+    component = with_spread(
+        Component(samples.x, samples.x, samples.x, 1.0), pooled.spreads, objects.features, name
+    )
     table = np.stack([np.where(mask, pooled.residual, 0.0), np.where(mask, 1.0, 0.0)], axis=-1)
     white = whiten(table, mask, objects.steps, component.drift, component.noise, component.tau)
     y, x = white[..., 0], white[..., 1]

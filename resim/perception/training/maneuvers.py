@@ -17,6 +17,7 @@ from resim.perception.training.errors import (
     surprises,
 )
 from resim.perception.training.estimates import error_estimates
+from resim.perception.training.residuals import Own
 from resim.perception.training.samples import Samples
 
 SAMPLES, TRACKS = 300, 8
@@ -27,11 +28,13 @@ SURE = 3.3
 
 def fit_maneuvers(
     samples: Samples, objects: ObjectErrors, errors: Errors
-) -> tuple[dict[Maneuver, Objects], dict[str, Estimate]]:
-    """Give the maneuvers that differ. Latencies and averaging times are those of all: they are the sensors' own."""
+) -> tuple[dict[Maneuver, Objects], dict[str, Estimate], dict[str, list[Own]]]:
+    """Give the maneuvers that differ, and by quantity the samples that they are fitted to. Latencies and averaging
+    times are those of all: they are the sensors' own."""
     does = samples.maneuvers(objects.latency.speed)
     found: dict[Maneuver, Objects] = {}
     estimates: dict[str, Estimate] = {}
+    parts: dict[str, list[Own]] = {}
     for index, name in enumerate(MANEUVERS):
         own: dict[str, Error] = {}
         for quantity in MEASURED:
@@ -45,13 +48,14 @@ def fit_maneuvers(
             drives = len(np.unique(samples.drive[mask.any(axis=1)]))
             if _differs(pooled, fitted, mask, objects, certain(SURE, drives)):
                 own[quantity] = error_of(fitted)
+                parts.setdefault(quantity, []).append(Own(mask, fitted))
                 prefix = f"maneuvers.{name}.errors.{quantity}"
                 estimates |= error_estimates(prefix, fitted, samples.drive)
         if own:
             found[name] = Objects(  # type: ignore[index]
                 latency=objects.latency, averaging=objects.averaging, errors=errors.model_copy(update=own)
             )
-    return found, estimates
+    return found, estimates, parts
 
 
 def _differs(pooled: Fitted, own: Fitted, mask: Bools, objects: ObjectErrors, sure: float) -> bool:

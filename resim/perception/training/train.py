@@ -16,6 +16,8 @@ from resim.perception.training.detection import field_of_view, fit_detection, si
 from resim.perception.training.drive import drive_of
 from resim.perception.training.errors import MEASURED, ObjectErrors, error_of, fit_objects
 from resim.perception.training.estimates import error_estimates, lag_estimates
+from resim.perception.training.fit import fit_of
+from resim.perception.training.left_out import left_out
 from resim.perception.training.lists import fit_false, fit_switches, fit_update
 from resim.perception.training.localisation import fit_localisation, fit_size
 from resim.perception.training.maneuvers import fit_maneuvers
@@ -51,7 +53,7 @@ def train(recordings: Sequence[Recording], *, name: str) -> PerceptionModel:
     coupling, found = fit_coupling(objects, samples.drive)
     estimates |= found
     errors = Errors(**{q: error_of(objects.fitted[q]) for q in MEASURED}, **sizes, coupling=coupling)
-    maneuvers, found = fit_maneuvers(samples, objects, errors)
+    maneuvers, found, own_errors = fit_maneuvers(samples, objects, errors)
     estimates |= found
     sightings = sightings_of(drives, matchings, objects.latency.position)
     view, seen = field_of_view(sightings, samples.step)
@@ -80,7 +82,12 @@ def train(recordings: Sequence[Recording], *, name: str) -> PerceptionModel:
         ego=own,
         validity=_validity(samples, objects),
         training=Training(
-            sources=_sources(recordings), drives=len(drives), matched=matched, estimates=estimates
+            sources=_sources(recordings),
+            drives=len(drives),
+            matched=matched,
+            estimates=estimates,
+            fit=fit_of(samples, objects, own_errors),
+            left_out=left_out(recordings, drives, matchings, samples, objects),
         ),
     )
 

@@ -1,0 +1,133 @@
+"""Models that do not fit are told, with what it costs; one that fits is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from perception.generator import KNOWN, Beyond, drives
+
+from resim.perception.model import (
+    Error,
+    Errors,
+    Fit,
+    Latency,
+    LeftOut,
+    Misfit,
+    PerceptionModel,
+    Response,
+    Spread,
+)
+from resim.perception.parameters import fit_in_words
+from resim.perception.training import train
+from resim.perception.training.clusters import FEWEST
+
+PROPER = PerceptionModel(
+    name="proper",
+    latency=Latency(position=0.1, speed=0.4, heading=0.2),
+    errors=Errors(
+        longitudinal=Error(
+            bias=Response(constant=0.5),
+            drift=Spread(constant=0.1),
+            correlation_time=1.0,
+            noise=Spread(constant=0.15),
+        ),
+        lateral=Error(noise=Spread(constant=0.1)),
+        speed=Error(drift=Spread(constant=0.15), correlation_time=0.5, noise=Spread(constant=0.1)),
+        heading=Error(noise=Spread(constant=0.01)),
+    ),
+)
+
+
+def fit_of(beyond: Beyond, count: int = 10, seed: int = 3) -> tuple[PerceptionModel, Fit]:
+    model = train(drives(PROPER, seed, count, rate=10.0, beyond=beyond), name="trained")
+    assert model.training is not None
+    assert model.training.fit is not None
+    return model, model.training.fit
+
+
+def told(fit: Fit, quantity: str, assumption: str, on: str = "") -> Misfit:
+    found = [m for m in fit.misfits if (m.quantity, m.assumption) == (quantity, assumption) and on in m.on]
+    assert found, [m.text for m in fit.misfits]
+    return found[0]
+
+
+def test_a_model_that_fits_is_told_nothing() -> None:
+    model, fit = fit_of(Beyond())
+    assert fit.misfits == ()
+    assert fit.tests > 50
+    assert model.training is not None
+    assert fit_in_words(model.training) == (f"no misfit found by {fit.tests} tests on 10 drives", [])
+
+
+def test_heavy_tails_are_told_with_their_share() -> None:
+    """Of Student's t with 3 degrees of freedom 1.4 % lie beyond 3 standard deviations, of a normal one 0.27 %."""
+    tails = told(fit_of(Beyond(tails=3.0))[1], "lateral", "tails")
+    assert tails.size == pytest.approx(0.014, abs=0.004)
+    assert "heavy tails" in tails.text
+
+
+def test_a_latency_that_varies_is_told_in_seconds() -> None:
+    found = told(fit_of(Beyond(late=0.15))[1], "longitudinal", "latency")
+    assert (found.size, found.unit) == (pytest.approx(0.15, rel=0.1), "s")
+    assert fit_of(Beyond(late=0.15, late_time=2.0))[1].misfits
+
+
+def test_a_scale_of_speeds_is_told_in_percent() -> None:
+    found = told(fit_of(Beyond(scale=0.03))[1], "speed", "bias", "speed")
+    assert "(+3.0%)" in found.text or "(+2.9%)" in found.text or "(+3.1%)" in found.text
+    assert found.size == pytest.approx(0.03 * 25.0, rel=0.3)
+
+
+def test_a_bias_while_braking_is_not_taken_for_latency_without_a_word() -> None:
+    model, fit = fit_of(Beyond(braking=(("speed", 0.6),)))
+    assert model.latency.speed > 0.5
+    found = told(fit, "speed", "bias", "braking")
+    assert 0.25 < found.size < 0.7
+    late = float(found.text.rpartition("about ")[2].split()[0])
+    assert abs(late - 0.4) < 0.5 * (model.latency.speed - 0.4)
+
+
+def test_too_few_drives_test_nothing_and_say_so() -> None:
+    model, fit = fit_of(Beyond(tails=3.0), FEWEST - 1)
+    assert fit == Fit(drives=FEWEST - 1)
+    assert model.training is not None
+    assert "was not tested" in fit_in_words(model.training)[0]
+    unasked = model.training.model_copy(update={"fit": None})
+    assert "was not tested" in fit_in_words(unasked)[0]
+
+
+def test_what_is_left_out_is_counted_by_reason() -> None:
+    """An object perceived once, one never, and one that is nobody; and the first 0.4 s, whose truth is not known."""
+    recordings = drives(PROPER, 5, 6, rate=10.0, objects=4)
+    sd = recordings[0].sd
+    assert sd is not None
+    valid = sd.valid.copy()
+    valid[sd.index("1.0")] = False
+    valid[sd.index("2.0"), 1:] = False
+    x = sd.x + np.where(sd.ids == "3.0", 500.0, 0.0)[:, None]
+    names = recordings[0].sd_gt_id
+    assert names is not None
+    names = np.where(names == "3", "", names)
+    spoilt = replace(sd, x=np.where(valid, x, np.nan), **{
+        name: np.where(valid, getattr(sd, name), np.nan) for name in ("y", "heading", "v")
+    }, valid=valid)  # fmt: skip
+    model = train([replace(recordings[0], sd=spoilt, sd_gt_id=names), *recordings[1:]], name="spoilt")
+    assert model.training is not None
+    seen = 24 * 101 - 101 - 100
+    counts = {(part.what, part.reason.split()[0]): (part.count, part.of) for part in model.training.left_out}
+    assert counts["objects", "nothing"] == (2, 24)
+    assert counts["samples", "they"] == (101, seen)
+    assert counts["samples", "their"] == (1, seen)
+    # 5 drives of 4 objects and one of 1: lists at 0 to 0.3 s; at 0.4 s the truth of 0 s is known
+    assert counts["samples", "the"] == (21 * 4, seen)
+    assert all(isinstance(part, LeftOut) for part in model.training.left_out)
+
+
+def test_drives_of_other_models_that_fit_are_told_nothing() -> None:
+    """Everything at once, with what is lost, taken for another, or not there."""
+    fit = train(drives(KNOWN["everything"], 3, 10), name="everything").training
+    assert fit is not None
+    assert fit.fit is not None
+    assert fit.fit.misfits == ()
