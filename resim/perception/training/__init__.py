@@ -5,6 +5,8 @@ matching  which perceived object is which true one
 samples   the matched samples as arrays, the truth at any latency
 errors    latencies and biases (alignment, gauss_newton), drift and noise (spread, by the filter whiten), in turn
 coupling, maneuvers, localisation, detection, lists   the other parts of the model
+clusters  what is sure, by how drives differ
+fit       whether the model fits: what is left of the errors (residuals), tested (single, dependence); left_out: counted
 """
 
 from resim.perception.training.train import train

@@ -1,0 +1,145 @@
+"""Single statistics of what is left of the errors: tails, whiteness in time, independence of objects, one latency."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.stats import t as student
+
+from resim.core.geometry import Floats
+from resim.perception.model import Assumption, Misfit, Quantity
+from resim.perception.parameters import UNITS
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive
+from resim.perception.training.residuals import Residuals
+
+CLIP = 5.0
+"""Standard deviations to which errors count for tails."""
+LEAST_SHARE = 0.05
+"""Least correlation, and least change of a standard deviation, that is told."""
+LEAST_LATE = 0.005
+"""Least variation [s] of a latency that is told."""
+
+
+class Single:
+    """One statistic: the mean of something over its weight that is 0 in a model that fits.
+
+    sums, weights: (R,) by row; variance: of the sum by the model.
+    """
+
+    count = 1
+
+    def __init__(
+        self, quantity: Quantity, assumption: Assumption, r: Residuals, sums: Floats, weights: Floats,
+        variance: float, *, one_sided: bool, on: str = "",
+    ) -> None:  # fmt: skip
+        rows = weights > 0.0
+        drives = r.drive[rows]
+        total, weight = float(sums.sum()), float(weights.sum())
+        self.quantity, self.assumption, self.on, self.r = quantity, assumption, on, r
+        self.value, self.p = 0.0, 1.0
+        if len(np.unique(drives)) < FEWEST:
+            self.count = 0
+            return
+        self.value = total / weight
+        by, weigh = by_drive(sums[rows] - self.value * weights[rows], drives), by_drive(weights[rows], drives)
+        se = max(
+            np.sqrt(variance) / weight,
+            float(np.sqrt(between_drives(by[:, None], weigh[:, None, None])[0, 0])),
+        )
+        z = self.value / se
+        self.p = float(student.sf(z if one_sided else abs(z), len(by) - 1)) * (1.0 if one_sided else 2.0)
+
+    def failures(self, level: float) -> Iterator[Misfit]:
+        """Give the misfit, where there is one."""
+        if self.p < level and (told := self.told()) is not None:
+            size, unit, text = told
+            yield Misfit(
+                quantity=self.quantity, assumption=self.assumption, on=self.on, size=size, unit=unit, p=self.p,
+                text=text,
+            )  # fmt: skip
+
+    def told(self) -> tuple[float, str, str] | None:
+        """Give size, unit and words; None for what is too small."""
+        name, unit, r = self.quantity, UNITS[self.quantity], self.r
+        typical = float(np.sqrt(np.mean(r.spread[r.known] ** 2)))
+        if self.assumption == "tails":
+            far, share = _beyond(r)
+            text = (
+                f"{name} errors have heavy tails: {share:.2%} lie beyond 3 standard deviations, in the model 0.27 %; "
+                f"one in a thousand is over {far:.3g} {unit}, in the model over {3.29 * typical:.3g} {unit}"
+            )
+            return share, "", text
+        if self.assumption == "latency":
+            size = float(np.sqrt(max(self.value, 0.0)))
+            late = r.fitted.aligned.late
+            text = f"the latency of {name} differs from object to object, by {size:.3g} s about {late:.3g} s"
+            return (size, "s", text) if size > LEAST_LATE else None
+        if abs(self.value) < LEAST_SHARE:
+            return None
+        size = abs(self.value) * typical
+        if self.assumption == "together":
+            size = float(np.sqrt(abs(self.value))) * typical
+            text = (
+                f"{name} errors of objects in one list go together (correlation {self.value:+.2f}), in the model they "
+                f"do not: {size:.3g} {unit} of {typical:.3g} {unit} is common to them, as from a latency that varies"
+            )
+        else:
+            text = (
+                f"{name} errors do not vary in time as the model says: those {self.on} apart keep a correlation of "
+                f"{self.value:+.2f} beyond the model's, {size:.3g} {unit} of {typical:.3g} {unit}"
+            )
+        return size, unit, text
+
+
+def _beyond(r: Residuals) -> tuple[float, float]:
+    """Give the error that one in a thousand exceeds, and the share beyond 3 standard deviations; outliers count."""
+    sizes = np.concatenate([np.abs(r.z[r.known]), np.full(int(r.outlier.sum()), np.inf)])
+    errors = np.abs(r.fitted.residual[r.known | r.outlier])
+    return float(np.quantile(errors, 0.999)), float(np.mean(sizes > 3.0))
+
+
+def tails(quantity: Quantity, r: Residuals) -> Single:
+    """The fourth Hermite polynomial of errors, which their variance does not move, clipped: only heavy tails count."""
+    z = np.clip(r.z, -CLIP, CLIP)
+    value = np.where(
+        r.known, z**4 - 6.0 * z**2 + 3.0, np.where(r.outlier, CLIP**4 - 6.0 * CLIP**2 + 3.0, 0.0)
+    )
+    number = (r.known | r.outlier).sum(axis=1).astype(float)
+    return Single(quantity, "tails", r, value.sum(axis=1), number, 24.0 * number.sum(), one_sided=True)
+
+
+def white(quantity: Quantity, r: Residuals, lag: int) -> Single:
+    """Products of errors a lag apart."""
+    both = r.known[:, lag:] & r.known[:, :-lag]
+    products = np.where(both, r.z[:, lag:] * r.z[:, :-lag], 0.0).sum(axis=1)
+    number = both.sum(axis=1).astype(float)
+    return Single(
+        quantity, "white", r, products, number, number.sum(), one_sided=False, on=f"{lag * r.step:.2g} s"
+    )
+
+
+def together(quantity: Quantity, r: Residuals) -> Single:
+    """Products of errors of two objects in one list; a list's are laid to the first row of its drive."""
+    sums, pairs = np.zeros(len(r.drive)), np.zeros(len(r.drive))
+    for drive in np.unique(r.drive):
+        rows = np.flatnonzero(r.drive == drive)
+        known = r.known[rows]
+        lists = np.unique(np.round(r.t[rows][known], 6), return_inverse=True)[1]
+        z = r.z[rows][known]
+        one, square, number = (np.bincount(lists, v) for v in (z, z**2, np.ones(len(z))))
+        sums[rows[0]], pairs[rows[0]] = ((one**2 - square) / 2.0).sum(), (number * (number - 1.0) / 2.0).sum()
+    return Single(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
+
+
+def latencies(quantity: Quantity, r: Residuals) -> Single:
+    """How far apart the latencies of single objects are, beyond chance: their squares less what noise makes of them."""
+    x = np.stack([r.columns["constant"], r.columns["latency"]], axis=-1)
+    normal, right = np.einsum("rti,rtj->rij", x, x), np.einsum("rti,rt->ri", x, r.z)
+    safe = np.maximum(normal[:, 0, 0], 1e-12)
+    score = right[:, 1] - normal[:, 0, 1] * right[:, 0] / safe
+    known = np.maximum(normal[:, 1, 1] - normal[:, 0, 1] ** 2 / safe, 0.0)
+    score = score - known * score.sum() / max(float(known.sum()), 1e-12)
+    known = np.where(known > 1e-3 * known.max(initial=0.0), known, 0.0)
+    sums = np.where(known > 0.0, score**2 - known, 0.0)
+    return Single(quantity, "latency", r, sums, known**2, float(2.0 * (known**2).sum()), one_sided=True)
