@@ -22,7 +22,7 @@ DRIVE = ROOT / "scenarios" / "rear_end"
 HEAD = """import ctypes, os, signal, subprocess, sys, time
 from pathlib import Path
 from resim.sim.adfunction import Command
-HERE = Path(__file__).parent
+HERE = Path(r"{here}")  # __file__ is in a frozen copy
 
 class Own:
     def reset(self, setup): pass
@@ -34,12 +34,12 @@ IN_C = "(HERE / 'begun').write_text(str(os.getpid()))\nsum(range(10**14))"
 
 
 @pytest.fixture
-def build(write_build: Callable[..., Path]) -> Callable[..., Path]:
+def build(write_build: Callable[..., Path], tmp_path: Path) -> Callable[..., Path]:
     """Write a build whose function does something from t = 1 s on."""
 
     def make(deed: str, limit: float = 0.2) -> Path:
         lines = (deed + "\nreturn Command(0.0, 0.0)").replace("\n", "\n        ")
-        return write_build(f"{HEAD}        {lines}\n", top=f"time_limit = {limit}")
+        return write_build(f"{HEAD.format(here=tmp_path)}        {lines}\n", top=f"time_limit = {limit}")
 
     return make
 
