@@ -15,6 +15,8 @@ from resim.perception.training.residuals import Residuals
 
 CLIP = 5.0
 """Standard deviations to which errors count for tails."""
+NORMAL = 0.0027
+"""Share of normal errors beyond 3 standard deviations."""
 LEAST_SHARE = 0.05
 """Least correlation, and least change of a standard deviation, that is told."""
 LEAST_LATE = 0.005
@@ -65,6 +67,8 @@ class Single:
         typical = float(np.sqrt(np.mean(r.spread[r.known] ** 2)))
         if self.assumption == "tails":
             far, share = _beyond(r)
+            if share <= NORMAL:
+                return None
             text = (
                 f"{name} errors have heavy tails: {share:.2%} lie beyond 3 standard deviations, in the model 0.27 %; "
                 f"one in a thousand is over {far:.3g} {unit}, in the model over {3.29 * typical:.3g} {unit}"
@@ -92,16 +96,22 @@ class Single:
         return size, unit, text
 
 
+def _scaled(r: Residuals) -> Floats:
+    """Give the errors (R, T) over their own standard deviation: spreads taken from the variogram may be another's."""
+    own = float(np.sqrt(np.mean(r.z[r.known] ** 2))) if r.known.any() else 1.0
+    return np.asarray(r.z / max(own, 1e-9))
+
+
 def _beyond(r: Residuals) -> tuple[float, float]:
     """Give the error that one in a thousand exceeds, and the share beyond 3 standard deviations; outliers count."""
-    sizes = np.concatenate([np.abs(r.z[r.known]), np.full(int(r.outlier.sum()), np.inf)])
+    sizes = np.concatenate([np.abs(_scaled(r)[r.known]), np.full(int(r.outlier.sum()), np.inf)])
     errors = np.abs(r.fitted.residual[r.known | r.outlier])
     return float(np.quantile(errors, 0.999)), float(np.mean(sizes > 3.0))
 
 
 def tails(quantity: Quantity, r: Residuals) -> Single:
     """The fourth Hermite polynomial of errors, which their variance does not move, clipped: only heavy tails count."""
-    z = np.clip(r.z, -CLIP, CLIP)
+    z = np.clip(_scaled(r), -CLIP, CLIP)
     value = np.where(
         r.known, z**4 - 6.0 * z**2 + 3.0, np.where(r.outlier, CLIP**4 - 6.0 * CLIP**2 + 3.0, 0.0)
     )
@@ -112,7 +122,8 @@ def tails(quantity: Quantity, r: Residuals) -> Single:
 def white(quantity: Quantity, r: Residuals, lag: int) -> Single:
     """Products of errors a lag apart."""
     both = r.known[:, lag:] & r.known[:, :-lag]
-    products = np.where(both, r.z[:, lag:] * r.z[:, :-lag], 0.0).sum(axis=1)
+    z = _scaled(r)
+    products = np.where(both, z[:, lag:] * z[:, :-lag], 0.0).sum(axis=1)
     number = both.sum(axis=1).astype(float)
     return Single(
         quantity, "white", r, products, number, number.sum(), one_sided=False, on=f"{lag * r.step:.2g} s"
@@ -121,12 +132,12 @@ def white(quantity: Quantity, r: Residuals, lag: int) -> Single:
 
 def together(quantity: Quantity, r: Residuals) -> Single:
     """Products of errors of two objects in one list; a list's are laid to the first row of its drive."""
-    sums, pairs = np.zeros(len(r.drive)), np.zeros(len(r.drive))
+    sums, pairs, scaled = np.zeros(len(r.drive)), np.zeros(len(r.drive)), _scaled(r)
     for drive in np.unique(r.drive):
         rows = np.flatnonzero(r.drive == drive)
         known = r.known[rows]
         lists = np.unique(np.round(r.t[rows][known], 6), return_inverse=True)[1]
-        z = r.z[rows][known]
+        z = scaled[rows][known]
         one, square, number = (np.bincount(lists, v) for v in (z, z**2, np.ones(len(z))))
         sums[rows[0]], pairs[rows[0]] = ((one**2 - square) / 2.0).sum(), (number * (number - 1.0) / 2.0).sum()
     return Single(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
