@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from resim.fidelity import BRAKING, QUANTITIES
+from resim.report.markup import html
 from resim.report.plots import FAINT, fade, line, style
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
@@ -120,7 +121,7 @@ def _draw_reaction(figure: go.Figure, view: View, source: str) -> None:
     )  # fmt: skip
     right = at > 0.5 * (view.span[1] - view.start)
     figure.add_annotation(
-        text=f"<b>{source}</b> {at:.2f} s", xref="x", yref="paper", x=at, y=1.015 + 0.042 * level,
+        text=html("<b>{}</b> {:.2f} s", source, at), xref="x", yref="paper", x=at, y=1.015 + 0.042 * level,
         xanchor="right" if right else "left", yanchor="middle", xshift=-4 if right else 4, showarrow=False,
         font={"color": color, "size": 12},
     )  # fmt: skip

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.tables import NONE, decision_words, difference_words, reaction_words, table
 from resim.report.view import View
@@ -16,7 +17,7 @@ RUNS = ("rGT", "rSD")
 ENDS = {"duration": "whole duration", "measured": "last sample"}
 
 
-def outcome(view: View) -> str:
+def outcome(view: View) -> Markup:
     """Give the table of decision, reaction, collision, end and error in GT, rGT, rSD and, over its seeds, rGT+M."""
     report, off = view.report, view.report["reaction_spread"]
     sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report["end"]]
@@ -49,10 +50,10 @@ def verdict(view: View, run: str) -> tuple[str, str]:
     return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
 
 
-def badge(view: View, run: str) -> str:
+def badge(view: View, run: str) -> Markup:
     """Give the verdict as a badge: colour, sign and words."""
     css, words = verdict(view, run)
-    return f'<span class="badge {css}">{words}</span>'
+    return html('<span class="badge {}">{}</span>', css, words)
 
 
 def _if_there(view: View, source: str, words: str) -> str:
@@ -63,7 +64,7 @@ def _collisions(view: View, source: str) -> str:
     if source not in view.report["collisions"]:
         return NONE
     hits = view.report["collisions"][source]
-    return "; ".join(f"<b>{view.label(h['id'])} at {h['t']:.2f} s</b>" for h in hits) or "none"
+    return join((html("<b>{} at {:.2f} s</b>", view.label(h["id"]), h["t"]) for h in hits), "; ") or "none"
 
 
 def _end(view: View, source: str) -> float:
@@ -75,12 +76,12 @@ def _end_words(view: View, source: str) -> str:
     if source not in view.tracks:
         return NONE
     end = view.report["end"].get(source, "measured")
-    return f"{end_words(end)}, {_end(view, source):.2f} s"
+    return html("{}, {:.2f} s", end_words(end), _end(view, source))
 
 
 def end_words(end: str) -> str:
     """Give why a run ended in words, in bold where it ended early."""
-    return ENDS.get(end, f"<b>{end.replace('_', ' ')}</b>")
+    return ENDS.get(end, html("<b>{}</b>", end.replace("_", " ")))
 
 
 def _metres(error: float | None) -> str:
@@ -95,28 +96,29 @@ def _over_seeds(perception: Mapping[str, Any]) -> list[str]:
         _counted([decision_words(s["decision"]) for s in seeds]),
         middle(seeds, "reaction", "s", missing="do not brake"),
         middle(seeds, "reaction_difference", "s", sign="+"),
-        _counted(["<b>yes</b>" if s["collision"] else "none" for s in seeds]),
+        _counted([Markup("<b>yes</b>") if s["collision"] else "none" for s in seeds]),
         _counted([end_words(s["end"]) for s in seeds]),
         middle(seeds, "end_position_error", "m", missing="ended before"),
     ]
 
 
-def seeds_badge(perception: Mapping[str, Any]) -> str:
+def seeds_badge(perception: Mapping[str, Any]) -> Markup:
     """Give as a badge how many of the seeds decide as the measured drive did."""
     same, every = perception["same_decision"], len(perception["seeds"])
     css, sign = ("same", "=") if same == every else ("different", "≠") if same == 0 else ("none", "")
-    return f'<span class="badge {css}">{sign} {same} of {every} seeds decide as measured</span>'
+    return html('<span class="badge {}">{} {} of {} seeds decide as measured</span>', css, sign, same, every)
 
 
-def _counted(words: Sequence[str]) -> str:
+def _counted(words: Sequence[str]) -> Markup:
     """Each of the words with how many seeds it is of, the most frequent first; without, where it is of all."""
     counts = Counter(words).most_common()
-    return "; ".join(f"{word} ({n} of {len(words)})" if n < len(words) else word for word, n in counts)
+    told = (html("{} ({} of {})", word, n, len(words)) if n < len(words) else word for word, n in counts)
+    return join(told, "; ")
 
 
 def middle(
     seeds: Sequence[Mapping[str, Any]], name: str, unit: str, *, sign: str = "", missing: str = ""
-) -> str:
+) -> Markup:
     """Give the median of a number over the seeds, its range, and of how many seeds it is not known and why."""
     values = np.array([s[name] for s in seeds if s[name] is not None], dtype=float)
     lost = len(seeds) - len(values)
@@ -127,4 +129,4 @@ def middle(
         ("+" if sign and value > 0.0 else "") + number(float(value), 2)
         for value in np.quantile(values, [0.0, 0.5, 1.0])
     )
-    return f"median <b>{median} {unit}</b> ({low} to {high}){without}"
+    return html("median <b>{} {}</b> ({} to {}){}", median, unit, low, high, without)

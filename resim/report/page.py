@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import Path
 
 import plotly.graph_objects as go
@@ -12,6 +11,7 @@ from resim.pipeline import Assessed, Resimulation
 from resim.report import assessment, seeds, tables
 from resim.report.boxes import box_figure, reaction_figure
 from resim.report.document import document
+from resim.report.markup import Markup, html, join
 from resim.report.outcome import outcome, verdict
 from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
@@ -35,12 +35,19 @@ MEANINGS = (
 )
 
 
+ADDING = Markup(
+    "<h3>Do the steps add up? (Eq. 5.6)</h3><p>Positions add up as vectors: <i>mean of sums</i> is the mean "
+    "length of the summed vectors, <i>sum of means</i> the plain sum of the steps' means. What the first does "
+    "not explain of the measured error is interpolation between different sample times.</p>"
+)
+
+
 def write_report(result: Resimulation, assessed: Assessed, path: Path) -> None:
     """Write the page: one HTML file with all it needs; the same result gives the same bytes."""
     path.write_text(page(view(result), assessed), encoding="utf-8", newline="\n")
 
 
-def page(look: View, assessed: Assessed) -> str:
+def page(look: View, assessed: Assessed) -> Markup:
     """Give the page's HTML."""
     parts = [
         _header(look),
@@ -56,95 +63,102 @@ def page(look: View, assessed: Assessed) -> str:
         _section("provenance", "Provenance", tables.provenance(look)),
     ]
     title = f"{look.result.recording.name} · {look.result.build.label}"
-    body = "\n".join(parts)
-    return document(title, f"<main>\n{body}</main>", scripts=[SCRIPT])
+    return document(title, html("<main>\n{}</main>", join(parts, "\n")), scripts=[SCRIPT])
 
 
-def _section(name: str, title: str, body: str) -> str:
-    return f'<section id="{name}"><h2>{title}</h2>\n{body}</section>'
+def _section(name: str, title: str, body: Markup) -> Markup:
+    return html('<section id="{}"><h2>{}</h2>\n{}</section>', name, title, body)
 
 
-def _seeds(look: View) -> list[str]:
+def _seeds(look: View) -> list[Markup]:
     """What a perception model did, where one was run."""
     if look.result.perceiving is None:
         return []
     return [_section("seeds-section", "With the perception model", seeds.section(look))]
 
 
-def _figure(figure: go.Figure, name: str, title: str, note: str = "") -> str:
-    small = f'<span class="note">{note}</span>' if note else ""
-    return f"<figure><figcaption><b>{title}</b> {small}</figcaption>{to_html(figure, name)}</figure>\n"
+def _figure(figure: go.Figure, name: str, title: str, note: str = "") -> Markup:
+    small = html('<span class="note">{}</span>', note) if note else ""
+    return html(
+        "<figure><figcaption><b>{}</b> {}</figcaption>{}</figure>\n", title, small, to_html(figure, name)
+    )
 
 
-def _header(look: View) -> str:
+def _header(look: View) -> Markup:
     result, report = look.result, look.report
     drove = {True: "drove this recording", False: f"did not drive this recording; {result.recording.build} did",
              None: "the recording names no build"}[report["build"]["drove"]]  # fmt: skip
     objects = {i for tracks in look.tracks.values() for i in tracks.ids.tolist()} - {look.ego}
     facts = (
-        ("build", f"<b>{escape(result.build.name)} {escape(result.build.version)}</b> ({escape(drove)})"),
-        ("map", escape(report["map"])),
+        ("build", html("<b>{} {}</b> ({})", result.build.name, result.build.version, drove)),
+        ("map", report["map"]),
         (
             "basis",
             " and ".join(result.branches) + ("" if result.recording.sd is not None else " (no sensor data)"),
         ),
-        ("EGO", f"{escape(look.ego)}, with {len(objects)} traffic object{'' if len(objects) == 1 else 's'}"),
+        ("EGO", f"{look.ego}, with {len(objects)} traffic object{'' if len(objects) == 1 else 's'}"),
         (
             "time",
             f"{look.span[0]:.2f} s to {look.span[1]:.2f} s"
             + ("; figures count from the first" if look.start else ""),
         ),
     )
-    listed = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in facts)
-    warnings = "".join(f"<li>{escape(w)}</li>" for w in report["warnings"])
-    return (
-        f'<header><p class="kind">Re-simulation report</p><h1>{escape(report["recording"])}</h1>'
-        f'<dl class="facts">{listed}</dl>\n<p class="line">{_line(look)}</p>\n{outcome(look)}'
-        + (f'<div class="warnings"><b>Note</b><ul>{warnings}</ul></div>' if warnings else "")
-        + "</header>"
+    listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
+    warnings = join(html("<li>{}</li>", w) for w in report["warnings"])
+    return html(
+        '<header><p class="kind">Re-simulation report</p><h1>{name}</h1><dl class="facts">{facts}</dl>\n'
+        '<p class="line">{line}</p>\n{outcome}{notes}</header>',
+        name=report["recording"],
+        facts=listed,
+        line=_line(look),
+        outcome=outcome(look),
+        notes=html('<div class="warnings"><b>Note</b><ul>{}</ul></div>', warnings) if warnings else "",
     )
 
 
-def _line(look: View) -> str:
+def _line(look: View) -> Markup:
     """The outcome in one sentence per run."""
-    out = [f"Measured drive: {tables.decision_words(look.report['decision']['GT'])}."]
+    out = [html("Measured drive: {}.", tables.decision_words(look.report["decision"]["GT"]))]
     for run in look.report["end"]:
         css, words = verdict(look, run)
-        said = f"{run}: <b>{words.lstrip('=≠✕ ')}</b>"
+        said = html("{}: <b>{}</b>", run, words.lstrip("=≠✕ "))
         if css != "failed":
-            said += f" ({tables.decision_words(look.report['decision'][run])}"
+            said += html(" ({}", tables.decision_words(look.report["decision"][run]))
             change = look.report["reaction_difference"][run]
-            words = tables.difference_words(change, look.report["reaction_spread"])
-            said += f"; braking {words})" if change is not None else ")"
+            difference = tables.difference_words(change, look.report["reaction_spread"])
+            said += html("; braking {})", difference) if change is not None else ")"
         out.append(said + ".")
     if (found := look.report["perception"]) is not None:
         of = f"{found['same_decision']} of {len(found['seeds'])} seeds"
         out.append(
-            f"rGT with the perception model {escape(found['model']['name'])}: <b>{of}</b> as measured."
+            html("rGT with the perception model {}: <b>{}</b> as measured.", found["model"]["name"], of)
         )
-    return " ".join(out)
+    return join(out, " ")
 
 
-def _key(look: View) -> str:
+def _key(look: View) -> Markup:
     """One key for all figures: colours by object and basis, dashes for what was re-simulated."""
     entries = []
     for source in look.tracks:
-        dash = ' stroke-dasharray="6 4"' if source.startswith("r") else ""
+        dashed = source.startswith("r")
         here = set(look.tracks[source].ids.tolist())
         entries += [
-            sample(f"{look.label(i)} {source}", look.color(i, source), dash) for i in look.shown if i in here
+            sample(f"{look.label(i)} {source}", look.color(i, source), dashed=dashed)
+            for i in look.shown
+            if i in here
         ]
     if look.result.perceived_runs:
         entries.append(sample("EGO rGT+M, with the perception model", SEEDS))
     if look.others:
-        entries.append(sample(f"{len(look.others)} other TOs", OTHERS, ""))
-    return (
-        f'<div class="key">{"".join(entries)}<span class="note">dashed: re-simulated · thin: JSCEN fit, '
-        "dots: its knots</span></div>"
+        entries.append(sample(f"{len(look.others)} other TOs", OTHERS))
+    return html(
+        '<div class="key">{}<span class="note">dashed: re-simulated · thin: JSCEN fit, '
+        "dots: its knots</span></div>",
+        join(entries),
     )
 
 
-def _road(look: View) -> str:
+def _road(look: View) -> Markup:
     out = [
         _figure(plan_figure(look), "plan", "From above", "both axes at one scale, travel to the right, 0 where "
                 "the measured EGO starts; boxes: vehicles where each source ends"),
@@ -159,47 +173,49 @@ def _road(look: View) -> str:
                 "; with the perception model (+M): median and whole range of the seeds, beside rGT without"
             )
         out.append(_figure(figure, "distance", title, note))
-    return "".join(out)
+    return join(out)
 
 
-def _steps(look: View) -> str:
-    legend = "".join(
-        f"<div><dt>{name}</dt><dd>{what} <span>{why}</span></dd></div>" for name, what, why in MEANINGS
+def _steps(look: View) -> Markup:
+    legend = join(
+        html("<div><dt>{}</dt><dd>{} <span>{}</span></dd></div>", name, what, why)
+        for name, what, why in MEANINGS
     )
     out = [
-        "<p>Every error is <b>later minus earlier</b> in the chain, at equal times; d is the distance between "
-        "the two positions. Ribbons: mean ± standard deviation over the whole drive.</p>"
-        f'<dl class="meanings">{legend}</dl>'
+        html(
+            "<p>Every error is <b>later minus earlier</b> in the chain, at equal times; d is the distance between "
+            "the two positions. Ribbons: mean ± standard deviation over the whole drive.</p>"
+            '<dl class="meanings">{}</dl>',
+            legend,
+        )
     ]
     for band in BANDS:
         if band.step in look.result.errors:
             name = f"step-{band.step}"
             out.append(_figure(band_figure(look, band), name, f"{band.step} · {band.title}"))
     if "S" not in look.result.errors:
-        out.append("<p>There is no sensor data in this recording, so there is no sensor error S.</p>")
-    return "".join(out)
+        out.append(Markup("<p>There is no sensor data in this recording, so there is no sensor error S.</p>"))
+    return join(out)
 
 
-def _errors(look: View) -> str:
+def _errors(look: View) -> Markup:
     return (
         _figure(box_figure(look), "boxes", "Errors of the chain", "in each step EGO left, TO right; box: 25 % to "
                 "75 %, whiskers: whole range, diamond: mean ± std")
-        + "<h3>Numbers</h3>" + tables.numbers(look)
-        + "<h3>Do the steps add up? (Eq. 5.6)</h3><p>Positions add up as vectors: <i>mean of sums</i> is the mean "
-        "length of the summed vectors, <i>sum of means</i> the plain sum of the steps' means. What the first does "
-        "not explain of the measured error is interpolation between different sample times.</p>" + tables.sums(look)
+        + Markup("<h3>Numbers</h3>") + tables.numbers(look)
+        + ADDING + tables.sums(look)
     )  # fmt: skip
 
 
-def _reaction(look: View) -> str:
+def _reaction(look: View) -> Markup:
     reaction, change = look.report["reaction"], look.report["reaction_difference"]
     said, off = [f"GT: {tables.reaction_words(reaction['GT'])}"], look.report["reaction_spread"]
     for run in look.report["end"]:
         text = f"{run}: {tables.reaction_words(reaction[run])}"
-        said.append(
-            text + (f", {tables.difference_words(change[run], off)}" if change[run] is not None else "")
-        )
-    return f"<p>{'; '.join(said)}.</p>" + _figure(
+        if change[run] is not None:
+            text = html("{}, {}", text, tables.difference_words(change[run], off))
+        said.append(text)
+    return html("<p>{}.</p>", join(said, "; ")) + _figure(
         reaction_figure(look), "reaction-speed", "The EGO's speed and acceleration",
         f"vertical: first acceleration below {number(BRAKING, 1)} m/s² (dotted), by the spline of the JSCEN fit, "
         "in GT and simulations alike; ±: how far it is off in GT in two of three cases, by fits with other residuals"
@@ -207,8 +223,8 @@ def _reaction(look: View) -> str:
     )  # fmt: skip
 
 
-def _perceived(look: View) -> str:
-    return (
-        "<p>Objects shown to the function from the start on, and how far they were off the simulated truth."
-        f"</p>{tables.perceived(look)}"
+def _perceived(look: View) -> Markup:
+    return html(
+        "<p>Objects shown to the function from the start on, and how far they were off the simulated truth.</p>{}",
+        tables.perceived(look),
     )

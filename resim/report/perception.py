@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from resim.perception.model import PerceptionModel
 from resim.perception.parameters import fit_in_words, parameters
 from resim.perception.validation import SHARES, Report
 from resim.report.document import document
+from resim.report.markup import Markup, html, join
 from resim.report.plots import number, sample, style, to_html
 from resim.report.tables import NONE, table
 
@@ -23,34 +23,45 @@ MEASURED, MODEL = "#0072B2", "#D55E00"
 def write_perception_page(model: PerceptionModel, report: Report, path: Path) -> None:
     """Write the page: one HTML file; the same model and report give the same bytes."""
     key = sample("measured", MEASURED) + sample("model", MODEL)
-    body = (
+    body = html(
         "<main>\n"
-        f'<header><p class="kind">Perception model</p><h1>{escape(model.name)}</h1>'
-        f"<p>{escape(model.provenance)}</p></header>\n"
+        '<header><p class="kind">Perception model</p><h1>{name}</h1><p>{provenance}</p></header>\n'
         "<section><h2>On drives that it was not trained on</h2>"
-        f"<p>{report.drives} drives in {report.folds} folds: each fold's errors against those of a model that was "
+        "<p>{drives} drives in {folds} folds: each fold's errors against those of a model that was "
         "trained on the others. Errors are perceived less true, latency and all. The Wasserstein distance is that "
         "between measured and model; beside it, as a yardstick, that between two halves of the measured drives.</p>"
-        f"{_agreement(report)}"
-        f'<div class="key-here">{key}</div>'
-        f"<figure><figcaption><b>Distribution of the errors</b></figcaption>{to_html(_distributions(report), 'errors')}"
-        f"</figure><figure><figcaption><b>Autocorrelation of the errors</b></figcaption>"
-        f"{to_html(_autocorrelations(report), 'correlation')}</figure>"
-        f'<figure><figcaption><b>Lengths of drop-outs</b> <span class="note">{_detected(report)}</span></figcaption>'
-        f"{_dropouts(report)}</figure>{_latencies(report)}</section>\n"
-        f"{_fit(model)}<section><h2>Parameters</h2>{_parameters(model)}</section></main>"
+        '{agreement}<div class="key-here">{key}</div>'
+        "<figure><figcaption><b>Distribution of the errors</b></figcaption>{distributions}"
+        "</figure><figure><figcaption><b>Autocorrelation of the errors</b></figcaption>"
+        "{autocorrelations}</figure>"
+        '<figure><figcaption><b>Lengths of drop-outs</b> <span class="note">{detected}</span></figcaption>'
+        "{dropouts}</figure>{latencies}</section>\n"
+        "{fit}<section><h2>Parameters</h2>{parameters}</section></main>",
+        name=model.name,
+        provenance=model.provenance,
+        drives=report.drives,
+        folds=report.folds,
+        agreement=_agreement(report),
+        key=key,
+        distributions=to_html(_distributions(report), "errors"),
+        autocorrelations=to_html(_autocorrelations(report), "correlation"),
+        detected=_detected(report),
+        dropouts=_dropouts(report),
+        latencies=_latencies(report),
+        fit=_fit(model),
+        parameters=_parameters(model),
     )
     path.write_text(document(f"{model.name} · perception model", body), encoding="utf-8", newline="\n")
 
 
-def _agreement(report: Report) -> str:
+def _agreement(report: Report) -> Markup:
     rows = []
     for name, a in report.quantities.items():
         cells = [f"{number(pair[0], 4)} | {number(pair[1], 4)}" for pair in (a.mean, a.deviation)]
         yardstick = NONE if a.yardstick is None else number(a.yardstick, 4)
         rows.append([f"{name} [{a.unit}]", str(a.samples), *cells, number(a.wasserstein, 4), yardstick])
-    head = ["error", "samples", "mean<br>measured | model", "standard deviation<br>measured | model",
-            "Wasserstein<br>distance", "yardstick"]  # fmt: skip
+    head = ["error", "samples", Markup("mean<br>measured | model"), Markup("standard deviation<br>measured | model"),
+            Markup("Wasserstein<br>distance"), "yardstick"]  # fmt: skip
     return table(head, rows, "sums")
 
 
@@ -102,10 +113,12 @@ def _panels(
     return style(figure, height, margin={"l": 62, "r": 14, "t": 10, "b": 46})
 
 
-def _dropouts(report: Report) -> str:
+def _dropouts(report: Report) -> Markup:
     """The figure of the drop-outs, or words where there is none."""
     if not report.dropouts_measured and not report.dropouts_model:
-        return '<p id="dropouts">There are no drop-outs: nothing was lost, measured or in the model.</p>'
+        return Markup(
+            '<p id="dropouts">There are no drop-outs: nothing was lost, measured or in the model.</p>'
+        )
     return to_html(_dropout_figure(report), "dropouts")
 
 
@@ -135,40 +148,42 @@ def _detected(report: Report) -> str:
     )
 
 
-def _latencies(report: Report) -> str:
+def _latencies(report: Report) -> Markup:
     rows = [[name, *(f"{v:.3f} s" for v in values)] for name, values in report.latencies.items()]
     folds = max((len(values) for values in report.latencies.values()), default=0)
     head = ["latency", *(f"fold {n}" for n in range(1, 1 + folds))]
-    return "<h3>Latencies, trained without each fold</h3>" + table(head, rows, "sums")
+    return Markup("<h3>Latencies, trained without each fold</h3>") + table(head, rows, "sums")
 
 
-def _fit(model: PerceptionModel) -> str:
+def _fit(model: PerceptionModel) -> Markup:
     """Which assumptions fail, what it costs, and what was left out of the training."""
     if model.training is None:
-        return ""
+        return Markup()
     verdict, misfits = fit_in_words(model.training)
-    items = "".join(f"<li>{escape(text)}</li>" for text in misfits)
-    rows = [
-        [escape(part.what), f"{part.count} of {part.of}", escape(part.reason)]
-        for part in model.training.left_out
-    ]
-    dropped = table(["left out", "count", "reason"], rows, "sums") if rows else "<p>Nothing was left out.</p>"
-    return (
-        f'<section id="fit"><h2>Does the model fit?</h2><p>{escape(verdict)}.</p>'
-        + (f"<ul>{items}</ul>" if items else "")
-        + "<p>Tested is what is left of the errors of the training: tails, independence in time and between objects, "
+    items = join(html("<li>{}</li>", text) for text in misfits)
+    rows = [[part.what, f"{part.count} of {part.of}", part.reason] for part in model.training.left_out]
+    dropped = (
+        table(["left out", "count", "reason"], rows, "sums")
+        if rows
+        else Markup("<p>Nothing was left out.</p>")
+    )
+    return html(
+        '<section id="fit"><h2>Does the model fit?</h2><p>{}.</p>{}'
+        "<p>Tested is what is left of the errors of the training: tails, independence in time and between objects, "
         "one latency for all, and whether errors or their spread depend on what the model leaves out. For a model that "
-        "fits, the probability that any test fails is 5 %.</p>"
-        f"{dropped}</section>\n"
+        "fits, the probability that any test fails is 5 %.</p>{}</section>\n",
+        verdict,
+        html("<ul>{}</ul>", items) if items else "",
+        dropped,
     )
 
 
-def _parameters(model: PerceptionModel) -> str:
+def _parameters(model: PerceptionModel) -> Markup:
     known = model.training.estimates if model.training is not None else {}
     rows = []
     for name, value, unit in parameters(model):
         found = known.get(name)
         span = NONE if found is None else f"{found.low:.4g} to {found.high:.4g}"
         samples = NONE if found is None else str(found.samples)
-        rows.append([escape(name), f"{value:.4g}", unit, span, samples])
+        rows.append([name, f"{value:.4g}", unit, span, samples])
     return table(["parameter", "value", "unit", "95 % interval", "samples"], rows, "sums")

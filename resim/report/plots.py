@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from plotly.io import to_json
 
 from resim.core.geometry import Floats
+from resim.report.markup import Markup, escape, html, script_data
 
 INK, GRID, FAINT = "#1d2733", "#e6e9ed", "#5b6673"
 FONT = "Inter, 'Segoe UI', system-ui, -apple-system, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
@@ -68,7 +70,7 @@ def line(
         customdata=None if t is None else compact(t[part]),
         line={"color": color, "width": width, "dash": DASH if dashed else "solid"},
         hoverinfo="skip" if not hover else None,
-        hovertemplate=f"<b>{name}</b><br>{hover}<extra></extra>" if hover else None,
+        hovertemplate=html("<b>{}</b><br>{}<extra></extra>", plain(name), hover) if hover else None,
     )  # fmt: skip
 
 
@@ -83,7 +85,7 @@ def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float
     return go.Scatter(
         x=compact(x), y=compact(y), mode="markers", name=name, showlegend=False,
         marker={"color": color, "size": size, "line": {"color": "white", "width": 0.8}},
-        hovertemplate=f"<b>{name}</b><br>{hover}<extra></extra>",
+        hovertemplate=html("<b>{}</b><br>{}<extra></extra>", plain(name), hover),
     )  # fmt: skip
 
 
@@ -124,16 +126,45 @@ def style(figure: go.Figure, height: float, **layout: Any) -> go.Figure:
     return figure
 
 
-def to_html(figure: go.Figure, name: str) -> str:
-    """Give the figure as a div of this id and its data, which `resim.report.document` draws."""
-    figure_json = f'{figure.to_json()[:-1]},"config":{json.dumps(CONFIG)}}}'.replace("<", "\\u003c")
-    return (
-        f'<div class="plot"><div id="{name}" class="plotly-graph-div"></div>'
-        f'<script type="application/json">{figure_json}</script></div>'
+def plain(text: str) -> Markup:
+    """Give a text for a hover template, in which it is neither a tag nor a field; Markup stays what it is."""
+    return escape(text).replace("%{", Markup("&#37;{"))
+
+
+def to_html(figure: go.Figure, name: str) -> Markup:
+    """Give the figure as a div of this id and its data, which `resim.report.document` draws.
+
+    Plotly reads tags and entities in the texts of a figure, so that those that are not Markup are escaped here.
+    """
+    drawn = to_json(_escaped(figure.to_dict()), validate=False)
+    return html(
+        '<div class="plot"><div id="{}" class="plotly-graph-div"></div>'
+        '<script type="application/json">{}</script></div>',
+        name,
+        script_data(f'{drawn[:-1]},"config":{json.dumps(CONFIG)}}}'),
     )
 
 
-def sample(text: str, color: str, dash: str = "") -> str:
-    """Give an entry of a key: a piece of line and its text (HTML); dash: attributes of the line."""
-    stroke = f'<line x1="1" y1="6" x2="29" y2="6" stroke="{color}" stroke-width="2.6"{dash}/>'
-    return f'<span class="sample"><svg width="30" height="12" aria-hidden="true">{stroke}</svg>{text}</span>'
+TEXTS = {"name", "text", "hovertext", "hovertemplate", "texttemplate", "ticktext", "ticksuffix", "tickprefix"}
+"""Attributes that plotly reads tags in."""
+
+
+def _escaped(part: Any, read: bool = False) -> Any:
+    """A part of a figure with its texts escaped; read: whether it is the value of one of TEXTS."""
+    if isinstance(part, dict):
+        return {key: _escaped(value, key in TEXTS) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_escaped(value, read) for value in part]
+    return escape(part) if read and isinstance(part, str) else part
+
+
+def sample(text: str, color: str, *, dashed: bool = False) -> Markup:
+    """Give an entry of a key: a piece of line and its text."""
+    dash = Markup(' stroke-dasharray="6 4"') if dashed else ""
+    return html(
+        '<span class="sample"><svg width="30" height="12" aria-hidden="true"><line x1="1" y1="6" x2="29" y2="6" '
+        'stroke="{}" stroke-width="2.6"{}/></svg>{}</span>',
+        color,
+        dash,
+        text,
+    )

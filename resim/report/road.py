@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
 from resim.report.lanes import Box, clip, lane_traces
+from resim.report.markup import Markup
 from resim.report.plots import fade, joined, line, style
 from resim.report.seeds import seeds_panel
 from resim.report.steps import FROM_ZERO, error_panel
@@ -120,7 +121,7 @@ def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) 
             x, y = places(tracks, name)
             yield line(
                 x, y, t=view.since(tracks.t), color=view.color(name, source), name=f"{view.label(name)} {source}",
-                dashed=source.startswith("r"), hover="t = %{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m",
+                dashed=source.startswith("r"), hover=Markup("t = %{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m"),
             )  # fmt: skip
 
 

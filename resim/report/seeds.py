@@ -2,44 +2,52 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats
 from resim.fidelity import BRAKING, EGO_ROW
+from resim.report.markup import Markup, html, join
 from resim.report.outcome import end_words
 from resim.report.plots import FAINT, dots, fade, joined, line, number, sample, style, to_html
 from resim.report.tables import NONE, decision_words, table
 from resim.report.view import SEEDS, View
 
-DASHES = ' stroke-dasharray="6 4"'
 
-
-def section(look: View) -> str:
+def section(look: View) -> Markup:
     """Give the section's HTML; the outcome over all seeds is at the top of the page."""
     found = look.report["perception"]
     model, seeds = found["model"], found["seeds"]
-    settings = f", with {escape(', '.join(model['set']))}" if model["set"] else ""
-    return (
-        f"<p>rGT+M: re-simulated on ground truth, the function sees what the model <b>{escape(model['name'])}</b>"
-        f"{settings} lets it see. <b>{found['same_decision']} of {len(seeds)}</b> seeds decide as the measured drive."
-        f'{_outside(look)}</p><div class="key-here">{_key(look)}</div>'
-        f'<figure><figcaption><b>The EGO with the model</b> <span class="note">vertical: first braking of the measured '
-        f"drive</span></figcaption>{to_html(drive_figure(look), 'seeds')}</figure>" + _table(look)
+    settings = f", with {', '.join(model['set'])}" if model["set"] else ""
+    return html(
+        "<p>rGT+M: re-simulated on ground truth, the function sees what the model <b>{name}</b>"
+        "{settings} lets it see. <b>{same} of {seeds}</b> seeds decide as the measured drive."
+        '{outside}</p><div class="key-here">{key}</div>'
+        '<figure><figcaption><b>The EGO with the model</b> <span class="note">vertical: first braking of the measured '
+        "drive</span></figcaption>{figure}</figure>{table}",
+        name=model["name"],
+        settings=settings,
+        same=found["same_decision"],
+        seeds=len(seeds),
+        outside=_outside(look),
+        key=_key(look),
+        figure=to_html(drive_figure(look), "seeds"),
+        table=_table(look),
     )
 
 
-def _key(look: View) -> str:
-    entries = [("GT, measured", look.color(look.ego, "GT"), ""), ("rGT", look.color(look.ego, "GT"), DASHES)]
+def _key(look: View) -> Markup:
+    entries = [("GT, measured", look.color(look.ego, "GT"), False), ("rGT", look.color(look.ego, "GT"), True)]
     if "rSD" in look.report["end"]:
-        entries.append(("rSD", look.color(look.ego, "SD"), DASHES))
-    entries.append(("rGT+M, a line a seed", SEEDS, ""))
-    lines = "".join(sample(name, color, dashes) for name, color, dashes in entries)
-    dot = f'<svg width="12" height="12" aria-hidden="true"><circle cx="6" cy="6" r="4" fill="{SEEDS}"/></svg>'
-    return lines + f'<span class="sample">{dot}its first braking</span>'
+        entries.append(("rSD", look.color(look.ego, "SD"), True))
+    entries.append(("rGT+M, a line a seed", SEEDS, False))
+    lines = join(sample(name, color, dashed=dashed) for name, color, dashed in entries)
+    return lines + html(
+        '<span class="sample"><svg width="12" height="12" aria-hidden="true"><circle cx="6" cy="6" r="4" fill="{}"/>'
+        "</svg>its first braking</span>",
+        SEEDS,
+    )
 
 
 def _outside(look: View) -> str:
@@ -118,7 +126,7 @@ def seeds_panel(figure: go.Figure, look: View, cell: dict[str, int]) -> None:
     name = f"median of {len(pipes)} seeds"
     figure.add_trace(line(t, middle, color=SEEDS, name=name, hover="t = %{x:.2f} s: %{y:.3f} m"), **cell)
     at_the_end = f", {number(float(middle[-1]), 2)} at the end"
-    text = f'<span style="color:{SEEDS}"><b>EGO</b> {_mean(every)}{at_the_end}</span>'
+    text = html('<span style="color:{}"><b>EGO</b> {}{}</span>', SEEDS, _mean(every), at_the_end)
     figure.add_annotation(
         text=text, xref="x domain", yref="y domain", x=0.0, y=1.0, xanchor="left", yanchor="bottom",
         showarrow=False, font={"size": 11, "color": FAINT}, **cell,
@@ -129,7 +137,7 @@ def _mean(values: Floats) -> str:
     return f"{number(float(np.nanmean(values)), 3)} ± {number(float(np.nanstd(values)), 3)}"
 
 
-def _table(look: View) -> str:
+def _table(look: View) -> Markup:
     """What each seed did; the runs without a model are in the table of the outcome."""
     rows = []
     for s in look.report["perception"]["seeds"]:

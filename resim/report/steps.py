@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 from resim.core.geometry import Floats, unwrap_angle
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, Errors
+from resim.report.markup import Markup, html, join
 from resim.report.plots import FAINT, dots, fade, joined, lighten, line, number, style
 from resim.report.view import OTHERS, View
 
@@ -154,18 +155,18 @@ def error_panel(figure: go.Figure, view: View, step: str, quantity: str, cell: d
                 **cell,
             )  # fmt: skip
     figure.add_annotation(
-        text="   ".join(part for part in reversed(text) if part), xref="x domain", yref="y domain", x=0.0,
+        text=join((part for part in reversed(text) if part), "   "), xref="x domain", yref="y domain", x=0.0,
         y=1.0, xanchor="left", yanchor="bottom", showarrow=False, font={"size": 11, "color": FAINT}, **cell,
     )  # fmt: skip
 
 
 def _ribbon(
     figure: go.Figure, view: View, errors: Errors, quantity: str, source: str, who: str, cell: dict[str, int]
-) -> str:
+) -> Markup:
     """Mean ± std over the time of the errors; gives it as a coloured text, "" where there is no error."""
     found = errors.statistics(EGO_ROW if who == "EGO" else TO_ROWS)[quantity]
     if found is None:
-        return ""
+        return Markup()
     color = view.color(view.ego if who == "EGO" or not view.focus else view.focus[0], source)
     mean, std = found["mean"], found["std"]
     known = view.since(errors.t[np.isfinite(errors.x).any(axis=0)][[0, -1]])
@@ -180,4 +181,10 @@ def _ribbon(
     many = len(errors.ids) - 1
     label = who if who == "EGO" or many == 1 else f"{many} TOs"
     digits = 4 if quantity == "heading" else 3
-    return f'<span style="color:{color}"><b>{label}</b> {number(mean, digits)} ± {number(std, digits)}</span>'
+    return html(
+        '<span style="color:{}"><b>{}</b> {} ± {}</span>',
+        color,
+        label,
+        number(mean, digits),
+        number(std, digits),
+    )

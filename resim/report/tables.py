@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 
 from resim.fidelity import QUANTITIES, STATISTICS, STEPS, SUMS
 from resim.pipeline import Branch
+from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
 
 DIGITS: Mapping[str, int] = {"d": 3, "v": 3, "heading": 4}
-NONE = '<span class="none">–</span>'
+NONE = Markup('<span class="none">–</span>')
 HEADS = {
     "mean": "mean",
     "std": "std",
@@ -27,21 +27,28 @@ HEADS = {
 }
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], css: str = "") -> str:
-    """Give an HTML table of cells that are HTML; a row's first cell is its head."""
-    top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
-    body = "".join(
-        f'<tr><th scope="row">{row[0]}</th>{"".join(f"<td>{cell}</td>" for cell in row[1:])}</tr>'
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], css: str = "") -> Markup:
+    """Give a table; a row's first cell is its head."""
+    top = join(html('<th scope="col">{}</th>', cell) for cell in head)
+    body = join(
+        html(
+            '<tr><th scope="row">{}</th>{}</tr>', row[0], join(html("<td>{}</td>", cell) for cell in row[1:])
+        )
         for row in rows
     )
-    return f'<div class="wide"><table class="{css}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    return html(
+        '<div class="wide"><table class="{}"><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div>',
+        css,
+        top,
+        body,
+    )
 
 
 def decision_words(decision: Sequence[str] | None) -> str:
     """Give a decision in words."""
     if decision is None:
         return NONE
-    return escape(", then ".join(word.replace("_", " ") for word in decision)) or "no braking, no lane change"
+    return ", then ".join(word.replace("_", " ") for word in decision) or "no braking, no lane change"
 
 
 def difference_words(seconds: float | None, off: float | None) -> str:
@@ -51,7 +58,7 @@ def difference_words(seconds: float | None, off: float | None) -> str:
     spread = "" if off is None else f" (± {off:.2f} s)"
     if abs(seconds) < 0.005:
         return f"at the same time as GT{spread}"
-    return f"<b>{abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'}</b> than GT{spread}"
+    return html("<b>{:.2f} s {}</b> than GT{}", abs(seconds), "later" if seconds > 0.0 else "earlier", spread)
 
 
 def reaction_words(seconds: float | None) -> str:
@@ -59,7 +66,7 @@ def reaction_words(seconds: float | None) -> str:
     return "no braking" if seconds is None else f"{seconds:.2f} s"
 
 
-def numbers(view: View) -> str:
+def numbers(view: View) -> Markup:
     """Give the errors of every step: a table for each of d, Δv and Δheading, EGO and TO side by side."""
     errors = view.report["errors"]
     out = []
@@ -72,18 +79,18 @@ def numbers(view: View) -> str:
         heads = [HEADS[key] for key in STATISTICS]
         head = [
             f"{SYMBOLS[quantity]} [{unit}]",
-            *(f"EGO<br>{h}" for h in heads),
-            *(f"TO<br>{h}" for h in heads),
+            *(html("EGO<br>{}", h) for h in heads),
+            *(html("TO<br>{}", h) for h in heads),
         ]
         out.append(table(head, rows, "numbers"))
-    return "".join(out)
+    return join(out)
 
 
 def _number(found: Mapping[str, float] | None, key: str, quantity: str) -> str:
     return NONE if found is None else number(found[key], DIGITS[quantity])
 
 
-def sums(view: View) -> str:
+def sums(view: View) -> Markup:
     """Give Eq. 5.6: the sum of the steps' mean errors against the measured pipeline error."""
     rows = []
     for whole, parts in SUMS.items():
@@ -92,13 +99,14 @@ def sums(view: View) -> str:
             cells += [number(found[q][key], 4) for q in ("v", "heading") for key in ("sum", "measured")]
             rows.append([f"{whole} = {' + '.join(parts)}", who.upper(), *cells])
     if not rows:
-        return "<p>No branch has all of its steps, so there is no sum to compare.</p>"
-    head = ["", "", "d [m]<br>sum of means", "<br>mean of sums", "<br>measured", "Δv [m/s]<br>sum",
-            "<br>measured", "Δheading [rad]<br>sum", "<br>measured"]  # fmt: skip
+        return Markup("<p>No branch has all of its steps, so there is no sum to compare.</p>")
+    measured = Markup("<br>measured")
+    head = ["", "", Markup("d [m]<br>sum of means"), Markup("<br>mean of sums"), measured,
+            Markup("Δv [m/s]<br>sum"), measured, Markup("Δheading [rad]<br>sum"), measured]  # fmt: skip
     return table(head, rows, "sums")
 
 
-def perceived(view: View) -> str:
+def perceived(view: View) -> Markup:
     """Give what the AD function was shown in each run."""
     rows = [
         row
@@ -140,21 +148,23 @@ def _perceived_rows(view: View, run: str, branch: Branch) -> Iterable[list[str]]
         yield [run, view.label(name), f"{at[0][0].t:.2f} s", f"{at[-1][0].t:.2f} s", str(len(at)), *cells]
 
 
-def findings(view: View) -> str:
+def findings(view: View) -> Markup:
     """Give what the examination of the recording found, worst first, and what was repaired before."""
     rows = [
         [
-            f'<span class="{f.severity}">{f.severity}</span>', escape(f.code), escape(f"{f.source} {f.object}"),
-            span_words(f.start, f.end), escape(f.text), escape(f.meaning),
+            html('<span class="{}">{}</span>', f.severity, f.severity), f.code, f"{f.source} {f.object}",
+            span_words(f.start, f.end), f.text, f.meaning,
         ]
         for f in view.result.recording.findings
     ]  # fmt: skip
     head = ["", "code", "where", "when", "what", "what it means"]
-    parts = [table(head, rows, "findings") if rows else "<p>Nothing was found.</p>"]
+    parts = [table(head, rows, "findings") if rows else Markup("<p>Nothing was found.</p>")]
     for source, counts in view.result.recording.repaired.items():
-        what = ", ".join(f"{escape(code)} {count}" for code, count in counts.items())
-        parts.append(f"<p>{sum(counts.values())} samples of {source} were repaired before: {what}.</p>")
-    return "".join(parts)
+        what = ", ".join(f"{code} {count}" for code, count in counts.items())
+        parts.append(
+            html("<p>{} samples of {} were repaired before: {}.</p>", sum(counts.values()), source, what)
+        )
+    return join(parts)
 
 
 def span_words(start: float, end: float) -> str:
@@ -164,15 +174,14 @@ def span_words(start: float, end: float) -> str:
     return f"{start:.2f} s" if start == end else f"{start:.2f} to {end:.2f} s"
 
 
-def provenance(view: View) -> str:
+def provenance(view: View) -> Markup:
     """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
     facts = {key: value for key, value in view.result.provenance().items() if key != "times"}
     if (seen := facts["perception"]) is not None:
         facts["perception"] = {**seen, "seeds": [s["seed"] for s in seen["seeds"]]}
-    rows = [[escape(key), f"<code>{escape(value)}</code>"] for key, value in _flat(facts)]
+    rows = [[key, html("<code>{}</code>", value)] for key, value in _flat(facts)]
     rows += [
-        [f"recording: {escape(key)}", escape(str(value))]
-        for key, value in sorted(view.result.recording.provenance.items())
+        [f"recording: {key}", str(value)] for key, value in sorted(view.result.recording.provenance.items())
     ]
     return table(["what", "value"], rows, "provenance")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -113,10 +112,10 @@ class View:
         return TO_COLORS[basis][self.focus.index(object_id)] if object_id in self.focus else OTHERS
 
     def label(self, object_id: str) -> str:
-        """Give what an object is called, safe for HTML."""
+        """Give what an object is called."""
         if object_id == self.ego:
             return "EGO"
-        return "TO" if self.only_one else f"TO {escape(object_id)}"
+        return "TO" if self.only_one else f"TO {object_id}"
 
     @property
     def path_name(self) -> str:

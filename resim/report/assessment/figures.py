@@ -13,6 +13,7 @@ from resim.core.geometry import Floats, box_corners, to_frame
 from resim.pipeline import Assessed
 from resim.report.assessment.marks import NUMBERS, RISK, TIMES, block_color, least, marked
 from resim.report.lanes import Box, lane_traces
+from resim.report.markup import html
 from resim.report.plots import FAINT, clock_words, compact, fade, line, number, style
 from resim.report.view import OTHERS
 from resim.road.opendrive import LaneShape, RoadNetwork
@@ -92,7 +93,8 @@ def _frame(figure: go.Figure, assessment: Assessment, row: int, scene: int) -> N
                         ticksuffix=" m")  # fmt: skip
     figure.update_yaxes(range=[-ASIDE, ASIDE], showgrid=False, showticklabels=False, ticks="", row=row, col=1,
                         scaleanchor=f"x{row if row > 1 else ''}", scaleratio=1)  # fmt: skip
-    figure.add_annotation(text=f"<b>{NUMBERS[row - 1]}</b> t = {t:.1f} s, risk {_percent(risk)}", showarrow=False,
+    told = html("<b>{}</b> t = {:.1f} s, risk {}", NUMBERS[row - 1], t, _percent(risk))
+    figure.add_annotation(text=told, showarrow=False,
                           xref="x domain", yref="y domain", x=0.004, y=0.99, xanchor="left", yanchor="top",
                           bgcolor="rgba(255,255,255,.8)", row=row, col=1)  # fmt: skip
     for panel in (bottom - 1, bottom):

@@ -17,6 +17,7 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.report.map.colors import SCALE, type_color
 from resim.report.map.shapes import Lines, junction_areas, lane_lines, reference_lines
+from resim.report.markup import Markup, script_data
 from resim.road.links import LaneKey
 from resim.road.opendrive import VEHICLE_LANES, LaneShape, RoadNetwork
 from resim.road.sumo import Conversion, LaneError
@@ -70,10 +71,9 @@ class Picture:
         return found
 
 
-def to_script(picture: Picture) -> str:
+def to_script(picture: Picture) -> Markup:
     """Give the data as JSON that can stand within a script element, whatever the map's names are."""
-    text = json.dumps(_data(picture), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    return script_data(json.dumps(_data(picture), ensure_ascii=False, allow_nan=False, separators=(",", ":")))
 
 
 def _data(picture: Picture) -> dict[str, Any]:

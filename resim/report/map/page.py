@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 from resim.report.document import document, text
 from resim.report.map.colors import FIRST, MISSING, MISSING_OTHER, TICKS, gradient, share, type_color
 from resim.report.map.data import Picture, to_script
 from resim.report.map.tables import errors_section, flaws_section
+from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.road.flaws import Flaw
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
@@ -32,25 +32,31 @@ def write_map_page(
     path.write_text(page(Picture(network, conversion), flaws), encoding="utf-8", newline="\n")
 
 
-def page(picture: Picture, flaws: Sequence[Flaw] | None = None) -> str:
+def page(picture: Picture, flaws: Sequence[Flaw] | None = None) -> Markup:
     """Give the page's HTML."""
     script = '"use strict";\n' + "\n".join(text("resim.report.map", name) for name in SCRIPTS)
     sections = _section("errors", "How exact the SUMO net is", errors_section(picture.conversion))
     if flaws is not None:
         sections += _section("flaws", "Flaws of the map", flaws_section(flaws))
-    body = (
-        f'<main class="map">\n{_header(picture)}\n{_controls(picture)}\n{_legend(picture)}\n{STAGE}\n'
-        f'{sections}</main>\n<script type="application/json" id="map-data">{to_script(picture)}</script>'
+    body = html(
+        '<main class="map">\n{header}\n{controls}\n{legend}\n{stage}\n'
+        '{sections}</main>\n<script type="application/json" id="map-data">{data}</script>',
+        header=_header(picture),
+        controls=_controls(picture),
+        legend=_legend(picture),
+        stage=STAGE,
+        sections=sections,
+        data=to_script(picture),
     )
     css = text("resim.report.map", "map.css")
     return document(picture.network.path.name, body, css=css, scripts=[script], plots=False)
 
 
-def _section(name: str, title: str, body: str) -> str:
-    return f'<section id="{name}"><h2>{title}</h2>\n{body}</section>\n'
+def _section(name: str, title: str, body: Markup) -> Markup:
+    return html('<section id="{}"><h2>{}</h2>\n{}</section>\n', name, title, body)
 
 
-STAGE = (
+STAGE = Markup(
     '<div class="stage" id="stage"><canvas id="map" tabindex="0" role="img" aria-label="The map from above. '
     'Arrow keys move, + and - zoom, 0 shows all."></canvas><div class="place" id="place"></div>'
     '<div class="details" id="details" hidden></div></div>\n'
@@ -59,7 +65,7 @@ STAGE = (
 )
 
 
-def _header(picture: Picture) -> str:
+def _header(picture: Picture) -> Markup:
     network, (west, south, east, north) = picture.network, picture.extent
     lanes, kilometres = sum(picture.types.values()), sum(r.length for r in network.roads.values()) / 1000.0
     facts = [
@@ -72,59 +78,68 @@ def _header(picture: Picture) -> str:
         ("y", f"{number(south, 1)} … {number(north, 1)} m"),
     ]
     if network.header.name:
-        facts.insert(0, ("name", escape(network.header.name)))
-    listed = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in facts)
-    geo = escape((network.geo_reference or "").strip()) or "none"
-    return (
-        f'<header><p class="kind">OpenDRIVE map</p><h1>{escape(network.path.name)}</h1>'
-        f'<dl class="facts">{listed}</dl><p class="note geo">geoReference: <code>{geo}</code></p></header>'
+        facts.insert(0, ("name", network.header.name))
+    listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
+    geo = (network.geo_reference or "").strip() or "none"
+    return html(
+        '<header><p class="kind">OpenDRIVE map</p><h1>{}</h1>'
+        '<dl class="facts">{}</dl><p class="note geo">geoReference: <code>{}</code></p></header>',
+        network.path.name,
+        listed,
+        geo,
     )
 
 
-def _controls(picture: Picture) -> str:
+def _controls(picture: Picture) -> Markup:
     mode = (
-        '<span class="choice" role="group" aria-label="Colour of the lanes">'
-        '<button type="button" data-mode="types" aria-pressed="true">Lane types</button>'
-        '<button type="button" data-mode="error" aria-pressed="false">Error of the SUMO net</button></span>'
+        Markup(
+            '<span class="choice" role="group" aria-label="Colour of the lanes">'
+            '<button type="button" data-mode="types" aria-pressed="true">Lane types</button>'
+            '<button type="button" data-mode="error" aria-pressed="false">Error of the SUMO net</button></span>'
+        )
         if picture.conversion
         else ""
     )
-    return (
-        f'<div class="controls">{mode}'
+    return html(
+        '<div class="controls">{}'
         '<span class="choice"><button type="button" id="all">Whole map</button>'
         '<button type="button" id="closer" aria-label="Zoom in">+</button>'
         '<button type="button" id="farther" aria-label="Zoom out">−</button></span>'
         '<button type="button" id="stretch" aria-pressed="false" hidden></button>'
         '<form id="search"><input id="wanted" type="search" list="ids" autocomplete="off" spellcheck="false" '
         'placeholder="road or junction id" aria-label="Road or junction id"><datalist id="ids"></datalist>'
-        '<button>Go</button> <output id="said" class="note"></output></form></div>'
+        '<button>Go</button> <output id="said" class="note"></output></form></div>',
+        mode,
     )
 
 
-def _legend(picture: Picture) -> str:
+def _legend(picture: Picture) -> Markup:
     order = sorted(picture.types, key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
-    types = "".join(
-        _sample(type_color(name), f"{escape(name)} <span>{picture.types[name]}</span>") for name in order
+    types = join(
+        _sample(type_color(name), html("{} <span>{}</span>", name, picture.types[name])) for name in order
     )
     junction = _sample("#ece4f5", "junction", "#8e6bb8") if picture.network.junctions else ""
     keys = (
-        f'<span class="sample"><i class="ref"></i>reference line</span>{junction}'
-        '<span class="sample"><b class="pill">7</b>road</span>'
-        '<span class="sample"><b class="pill">7 §1</b>its lane section</span>'
-        + ('<span class="sample"><b class="pill j">J 3</b>junction</span>' if junction else "")
-        + '<span class="sample"><b>−1</b>lane</span>'
+        html(
+            '<span class="sample"><i class="ref"></i>reference line</span>{}'
+            '<span class="sample"><b class="pill">7</b>road</span>'
+            '<span class="sample"><b class="pill">7 §1</b>its lane section</span>',
+            junction,
+        )
+        + (Markup('<span class="sample"><b class="pill j">J 3</b>junction</span>') if junction else "")
+        + Markup('<span class="sample"><b>−1</b>lane</span>')
     )
     errors = _error_legend(picture.conversion) if picture.conversion else ""
-    return f'<div class="key" id="key-types">{types}{keys}</div>{errors}'
+    return html('<div class="key" id="key-types">{}{}</div>{}', types, keys, errors)
 
 
-def _error_legend(conversion: Conversion) -> str:
-    ticks = "".join(f'<span style="left:{100 * share(at):.2f}%">{name}</span>' for at, name in TICKS)
-    limits = "".join(f'<i style="left:{100 * share(at):.2f}%"></i>' for at in (EXACT, VARIED))
+def _error_legend(conversion: Conversion) -> Markup:
+    ticks = join(html('<span style="left:{:.2f}%">{}</span>', 100 * share(at), name) for at, name in TICKS)
+    limits = join(html('<i style="left:{:.2f}%"></i>', 100 * share(at)) for at in (EXACT, VARIED))
     lost = {lane.type in VEHICLE_LANES for lane in conversion.lanes if lane.worst is None}
     missing = sum(lane.worst is None for lane in conversion.lanes)
     over = len(conversion.bad) - missing
-    marks = "".join(
+    marks = join(
         _sample(color, text, hatch=True)
         for driven, color, text in (
             (True, MISSING, "not in the net"),
@@ -132,17 +147,26 @@ def _error_legend(conversion: Conversion) -> str:
         )
         if driven in lost
     )
-    marks += '<span class="sample"><i class="gap"></i>gap in the map</span>' if conversion.jumps else ""
-    return (
+    if conversion.jumps:
+        marks += Markup('<span class="sample"><i class="gap"></i>gap in the map</span>')
+    return html(
         '<div class="key" id="key-error" hidden>'
-        f'<div class="bar"><div style="background:{gradient()}">{limits}</div><div class="ticks">{ticks}</div></div>'
+        '<div class="bar"><div style="background:{gradient}">{limits}</div><div class="ticks">{ticks}</div></div>'
         '<span class="note">largest distance of the centre lines; ▾ limit: 5 mm, or 1 cm where the width changes</span>'
-        f"{marks}"
-        f'<span class="note">{len(conversion.lanes) - missing - over} lanes within their limit, {over} beyond, '
-        f"{missing} not in the net</span></div>"
+        '{marks}<span class="note">{lanes} lanes within their limit, {over} beyond, {missing} not in the net</span>'
+        "</div>",
+        gradient=gradient(),
+        limits=limits,
+        ticks=ticks,
+        marks=marks,
+        lanes=len(conversion.lanes) - missing - over,
+        over=over,
+        missing=missing,
     )
 
 
-def _sample(color: str, text: str, edge: str = "#9aa3ad", *, hatch: bool = False) -> str:
+def _sample(color: str, text: str, edge: str = "#9aa3ad", *, hatch: bool = False) -> Markup:
     fill = f"repeating-linear-gradient(45deg,{color} 0 3px,#fff 3px 5px)" if hatch else color
-    return f'<span class="sample"><i style="background:{fill};border-color:{edge}"></i>{text}</span>'
+    return html(
+        '<span class="sample"><i style="background:{};border-color:{}"></i>{}</span>', fill, edge, text
+    )

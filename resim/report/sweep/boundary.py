@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from itertools import combinations
 
 import numpy as np
 import plotly.graph_objects as go
 
 from resim.core.geometry import Floats
+from resim.report.markup import Markup, html, join
 from resim.report.plots import INK, compact, fade, sample, style, to_html
 from resim.report.sweep.boundary_words import ROWS, boundary_lines, ran_out, strip_lines
 from resim.report.sweep.figures import SCALE, share_bar
@@ -20,38 +20,40 @@ BAND = "#e69f00"
 """Colour of the cells in which the outcome changes."""
 
 
-def boundary_html(section: Entry, parameters: Sequence[Entry], k: int) -> str:
+def boundary_html(section: Entry, parameters: Sequence[Entry], k: int) -> Markup:
     """Give the part of the page on the k-th section's boundary."""
     found = section["boundary"]
     what, lines = next(boundary_lines(section, parameters))
     warning = None if found["known"] else ran_out(found, parameters)
-    told = "".join(f"<li>{escape(line)}</li>" for line in lines if line != warning)
+    told = join(html("<li>{}</li>", line) for line in lines if line != warning)
     parts = [
-        f"<h2>Boundary <i>{escape(what)}</i></h2>\n",
-        "" if warning is None else f'<div class="warnings">{escape(warning)}</div>',
-        f'<ul>{told}</ul><div class="panels">{_figures(found, parameters, k)}',
+        html("<h2>Boundary <i>{}</i></h2>\n", what),
+        Markup() if warning is None else html('<div class="warnings">{}</div>', warning),
+        html('<ul>{}</ul><div class="panels">{}', told, _figures(found, parameters, k)),
     ]
     if found["strips"] and found["cells"]:
-        parts.append(f"<div>{_table(found, *parameters)}</div>")
-    return f"{''.join(parts)}</div>"
+        parts.append(html("<div>{}</div>", _table(found, *parameters)))
+    return html("{}</div>", join(parts))
 
 
-def _figures(found: Entry, parameters: Sequence[Entry], k: int) -> str:
+def _figures(found: Entry, parameters: Sequence[Entry], k: int) -> Markup:
     """The points and the cells: over one parameter, or over each pair of them."""
     pairs = list(combinations(range(len(parameters)), 2)) or [(0, 0)]
     key = (
-        f'<div class="key-here">{sample("cells in which the outcome changes", BAND)}</div>'
+        html('<div class="key-here">{}</div>', sample("cells in which the outcome changes", BAND))
         if found["cells"]
         else ""
     )
-    html = []
+    figures = []
     for n, (i, j) in enumerate(pairs):
         drawn = _figure(found, parameters, i, j)
-        caption = f"<b>{escape(parameters[i]['label'])}, {escape(parameters[j]['label'])}</b>"
-        note = '<span class="note">all points and cells, projected; a dot has the mean of all that lie there</span>'
-        head = f"<figcaption>{caption} {note}</figcaption>" if len(pairs) > 1 else ""
-        html.append(f"<figure>{head}{to_html(drawn, f'boundary-{k}-{n}')}{key}</figure>")
-    return "".join(html)
+        caption = html("<b>{}, {}</b>", parameters[i]["label"], parameters[j]["label"])
+        note = Markup(
+            '<span class="note">all points and cells, projected; a dot has the mean of all that lie there</span>'
+        )
+        head = html("<figcaption>{} {}</figcaption>", caption, note) if len(pairs) > 1 else ""
+        figures.append(html("<figure>{}{}{}</figure>", head, to_html(drawn, f"boundary-{k}-{n}"), key))
+    return join(figures)
 
 
 def _figure(found: Entry, parameters: Sequence[Entry], i: int, j: int) -> go.Figure:
@@ -94,15 +96,19 @@ def _points(x: Floats, y: Floats, share: Floats) -> go.Scatter:
             "color": compact(mean), "colorscale": SCALE, "cmin": 0.0, "cmax": 1.0, "size": 5.5, "colorbar": share_bar(),
             "line": {"color": INK, "width": 0.5},
         },
-        hovertemplate="%{x:.6g}, %{y:.6g}: <b>%{customdata[0]:.0%}</b> of the seeds good, %{customdata[1]} points here"
-        "<extra></extra>",
+        hovertemplate=Markup(
+            "%{x:.6g}, %{y:.6g}: <b>%{customdata[0]:.0%}</b> of the seeds good, %{customdata[1]} points here"
+            "<extra></extra>"
+        ),
     )  # fmt: skip
 
 
-def _table(found: Entry, first: Entry, second: Entry) -> str:
+def _table(found: Entry, first: Entry, second: Entry) -> Markup:
     """Where the outcome changes along the first parameter, by intervals of the second."""
-    rows = [[escape(cell) for cell in row] for row in strip_lines(found, first, second)]
-    drawn = table([escape(second["label"]), f"{escape(first['label'])}: it changes", ""], rows, "strips")
+    rows = list(strip_lines(found, first, second))
+    drawn = table([second["label"], f"{first['label']}: it changes", ""], rows, "strips")
     if len(rows) <= ROWS:
         return drawn
-    return f"<details><summary>{len(rows)} intervals of {escape(second['label'])}</summary>{drawn}</details>"
+    return html(
+        "<details><summary>{} intervals of {}</summary>{}</details>", len(rows), second["label"], drawn
+    )

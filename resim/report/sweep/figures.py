@@ -10,7 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats
-from resim.report.plots import DASH, INK, compact, fade, style
+from resim.report.markup import html
+from resim.report.plots import DASH, INK, compact, fade, plain, style
 from resim.report.sweep.words import Entry, axis_title, keeps
 
 SHARE, VALUE = "#0072b2", "#d55e00"
@@ -58,8 +59,11 @@ def _response(outcome: Entry, found: Entry) -> list[go.Scatter]:
         x=compact(x), y=compact(mean), mode="lines+markers", showlegend=False,
         line={"color": color, "width": 2}, marker={"size": 5, "color": color},
         customdata=np.stack([low, high, _array(found["runs"])], axis=1),
-        hovertemplate=f"%{{x:.4g}}: <b>%{{y:{form}}}</b> [%{{customdata[0]:{form}}}, %{{customdata[1]:{form}}}], "
-        "%{customdata[2]} runs<extra></extra>",
+        hovertemplate=html(
+            "%{{x:.4g}}: <b>%{{y:{0}}}</b> [%{{customdata[0]:{0}}}, %{{customdata[1]:{0}}}], "
+            "%{{customdata[2]}} runs<extra></extra>",
+            form,
+        ),
     )  # fmt: skip
     return [band, line]
 
@@ -73,8 +77,11 @@ def map_figure(outcome: Entry, a: Entry, b: Entry) -> go.Figure:
         go.Heatmap(
             x=compact(x), y=compact(y), z=compact(share), zmin=0.0, zmax=1.0, colorscale=SCALE,
             customdata=np.stack([low, high], axis=-1), colorbar=share_bar(),
-            hovertemplate=f"{a['label']} %{{x:.4g}} {a['unit']}<br>{b['label']} %{{y:.4g}} {b['unit']}<br>"
-            f"{keeps(outcome)}: <b>%{{z:.0%}}</b> [%{{customdata[0]:.0%}}, %{{customdata[1]:.0%}}]<extra></extra>",
+            hovertemplate=html(
+                "{} %{{x:.4g}} {}<br>{} %{{y:.4g}} {}<br>"
+                "{}: <b>%{{z:.0%}}</b> [%{{customdata[0]:.0%}}, %{{customdata[1]:.0%}}]<extra></extra>",
+                *map(plain, (a["label"], a["unit"], b["label"], b["unit"], keeps(outcome))),
+            ),
         )
     )  # fmt: skip
     for level, color in zip(map(float, found["boundaries"]), (HALF, DEMANDED), strict=True):

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 
+from resim.report.markup import Markup, html, join
 from resim.report.sweep.words import Entry, axis_title, percent, plain, quantity
 from resim.report.tables import NONE, decision_words, table
 
 
 def title(section: Entry) -> str:
-    """Give a section's name (HTML)."""
-    return f"{escape(section['recording'])} · {escape(section['build'])}"
+    """Give a section's name."""
+    return f"{section['recording']} · {section['build']}"
 
 
-def overview(sections: Sequence[Entry], *, shares: bool) -> str:
+def overview(sections: Sequence[Entry], *, shares: bool) -> Markup:
     """Give a row a section: what came of its runs, and as shares of them where these say something."""
     rows = [
         [
-            f'<a href="#s-{k}">{title(s)}</a>' if len(sections) > 1 else title(s), str(s["runs"]),
-            f"<b>{s['failed']}</b>" if s["failed"] else "0", _of(s["passed"], s, shares), str(s["collisions"]),
+            html('<a href="#s-{}">{}</a>', k, title(s)) if len(sections) > 1 else title(s), str(s["runs"]),
+            html("<b>{}</b>", s['failed']) if s["failed"] else "0", _of(s["passed"], s, shares), str(s["collisions"]),
             _of(s["same_decision"], s, shares), NONE if s["largest_risk"] is None else percent(s["largest_risk"]),
             _decisions(s),
         ]
@@ -39,100 +39,104 @@ def overview(sections: Sequence[Entry], *, shares: bool) -> str:
 
 
 def _of(count: int, section: Entry, shares: bool) -> str:
-    return f"{count} <i>{percent(count / section['runs'])}</i>" if shares else str(count)
+    return html("{} <i>{}</i>", count, percent(count / section["runs"])) if shares else str(count)
 
 
-def _decisions(section: Entry) -> str:
-    return "<br>".join(
-        f"{decision_words([w for w in name.split(', ') if w])} <i>{n}</i>"
+def _decisions(section: Entry) -> Markup:
+    told = (
+        html("{} <i>{}</i>", decision_words([w for w in name.split(", ") if w]), n)
         for name, n in section["decisions"].items()
     )
+    return join(told, Markup("<br>"))
 
 
-def failures(section: Entry) -> str:
+def failures(section: Entry) -> Markup:
     """Give why runs failed, and how many."""
     if not section["failed"]:
-        return ""
-    items = "".join(f"<li>{n} × {escape(why)}</li>" for why, n in section["failures"].items())
-    return (
-        f'<div class="warnings"><b>{section["failed"]} of {section["runs"]} runs failed</b>: they have no result, and '
-        f"count as passing nothing<ul>{items}</ul></div>"
+        return Markup()
+    items = join(html("<li>{} × {}</li>", n, why) for why, n in section["failures"].items())
+    return html(
+        '<div class="warnings"><b>{} of {} runs failed</b>: they have no result, and '
+        "count as passing nothing<ul>{}</ul></div>",
+        section["failed"],
+        section["runs"],
+        items,
     )
 
 
-def sensitivity(section: Entry, parameters: Sequence[Entry]) -> str:
+def sensitivity(section: Entry, parameters: Sequence[Entry]) -> Markup:
     """Give Sobol indices by outcome, or of what varies only how far the means reach."""
-    head = ["outcome", *(f"{escape(p['label'])}<br><i>total, first order</i>" for p in parameters),
+    head = ["outcome", *(html("{}<br><i>total, first order</i>", p['label']) for p in parameters),
             "seeds", "left over", "estimated by"]  # fmt: skip
     rows = [_indices(o, parameters) for o in section["outcomes"]]
     return table(head, rows, "sensitivity")
 
 
 def _indices(outcome: Entry, parameters: Sequence[Entry]) -> list[str]:
-    found, label = outcome["sensitivity"], escape(outcome["label"])
+    found, label = outcome["sensitivity"], outcome["label"]
     if (sobol := found["sobol"]) is None:
         reach = [found["range"][p["name"]] for p in parameters]
         cells = [
-            NONE if r is None else f"<i>means reach over</i> {quantity(r, outcome['unit'])}" for r in reach
+            NONE if r is None else html("<i>means reach over</i> {}", quantity(r, outcome["unit"]))
+            for r in reach
         ]
         why = f"no indices: {outcome['without']} points have no value" if outcome["without"] else "no indices"
         return [label, *cells, NONE, NONE, why]
     cells = [_index(sobol[p["name"]], p["name"] == found["ranking"][0]) for p in parameters]
     how = "analysis of variance"
     if sobol["method"] == "chaos":
-        doubt = " <b>unreliable</b>" if sobol["q2"] < 0.5 else ""
-        how = f"polynomials of degree {sobol['degree']}, Q² {sobol['q2']:.2f}{doubt}"
+        doubt = Markup(" <b>unreliable</b>") if sobol["q2"] < 0.5 else ""
+        how = html("polynomials of degree {}, Q² {:.2f}{}", sobol["degree"], sobol["q2"], doubt)
     noise = NONE if sobol["noise"] is None else f"{sobol['noise']:.2f}"
     return [label, *cells, noise, f"{sobol['unexplained']:.2f}", how]
 
 
-def _index(found: Entry, leads: bool) -> str:
+def _index(found: Entry, leads: bool) -> Markup:
     total = found["total"]
-    text = f"<b>{total:.2f}</b>" if leads and total > 0.0 else f"{total:.2f}"
-    bar = f'<span class="meter" style="width:{max(60.0 * total, 1.0):.0f}px"></span>'
-    first = f"<i>{found['first']:.2f} {_between(found['first_interval'])}</i>"
-    return f"{bar}{text} {_between(found['total_interval'])}<br>{first}"
+    text = html("<b>{:.2f}</b>", total) if leads and total > 0.0 else f"{total:.2f}"
+    bar = html('<span class="meter" style="width:{:.0f}px"></span>', max(60.0 * total, 1.0))
+    first = html("<i>{:.2f} {}</i>", found["first"], _between(found["first_interval"]))
+    return html("{}{} {}<br>{}", bar, text, _between(found["total_interval"]), first)
 
 
-def _between(interval: Sequence[float | None]) -> str:
-    return (
-        "" if interval[0] is None or interval[1] is None else f"<i>[{interval[0]:.2f}, {interval[1]:.2f}]</i>"
-    )
+def _between(interval: Sequence[float | None]) -> Markup:
+    if interval[0] is None or interval[1] is None:
+        return Markup()
+    return html("<i>[{:.2f}, {:.2f}]</i>", *interval)
 
 
-def constant(section: Entry) -> str:
+def constant(section: Entry) -> Markup:
     """Say what is the same in all runs."""
     shares = [o for o in section["constant"] if o["share"]]
     groups: Mapping[str, list[str]] = {
-        "Good in all runs": [escape(o["label"]) for o in shares if o["value"] == 1.0],
-        "Good in no run": [escape(o["label"]) for o in shares if o["value"] == 0.0],
+        "Good in all runs": [o["label"] for o in shares if o["value"] == 1.0],
+        "Good in no run": [o["label"] for o in shares if o["value"] == 0.0],
         "Does not vary, or was not measured": [
-            f"{escape(o['label'])} ({'no value' if o['value'] is None else quantity(o['value'], o['unit'])})"
+            f"{o['label']} ({'no value' if o['value'] is None else quantity(o['value'], o['unit'])})"
             for o in section["constant"] if not o["share"]
         ],
     }  # fmt: skip
-    return "".join(f"<p><b>{name}</b>: {', '.join(some)}.</p>" for name, some in groups.items() if some)
+    return join(html("<p><b>{}</b>: {}.</p>", name, ", ".join(some)) for name, some in groups.items() if some)
 
 
-def worst(section: Entry, parameters: Sequence[Entry]) -> str:
+def worst(section: Entry, parameters: Sequence[Entry]) -> Markup:
     """Give the worst runs, each with the command that repeats it."""
-    names = [escape(axis_title(p)) for p in parameters]
+    names = [axis_title(p) for p in parameters]
     head = ["run", *names, "seed", "risk", "fails", "decision", "repeat it"]
     rows = [
         [
             str(w["run"]), *(plain(w["parameters"][p["name"]]) for p in parameters), str(w["seed"]),
             NONE if w["risk"] is None else percent(w["risk"]), _what(w),
             NONE if w["decision"] is None else decision_words([d for d in w["decision"].split(", ") if d]),
-            f"<code>{escape(w['command'])}</code>",
+            html("<code>{}</code>", w['command']),
         ]
         for w in section["worst"]
     ]  # fmt: skip
     return table(head, rows, "worst")
 
 
-def _what(run: Entry) -> str:
+def _what(run: Entry) -> Markup:
     if run["failure"] is not None or run["end"] == "failed":
-        return f"<b>failed</b>: {escape(run['failure'] or 'no result')}"
-    return ("<b>collision</b>; " if run["collision"] else "") + (
-        escape(", ".join(run["failing"])) or "passes all"
-    )
+        return html("<b>failed</b>: {}", run["failure"] or "no result")
+    hit = Markup("<b>collision</b>; ") if run["collision"] else Markup()
+    return hit + (", ".join(run["failing"]) or "passes all")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import Floats
+from resim.report.markup import Markup, html, join
 from resim.report.plots import clock_words
 
 WIDTH, HEIGHT = 640.0, 240.0
@@ -36,53 +37,73 @@ class Axes:
         low, high = self.y
         return HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM)
 
-    def line(self, t: Floats, values: Floats, css: str) -> str:
+    def line(self, t: Floats, values: Floats, css: str) -> Markup:
         """Give a curve; t, values (K,), NaN breaks it."""
         steps = "".join(f"M{'L'.join(self._points(t[k], values[k]))}" for k in _known(values))
-        return f'<path class="{css}" d="{steps}"/>' if steps else ""
+        return html('<path class="{}" d="{}"/>', css, steps) if steps else Markup()
 
-    def band(self, t: Floats, low: Floats, high: Floats, css: str) -> str:
+    def band(self, t: Floats, low: Floats, high: Floats, css: str) -> Markup:
         """Give the area between two curves; t, low, high (K,), both NaN at the same times."""
         steps = ""
         for k in _known(low + high):
             back = self._points(t[k], high[k])[::-1]
             steps += f"M{'L'.join([*self._points(t[k], low[k]), *back])}Z"
-        return f'<path class="{css}" d="{steps}"/>' if steps else ""
+        return html('<path class="{}" d="{}"/>', css, steps) if steps else Markup()
 
-    def dot(self, t: float, value: float, css: str) -> str:
+    def dot(self, t: float, value: float, css: str) -> Markup:
         """Give a dot with a white rim."""
-        return f'<circle class="{css}" cx="{self.x_of(t):.1f}" cy="{self.y_of(value):.1f}" r="5"/>'
+        return html('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="5"/>', css, self.x_of(t), self.y_of(value))
 
-    def mark(self, t: float, text: str) -> str:
+    def mark(self, t: float, text: str) -> Markup:
         """Give a vertical line at a time, with its text above."""
         x = self.x_of(t)
         anchor = "start" if x < 0.5 * WIDTH else "end"
-        return (
-            f'<path class="mark" d="M{x:.1f} {TOP - 8.0:g}V{HEIGHT - BOTTOM:g}"/>'
-            f'<text class="marked" x="{x:.1f}" y="{TOP - 14.0:g}" text-anchor="{anchor}">{text}</text>'
+        return html(
+            '<path class="mark" d="M{x:.1f} {top:g}V{bottom:g}"/>'
+            '<text class="marked" x="{x:.1f}" y="{above:g}" text-anchor="{anchor}">{text}</text>',
+            x=x,
+            top=TOP - 8.0,
+            bottom=HEIGHT - BOTTOM,
+            above=TOP - 14.0,
+            anchor=anchor,
+            text=text,
         )
 
-    def svg(self, inside: str, title: str) -> str:
-        """Give the figure; inside: what is drawn, title: what it shows, both HTML."""
-        return (
-            f'<svg class="axes" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{title}">'
-            f"{self._frame()}{inside}</svg>"
+    def svg(self, inside: Markup, title: str) -> Markup:
+        """Give the figure; inside: what is drawn, title: what it shows."""
+        return html(
+            '<svg class="axes" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}">{}{}</svg>',
+            WIDTH,
+            HEIGHT,
+            title,
+            self._frame(),
+            inside,
         )
 
-    def _frame(self) -> str:
+    def _frame(self) -> Markup:
         bottom, right = HEIGHT - BOTTOM, WIDTH - RIGHT
         rows = [(round(self.y_of(value), 1), value) for value in ticks(*self.y)]
         first, last = self.t
-        clock = clock_words(first)
         columns = [(round(self.x_of(first + t), 1), t) for t in ticks(0.0, last - first)]
         grid = "".join(f"M{LEFT:g} {y:g}H{right:g}" for y, _ in rows)
         grid += "".join(f"M{x:g} {bottom:g}v5" for x, _ in columns)
-        values = "".join(f'<text x="{LEFT - 7.0:g}" y="{y + 5.0:g}">{value:g}</text>' for y, value in rows)
-        times = "".join(f'<text x="{x:g}" y="{bottom + 20.0:g}">{t:g}</text>' for x, t in columns)
-        return (
-            f'<path class="grid" d="{grid}"/><path class="frame" d="M{LEFT:g} {TOP:g}V{bottom:g}H{right:g}"/>'
-            f'<text x="2" y="{TOP - 14.0:g}">{self.label}</text><g text-anchor="end">{values}'
-            f'<text x="{right:g}" y="{HEIGHT - 8.0:g}">{clock}</text></g><g text-anchor="middle">{times}</g>'
+        values = join(
+            html('<text x="{:g}" y="{:g}">{:g}</text>', LEFT - 7.0, y + 5.0, value) for y, value in rows
+        )
+        times = join(html('<text x="{:g}" y="{:g}">{:g}</text>', x, bottom + 20.0, t) for x, t in columns)
+        return html(
+            '<path class="grid" d="{grid}"/><path class="frame" d="{frame}"/>'
+            '<text x="2" y="{above:g}">{label}</text><g text-anchor="end">{values}'
+            '<text x="{right:g}" y="{below:g}">{clock}</text></g><g text-anchor="middle">{times}</g>',
+            grid=grid,
+            frame=f"M{LEFT:g} {TOP:g}V{bottom:g}H{right:g}",
+            above=TOP - 14.0,
+            label=self.label,
+            values=values,
+            right=right,
+            below=HEIGHT - 8.0,
+            clock=clock_words(first),
+            times=times,
         )
 
     def _points(self, t: Floats, values: Floats) -> list[str]:

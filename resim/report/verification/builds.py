@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from html import escape
 from typing import Any
 
+from resim.report.markup import Markup, html, join
 from resim.report.tables import decision_words
 from resim.report.verification.cells import (
     NONE,
@@ -37,28 +37,29 @@ LIMITS = {
 UNITS = {"longitudinal acceleration": "m/s²", "lateral acceleration": "m/s²", "longitudinal jerk": "m/s³"}
 
 
-def builds(found: Entry, traces: Mapping[str, Any]) -> Iterator[str]:
+def builds(found: Entry, traces: Mapping[str, Any]) -> Iterator[Markup]:
     """Give the parts of the page of build against build."""
     inputs, told = found["inputs"], found["summary"]
     yield _limits(told)
     yield _means(told)
-    yield "<h2>Recordings</h2>\n" + filters({verdict: told[verdict] for verdict in ORDER})
+    yield Markup("<h2>Recordings</h2>\n") + filters({verdict: told[verdict] for verdict in ORDER})
     entries = _ordered(found)
     yield rows_table(HEAD, (_row(r) for r in entries), "overview")
-    yield "<h2>Recordings in detail</h2>\n"
+    yield Markup("<h2>Recordings in detail</h2>\n")
     for r in entries:
         if "pairs" in r:
             yield folded(r, _detail(r, traces.get(r["name"], {}), inputs))
         else:
-            yield folded(r, f"<p>{reason(r)}</p>")
+            yield folded(r, html("<p>{}</p>", reason(r)))
 
 
-def meaning(inputs: Entry) -> str:
+def meaning(inputs: Entry) -> Markup:
     """Say in a sentence what is compared."""
     seeds = f", each with the same {len(inputs['seeds'])} seeds" if inputs["seeds"] else ""
-    return (
-        f"Both builds drove the same scenarios on ground truth{seeds}. <b>Worse</b>: a KPI that passed before does not "
-        "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else."
+    return html(
+        "Both builds drove the same scenarios on ground truth{}. <b>Worse</b>: a KPI that passed before does not "
+        "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else.",
+        seeds,
     )
 
 
@@ -71,7 +72,7 @@ def _ordered(found: Entry) -> list[Entry]:
     return [by_name[name] for name in (*first, *worst, *rest)]
 
 
-def _limits(told: Entry) -> str:
+def _limits(told: Entry) -> Markup:
     """Each limit of the suite, and whether it is kept."""
     rows = []
     for name, (text, form) in LIMITS.items():
@@ -81,29 +82,29 @@ def _limits(told: Entry) -> str:
         state = ("pass", "kept") if limit["kept"] else ("fail", "broken")
         if limit["limit"] is None:
             state = ("none", "no limit")
-        rows.append(row([text, value, most, f'<span class="badge {state[0]}">{state[1]}</span>']))
-    return "<h2>Limits of the suite</h2>" + rows_table(["", "found", "at most", ""], rows, "limits")
+        rows.append(row([text, value, most, html('<span class="badge {}">{}</span>', state[0], state[1])]))
+    return Markup("<h2>Limits of the suite</h2>") + rows_table(["", "found", "at most", ""], rows, "limits")
 
 
-def _means(told: Entry) -> str:
+def _means(told: Entry) -> Markup:
     """Mean differences of risk and comfort over the recordings, with their intervals."""
     rows = [_mean("largest risk", "", told["risk"], 4)]
     rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told["comfort"].items()]
     note = "Now less before; each recording counts with the mean of its seeds, the interval is a bootstrap over them."
     head = ["", "mean difference", "95 % interval", "recordings"]
-    return f"<h2>Risk and comfort</h2><p>{note}</p>{rows_table(head, rows, 'limits')}"
+    return html("<h2>Risk and comfort</h2><p>{}</p>{}", note, rows_table(head, rows, "limits"))
 
 
-def _mean(name: str, unit: str, d: Entry | None, digits: int) -> str:
+def _mean(name: str, unit: str, d: Entry | None, digits: int) -> Markup:
     if d is None:
         return row([name, NONE, NONE, "0"])
     between = (
         NONE if d["low"] is None else f"{signed(d['low'], digits)} to {signed(d['high'], digits)} {unit}"
     )
-    return row([escape(name), f"{signed(d['mean'], digits)} {unit}", between, str(d["of"])])
+    return row([name, f"{signed(d['mean'], digits)} {unit}", between, str(d["of"])])
 
 
-def _row(r: Entry) -> str:
+def _row(r: Entry) -> Markup:
     if "pairs" not in r:
         return row([link(r["name"]), badge(r["verdict"]), *[NONE] * (len(HEAD) - 2)], r["verdict"])
     pairs = r["pairs"]
@@ -123,33 +124,33 @@ def _kpis(r: Entry, which: str) -> str:
     told = []
     for name in names:
         count = sum(name in p[which] for p in r["pairs"])
-        told.append(escape(name) + (f" ({count} of {of})" if count < of else ""))
+        told.append(name + (f" ({count} of {of})" if count < of else ""))
     return ", ".join(told) or NONE
 
 
-def _detail(r: Entry, traces: Mapping[str, Any], inputs: Entry) -> str:
+def _detail(r: Entry, traces: Mapping[str, Any], inputs: Entry) -> Markup:
     labels = {"before": inputs["against"]["label"], "now": inputs["build"]["label"]}
-    out = [f"<p>{reason(r)}</p>"] if r["error"] is not None else []
+    out = [html("<p>{}</p>", reason(r))] if r["error"] is not None else []
     if r["differences"]:
-        since = "" if r["t"] is None else f", from <b>{r['t']:.1f} s</b>"
-        out.append(f"<p>What differs in the worst run{since}:</p>{bullets(r['differences'])}")
+        since = "" if r["t"] is None else html(", from <b>{:.1f} s</b>", r["t"])
+        out.append(html("<p>What differs in the worst run{}:</p>{}", since, bullets(r["differences"])))
     if traces:
         out.append(builds_figure(r["name"], r, traces, labels))
-    out.append("<h4>Each run</h4>" + _pairs(r))
+    out.append(Markup("<h4>Each run</h4>") + _pairs(r))
     if r["reports"]:
         names = (f"Re-simulation report of {label}" for label in labels.values())
-        return "".join([*out, f"<p>{report_links(r, *names)}</p>"])
+        return join([*out, html("<p>{}</p>", report_links(r, *names))])
     both = "\n".join(command(r, inputs, inputs[which]) for which in ("against", "build"))
-    return "".join([*out, f"<p>To see every step, in this file's folder:</p><pre>{both}</pre>"])
+    return join([*out, html("<p>To see every step, in this file's folder:</p><pre>{}</pre>", both)])
 
 
-def _pairs(r: Entry) -> str:
+def _pairs(r: Entry) -> Markup:
     """Each run of both builds with the same seed: KPIs, decisions, differences of risk and comfort."""
     rows = []
     for p in r["pairs"]:
         named = (
-            ", ".join(escape(n) for n in p["lost"]) or NONE,
-            ", ".join(escape(n) for n in p["gained"]) or NONE,
+            ", ".join(p["lost"]) or NONE,
+            ", ".join(p["gained"]) or NONE,
         )
         comfort = [NONE if v is None else signed(v, 2) for v in p["comfort"].values()]
         risk = NONE if p["risk"] is None else signed(p["risk"], 4)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
+
+from resim.report.markup import Markup, html, join
 
 Entry = Mapping[str, Any]
 """What verification.json holds of a recording, or a part of it."""
@@ -26,25 +27,30 @@ def anchor(name: str) -> str:
     return f"r-{name}"
 
 
-def link(name: str) -> str:
+def link(name: str) -> Markup:
     """Give a link to a recording's part of the page."""
-    return f'<a href="#{escape(anchor(name))}">{escape(name)}</a>'
+    return html('<a href="#{}">{}</a>', anchor(name), name)
 
 
-def badge(verdict: str) -> str:
+def badge(verdict: str) -> Markup:
     """Give a verdict as a badge."""
-    return f'<span class="badge {LOOKS[verdict]}">{escape(verdict)}</span>'
+    return html('<span class="badge {}">{}</span>', LOOKS[verdict], verdict)
 
 
-def filters(counts: Mapping[str, int]) -> str:
+def filters(counts: Mapping[str, int]) -> Markup:
     """Give a badge a verdict with its count; pressed, it leaves that verdict's recordings only."""
-    buttons = "".join(
-        f'<button class="badge {LOOKS[verdict]}" data-verdict="{verdict}" aria-pressed="false">'
-        f"{count} {verdict}</button>"
+    buttons = join(
+        html(
+            '<button class="badge {LOOKS}" data-verdict="{verdict}" aria-pressed="false">'
+            "{count} {verdict}</button>",
+            LOOKS=LOOKS[verdict],
+            verdict=verdict,
+            count=count,
+        )
         for verdict, count in counts.items()
         if count
     )
-    return f'<p class="filters">{buttons} <i>press one to see these only</i></p>'
+    return html('<p class="filters">{} <i>press one to see these only</i></p>', buttons)
 
 
 def minus(text: str) -> str:
@@ -76,39 +82,42 @@ def spread(values: Sequence[float | None], digits: int, unit: str, sign: bool = 
     space = f" {unit}" if unit else ""
     if low == high:
         return f"{middle}{space}"
-    return f"{middle}{space} <i>({low} to {high})</i>"
+    return html("{}{} <i>({} to {})</i>", middle, space, low, high)
 
 
-def counted(words: Sequence[str]) -> str:
-    """Give each of the words (HTML) with how many runs it is of, the most frequent first; just it, if it is of all."""
+def counted(words: Sequence[str]) -> Markup:
+    """Give each of the words with how many runs it is of, the most frequent first; just it, if it is of all."""
     counts = Counter(words).most_common()
-    return "; ".join(f"{word} ({n} of {len(words)})" if n < len(words) else word for word, n in counts)
+    told = (html("{} ({} of {})", word, n, len(words)) if n < len(words) else word for word, n in counts)
+    return join(told, "; ")
 
 
-def share(found: Entry) -> str:
+def share(found: Entry) -> Markup:
     """Give a share of the seeds with its interval."""
     between = f"[{found['low']:.2f}, {found['high']:.2f}]"
-    return f"{found['count']} of {found['of']} <i>{between}</i>"
+    return html("{} of {} <i>{}</i>", found["count"], found["of"], between)
 
 
-def row(cells: Iterable[str], verdict: str = "") -> str:
-    """Give a table's row of cells that are HTML; the first is its head. verdict: to filter by.
+def row(cells: Iterable[str], verdict: str = "") -> Markup:
+    """Give a table's row of cells; the first is its head. verdict: to filter by.
 
     Cells are not closed, as HTML allows: a suite of a hundred recordings has many.
     """
-    about = f' data-verdict="{verdict}"' if verdict else ""
-    return f"<tr{about}><th>{'<td>'.join(cells)}"
+    about = html(' data-verdict="{}"', verdict) if verdict else ""
+    return html("<tr{}><th>{}", about, join(cells, Markup("<td>")))
 
 
-def rows_table(head: Iterable[str], rows: Iterable[str], css: str = "") -> str:
+def rows_table(head: Iterable[str], rows: Iterable[Markup], css: str = "") -> Markup:
     """Give a table of finished rows in a box in which it scrolls sideways."""
-    top = "".join(f"<th>{cell}" for cell in head)
-    body = "\n".join(rows)
+    top = join(html("<th>{}", cell) for cell in head)
+    body = join(rows, "\n")
     look = f' class="{css}"' if css else ""
-    return f'<div class="wide"><table{look}><thead><tr>{top}</thead>\n<tbody>{body}</tbody></table></div>'
+    return html(
+        '<div class="wide"><table{}><thead><tr>{}</thead>\n<tbody>{}</tbody></table></div>', look, top, body
+    )
 
 
-def bullets(texts: Iterable[str]) -> str:
-    """Give texts as a list, escaped."""
-    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
-    return f"<ul>{items}</ul>" if items else ""
+def bullets(texts: Iterable[str]) -> Markup:
+    """Give texts as a list."""
+    items = join(html("<li>{}</li>", text) for text in texts)
+    return html("<ul>{}</ul>", items) if items else Markup()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from html import escape
 from typing import Any
+from urllib.parse import quote
 
+from resim.report.markup import Markup, html, join
 from resim.report.tables import decision_words
 from resim.report.verification.cells import (
     NONE,
@@ -29,44 +30,50 @@ REPORTED = 20
 """How many seeds a re-simulation report has at most: a picture of what was decided by more."""
 
 
-def drive(entry: Entry, traces: Mapping[str, Any], inputs: Entry) -> str:
+def drive(entry: Entry, traces: Mapping[str, Any], inputs: Entry) -> Markup:
     """Give the part of a recording, folded; traces: its speeds."""
     parts = [
-        f"<p>{reason(entry)}</p>",
+        html("<p>{}</p>", reason(entry)),
         _differences(entry),
-        measured_figure(entry["name"], entry, traces) if traces else "",
-        "<h4>Ways through the simulation</h4>" + _ways(entry),
-        "<h4>KPIs <i>outcome, worst value and when; ≠: not as in GT</i></h4>" + kpi_table(entry),
-        "<h4>Errors of each step <i>tolerance in grey; &gt;: beyond it</i></h4>"
+        measured_figure(entry["name"], entry, traces) if traces else Markup(),
+        Markup("<h4>Ways through the simulation</h4>") + _ways(entry),
+        Markup("<h4>KPIs <i>outcome, worst value and when; ≠: not as in GT</i></h4>") + kpi_table(entry),
+        Markup("<h4>Errors of each step <i>tolerance in grey; &gt;: beyond it</i></h4>")
         + errors_table(entry, inputs["tolerances"]),
         _seeds(entry),
-        "<h4>Local validity</h4>" + ranges(entry) if entry["validity"] else "",
-        f"<h4>Notes</h4>{bullets(entry['notes'])}" if entry["notes"] else "",
+        Markup("<h4>Local validity</h4>") + ranges(entry) if entry["validity"] else "",
+        html("<h4>Notes</h4>{}", bullets(entry["notes"])) if entry["notes"] else "",
         _look_closer(entry, inputs),
     ]
-    return folded(entry, "".join(parts))
+    return folded(entry, join(parts))
 
 
-def folded(entry: Entry, inside: str) -> str:
+def folded(entry: Entry, inside: Markup) -> Markup:
     """Give a recording's part of the page under its name and verdict."""
-    name, verdict = escape(entry["name"]), entry["verdict"]
-    return (
-        f'<details id="{escape(anchor(entry["name"]))}" data-verdict="{verdict}"><summary><b>{name}</b> '
-        f"{badge(verdict)}</summary>\n{inside}</details>\n"
+    name, verdict = entry["name"], entry["verdict"]
+    return html(
+        '<details id="{}" data-verdict="{}"><summary><b>{}</b> {}</summary>\n{}</details>\n',
+        anchor(name),
+        verdict,
+        name,
+        badge(verdict),
+        inside,
     )
 
 
 def reason(entry: Entry) -> str:
     """Say why a recording has its verdict."""
     if entry["error"] is not None:
-        return f"<b>Error</b>: {escape(entry['error'])}"
+        return html("<b>Error</b>: {}", entry["error"])
     cause = entry["cause"]
     if cause is None:
         of = entry["ways"][entry["way"]].get("share")
-        seeds = "" if of is None else f" in {share(of)} seeds"
-        return f"Verified on {entry['way']}{seeds}: KPIs and decision as measured, errors within tolerance."
-    when = "" if cause["t"] is None else f", from <b>{cause['t']:.1f} s</b>"
-    return f"First cause: <b>{cause['step']}</b>{when}: {escape(cause['text'])}."
+        seeds = "" if of is None else html(" in {} seeds", share(of))
+        return html(
+            "Verified on {}{}: KPIs and decision as measured, errors within tolerance.", entry["way"], seeds
+        )
+    when = "" if cause["t"] is None else html(", from <b>{:.1f} s</b>", cause["t"])
+    return html("First cause: <b>{}</b>{}: {}.", cause["step"], when, cause["text"])
 
 
 def decisions(entry: Entry, way: str) -> str:
@@ -86,71 +93,76 @@ def first_braking(way: Entry) -> str:
 def kpis_equal(entry: Entry, way: str) -> str:
     """Give how many KPIs are equal; over seeds the share that is verified."""
     if way == MODEL:
-        return f"{share(entry['ways'][way]['share'])} seeds"
+        return html("{} seeds", share(entry["ways"][way]["share"]))
     equal = [kpi["equal"].get(way) for kpi in entry["kpis"].values()]
     return f"{equal.count('equal')} of {len(equal)}"
 
 
-def _differences(entry: Entry) -> str:
+def _differences(entry: Entry) -> Markup:
     """All that differs in the first run that the verdict rests on."""
     runs = entry["ways"][entry["way"]].get("seeds", [entry["ways"][entry["way"]]])
     run = next((r for r in runs if r["verdict"] == entry["verdict"]), runs[0])
     where = f" in the run with seed {run['seed']}" if "seed" in run else ""
-    return f"<p>What differs{where}:</p>{bullets(run['differences'])}" if run["differences"] else ""
+    if not run["differences"]:
+        return Markup()
+    return html("<p>What differs{}:</p>{}", where, bullets(run["differences"]))
 
 
-def _ways(entry: Entry) -> str:
+def _ways(entry: Entry) -> Markup:
     """What each re-simulation gave, and where shown what was recorded as perceived."""
     rows = []
     for way, found in entry["ways"].items():
         cause = found["cause"]
-        why = NONE if cause is None else f"{escape(cause['step'])}: {escape(cause['text'])}"
-        rests = " <i>the verdict rests on it</i>" if way == entry["way"] else ""
+        why = NONE if cause is None else f"{cause['step']}: {cause['text']}"
+        rests = Markup(" <i>the verdict rests on it</i>") if way == entry["way"] else Markup()
         cells = [kpis_equal(entry, way), decisions(entry, way), first_braking(found), why]
         rows.append(row([way + rests, badge(found["verdict"]), *cells]))
     if (shown := entry["recorded"]) is not None:
         same = "as measured" if shown["same_decision"] else "not as measured"
-        text = escape("; ".join(shown["differences"])) or "acts as measured"
-        name = "rGT <i>shown what was recorded as perceived</i>"
+        text = "; ".join(shown["differences"]) or "acts as measured"
+        name = Markup("rGT <i>shown what was recorded as perceived</i>")
         rows.append(row([name, badge(shown["verdict"]), NONE, same, first_braking(shown), text]))
-    measured = f"decision <i>measured: {decision_words(entry['decision']['GT'])}</i>"
+    measured = html("decision <i>measured: {}</i>", decision_words(entry["decision"]["GT"]))
     off = entry.get("reaction_spread")
-    late = "first braking less GT" + ("" if off is None else f" <i>± {off:.2f} s</i>")
+    late = "first braking less GT" + ("" if off is None else html(" <i>± {:.2f} s</i>", off))
     head = ["", "verdict", "KPIs equal", measured, late, "first cause"]
     return rows_table(head, rows, "ways")
 
 
-def _seeds(entry: Entry) -> str:
+def _seeds(entry: Entry) -> Markup:
     """What each seed did, folded."""
     seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
     if not seeds:
-        return ""
+        return Markup()
     rows = []
     for s in seeds:
         late = spread([s["reaction_difference"]], 2, "s")
-        differ = escape(", ".join(dict.fromkeys(text.split(":")[0] for text in s["differences"])))
+        differ = ", ".join(dict.fromkeys(text.split(":")[0] for text in s["differences"]))
         since = "" if s["t"] is None else second(s["t"])
-        rows.append(row([str(s["seed"]), s["verdict"], late, since, escape(s["failure"] or "") or differ]))
+        rows.append(row([str(s["seed"]), s["verdict"], late, since, s["failure"] or differ]))
     head = ["seed", "verdict", "first braking less GT", "differs from", "in"]
-    return f"<details><summary>Each seed</summary>{rows_table(head, rows)}</details>"
+    return html("<details><summary>Each seed</summary>{}</details>", rows_table(head, rows))
 
 
-def _look_closer(entry: Entry, inputs: Entry) -> str:
+def _look_closer(entry: Entry, inputs: Entry) -> Markup:
     """Links to the re-simulation reports, or the command that makes one."""
     if entry["reports"]:
-        return f"<p>{report_links(entry)}</p>"
-    return f"<p>To see every step, in this file's folder:</p><pre>{command(entry, inputs, inputs['build'])}</pre>"
+        return html("<p>{}</p>", report_links(entry))
+    return html(
+        "<p>To see every step, in this file's folder:</p><pre>{}</pre>",
+        command(entry, inputs, inputs["build"]),
+    )
 
 
-def report_links(entry: Entry, *names: str) -> str:
+def report_links(entry: Entry, *names: str) -> Markup:
     """Give links to the re-simulation reports, each by its name."""
     texts = names or ("Re-simulation report",)
     links = zip(entry["reports"], texts, strict=False)
-    return " · ".join(f'<a href="{escape(path)}">{escape(text)}</a>' for path, text in links)
+    return join((html('<a href="{}">{}</a>', quote(path), text) for path, text in links), " · ")
 
 
 def command(entry: Entry, inputs: Entry, build: Entry) -> str:
-    """Give the command that re-simulates a recording with its report, safe for HTML."""
+    """Give the command that re-simulates a recording with its report."""
     words = [
         "resim",
         "run",
@@ -174,4 +186,4 @@ def command(entry: Entry, inputs: Entry, build: Entry) -> str:
         ]
     words += [word for setting in inputs["settings"] for word in ("--set", setting)]
     words += [word for code in inputs["accept"] for word in ("--accept", code)]
-    return escape(shlex.join([*words, "--out", f"../{entry['name']}.{build['label']}"]))
+    return shlex.join([*words, "--out", f"../{entry['name']}.{build['label']}"])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import Any
 
+from resim.report.markup import Markup, html, join
 from resim.report.verification.cells import NONE, Entry, minus, row, rows_table, share, spread
 
 SOURCES = ("GT", "SD", "rGT", "rSD")
@@ -21,20 +21,20 @@ QUANTITIES: Mapping[str, tuple[str, int]] = {"d": ("m", 3), "v": ("m/s", 3), "he
 """Unit and digits."""
 
 
-def kpi_table(entry: Entry) -> str:
+def kpi_table(entry: Entry) -> Markup:
     """Give a row a criterion: what each drive came to, marked where it is not as in GT."""
     kpis = entry["kpis"]
     sources = [s for s in SOURCES if any(s in kpi for kpi in kpis.values())]
     model = any(MODEL in kpi for kpi in kpis.values())
     rows = []
     for name, kpi in kpis.items():
-        unit = "" if kpi["unit"] == "1" else f" <i>{escape(kpi['unit'])}</i>"
+        unit = "" if kpi["unit"] == "1" else html(" <i>{}</i>", kpi["unit"])
         cells = [_kpi(kpi.get(s), kpi["GT"]) for s in sources]
         if model:
             cells.append(_over_seeds(kpi))
         off = kpi["difference"][entry["way"]]
         cells.append(NONE if off is None else minus(f"{off:+.2g}") if off else "0")
-        rows.append(row([escape(name) + unit, *cells]))
+        rows.append(row([name + unit, *cells]))
     head = ["criterion", *sources, *([f"{MODEL}, seeds"] if model else []), f"{entry['way']} less GT"]
     return rows_table(head, rows, "kpis")
 
@@ -44,14 +44,14 @@ def _kpi(found: Entry | None, gt: Entry) -> str:
     if found is None:
         return NONE
     verdict = found["verdict"]
-    text = f"{_outcome(verdict)}{_worst(found)}"
+    text = _outcome(verdict) + _worst(found)
     if verdict == "INVALID":
-        text += f" <i>{escape(found['reason'])}</i>"
-    return text if verdict == gt["verdict"] else f'<span class="off">≠ {text}</span>'
+        text += html(" <i>{}</i>", found["reason"])
+    return text if verdict == gt["verdict"] else html('<span class="off">≠ {}</span>', text)
 
 
-def _outcome(verdict: str) -> str:
-    return f"<b>{verdict}</b>" if verdict == "PASS" else f"<b class={verdict}>{verdict}</b>"
+def _outcome(verdict: str) -> Markup:
+    return html("<b>{}</b>", verdict) if verdict == "PASS" else html('<b class="{}">{}</b>', verdict, verdict)
 
 
 def _worst(found: Entry) -> str:
@@ -62,35 +62,35 @@ def _worst(found: Entry) -> str:
     return f" {minus(format(found['value'], '.3g'))} at {found['t']:.1f} s"
 
 
-def _over_seeds(kpi: Entry) -> str:
+def _over_seeds(kpi: Entry) -> Markup:
     """The share of the seeds that are as GT, how many pass and fail, and the range of their worst values."""
     runs, equal = kpi[MODEL], kpi["equal"][MODEL]
     counts = Counter(None if run is None else run["verdict"] for run in runs)
-    told = ", ".join(f"{_outcome(o)} {counts[o]}" for o in OUTCOMES if counts[o])
+    told = join((html("{} {}", _outcome(o), counts[o]) for o in OUTCOMES if counts[o]), ", ")
     values = [run["value"] for run in runs if run is not None and run["value"] is not None]
     span = ""
     if any(values):
         low, high = (minus(format(value, ".3g")) for value in (min(values), max(values)))
         span = f"; {low}" if low == high else f"; {low} to {high}"
     if equal["count"] == equal["of"]:
-        return f"{told} of {len(runs)}{span}"
-    return f'<span class="off">≠ {share(equal)} equal: {told}{span}</span>'
+        return html("{} of {}{}", told, len(runs), span)
+    return html('<span class="off">≠ {} equal: {}{}</span>', share(equal), told, span)
 
 
-def errors_table(entry: Entry, tolerances: Entry) -> str:
+def errors_table(entry: Entry, tolerances: Entry) -> Markup:
     """Give the root mean square errors of each step, EGO and TO, with the tolerance beneath; marked where beyond."""
     rows = []
     for step, kind in STEPS.items():
         if step in entry["errors"]:
             cells = [_error(who, q, entry["errors"][step], tolerances[kind]) for who, q in _columns()]
-            rows.append(row([f"{step} <i>{kind}</i>", *cells]))
+            rows.append(row([html("{} <i>{}</i>", step, kind), *cells]))
     if (driven := entry["driven"]) is not None:
         cells = [_error(who, q, {"ego": driven["error"]}, tolerances["vehicle"]) for who, q in _columns()]
-        rows.append(row(["vehicle model <i>vehicle, largest after one second</i>", *cells]))
+        rows.append(row([Markup("vehicle model <i>vehicle, largest after one second</i>"), *cells]))
     seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
     if seeds:
         cells = list(_pipeline(seeds, tolerances["pipeline"]["ego"]))
-        rows.append(row([f"PIPE of {MODEL} <i>pipeline, median and range</i>", *cells]))
+        rows.append(row([html("PIPE of {} <i>pipeline, median and range</i>", MODEL), *cells]))
     head = [f"{who.upper()} {q} [{QUANTITIES[q][0]}]" for who, q in _columns()]
     return rows_table(["error (RMS)", *head], rows, "rms")
 
@@ -119,5 +119,9 @@ def _held(text: str, value: float, limit: float | None) -> str:
     """Give an error beside its tolerance."""
     if limit is None:
         return text
-    beside = f"<i>≤ {limit:g}</i>"
-    return f'<span class="off">&gt; {text}</span>{beside}' if value > limit else f"{text}{beside}"
+    beside = html("<i>≤ {:g}</i>", limit)
+    return (
+        html('<span class="off">&gt; {}</span>{}', text, beside)
+        if value > limit
+        else html("{}{}", text, beside)
+    )

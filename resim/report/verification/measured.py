@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from html import escape
 from typing import Any
 
+from resim.report.markup import Markup, html
 from resim.report.tables import decision_words
 from resim.report.verification.cells import NONE, Entry, badge, filters, link, row, rows_table, second
 from resim.report.verification.drive import decisions, drive, first_braking, folded, kpis_equal, reason
@@ -21,55 +21,61 @@ NAMES = {"d": "position", "v": "speed", "heading": "heading"}
 UNITS = {"d": "m", "v": "m/s", "heading": "rad"}
 
 
-def measured(found: Entry, traces: Mapping[str, Any]) -> Iterator[str]:
+def measured(found: Entry, traces: Mapping[str, Any]) -> Iterator[Markup]:
     """Give the parts of the page of measured against simulated."""
     entries = sorted(found["recordings"], key=lambda r: ORDER.index(r["verdict"]))
     yield filters({verdict: found["summary"][verdict] for verdict in ORDER})
     yield rows_table(HEAD, (_row(r) for r in entries), "overview")
-    yield "<h2>Recordings in detail</h2>\n"
+    yield Markup("<h2>Recordings in detail</h2>\n")
     for r in entries:
         whole = "way" in r
         yield (
             drive(r, traces.get(r["name"], {}), found["inputs"])
             if whole
-            else folded(r, f"<p>{reason(r)}</p>")
+            else folded(r, html("<p>{}</p>", reason(r)))
         )
 
 
-def meaning(inputs: Entry) -> str:
+def meaning(inputs: Entry) -> Markup:
     """Say in a sentence what the verdict means."""
     many = (
         f", in more than {inputs['agreement']:.0%} of the seeds" if inputs["perception"] is not None else ""
     )
-    return (
+    return html(
         "<b>Verified</b>: simulation gives the measured drive's KPI by every criterion and the EGO's decision, and all "
-        f"errors of the chain are within tolerance{escape(many)} (Groh 2018, III.B): for this build it may stand in "
-        f"for that drive, and for no other. Equal are the KPIs, not their values.{_tested(inputs)}"
+        "errors of the chain are within tolerance{} (Groh 2018, III.B): for this build it may stand in "
+        "for that drive, and for no other. Equal are the KPIs, not their values.{}",
+        many,
+        _tested(inputs),
     )
 
 
-def _tested(inputs: Entry) -> str:
+def _tested(inputs: Entry) -> Markup:
     """How the share of the seeds is told, where there are any."""
     if inputs["perception"] is None:
-        return ""
+        return Markup()
     demand = inputs["agreement"]
-    return (
-        f" Seeds are run one after the other, {len(inputs['seeds'])} at most, until a sequential test tells a true "
-        f"share of {demand:.1%} or less (not verified) from one of {0.5 * (1.0 + demand):.1%} or more (verified), "
-        f"either being wrong in at most {ERROR:.0%} of cases; <b>undecided</b>: it cannot tell. Intervals of the share "
-        f"of seeds that agree are exact for that test, with {ERROR:.0%} beyond each end; those of single KPIs and "
-        "decisions are Wilson's, of 95 %, and take the number of seeds for given."
+    return html(
+        " Seeds are run one after the other, {seeds} at most, until a sequential test tells a true "
+        "share of {demand:.1%} or less (not verified) from one of {over:.1%} or more (verified), "
+        "either being wrong in at most {error:.0%} of cases; <b>undecided</b>: it cannot tell. Intervals of the share "
+        "of seeds that agree are exact for that test, with {error:.0%} beyond each end; those of single KPIs and "
+        "decisions are Wilson's, of 95 %, and take the number of seeds for given.",
+        seeds=len(inputs["seeds"]),
+        demand=demand,
+        over=0.5 * (1.0 + demand),
+        error=ERROR,
     )
 
 
-def _row(r: Entry) -> str:
+def _row(r: Entry) -> Markup:
     if "way" not in r:
         return row([link(r["name"]), badge(r["verdict"]), *[NONE] * (len(HEAD) - 2)], r["verdict"])
     way, cause = r["ways"][r["way"]], r["cause"]
     cells = [
         link(r["name"]), badge(r["verdict"]), r["way"], kpis_equal(r, r["way"]),
         decision_words(r["decision"]["GT"]), decisions(r, r["way"]), first_braking(way), _largest(way),
-        NONE if cause is None else f"<b>{escape(cause['step'])}</b>", NONE if cause is None else second(cause["t"]),
+        NONE if cause is None else html("<b>{}</b>", cause['step']), NONE if cause is None else second(cause["t"]),
     ]  # fmt: skip
     return row(cells, r["verdict"])
 
@@ -80,8 +86,12 @@ def _largest(way: Entry) -> str:
     if not beyond:
         return NONE
     e = max(beyond, key=lambda e: e["value"] / e["limit"] if e["limit"] else float("inf"))
-    unit = UNITS[e["quantity"]]
-    return (
-        f"{escape(e['step'])}: {e['who'].upper()} {NAMES[e['quantity']]} {e['value']:.3g} {unit} "
-        f"<i>(tolerance {e['limit']:g})</i>"
+    return html(
+        "{}: {} {} {:.3g} {} <i>(tolerance {:g})</i>",
+        e["step"],
+        e["who"].upper(),
+        NAMES[e["quantity"]],
+        e["value"],
+        UNITS[e["quantity"]],
+        e["limit"],
     )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from resim.report.document import document, text
+from resim.report.markup import Markup, html, join
 from resim.report.verification import builds, measured
 from resim.report.verification.cells import Entry, link, row, rows_table
 
@@ -20,7 +20,7 @@ def write_verification_page(found: Entry, traces: Mapping[str, Any], path: Path)
     path.write_text(page(found, traces), encoding="utf-8", newline="\n")
 
 
-def page(found: Entry, traces: Mapping[str, Any]) -> str:
+def page(found: Entry, traces: Mapping[str, Any]) -> Markup:
     """Give the page's HTML."""
     inputs = found["inputs"]
     against = inputs["against"]
@@ -28,30 +28,35 @@ def page(found: Entry, traces: Mapping[str, Any]) -> str:
     title = f"{inputs['name']} · {inputs['build']['label']}"
     title += "" if against is None else f" against {against['label']}"
     css, script = (text("resim.report.verification", name) for name in ("verification.css", "filter.js"))
-    body = "".join([_header(found), _errors(found), *kind])
-    return document(title, f"<main>\n{body}</main>", css=css, scripts=[script], plots=False)
+    body = join([_header(found), _errors(found), *kind])
+    return document(title, html("<main>\n{}</main>", body), css=css, scripts=[script], plots=False)
 
 
-def _header(found: Entry) -> str:
+def _header(found: Entry) -> Markup:
     inputs, told = found["inputs"], found["summary"]
-    facts = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in _facts(inputs))
+    facts = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in _facts(inputs))
     kind = measured if inputs["against"] is None else builds
     of = "Cross-verification" if inputs["against"] is None else "Build against build"
-    return (
-        f'<header><p class="kind">{of}</p><h1>{escape(inputs["name"])}</h1><dl class="facts">{facts}</dl>\n'
-        f'<p class="line">{_line(found["recordings"], told, inputs)}</p><p>{kind.meaning(inputs)}</p>'
-        f"{_inputs(found)}</header>\n"
+    return html(
+        '<header><p class="kind">{of}</p><h1>{name}</h1><dl class="facts">{facts}</dl>\n'
+        '<p class="line">{line}</p><p>{meaning}</p>{inputs}</header>\n',
+        of=of,
+        name=inputs["name"],
+        facts=facts,
+        line=_line(found["recordings"], told, inputs),
+        meaning=kind.meaning(inputs),
+        inputs=_inputs(found),
     )
 
 
 def _facts(inputs: Entry) -> Iterator[tuple[str, str]]:
-    yield "build", f"<b>{escape(inputs['build']['label'])}</b>"
+    yield "build", html("<b>{}</b>", inputs["build"]["label"])
     if inputs["against"] is not None:
-        yield "against", f"<b>{escape(inputs['against']['label'])}</b>"
-    yield "criteria", escape(Path(inputs["criteria"]["path"]).name)
+        yield "against", html("<b>{}</b>", inputs["against"]["label"])
+    yield "criteria", Path(inputs["criteria"]["path"]).name
     if inputs["perception"] is not None:
-        settings = "".join(f", {escape(s)}" for s in inputs["settings"])
-        yield "perception model", escape(Path(inputs["perception"]["path"]).name) + settings
+        settings = "".join(f", {s}" for s in inputs["settings"])
+        yield "perception model", Path(inputs["perception"]["path"]).name + settings
         many = "at most " if inputs["against"] is None else ""
         yield "seeds", many + _seeds(inputs["seeds"])
     if inputs["against"] is None:
@@ -62,48 +67,56 @@ def _seeds(seeds: list[int]) -> str:
     return f"{len(seeds)} ({seeds[0]} to {seeds[-1]})" if len(seeds) > 1 else str(seeds[0])
 
 
-def _line(recordings: list[Entry], told: Entry, inputs: Entry) -> str:
+def _line(recordings: list[Entry], told: Entry, inputs: Entry) -> Markup:
     """The outcome in a sentence."""
     of, errors = len(recordings), told["error"]
     broken = f", {errors} could not be judged because of an error" if errors else ""
     if inputs["against"] is None:
-        return f"<b>{told['verified']} of {of}</b> recordings verified{broken}."
-    kept = "The limits of the suite are kept" if told["good"] else "<b>The limits of the suite are broken</b>"
-    return f"{kept}: {told['worse']} of {of} recordings are worse, {told['better']} better{broken}."
-
-
-def _errors(found: Entry) -> str:
-    """What broke, apart from verdicts that are not good."""
-    broken = [r for r in found["recordings"] if r["verdict"] == "error"]
-    if not broken:
-        return ""
-    items = "".join(f"<li>{link(r['name'])}: {escape(str(r['error']))}</li>" for r in broken)
-    return (
-        '<div class="warnings errors"><b>Errors</b>: a broken recording or a function that crashed; they say nothing '
-        f"of the build's verdict<ul>{items}</ul></div>\n"
+        return html("<b>{} of {}</b> recordings verified{}.", told["verified"], of, broken)
+    kept = (
+        "The limits of the suite are kept"
+        if told["good"]
+        else Markup("<b>The limits of the suite are broken</b>")
+    )
+    return html(
+        "{}: {} of {} recordings are worse, {} better{}.", kept, told["worse"], of, told["better"], broken
     )
 
 
-def _inputs(found: Entry) -> str:
+def _errors(found: Entry) -> Markup:
+    """What broke, apart from verdicts that are not good."""
+    broken = [r for r in found["recordings"] if r["verdict"] == "error"]
+    if not broken:
+        return Markup()
+    items = join(html("<li>{}: {}</li>", link(r["name"]), r["error"]) for r in broken)
+    return html(
+        '<div class="warnings errors"><b>Errors</b>: a broken recording or a function that crashed; they say nothing '
+        "of the build's verdict<ul>{}</ul></div>\n",
+        items,
+    )
+
+
+def _inputs(found: Entry) -> Markup:
     """Everything that the verification follows from, folded."""
     inputs = found["inputs"]
     files_used = {name: inputs[name] for name in ("suite", "build", "against", "criteria", "perception")}
     rows = [
-        row([name, escape(file["path"]), _hash(file["hash"])])
+        row([name, file["path"], _hash(file["hash"])])
         for name, file in files_used.items()
         if file is not None
     ]
     rows += [
-        row([f"recording {escape(name)}", escape(file["path"]), _hash(file["hash"])])
+        row([f"recording {name}", file["path"], _hash(file["hash"])])
         for name, file in inputs["recordings"].items()
     ]
-    versions = ", ".join(f"{escape(name)} {escape(v)}" for name, v in found["versions"].items())
-    return (
+    versions = ", ".join(f"{name} {v}" for name, v in found["versions"].items())
+    return html(
         "<details><summary>Inputs, hashes and versions</summary><p>To repeat it: <code>resim verify --replay "
-        f"verification.json</code>. Made with {versions}.</p>"
-        f"{rows_table(['', 'path from this file', 'SHA-256'], rows, 'inputs')}</details>"
+        "verification.json</code>. Made with {}.</p>{}</details>",
+        versions,
+        rows_table(["", "path from this file", "SHA-256"], rows, "inputs"),
     )
 
 
-def _hash(found: str | None) -> str:
-    return "<i>could not be read</i>" if found is None else f"<code>{found}</code>"
+def _hash(found: str | None) -> Markup:
+    return Markup("<i>could not be read</i>") if found is None else html("<code>{}</code>", found)

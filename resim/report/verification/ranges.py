@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from html import escape
-
+from resim.report.markup import Markup, html, join
 from resim.report.verification.cells import Entry, minus, row, rows_table
 
-MEANING = (
+MEANING = Markup(
     "Within each interval no KPI flips in simulation. That is no proof for the interval: it is what <b>one real "
     "re-check at its end</b> would legitimise, and no further (Groh 2018, III.C). A flip and back between two "
     "variations that were run would not have been seen."
@@ -17,40 +16,45 @@ REACH = 96.0
 """Units of the view box from the middle to the farther end."""
 
 
-def ranges(entry: Entry) -> str:
+def ranges(entry: Entry) -> Markup:
     """Give the intervals of all parameters that were varied."""
     rows = [_range(v) for v in entry["validity"]]
     head = ["parameter", "from", "", "to", "resolution"]
-    return f"<p>{MEANING}</p>{rows_table(head, rows, 'ranges')}"
+    return html("<p>{}</p>{}", MEANING, rows_table(head, rows, "ranges"))
 
 
-def _range(v: Entry) -> str:
-    of = f"{escape(v['parameter'])} <i>of object {escape(v['object'])}</i>"
-    resolution = f"{v['resolution']:g} {escape(v['unit'])}, {v['tried']} variations run"
+def _range(v: Entry) -> Markup:
+    of = html("{} <i>of object {}</i>", v["parameter"], v["object"])
+    resolution = f"{v['resolution']:g} {v['unit']}, {v['tried']} variations run"
     return row([of, _end(v["low"], v["unit"]), _bar(v), _end(v["high"], v["unit"]), resolution])
 
 
-def _end(end: Entry, unit: str) -> str:
+def _end(end: Entry, unit: str) -> Markup:
     """An end of the interval, and what flips behind it."""
-    then = f"then {escape(', '.join(end['flips']))} flips" if len(end["flips"]) == 1 else ""
+    then = f"then {', '.join(end['flips'])} flips" if len(end["flips"]) == 1 else ""
     if len(end["flips"]) > 1:
-        then = f"then {escape(', '.join(end['flips']))} flip"
+        then = f"then {', '.join(end['flips'])} flip"
     amount = minus(f"{end['amount']:+.3g}")
-    return f"<b>{amount} {escape(unit)}</b> <i>{then or 'nothing flips as far as tried'}</i>"
+    return html("<b>{} {}</b> <i>{}</i>", amount, unit, then or "nothing flips as far as tried")
 
 
-def _bar(v: Entry) -> str:
+def _bar(v: Entry) -> Markup:
     """The interval about no change: a stop where something flips, an arrow where the search ended first."""
     low, high = v["low"], v["high"]
     far = max(abs(low["amount"]), abs(high["amount"])) or 1.0
     a, b = (MIDDLE + REACH * end["amount"] / far for end in (low, high))
-    ends = "".join(
-        f'<path class="stop" d="M{x:.1f} 3v16"/>'
+    ends = join(
+        html('<path class="stop" d="M{:.1f} 3v16"/>', x)
         if end["flips"]
-        else f'<path class="open" d="M{x:.1f} 5l{way * 9.0:g} 6l{-way * 9.0:g} 6"/>'
+        else html('<path class="open" d="M{:.1f} 5l{:g} 6l{:g} 6"/>', x, way * 9.0, -way * 9.0)
         for x, end, way in ((a, low, -1.0), (b, high, 1.0))
     )
-    return (
-        f'<svg class="bar" viewBox="0 0 {WIDTH:g} 22" aria-hidden="true"><path class="grid" d="M0 11H{WIDTH:g}"/>'
-        f'<path class="held" d="M{a:.1f} 11H{b:.1f}"/><path class="frame" d="M{MIDDLE:g} 1v20"/>{ends}</svg>'
+    return html(
+        '<svg class="bar" viewBox="0 0 {width:g} 22" aria-hidden="true"><path class="grid" d="M0 11H{width:g}"/>'
+        '<path class="held" d="M{a:.1f} 11H{b:.1f}"/><path class="frame" d="M{middle:g} 1v20"/>{ends}</svg>',
+        width=WIDTH,
+        a=a,
+        b=b,
+        middle=MIDDLE,
+        ends=ends,
     )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 
 from resim.core.geometry import Floats
+from resim.report.markup import Markup, html, join
 from resim.report.verification.axes import Axes, array
 from resim.report.verification.cells import Entry
 
@@ -22,23 +22,23 @@ Curves = Mapping[str, Floats]
 """Speeds [m/s] by drive, each (K,) or, over seeds, (seeds, K)."""
 
 
-def measured_figure(name: str, entry: Entry, traces: Mapping[str, Any]) -> str:
+def measured_figure(name: str, entry: Entry, traces: Mapping[str, Any]) -> Markup:
     """Give the figure of a recording's drives: GT, rGT, rSD, and the range and median with the perception model."""
     t, curves = _curves(traces)
     axes = _axes(t, curves)
-    drawn = _band(axes, t, curves[MODEL], "m") if MODEL in curves else ""
-    drawn += "".join(axes.line(t, curves[k], css) for k, css in DRIVES.items() if k in curves)
-    drawn += "".join(_first_braking(axes, t, curves, entry["reaction"]))
+    drawn = _band(axes, t, curves[MODEL], "m") if MODEL in curves else Markup()
+    drawn += join(axes.line(t, curves[k], css) for k, css in DRIVES.items() if k in curves)
+    drawn += join(_first_braking(axes, t, curves, entry["reaction"]))
     if entry["cause"] is not None:
         drawn += _first_difference(axes, entry["cause"]["t"])
     keys = [_key(k, css) for k, css in DRIVES.items() if k in curves]
     if MODEL in curves:
         keys.append(_key(f"{MODEL}: median and range of {len(curves[MODEL])} seeds", "m"))
     keys.append(_key("first braking", "dot"))
-    return _figure(axes.svg(drawn, f"Speed of the EGO, {escape(name)}"), keys)
+    return _figure(axes.svg(drawn, f"Speed of the EGO, {name}"), keys)
 
 
-def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Mapping[str, str]) -> str:
+def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Mapping[str, str]) -> Markup:
     """Give the figure of GT and of the EGO with both builds. labels: the builds', of "before" and "now"."""
     found = {which: _curves(traces[which]) for which in labels}
     t, measured = found["now"]
@@ -48,12 +48,12 @@ def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Ma
     drawn = axes.line(t, measured["GT"], "thin")
     for which, speeds in known.items():
         drawn += _band(axes, found[which][0], np.atleast_2d(speeds), which)
-    drawn += "".join(_first_braking(axes, t, known, entry["reaction"]))
+    drawn += join(_first_braking(axes, t, known, entry["reaction"]))
     drawn += _first_difference(axes, entry["t"])
     seeds = {which: f", {len(s)} seeds" if s.ndim == 2 else "" for which, s in known.items()}
     keys = [_key(f"{labels[which]} ({which}{text})", which) for which, text in seeds.items()]
     return _figure(
-        axes.svg(drawn, f"Speed of the EGO, {escape(name)}"),
+        axes.svg(drawn, f"Speed of the EGO, {name}"),
         [*keys, _key("GT", "thin"), _key("first braking", "dot")],
     )
 
@@ -74,18 +74,18 @@ def _axes(t: Floats, curves: Curves) -> Axes:
     return Axes((float(t[0]), max(float(t[-1]), float(t[0]) + 0.1)), (low - more, high + more), "v [m/s]")
 
 
-def _band(axes: Axes, t: Floats, speeds: Floats, css: str) -> str:
+def _band(axes: Axes, t: Floats, speeds: Floats, css: str) -> Markup:
     """The range of the runs and their median; speeds (runs, K)."""
     there = np.isfinite(speeds).any(axis=0)
     if not there.any():
-        return ""
+        return Markup()
     low, middle, high = (np.full(len(t), np.nan) for _ in range(3))
     low[there], middle[there], high[there] = np.nanquantile(speeds[:, there], [0.0, 0.5, 1.0], axis=0)
-    area = axes.band(t, low, high, f"area {css}") if len(speeds) > 1 else ""
+    area = axes.band(t, low, high, f"area {css}") if len(speeds) > 1 else Markup()
     return area + axes.line(t, middle, css)
 
 
-def _first_braking(axes: Axes, t: Floats, curves: Curves, reaction: Mapping[str, Any]) -> list[str]:
+def _first_braking(axes: Axes, t: Floats, curves: Curves, reaction: Mapping[str, Any]) -> list[Markup]:
     """A dot on each curve where the EGO first brakes; over seeds at the median time of those that do."""
     out = []
     for drive, speeds in curves.items():
@@ -106,13 +106,13 @@ def _each(found: Any) -> Sequence[float | None]:
     return found if isinstance(found, list) else [found]
 
 
-def _first_difference(axes: Axes, t: float | None) -> str:
-    return "" if t is None else axes.mark(t, f"first difference {t:.1f} s")
+def _first_difference(axes: Axes, t: float | None) -> Markup:
+    return Markup() if t is None else axes.mark(t, f"first difference {t:.1f} s")
 
 
-def _key(text: str, css: str) -> str:
-    return f'<span class="k {css}">{escape(text)}</span>'
+def _key(text: str, css: str) -> Markup:
+    return html('<span class="k {}">{}</span>', css, text)
 
 
-def _figure(svg: str, keys: Sequence[str]) -> str:
-    return f'<figure class="small"><figcaption>{"".join(keys)}</figcaption>{svg}</figure>'
+def _figure(svg: Markup, keys: Sequence[Markup]) -> Markup:
+    return html('<figure class="small"><figcaption>{}</figcaption>{}</figure>', join(keys), svg)
