@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from resim import __version__
+from resim.cli.terminal import say
 from resim.core.errors import FunctionError, ResimError, StopError
 
 app = typer.Typer(
@@ -62,7 +63,7 @@ class BadVerdictError(Exception):
 @app.callback(invoke_without_command=True)
 def _top(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     if version:
-        typer.echo(f"resim {__version__}")
+        say(f"resim {__version__}")
         raise typer.Exit
 
 
@@ -78,15 +79,15 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except (BadVerdictError, FunctionError) as e:
-        typer.echo(f"resim: {e}", err=True)
+        say(f"resim: {e}", err=True)
         sys.exit(1)
     except ResimError as e:
-        typer.echo(f"resim: {e}", err=True)
+        say(f"resim: {e}", err=True)
         sys.exit(2)
     except OSError as e:
         if e.filename is None:
             _untold(f"does not take all that is to be told ({e.strerror})")
-        typer.echo(f"resim: {e}", err=True)
+        say(f"resim: {e}", err=True)
         sys.exit(2)
     except SystemExit as e:
         if isinstance(e.__context__, BrokenPipeError):
@@ -124,5 +125,5 @@ def _flush() -> None:
 def _untold(why: str) -> NoReturn:
     """End with 2, as a verdict may be among what nobody was told."""
     sys.stdout = io.StringIO()  # Python flushes it at its end
-    typer.echo(f"resim: standard output {why}. Give one, such as a file.", err=True)
+    say(f"resim: standard output {why}. Give one, such as a file.", err=True)
     sys.exit(2)

@@ -13,6 +13,7 @@ import typer
 
 from resim.cli.app import Accept, BadVerdictError, assess_app
 from resim.cli.runs import register
+from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -99,9 +100,9 @@ def assess(
     )
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
-    typer.echo(done.text, nl=False)
+    typer.echo(done.text, nl=False)  # printed by the child, colours and all
     if out is not None:
-        typer.echo(f"\nassessment: {out / 'assessment.html'}")
+        say(f"\nassessment: {out / 'assessment.html'}")
         register(out)
     if done.bad:
         raise BadVerdictError(done.bad)

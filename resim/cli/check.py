@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import BadVerdictError, app
+from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +61,7 @@ def check(
         )
         _print(found)
         _print_repaired(repaired)
-        typer.echo(f"{fix}: written")
+        say(f"{fix}: written")
         findings = repaired.left
     errors = sum(f.severity == "error" for f in findings) + _print_map(tables.map)
     if errors:
@@ -75,9 +76,9 @@ def _print_map(path: Path) -> int:
 
     errors = [f for f in flaws(load(path)) if f.severity == "error"]
     for flaw in errors[:MOST_LINES]:
-        typer.echo(f"error    {flaw.code}  map {path.name}: {flaw.text}")
+        say(f"error    {flaw.code}  map {path.name}: {flaw.text}")
     if len(errors) > MOST_LINES:
-        typer.echo(f"... and {len(errors) - MOST_LINES} more errors in the map: see `resim map check`")
+        say(f"... and {len(errors) - MOST_LINES} more errors in the map: see `resim map check`")
     return len(errors)
 
 
@@ -90,11 +91,9 @@ def _print(findings: Sequence[Finding]) -> None:
             _print_one(finding)
         if count[kind] > MOST_LINES:
             severity, code, source = kind
-            typer.echo(
-                f"{severity:7}  {code}  {source}: ... and {count[kind] - MOST_LINES} more of this code"
-            )
+            say(f"{severity:7}  {code}  {source}: ... and {count[kind] - MOST_LINES} more of this code")
     if not findings:
-        typer.echo("nothing found")
+        say("nothing found")
 
 
 def _kind(finding: Finding) -> tuple[str, str, str]:
@@ -103,17 +102,17 @@ def _kind(finding: Finding) -> tuple[str, str, str]:
 
 def _print_one(finding: Finding) -> None:
     who = f"{finding.source} {finding.object}".rstrip()
-    typer.echo(f"{finding.severity:7}  {finding.code}  {who}{_when(finding)}: {finding.text}")
-    typer.echo(f"         {finding.meaning}" + (f"; --fix would {finding.repair}" if finding.repair else ""))
+    say(f"{finding.severity:7}  {finding.code}  {who}{_when(finding)}: {finding.text}")
+    say(f"         {finding.meaning}" + (f"; --fix would {finding.repair}" if finding.repair else ""))
 
 
 def _print_repaired(repaired: Repaired) -> None:
-    typer.echo("")
+    say("")
     for done in repaired.done:
-        typer.echo(f"repaired {done.code}  {done.source}: {_amount(done)}")
+        say(f"repaired {done.code}  {done.source}: {_amount(done)}")
     if not repaired.done:
-        typer.echo("repaired nothing")
-    typer.echo("\nleft:")
+        say("repaired nothing")
+    say("\nleft:")
     _print(repaired.left)
 
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
+from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from resim.store.entry import Entry, Outcome
@@ -49,7 +49,7 @@ def print_list(found: list[Entry]) -> None:
     from resim.store.catalog import SHORT
 
     if not found:
-        typer.echo("no results")
+        say("no results")
         return
     heads = ("id", "written (UTC)", "kind", "name\nbuild", "verdict (good/all)\nfolder")
     table = Table(*heads, box=None, pad_edge=False, padding=(0, 2, 0, 0))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import app
+from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from resim.ingest import Recording
@@ -71,4 +72,4 @@ def _write(recording: Recording, out: Path) -> None:
     load(recording.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
     write_recording(recording, out)
     span = recording.gt.t[-1] - recording.gt.t[0]
-    typer.echo(f"{out}: {len(recording.gt)} objects over {span:.2f} s, EGO {recording.ego}")
+    say(f"{out}: {len(recording.gt)} objects over {span:.2f} s, EGO {recording.ego}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
+from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +60,7 @@ def convert(
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
-    typer.echo(f"net, numbers and picture: {out}")
+    say(f"net, numbers and picture: {out}")
 
 
 @maps.command("plot")
@@ -81,19 +82,19 @@ def plot(
     try:
         conversion = sumo_net(network).conversion
     except (ConversionError, InputError) as error:
-        typer.echo(f"note: drawn without the errors of its net: {error}", err=True)
+        say(f"note: drawn without the errors of its net: {error}", err=True)
         conversion = None
     target = out or Path(f"{path.stem}.html")
     with whole_file(target) as beside:
         write_map_page(network, beside, conversion=conversion, flaws=flaws(network))
-    typer.echo(str(target))
+    say(str(target))
 
 
 def _print_map(found: MapCheck) -> None:
     network = found.network
     kilometres = sum(road.length for road in network.roads.values()) / 1000.0
     major, minor = network.header.revision
-    typer.echo(
+    say(
         f"{network.path.name}: OpenDRIVE {major}.{minor}, {len(network.roads)} roads ({kilometres:.2f} km), "
         f"{len(found.net.conversion.lanes)} lanes, {len(network.junctions)} junctions"
     )
@@ -101,34 +102,32 @@ def _print_map(found: MapCheck) -> None:
 
 def _print_flaws(flaws: Sequence[Flaw]) -> None:
     for flaw in flaws[:MOST]:
-        typer.echo(f"{flaw.severity:7}  {flaw.code}  {flaw.text}")
+        say(f"{flaw.severity:7}  {flaw.code}  {flaw.text}")
     if len(flaws) > MOST:
-        typer.echo(f"... and {len(flaws) - MOST} more")
+        say(f"... and {len(flaws) - MOST} more")
     if not flaws:
-        typer.echo("no flaw found in the map")
+        say("no flaw found in the map")
 
 
 def _print_conversion(conversion: Conversion) -> None:
     there = [lane for lane in conversion.lanes if lane.worst is not None]
-    typer.echo(
+    say(
         f"SUMO net: {len(there)} of {len(conversion.lanes)} lanes, {conversion.connections} connections; "
         f"centre lines within {1000.0 * conversion.worst:.1f} mm, {1000.0 * conversion.mean:.2f} mm in the mean"
     )
     for lane in conversion.bad[:MOST]:
         what = "not in the net" if lane.worst is None else f"{1000.0 * lane.worst:.1f} mm off"
         why = f": {lane.remark}" if lane.remark else ""
-        typer.echo(
-            f"  {lane.key} ({lane.type}) at s = {lane.s:g} m (x {lane.x:g}, y {lane.y:g}): {what}{why}"
-        )
+        say(f"  {lane.key} ({lane.type}) at s = {lane.s:g} m (x {lane.x:g}, y {lane.y:g}): {what}{why}")
     if len(conversion.bad) > MOST:
-        typer.echo(f"  ... and {len(conversion.bad) - MOST} more")
+        say(f"  ... and {len(conversion.bad) - MOST} more")
     for link in conversion.lost[:MOST]:
-        typer.echo(f"  not in the net: the link from {link}, of which netconvert makes no connection")
+        say(f"  not in the net: the link from {link}, of which netconvert makes no connection")
     if len(conversion.lost) > MOST:
-        typer.echo(f"  ... and {len(conversion.lost) - MOST} more")
+        say(f"  ... and {len(conversion.lost) - MOST} more")
     if conversion.jumps:
         worst = conversion.jumps[0]
-        typer.echo(
+        say(
             f"{len(conversion.jumps)} connection(s) bridge a gap between linked lanes, the widest {worst.gap:.2f} m "
             f"at x {worst.x:g}, y {worst.y:g}"
         )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, app
+from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,9 +54,9 @@ def train(
             write_perception_page(model, cross_validate(measured), page)
         write_model(model, file)
     print_model(model)
-    typer.echo(f"\nmodel: {out}")
+    say(f"\nmodel: {out}")
     if report is not None:
-        typer.echo(f"report: {report}")
+        say(f"report: {report}")
 
 
 @perception_app.command("show")
@@ -91,11 +92,11 @@ def print_model(model: PerceptionModel) -> None:
         table.add_row(name, f"{value:.4g}", unit, span, "" if found is None else str(found.samples))
     console().print(table)
     if model.provenance:
-        typer.echo(model.provenance)
+        say(model.provenance)
     spans = {name: span for name, span in model.validity.model_dump().items() if span is not None}
     if spans:
         told = (f"{name.replace('_', ' ')} {low:.4g} to {high:.4g}" for name, (low, high) in spans.items())
-        typer.echo(f"valid for {', '.join(told)}")
+        say(f"valid for {', '.join(told)}")
     if model.training is not None:
         _print_fit(model.training)
 
@@ -105,8 +106,8 @@ def _print_fit(training: Training) -> None:
     from resim.perception.parameters import fit_in_words
 
     verdict, misfits = fit_in_words(training)
-    typer.echo(verdict)
+    say(verdict)
     for text in misfits:
-        typer.echo(f"warning: {text}")
+        say(f"warning: {text}")
     for part in training.left_out:
-        typer.echo(f"left out: {part.count} of {part.of} {part.what}: {part.reason}")
+        say(f"left out: {part.count} of {part.of} {part.what}: {part.reason}")

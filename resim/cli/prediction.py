@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from resim.cli.app import Accept, assess_app
+from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from resim.assess.risk.fitting import Refit
@@ -39,15 +39,16 @@ def fit_prediction(
     for name, fit in made.fits.items():
         _print(name, fit)
     for name, why in made.left.items():
-        typer.echo(f"{name} keeps the published parameters: {why}")
-    typer.echo(f"\nprediction: {out}")
+        say(f"{name} keeps the published parameters: {why}")
+    say(f"\nprediction: {out}")
 
 
 def _print(kind: str, fit: Refit) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 120)
+    from resim.cli.verdicts import console
+
+    out = console()
     table = Table(title=f"{kind}: {len(fit.points)} points of {fit.objects} objects")
     for column in ("parameter", "published", "refitted", "standard error"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
@@ -57,11 +58,11 @@ def _print(kind: str, fit: Refit) -> None:
     table.add_section()
     table.add_row("log-likelihood per point", f"{fit.before:.3f}", f"{fit.after:.3f}", "")
     table.add_row("within 3 sigma", f"{100.0 * fit.within_before:.1f} %", f"{100.0 * fit.within:.1f} %", "")
-    console.print(table)
+    out.print(table)
     table = Table(title=f"{kind}: the data against the refitted surface, by initial value")
     for column in ("answer", "from", "to", "points", "mean", "its surface", "spread", "its surface"):
         table.add_column(column, justify="left" if column == "answer" else "right")
     for b in fit.bins:
         numbers = (b.mean, b.mean_fitted, b.spread, b.spread_fitted)
         table.add_row(b.what, f"{b.low:.3f}", f"{b.high:.3f}", str(b.points), *(f"{x:.3f}" for x in numbers))
-    console.print(table)
+    out.print(table)

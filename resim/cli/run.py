@@ -15,6 +15,7 @@ import typer
 from resim.cli.app import Accept, BadVerdictError, app
 from resim.cli.assess import CriteriaFile, Done, bad, frozen, wanted
 from resim.cli.runs import register
+from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -96,8 +97,8 @@ def run(
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
-    typer.echo(done.text, nl=False)
-    typer.echo(f"\nreport: {out / 'report.html'}")
+    typer.echo(done.text, nl=False)  # printed by the child, colours and all
+    say(f"\nreport: {out / 'report.html'}")
     register(out)
     if done.bad:
         raise BadVerdictError(done.bad)

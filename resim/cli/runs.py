@@ -12,6 +12,7 @@ import typer
 
 from resim.cli.app import app
 from resim.cli.entries import line, print_entry, print_list, summary
+from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def register(folder: Path) -> None:
         if (catalog := user_catalog()) is not None:
             catalog.add(read_entry(folder))
     except ResimError as e:
-        typer.echo(f"resim: warning: the results are whole, but not in the catalog: {e}", err=True)
+        say(f"resim: warning: the results are whole, but not in the catalog: {e}", err=True)
 
 
 @runs.command("list")
@@ -75,7 +76,7 @@ def list_results(
         kind=None if kind is None else kind.value, build=build, recording=recording, verdict=verdict
     )
     if as_json:
-        typer.echo(json.dumps([summary(e) for e in found], indent=2))
+        say(json.dumps([summary(e) for e in found], indent=2))
     else:
         print_list(found)
 
@@ -89,7 +90,7 @@ def show(
     entry = _catalog().get(result)
     if as_json:
         told = {"inputs": [asdict(i) for i in entry.inputs], "outcomes": [asdict(o) for o in entry.outcomes]}
-        typer.echo(json.dumps({**summary(entry), **told}, indent=2))
+        say(json.dumps({**summary(entry), **told}, indent=2))
     else:
         print_entry(entry)
 
@@ -107,7 +108,7 @@ def add(
     entries = [read_entry(folder) for folder in folders]
     for entry in entries:
         catalog.add(entry)
-        typer.echo(line(entry))
+        say(line(entry))
 
 
 @runs.command()
@@ -123,13 +124,13 @@ def rm(
     entries = {entry.id: entry for entry in map(catalog.get, results)}.values()
     doomed = [entry for entry in entries if _is_deletable(entry)] if files else []
     if doomed and not yes and not _confirmed(doomed):
-        typer.echo("nothing was removed")
+        say("nothing was removed")
         return
     for entry in entries:
         if entry in doomed:
             _delete(entry)
         catalog.forget(entry)
-        typer.echo(f"{'deleted' if entry in doomed else 'forgotten'}: {line(entry)}, {entry.folder}")
+        say(f"{'deleted' if entry in doomed else 'forgotten'}: {line(entry)}, {entry.folder}")
 
 
 def _catalog() -> Catalog:
@@ -153,7 +154,7 @@ def _is_deletable(entry: Entry) -> bool:
 
 def _confirmed(doomed: list[Entry]) -> bool:
     for entry in doomed:
-        typer.echo(f"{line(entry)}, {entry.folder}")
+        say(f"{line(entry)}, {entry.folder}")
     try:
         return typer.confirm(f"Delete {'these folders' if len(doomed) > 1 else 'this folder'}?")
     except typer.Abort:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from resim.cli.app import app
+from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 suites = typer.Typer(help="Suites: recordings that a build is verified on.", no_args_is_help=True)
@@ -40,7 +41,7 @@ def new(
     with whole_file(out, (".toml",)) as path:
         path.write_text(text, encoding="utf-8")
     read_suite(out)
-    typer.echo(f"{out}: {len(found)} recordings")
+    say(f"{out}: {len(found)} recordings")
 
 
 def _read(criteria: Path) -> None:

@@ -13,6 +13,7 @@ import typer
 
 from resim.cli.app import sweep_app
 from resim.cli.runs import register
+from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -71,15 +72,15 @@ def sweep(
         pool = None
         if scheduler is not None:
             there = stack.enter_context(cluster(scheduler))
-            typer.echo(f"dashboard: {there.dashboard}", err=True)
+            say(f"dashboard: {there.dashboard}", err=True)
             pool, count = there.pool, there.threads
         execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell)
     missing, failed = compact(wanted, out)
     if missing:
-        typer.echo(f"{out}: this shard is done; {missing} runs of others are missing")
+        say(f"{out}: this shard is done; {missing} runs of others are missing")
         return
     manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-    typer.echo(f"{out / 'runs'}: {manifest['runs']} runs, {failed} failed")
+    say(f"{out / 'runs'}: {manifest['runs']} runs, {failed} failed")
     for found in manifest.get("boundaries", ()):
         _tell_boundary(found, len(wanted.file.build) > 1)
     register(out)
@@ -107,7 +108,7 @@ def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
     )
     if not found["known"]:
         told = "the boundary is not known to the stated width: give more points"
-    typer.echo(f"{of}: {told} ({found['points']} points)")
+    say(f"{of}: {told} ({found['points']} points)")
 
 
 def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
@@ -115,17 +116,17 @@ def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
     from resim.batch.sweeps import sample
 
     if runs.empty:  # as of a shard more than there are runs
-        typer.echo("0 runs")
+        say("0 runs")
         return
     each, size, failures = sample(wanted, runs, workers)
     if failures:
-        typer.echo(f"a run fails: {failures[0]}")
+        say(f"a run fails: {failures[0]}")
     if each is None:
         return
     seconds = each * len(runs) / workers
     told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"
     count = f"{'at least ' * (wanted.file.plan == 'adaptive')}{len(runs)} runs of {each:.2f} s each"
-    typer.echo(f"{count}, about {told} with {workers} processes, {size * len(runs) / 1e6:.1f} MB")
+    say(f"{count}, about {told} with {workers} processes, {size * len(runs) / 1e6:.1f} MB")
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -9,6 +9,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, sweep_app
 from resim.cli.runs import register
+from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from resim.batch.runs import RunTask
@@ -41,17 +42,17 @@ def report(
     with whole_file(page.with_suffix(".json"), (".json",)) as path:
         write_json(found, path)
     for section in found["sections"]:
-        typer.echo(f"{section['recording']}, {section['build']}: {overview_line(section)}")
+        say(f"{section['recording']}, {section['build']}: {overview_line(section)}")
         told = (
             boundary_lines(section, found["parameters"])
             if "boundary" in section
             else requirement_lines(section, found["parameters"], found["demanded"])
         )
         for what, lines in told:
-            typer.echo(f"  {what}")
+            say(f"  {what}")
             for line in lines:
-                typer.echo(f"    {line}")
-    typer.echo(f"\nreport: {page}")
+                say(f"    {line}")
+    say(f"\nreport: {page}")
 
 
 def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
@@ -92,11 +93,11 @@ def repeat_run(
     task = in_child(_task, (folder, run))
     differ = repeat(swept, task)
     lost = write_traces(task, out)
-    typer.echo(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")
+    say(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")
     if not lost:
         register(out)
     if differ:
         told = "; ".join(f"{name} {was!r} in the sweep, now {now!r}" for name, (was, now) in differ.items())
         changed = "".join(f"; {name}" for name in other_versions(swept))
         raise BadVerdictError(f"run {run} is not the same: {told}{changed}")
-    typer.echo(f"run {run}: the same as in the sweep")
+    say(f"run {run}: the same as in the sweep")

@@ -7,11 +7,13 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from resim.cli.terminal import say, visible
 
 if TYPE_CHECKING:
     from resim.assess.assessment import Worst
@@ -37,9 +39,17 @@ def captured(terminal: bool) -> Iterator[io.StringIO]:
         yield screen
 
 
+class _Plain(Console):
+    """A console to which texts are just that: no control characters, no [markup], no :emoji:."""
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        """Render a text, of a cell as well as of a line."""
+        return super().render_str(visible(text), **how)
+
+
 def console() -> Console:
-    """Give standard output, 120 wide where it is no terminal; square brackets in names are just that."""
-    return Console(width=None if sys.stdout.isatty() else 120, markup=False)
+    """Give standard output, 120 wide where it is no terminal; what is in names has no effect."""
+    return _Plain(width=None if sys.stdout.isatty() else 120, markup=False, emoji=False)
 
 
 def print_worst(found: Assessed) -> None:
@@ -89,13 +99,13 @@ def print_verdicts(found: Assessed) -> None:
 def print_findings(found: Assessed) -> None:
     """Print what is wrong with the recording."""
     for finding in found.findings:
-        typer.echo(f"finding: {finding}")
+        say(f"finding: {finding}")
 
 
 def print_notes(found: Assessed) -> None:
     """Print what one has to know to compare and believe the values."""
     for note in found.notes():
-        typer.echo(f"note: {note}")
+        say(f"note: {note}")
 
 
 def print_findings_of(recordings: Mapping[str, Path]) -> None:
@@ -104,7 +114,7 @@ def print_findings_of(recordings: Mapping[str, Path]) -> None:
 
     for name, folder in recordings.items():
         for finding in findings_of(folder):
-            typer.echo(f"{name}: finding: {finding}")
+            say(f"{name}: finding: {finding}")
 
 
 def _worst(worst: Worst | None) -> str:

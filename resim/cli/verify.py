@@ -12,6 +12,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, app
 from resim.cli.runs import register
+from resim.cli.terminal import say, visible
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
         found, traces = verify(wanted, out, out, workers=workers, tell=tell)
     write(out, found, traces)
     print_verification(found)
-    typer.echo(f"\nverification: {out / 'verification.html'}")
+    say(f"\nverification: {out / 'verification.html'}")
     register(out)
     _end(found, outcome_code(found))
 
@@ -144,13 +145,13 @@ def _replay(path: Path, workers: int) -> None:
     with _progress(len(wanted.recordings)) as tell:
         found, _ = verify(wanted, path.parent, None, workers=workers, tell=tell)
     if json_text(found) == path.read_text(encoding="utf-8"):
-        typer.echo(f"{path}: the same bytes again, {len(found['recordings'])} recordings")
+        say(f"{path}: the same bytes again, {len(found['recordings'])} recordings")
         _end(found, outcome_code(found))
         return
     if found["versions"] != before["versions"]:
         other = [f"{n} {v}, now {found['versions'].get(n)}" for n, v in before["versions"].items()
                  if found["versions"].get(n) != v]  # fmt: skip
-        typer.echo(f"made with other versions: {'; '.join(other)}")
+        say(f"made with other versions: {'; '.join(other)}")
     was = {r["name"]: r for r in before["recordings"]}
     differ = [r["name"] for r in found["recordings"] if json_text(r) != json_text(was.get(r["name"]))]
     raise BadVerdictError(
@@ -185,13 +186,13 @@ def _progress(total: int) -> Iterator[Told]:
 
     console = Console(stderr=True)
     bar = Progress(
-        TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
         console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     with bar:
         task = bar.add_task("start", total=total)
 
         def tell(name: str, verdict: str, kept: bool) -> None:
-            bar.update(task, description=name[:24], advance=1)
+            bar.update(task, description=visible(name)[:24], advance=1)
 
         yield tell

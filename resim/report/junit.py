@@ -12,8 +12,8 @@ from lxml import etree
 Entry = Mapping[str, Any]
 """What verification.json holds of a recording."""
 
-NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that no XML document may have, however they are written (XML 1.0, 2.2)."""
+NO_XML = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that no XML document may have, however they are written, and controls it should not (XML 1.0, 2.2)."""
 PAGE = "verification.html"
 
 
