@@ -111,7 +111,7 @@ def rows_table(head: Iterable[str], rows: Iterable[Markup], css: str = "") -> Ma
     """Give a table of finished rows in a box in which it scrolls sideways."""
     top = join(html("<th>{}", cell) for cell in head)
     body = join(rows, "\n")
-    look = f' class="{css}"' if css else ""
+    look = html(' class="{}"', css) if css else ""
     return html(
         '<div class="wide"><table{}><thead><tr>{}</thead>\n<tbody>{}</tbody></table></div>', look, top, body
     )
