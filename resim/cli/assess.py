@@ -100,7 +100,7 @@ def assess(
     )
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
-    typer.echo(done.text, nl=False)  # printed by the child, colours and all
+    typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all
     if out is not None:
         say(f"\nassessment: {out / 'assessment.html'}")
         register(out)

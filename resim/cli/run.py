@@ -97,7 +97,7 @@ def run(
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
-    typer.echo(done.text, nl=False)  # printed by the child, colours and all
+    typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all
     say(f"\nreport: {out / 'report.html'}")
     register(out)
     if done.bad:

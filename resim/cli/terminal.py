@@ -17,4 +17,4 @@ def visible(text: str) -> str:
 
 def say(text: str, *, err: bool = False) -> None:
     """Print a line to standard output, or to standard error."""
-    typer.echo(visible(text), err=err)
+    typer.echo(visible(text), err=err)  # noqa: TID251
