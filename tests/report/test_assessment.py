@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from hostile import HOSTILE, harmless
 
 from resim.assess.criteria import read_criteria
 from resim.pipeline import How, assess_folder
@@ -63,3 +65,38 @@ def test_without_criteria_it_says_so(tmp_path):
     text = html(assess_folder(ROOT / "scenarios" / "overtake", How()), tmp_path)
     assert "no criteria were given" in text
     assert "PASS" not in text[text.index("<main>") :]
+
+
+OWN = """name = {text}
+[[objectification]]
+name = {text}
+function = "hostile_measures:beside"
+unit = {text}
+kind = "quantitative"
+worst = "low"
+[[criterion]]
+name = {text}
+measure = {text}
+below = 5.0
+source = {text}
+[[criterion]]
+name = "risk"
+measure = "risk"
+above = 0.9
+"""
+
+
+def test_names_units_and_sources_make_no_elements(collision, tmp_path):
+    """The unit of an own measure once ran as a script in four pages."""
+    (tmp_path / "hostile_measures.py").write_text("def beside(drive, network):\n    return drive.t\n")
+    text = json.dumps(HOSTILE)
+    (tmp_path / "own.toml").write_text(OWN.format(text=text))
+    found = assess_folder(ROOT / "scenarios" / "rear_end", How(criteria=read_criteria(tmp_path / "own.toml")))
+    blocks = {}
+    for name, a in found.blocks.items():
+        verdicts = {k: replace(v, reason=HOSTILE, object=HOSTILE) for k, v in a.verdicts.items()}
+        drive = replace(a.drive, ids=tuple(i + HOSTILE for i in a.drive.ids))
+        blocks[name] = replace(a, drive=drive, verdicts=verdicts)
+    evil = replace(found, name=HOSTILE, findings=(HOSTILE,), failures={"GT": HOSTILE}, blocks=blocks)
+    page = harmless(html(evil, tmp_path))
+    assert HOSTILE.replace("\x1b", "") in page.xpath("//h1")[0].text

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from hostile import HOSTILE, harmless
 
 from resim.core.geometry import Floats
 from resim.report import write_map_page
@@ -16,6 +17,7 @@ from resim.report.map.colors import share
 from resim.report.map.data import Picture
 from resim.report.map.shapes import outer
 from resim.report.map.tables import distance
+from resim.road.flaws import Flaw
 from resim.road.opendrive import Junction, RoadNetwork, load
 from resim.road.sumo import Conversion, Jump, SumoNet
 
@@ -210,3 +212,27 @@ def test_the_scale_runs_from_a_tenth_of_a_millimetre_to_ten_metres() -> None:
     assert [share(error) for error in (0.0, 1e-4, 10.0, 1e3)] == [0.0, 0.0, 1.0, 1.0]
     assert share(0.01) == pytest.approx(0.4)
     assert [distance(error) for error in (None, 0.0005, 1.5)] == ["–", "0.50 mm", "1.50 m"]
+
+
+def test_nothing_in_a_map_or_its_net_makes_elements(
+    network: RoadNetwork, spoilt: Conversion, tmp_path: Path
+) -> None:
+    own = network.roads["1"]
+    section = own.sections[0]
+    lanes = {k: replace(lane, type=HOSTILE) if k else lane for k, lane in section.lanes.items()}
+    roads = {
+        HOSTILE: replace(
+            own, id=HOSTILE, name=HOSTILE, sections=(replace(section, lanes=lanes), *own.sections[1:])
+        )
+    }
+    junctions = {HOSTILE: Junction(HOSTILE, HOSTILE, HOSTILE, ())}
+    path = network.path.with_name(HOSTILE.replace("/", ""))
+    evil = RoadNetwork(path, replace(network.header, name=HOSTILE), HOSTILE, roads, junctions)
+    bad = tuple(
+        replace(n, road=HOSTILE, type=HOSTILE, junction=HOSTILE, remark=HOSTILE) for n in spoilt.lanes
+    )
+    gaps = (Jump(HOSTILE, HOSTILE, 0.42, 10.0, -3.0),)
+    conversion = replace(spoilt, lanes=bad, jumps=gaps, lost=(HOSTILE,))
+    flaws = [Flaw("error", HOSTILE, HOSTILE, 0, -1, 0.0, 1.0, HOSTILE, HOSTILE)]
+    write_map_page(evil, tmp_path / "map.html", conversion=conversion, flaws=flaws)
+    harmless((tmp_path / "map.html").read_text(encoding="utf-8"))

@@ -7,6 +7,7 @@ import json
 
 import pytest
 from conftest import ROOT
+from hostile import HOSTILE, harmless
 
 from resim.ingest import read_recording
 from resim.perception.model import Fit, LeftOut, Misfit, read_model
@@ -69,3 +70,17 @@ def test_the_page_says_whether_the_model_fits_and_what_was_left_out(model, found
     assert "the model does not fit: 1 of 90 tests on 10 drives fail." in pages[2]
     assert "<li>speed is &lt;3 %&gt; too high</li>" in pages[2]
     assert all("7 of 900" in page for page in pages)
+
+
+def test_names_and_units_make_no_elements(model, found, tmp_path):
+    trained = model.training
+    if trained is not None:
+        known = {name + HOSTILE: value for name, value in trained.estimates.items()}
+        trained = trained.model_copy(update={"estimates": known})
+    evil = model.model_copy(update={"name": HOSTILE, "provenance": HOSTILE, "training": trained})
+    quantities = {k + HOSTILE: dataclasses.replace(a, unit=HOSTILE) for k, a in found.quantities.items()}
+    latencies = {k + HOSTILE: v for k, v in found.latencies.items()}
+    write_perception_page(
+        evil, dataclasses.replace(found, quantities=quantities, latencies=latencies), tmp_path / "p"
+    )
+    harmless((tmp_path / "p").read_text(encoding="utf-8"))

@@ -5,8 +5,12 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hostile import FILE, HOSTILE, harmless
 
+from resim.core.finding import Finding
+from resim.core.tracks import Tracks
 from resim.ingest import Recording, read_recording
 from resim.perception.model import read_model
 from resim.pipeline import How, Options, Perceiving, Resimulation, assess_resimulation, resimulate
@@ -236,3 +240,30 @@ def test_collision_ends_the_run_and_is_said(tmp_path: Path) -> None:
     text = Page(html(result, tmp_path)).text
     assert "up to its end at" in text
     assert "TO at " in text
+
+
+def test_nothing_in_a_recording_a_build_or_a_model_makes_elements(tmp_path: Path) -> None:
+    """The whole way: ids in the simulation, the map's file, names, findings, settings."""
+    own, build = recording("cut_in_brake"), load_build(PILOT)
+    road = tmp_path / f"{FILE}.xodr"
+    road.write_bytes(own.map.read_bytes())
+
+    def renamed(tracks: Tracks) -> Tracks:
+        return dataclasses.replace(
+            tracks.window(0.0, 1.5), ids=np.array([i + HOSTILE for i in tracks.ids.tolist()])
+        )
+
+    finding = Finding("odd" + HOSTILE, "warning", "gt", HOSTILE, 0.0, 1.0, 1.0, HOSTILE, HOSTILE, HOSTILE, "")
+    evil = dataclasses.replace(
+        own, name=HOSTILE, map=road, ego=own.ego + HOSTILE, gt=renamed(own.gt), sd=None, sd_gt_id=None,
+        existence_probability=None, plan=None, build=HOSTILE, provenance={HOSTILE: HOSTILE},
+        environment={HOSTILE: HOSTILE}, findings=(finding,),
+    )  # fmt: skip
+    model = NONE.model_copy(update={"name": HOSTILE, "provenance": HOSTILE})
+    result = resimulate(
+        evil, dataclasses.replace(build, name=HOSTILE, version=HOSTILE),
+        perceiving=Perceiving(model, (0,), (HOSTILE,)), accept=("odd" + HOSTILE,),
+    )  # fmt: skip
+    result = dataclasses.replace(result, warnings=(*result.warnings, HOSTILE))
+    page = harmless(html(result, tmp_path))
+    assert page.findtext(".//title").startswith("</td><script>")

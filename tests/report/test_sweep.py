@@ -10,8 +10,11 @@ from typing import Any
 
 import pytest
 from conftest import Call
+from hostile import HOSTILE, harmless, poisoned
 from lxml import html
-from swept import BIAS, LATENCY, THREE, TWO, read, write_swept
+from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
+
+from resim.report.sweep import write_sweep_page
 
 SPEED, AHEAD, GAP = (p.name for p in THREE)
 
@@ -251,3 +254,27 @@ def test_a_page_is_html(call: Call, tmp_path: Path) -> None:
     code, _, error = call("sweep", "report", tmp_path / "swept", "--out", tmp_path / "page.json")
     assert code == 2
     assert "Name an .html file" in error
+
+
+@pytest.mark.parametrize("plan", ["grid", "adaptive"])
+def test_nothing_in_a_report_makes_elements(call: Call, tmp_path: Path, plan: str) -> None:
+    """Every text of report.json is hostile but those that the page looks up in tables of its own."""
+    if plan == "grid":
+        found, _, _ = report(call, tmp_path / "grid", failed=2)
+    else:
+        wide = [LATENCY.model_copy(update={"width": 0.1}), BIAS.model_copy(update={"width": 0.5})]
+        write_adaptive(tmp_path / "grid", tuple(wide))
+        assert call("sweep", "report", tmp_path / "grid")[0] == 0
+        found = read(tmp_path / "grid" / "report.json")
+    ours = {"plan", "found", "side", "end", "method"}
+    named = {"responses", "range", "requirements", "widths", "finest", "widest", "builds", "recordings", "versions",
+             "decisions", "failures", "parameters", "changes"}  # fmt: skip
+    evil = poisoned(found, ours, named)
+    for section in evil["sections"]:
+        for o in section.get("outcomes", []):
+            sobol = o["sensitivity"]["sobol"]
+            for p in found["parameters"]:
+                if sobol is not None:
+                    sobol[p["name"] + HOSTILE] = sobol.pop(p["name"])
+    write_sweep_page(evil, tmp_path / "page.html")
+    harmless((tmp_path / "page.html").read_text(encoding="utf-8"))

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from hostile import HOSTILE, harmless, poisoned
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -354,3 +355,33 @@ def test_junit_says_crashed_where_the_function_did_and_survives_control_characte
     error = cases(found, schema)["cut_in_brake"].find("error")
     assert error.get("type") == "crashed"
     assert error.get("message") == "boom \ufffd\ufffd[31m\ufffd \U0001f600"
+
+
+OURS = {"verdict", "way", "who", "quantity", "bases", "tolerances", "errors", "summary", "equal", "difference", "ways",
+        "reaction", "driven"}  # fmt: skip
+"""What the page looks up in tables of its own, and numbers by such names."""
+NAMED = {"kpis", "versions", "recordings", "comfort"}
+
+
+@pytest.mark.parametrize("kind", ["measured", "builds"])
+def test_nothing_in_a_verification_makes_elements(kind, request, tmp_path):
+    found, traces = request.getfixturevalue(kind)
+    evil = poisoned(found, OURS, NAMED)
+    evil["summary"] = copy.deepcopy(found["summary"])
+    evil["summary"]["worst"] = [name + HOSTILE for name in found["summary"].get("worst", [])]
+    evil["recordings"] = poisoned(found["recordings"], OURS, NAMED)
+    for r, was in zip(evil["recordings"], found["recordings"], strict=True):
+        if "ways" in was:
+            r["ways"] = poisoned(was["ways"], {"verdict", "who", "quantity"})
+            r["way"] = was["way"]
+        r["notes"], r["reports"] = [HOSTILE], ["javascript:alert(1)"] * 2
+        if "validity" in r:
+            r["validity"] = [{**RANGE, "parameter": HOSTILE, "unit": HOSTILE, "object": HOSTILE}]
+    drawn = {name + HOSTILE: one for name, one in traces.items()}
+    write_verification_page(evil, drawn, tmp_path / "page.html")
+    harmless((tmp_path / "page.html").read_text(encoding="utf-8"))
+    root = etree.fromstring(junit(evil).encode())
+    assert {e.tag for e in root.iter()} <= {
+        "testsuites", "testsuite", "properties", "property", "testcase", "failure", "error",
+    }  # fmt: skip
+    assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f]", junit(evil))
