@@ -164,7 +164,7 @@ def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
     _, error = process.communicate(timeout=20.0)
     assert process.returncode == 130
     assert "Traceback" not in error
-    assert len(children) == 2
+    assert len(children) >= 2  # and whoever ends them when the command is gone
     for pid in children:
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid), 0)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import html
 
 from resim.ingest import read_recording
 from resim.perception.model import read_model
@@ -25,10 +26,9 @@ UNIX = 1_700_000_000.0
 
 def times(text: str) -> list[tuple[float, float, int]]:
     """Least, largest and number of distinct x of every line of a page that lies over time."""
-    out, decoder = [], json.JSONDecoder()
-    for call in re.finditer(r'Plotly\.newPlot\(\s*"[^"]+",\s*', text):
-        data, end = decoder.raw_decode(text, call.end())
-        axes, _ = decoder.raw_decode(text, text.index("{", end))
+    out = []
+    for figure in html.fromstring(text).xpath("//*[@class='plot']/script"):
+        data, axes = (json.loads(figure.text)[part] for part in ("data", "layout"))
         over_time = {
             name
             for name, axis in axes.items()
