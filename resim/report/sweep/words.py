@@ -103,9 +103,9 @@ def _span(bounds: Sequence[float | None], unit: str) -> str:
         return "the whole range swept"
     if low is None:
         return f"up to {quantity(high, unit)}"
-    return (
-        f"from {quantity(low, unit)} on" if high is None else f"from {plain(low)} to {quantity(high, unit)}"
-    )
+    if high is None:
+        return f"from {quantity(low, unit)} on"
+    return f"at {quantity(low, unit)}" if low == high else f"from {plain(low)} to {quantity(high, unit)}"
 
 
 def _unclear(r: Entry, parameter: Entry, demanded: float) -> str:
