@@ -12,7 +12,8 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -49,7 +50,7 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> tuple[Calla
     space = _spaces[private]
     opened = Opened(path, copy.folder, copy.names, frozenset(space.opened))
     try:
-        with opened:
+        with opened, _path_kept():
             module = space.load(module_name)
     except (Exception, SystemExit) as e:
         problem = f"{what} module {module_name!r} cannot be imported: {e!r}"
@@ -81,9 +82,10 @@ class _Space:
             root = ModuleType(self.name, "Modules of a user's file.")
             root.__path__ = [str(self.copy.folder)]
             sys.modules[self.name] = root
-        return importlib.import_module(
-            self._private(name), None if package is None else self._private(package)
-        )
+        with _installed_path():
+            return importlib.import_module(
+                self._private(name), None if package is None else self._private(package)
+            )
 
     def _private(self, name: str) -> str:
         return f"{self.name}.{name}" if name.partition(".")[0] in self._tops else name
@@ -99,7 +101,8 @@ class _Space:
         """Do what `__import__` does, for the modules of this space."""
         top = name.partition(".")[0]
         if level or top not in self._tops:
-            found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            with _installed_path():
+                found = builtins.__import__(name, globals, locals, fromlist or (), level)
             return self._importlib if found is importlib else found
         whole = builtins.__import__(f"{self.name}.{name}", globals, locals, fromlist or (), 0)
         return whole if fromlist else sys.modules[f"{self.name}.{top}"]
@@ -163,5 +166,25 @@ class _Finder(importlib.abc.MetaPathFinder):
         return None if space is None else space.spec(fullname)
 
 
+@contextmanager
+def _path_kept() -> Iterator[None]:
+    """Take back what a module changes of the search path."""
+    before = sys.path[:]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
+
+
+@contextmanager
+def _installed_path() -> Iterator[None]:
+    """Look for modules where the program does: one found in a folder that a module adds would be everybody's."""
+    with _path_kept():
+        sys.path[:] = _PATH
+        yield
+
+
+_PATH = tuple(sys.path)
+"""Where installed modules are."""
 _spaces: dict[str, _Space] = {}
 sys.meta_path.insert(0, _Finder())

@@ -223,3 +223,19 @@ def test_a_file_that_is_opened_and_not_listed_is_told(
     with listed.opened:
         said(listed)  # the original, past the copy
     assert "w.txt" in listed.opened.note()
+
+
+def test_a_folder_that_a_module_adds_to_the_path_leads_to_no_module(written: Write) -> None:
+    """A module found there would be the one of every build that has one of its name."""
+    for gain in (1, 2):
+        add = f"import sys\nsys.path.insert(0, {str(written('x', '', {}).parents[1] / f'lib{gain}')!r})"
+        helper = {f"../lib{gain}/helper_lib.py": f"GAIN = {gain}"}
+        top = written(f"top{gain}", "return helper_lib.GAIN", helper, head=f"{add}\nimport helper_lib")
+        before = sys.path[:]
+        with pytest.raises(InputError, match=r"helper_lib.*put the module's file beside build\.toml"):
+            load_build(freeze_build(top))
+        inside = written(f"in{gain}", "import helper_lib; return helper_lib.GAIN", {}, head=add)
+        with pytest.raises(ModuleNotFoundError):
+            said(load_build(freeze_build(inside)))
+        assert sys.path == before
+        assert "helper_lib" not in sys.modules
