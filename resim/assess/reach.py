@@ -13,9 +13,10 @@ After tau, with sigma = T - tau left, his centre lies in three discs:
   The line through f at T/4 and 3T/4 makes the last integral least (L1 approximation of a convex f): at most
   a |2 F(T/4) - 2 F(3T/4) + F(T)|, F the integral of f; in the middle a T² / 16.
 
-Who is not seen again, or was not seen before, has the first disc alone, or the second, and strays for LOST at most:
-without that bound whoever comes out from behind a truck could have been anywhere before. His box turns by no more than
-WTTC lets it (`worst_case.turned`). Boxes touch only if no direction parts them, for none of the discs.
+Who is not seen again, or was not seen before, has the first disc alone, or the second. Who was not seen before strays
+for LOST at most: without that bound whoever comes out from behind a truck could have been anywhere before. His box
+turns by no more than WTTC lets it (`worst_case.turned`). Boxes touch only if no direction parts them, for none of the
+discs.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from resim.core.geometry import Floats
 MOST, CURVATURE = FRICTION * GRAVITY, 0.2
 """Acceleration [m/s²] and curvature [1/m] that nobody exceeds, as for WTTC."""
 LOST = 2.0
-"""Time [s] for which who is not seen again strays from the velocity that he was last seen with."""
+"""Time [s] for which who was not seen before strays from the velocity that he is first seen with."""
 MISSED = 0.2
 """Distance [m] by which sighted positions may miss."""
 DIRECTIONS = 32
@@ -50,8 +51,8 @@ class Reach:
     """Where an absent object can be in P scenes.
 
     centre [m], velocity [m/s]: (P, 3, 2) of the discs; radius [m], spread [m/s]: (P, 3), how far off place and velocity
-    can be, inf for a disc that says nothing. heading, phi: (P,) rad, and how far off that can be. size: length, width
-    [m].
+    can be, radius inf for a disc that says nothing. heading, phi: (P,) rad, and how far off that can be. size: length,
+    width [m].
     """
 
     centre: Floats
@@ -67,8 +68,9 @@ class Reach:
         """Give where the object can be at t (P,) [s]."""
         n, p = len(absence.t), len(t)
         if not n:
-            nowhere, unknown = np.zeros((p, 3, 2)), np.full((p, 3), np.inf)
-            return cls(nowhere, nowhere, unknown, unknown, np.zeros(p), np.full(p, np.pi), absence.size)
+            nowhere, anywhere = np.zeros((p, 3, 2)), np.full((p, 3), np.inf)
+            still = np.zeros((p, 3))  # inf times 0 s ahead would be no number
+            return cls(nowhere, nowhere, anywhere, still, np.zeros(p), np.full(p, np.pi), absence.size)
         after = np.searchsorted(absence.t, t + _SAME)
         before, later = after > 0, after < n
         i, j = np.maximum(after - 1, 0), np.minimum(after, n - 1)
@@ -77,7 +79,7 @@ class Reach:
         centre = np.stack([
             one[:, :2] + one[:, 3:] * tau[:, None], two[:, :2] - two[:, 3:] * sigma[:, None], np.zeros((p, 2))
         ], axis=1)  # fmt: skip
-        strays = [np.where(before & later, x, np.minimum(x, LOST)) for x in (tau, sigma)]
+        strays = [tau, np.where(before, sigma, np.minimum(sigma, LOST))]
         off = [
             np.where(known, 0.5 * MOST * x**2, np.inf)
             for known, x in zip((before, later), strays, strict=True)

@@ -35,8 +35,8 @@ OFTEN = 0.2
 """Time [s] between the samples of an object that show where somebody is seen; its first and last do as well."""
 WINDOW = 0.25
 """Time [s] to either side over which positions tell a speed."""
-MISS, HARDEST = 1.0, 10.0
-"""m, and m/s² times half the time between, by which a track may miss the one that it goes on from."""
+MISS, FASTER, HARDEST = 1.0, 2.0, 10.0
+"""m, m/s by which a track may miss the one that it goes on from; m/s² by which that may grow, but for sideways."""
 
 _SAME = 1e-6
 
@@ -251,8 +251,12 @@ def _goes_on(k: _Sightings, ends: _Ends, way: int) -> tuple[float, Floats] | Non
     mine = -1 if way > 0 else 0
     t, state = ends[-way]
     dt = t - k.t[mine]
-    miss = np.hypot(*(state[:, :2] - k.state[mine, :2] - dt[:, None] * k.state[mine, 3:]).T)
-    near = (way * dt > 0.0) & (way * dt <= GAP + _SAME) & (miss <= MISS + 0.5 * HARDEST * dt * dt)
+    vx, vy = k.state[mine, 3:]
+    off = (state[:, :2] - k.state[mine, :2] - dt[:, None] * k.state[mine, 3:]).T
+    along, across = to_frame(*off, 0.0, 0.0, np.arctan2(vy, vx))
+    changed = np.hypot(*(state[:, 3:] - k.state[mine, 3:]).T)
+    near = (way * dt > 0.0) & (way * dt <= GAP + _SAME) & (changed <= FASTER + HARDEST * np.abs(dt))
+    near &= (np.abs(along) <= MISS + 0.5 * HARDEST * dt * dt) & (np.abs(across) <= MISS)
     if not near.any():
         return None
     first = int(np.argmin(np.where(near, np.abs(dt), np.inf)))

@@ -244,3 +244,35 @@ def test_absences_survive_their_file():
     assert (again.object, again.start, again.end, again.why) == (one.object, one.start, one.end, one.why)
     assert np.array_equal(again.t, one.t)
     assert np.array_equal(again.state, one.state, equal_nan=True)
+
+
+def braking(start):
+    """Who is 40 m ahead at the EGO's speed, and brakes to a stop at 6 m/s² from `start` [s] on."""
+    tau = np.clip(T - start, 0.0, V / 6.0)
+    return rows("1", 340.0 + V * np.minimum(T, start) + V * tau - 3.0 * tau**2, v=V - 6.0 * tau)
+
+
+def test_who_brakes_unseen_and_never_comes_back_can_have_stood_there(judge):
+    lead = braking(2.2)
+    assert judge(ego(), lead)["no collision"].outcome == "FAIL"
+    found = judge(ego(), lead[lead.t < 2.0])
+    assert [found[name].outcome for name in ("no collision", "time to collision")] == ["INVALID"] * 2
+
+
+def test_another_in_the_next_lane_is_not_who_vanished(judge):
+    lead = braking(2.2)
+    decoy = rows("7", 340.0 + V * T, -1.75, V)
+    found = judge(ego(), lead[lead.t < 2.0], decoy[decoy.t > 2.9])
+    assert found["no collision"].outcome == "INVALID"
+
+
+def test_whose_place_is_never_known_can_have_broken_everything(judge, tmp_path):
+    criteria = tmp_path / "own.toml"
+    measures = {"THW": 0.9, "gap ahead": 5.0, "PMD": 1.0}
+    text = "".join(
+        f'[[criterion]]\nname = "{name}"\nmeasure = "{name}"\nbelow = {limit}\nsource = "test"\n'
+        for name, limit in measures.items()
+    )
+    criteria.write_text(f'name = "own"\n{text}')
+    found = judge(ego(), standing().assign(x=np.nan, y=np.nan), criteria=criteria)
+    assert {name: verdict.outcome for name, verdict in found.items()} == dict.fromkeys(measures, "INVALID")

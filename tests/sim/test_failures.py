@@ -214,7 +214,10 @@ def test_a_signal_to_the_program_is_no_failure_of_the_function(
     def stop(number: int, frame: object) -> None:
         raise StopError(128 + number)
 
-    before = signal.signal(signal.SIGTERM, stop)
+    before = {
+        signal.SIGTERM: signal.signal(signal.SIGTERM, stop),
+        signal.SIGINT: signal.signal(signal.SIGINT, signal.default_int_handler),
+    }
     try:
         with pytest.raises(StopError):
             drive(
@@ -225,7 +228,8 @@ def test_a_signal_to_the_program_is_no_failure_of_the_function(
                 function("import os, signal\nos.kill(os.getpid(), signal.SIGINT)"), member("e", 300.0, 20.0)
             )
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_an_interrupt_of_its_own_is_a_failure_of_the_function(
