@@ -253,7 +253,7 @@ def _goes_on(k: _Sightings, ends: _Ends, way: int) -> tuple[float, Floats] | Non
     dt = t - k.t[mine]
     vx, vy = k.state[mine, 3:]
     off = (state[:, :2] - k.state[mine, :2] - dt[:, None] * k.state[mine, 3:]).T
-    along, across = to_frame(*off, 0.0, 0.0, np.arctan2(vy, vx))
+    along, across = to_frame(off[0], off[1], 0.0, 0.0, np.arctan2(vy, vx))
     changed = np.hypot(*(state[:, 3:] - k.state[mine, 3:]).T)
     near = (way * dt > 0.0) & (way * dt <= GAP + _SAME) & (changed <= FASTER + HARDEST * np.abs(dt))
     near &= (np.abs(along) <= MISS + 0.5 * HARDEST * dt * dt) & (np.abs(across) <= MISS)
