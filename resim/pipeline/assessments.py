@@ -173,11 +173,8 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
         for basis, scenario in scenarios.items()
     }  # fmt: skip
     found = _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
-    lines = [
-        line for basis, scenario in scenarios.items()
-        for line in misfits(basis, scenario, measured[basis].to_frame(), network)
-    ]  # fmt: skip
-    return replace(found, misfits=tuple(lines))
+    rows = {basis: measured[basis].to_frame() for basis in scenarios}
+    return replace(found, misfits=_misfits(scenarios, rows, network))
 
 
 def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
@@ -250,11 +247,17 @@ def _assess_results(folder: Path, how: How) -> Assessed:
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
     found = _assessed(name, network, True, blocks, how, failures, findings)
-    lines = [
-        line for basis, scenario in scenarios.items()
-        for line in misfits(basis, scenario, tables.tracks[tables.tracks.source == basis], network)
-    ]  # fmt: skip
-    return replace(found, model=model, misfits=tuple(lines))
+    rows = {name: tables.tracks[tables.tracks.source == name] for name in scenarios}
+    return replace(found, model=model, misfits=_misfits(scenarios, rows, network))
+
+
+def _misfits(
+    scenarios: Mapping[Any, Scenario], rows: Mapping[Any, pd.DataFrame], network: RoadNetwork
+) -> tuple[str, ...]:
+    """Name the objects whose traces are not where their rows are, source by source."""
+    return tuple(
+        line for name, scenario in scenarios.items() for line in misfits(name, scenario, rows[name], network)
+    )
 
 
 def _described(report: Mapping[str, Any]) -> list[str]:
