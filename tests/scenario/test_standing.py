@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 
@@ -75,7 +75,10 @@ def driven(path: Path, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start + x + 1j * y, np.interp(t, fine, v)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=60, derandomize=True)
+@example(kind="creeping", heading="anything", noise=0.1, v_noise=0.0, seed=47).xfail(
+    reason="known fault: a creeping track is still described too far off", raises=AssertionError
+)
 @given(
     kind=st.sampled_from(sorted(SPEEDS)),
     heading=st.sampled_from(["course of noise", "anything", "0", "turned at times", "noisy"]),
