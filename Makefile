@@ -5,7 +5,7 @@ READY := .venv/ready
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check validate bench clean
 
 demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
@@ -19,6 +19,28 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+
+# What takes too long for CI: the tables of docs/validation.md, each into out/validate. Real recordings are read from DATA.
+DATA ?= ../shared/data
+validated = $(BIN)/python tools/$(2) > out/validate/$(1).md
+validate: $(READY)
+	mkdir -p out/validate
+	$(call validated,corner_case,validate_corner_case.py)
+	$(call validated,standing,validate_standing.py)
+	$(call validated,risk,validate_risk.py $(DATA))
+	$(call validated,recovery,validate_recovery.py)
+	$(call validated,perception,validate_perception.py $(DATA)/mcity)
+	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
+	$(call validated,real_recordings,check_real.py $(DATA))
+	$(call validated,real_fits,validate_real.py fits $(DATA))
+	$(call validated,real_runs,validate_real.py runs $(DATA))
+	$(call validated,closure,validate_closure.py --drives 25 --seeds 20)
+	$(call validated,training_power,validate_training.py power --seeds 6)
+	$(call validated,training_fit,validate_training.py fit --seeds 6)
+	$(call validated,plants,plant_faults.py 1280 --seed 5 --fix)
+	$(call validated,sweep,validate_sweep.py)
+	-$(BIN)/resim verify scenarios/suites/highway.toml --build adfunc/builds/highway_pilot-1.0.toml \
+	  --perception adfunc/perception/proving_ground.json --out out/validate/highway > out/validate/highway.md
 
 bench: $(READY)
 	$(BIN)/python tools/bench/road.py
