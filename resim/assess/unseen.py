@@ -13,7 +13,7 @@ A row that lacks no position is a sighting all the same: it bounds where the obj
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,12 +21,14 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Bools, Floats, to_frame
-from resim.core.tracks import Tracks
+from resim.core.tracks import Strings, Tracks
 
 GAP = 1.0
 """Time [s] for which a trace is driven on where nothing is seen."""
 CORRIDOR = 10.0
 """Distance [m] to either side of a way in which somebody seen farther on shows that it does not end there."""
+OTHERS, ACROSS = 2, 40.0
+"""How many others have to come or go at a line for it to be an edge, and how far [m] to either side they may do so."""
 RANGE, FAR = 50.0, 0.9
 """Least range of a sensor [m], and the share of the largest distance seen from which on an object is at the range."""
 MOVES = 1.0
@@ -138,7 +140,8 @@ def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tu
     ]
     others = [_within(k, begin, end) for k in known if k.object != ego]
     others = [k for k in others if len(k.t) or len(k.blind)]
-    seen, placed = _Seen.of(tracks, ego), [k for k in others if len(k.t)]
+    placed = [k for k in others if len(k.t)]
+    seen = _Seen.of(tracks, ego, placed)
     ends = {
         way: (np.array([k.t[n] for k in placed]), np.array([k.state[n] for k in placed]).reshape(-1, 5))
         for way, n in ((1, -1), (-1, 0))
@@ -218,12 +221,12 @@ def _of_object(k: _Sightings, ends: _Ends, seen: _Seen, begin: float, end: float
     start, stop = float(k.t[0]), float(k.t[-1])
     before, later = (_goes_on(k, ends, way) for way in (-1, 1))
     slack = max(seen.slack, 2.0 * float(np.median(np.diff(k.t)))) if len(k.t) > 1 else seen.slack
-    if start - begin > slack and before is None and not _comes_or_goes(k, seen, -1):
+    if start - begin > _SAME and before is None and not _comes_or_goes(k, seen, -1):
         start = begin
     if later is not None and later[0] - stop > slack:
         t, state = np.array([k.t[-1], later[0]]), np.stack([k.state[-1], later[1]])
         yield Absence(k.object, stop, later[0], t, state, k.size, "not seen")
-    if end - stop > slack and later is None and not _comes_or_goes(k, seen, 1):
+    if end - stop > _SAME and later is None and not _comes_or_goes(k, seen, 1):
         stop = end
     if len(whole) < 2:  # no trace can be driven
         yield _absent(k, start, stop)
@@ -267,14 +270,18 @@ def _goes_on(k: _Sightings, ends: _Ends, way: int) -> tuple[float, Floats] | Non
 class _Seen:
     """All places seen; what tells where seeing ends. place: (m, 2) m, of everybody, the EGO too; step: s, usual one.
 
-    t: (T,) s, own: (T, 5) the EGO's state; farthest: m, of anybody before the EGO, and behind it.
+    t: (T,) s, own: (T, 5) the EGO's state. ids: (N,) of objects; farthest: (2, N) m at which each is seen before the
+    EGO, and behind it. turns: (e, 6) where others are seen first or last amid the drive: number of the object, t [s],
+    x, y [m], and the velocity [m/s] out of what is seen.
     """
 
     place: Floats
     step: float
     t: Floats
     own: Floats
-    farthest: tuple[float, float]
+    ids: Strings
+    farthest: Floats
+    turns: Floats
 
     @property
     def slack(self) -> float:
@@ -282,16 +289,16 @@ class _Seen:
         return 2.0 * self.step + _SAME
 
     @classmethod
-    def of(cls, tracks: Tracks, ego: str) -> _Seen:
+    def of(cls, tracks: Tracks, ego: str, others: Sequence[_Sightings]) -> _Seen:
         me = _sightings(tracks, ego, None)
         me.state[:, 2] = np.unwrap(me.state[:, 2])
         x, y, heading = (np.interp(tracks.t, me.t, c) for c in me.state.T[:3])
         ahead, left = to_frame(tracks.x, tracks.y, x, y, heading)
         far = np.where(tracks.valid, np.hypot(ahead, left), 0.0)
-        farthest = (
-            float(np.max(far, where=ahead >= 0.0, initial=0.0)),
-            float(np.max(far, where=ahead < 0.0, initial=0.0)),
-        )
+        farthest = np.stack([
+            np.max(far, where=ahead >= 0.0, initial=0.0, axis=1),
+            np.max(far, where=ahead < 0.0, initial=0.0, axis=1),
+        ])  # fmt: skip
         first, last = tracks.span()
         some = np.zeros(len(tracks.t), dtype=bool)
         count = int((tracks.t[-1] - tracks.t[0]) / OFTEN) + 1
@@ -299,26 +306,51 @@ class _Seen:
         some[np.minimum(np.searchsorted(tracks.t, often), len(tracks.t) - 1)] = True
         shown = tracks.valid & (some | (tracks.t == first[:, None]) | (tracks.t == last[:, None]))
         place = np.column_stack([tracks.x[shown], tracks.y[shown]])
-        return cls(place, float(np.median(np.diff(me.t))), me.t, me.state, farthest)
+        step = float(np.median(np.diff(me.t)))
+        turns = _turns(others, tracks.t, 2.0 * step + _SAME)
+        return cls(place, step, me.t, me.state, tracks.ids, farthest, turns)
 
     def at_edge(self, k: _Sightings, t: float, way: int) -> bool:
         """Whether seeing ends where the object is at t [s], in the direction in which it goes (way 1) or came (-1).
 
-        The area: nobody is ever seen farther on along its heading, within CORRIDOR of it. Or the sensor's range: it is
-        RANGE or more from the EGO and moves away, and nobody is seen much farther, ahead or behind as it is.
+        That it is lost there itself is no evidence: the EGO may be about to hit it. The area: nobody is ever seen
+        farther on along its heading, within CORRIDOR of it, and OTHERS come or go at the same line. Or the sensor's
+        range: it is RANGE or more from the EGO and moves away, and others are seen about as far, and nobody much
+        farther, ahead or behind as it is.
         """
         x, y, _, vx, vy = k.state[int(np.searchsorted(k.t, t - _SAME))]
         speed = float(np.hypot(vx, vy))
         if speed >= MOVES:
             along, across = to_frame(self.place[:, 0], self.place[:, 1], x, y, np.arctan2(way * vy, way * vx))
-            if not ((along > 2.0 * self.step * speed) & (np.abs(across) < CORRIDOR)).any():
+            farther = (along > 2.0 * self.step * speed) & (np.abs(across) < CORRIDOR)
+            if not farther.any() and self._passed(t, x, y, way * vx, way * vy) >= OTHERS:
                 return True
         own = [np.interp(t, self.t, column) for column in self.own.T]
         dx, dy = x - own[0], y - own[1]
         apart = float(np.hypot(dx, dy))
         ahead = dx * np.cos(own[2]) + dy * np.sin(own[2]) >= 0.0
         away = way * (dx * (vx - own[3]) + dy * (vy - own[4])) > 0.0
-        return bool(away and apart >= max(RANGE, FAR * self.farthest[0 if ahead else 1]))
+        farthest = float(self.farthest[int(not ahead), self.ids != k.object].max(initial=0.0))
+        return bool(away and apart >= max(RANGE, FAR * farthest) and farthest >= FAR * apart)
+
+    def _passed(self, t: float, x: float, y: float, vx: float, vy: float) -> int:
+        """How many objects come or go, at another time than t [s], at the line across (vx, vy) in x, y, over it."""
+        who, when, px, py, out_x, out_y = self.turns.T
+        along, across = to_frame(px, py, x, y, np.arctan2(vy, vx))
+        near = MISS + self.step * (np.hypot(vx, vy) + np.hypot(out_x, out_y))
+        over = (np.abs(along) <= near) & (np.abs(across) <= ACROSS) & (out_x * vx + out_y * vy > 0.0)
+        return len(np.unique(who[over & (np.abs(when - t) > self.slack)]))
+
+
+def _turns(others: Sequence[_Sightings], t: Floats, slack: float) -> Floats:
+    """Where others are seen first or last, as in `_Seen`, but at the first or last of the times t (T,) [s]."""
+    rows = [
+        (n, k.t[i], *k.state[i, :2], *(-way * k.state[i, 3:]))
+        for n, k in enumerate(others)
+        for i, way, edge in ((0, 1.0, t[0]), (-1, -1.0, t[-1]))
+        if abs(k.t[i] - edge) > slack
+    ]
+    return np.array(rows).reshape(-1, 6)
 
 
 def _absent(k: _Sightings, start: float, end: float) -> Absence:

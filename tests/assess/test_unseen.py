@@ -165,6 +165,38 @@ def test_who_goes_out_of_range_is_not_missed_but_who_vanishes_before_it_is(judge
     assert judge(ego(), near[near.t > 4.0], farther)["no collision"].outcome == "INVALID"
 
 
+def test_who_is_lost_alone_where_nobody_is_seen_farther_on_has_left_nothing(judge):
+    """The EGO follows a car that brakes, and hits it in its own last sample, beyond which nobody ever is."""
+    lead = braking(2.2)
+    hit = T[np.argmax(lead.x - ego().x < 4.7)]
+    assert judge(*(table[table.t <= hit] for table in (ego(), lead)))["no collision"].outcome == "FAIL"
+    for before in (1.5, 0.9, 0.4, 0.04):
+        seen = lead[lead.t <= hit - before + 1e-9]
+        found = judge(ego()[ego().t <= hit], seen)["no collision"]
+        assert (before, found.outcome) == (before, "INVALID")
+
+
+def test_who_is_first_seen_alone_where_nobody_is_seen_before_came_from_nowhere_known(judge):
+    """A slower car right behind the EGO, which overlaps it when the drive begins, and is first seen later."""
+    behind = rows("1", 297.0 + 12.0 * T, v=12.0)
+    assert judge(ego(), behind)["no collision"].outcome == "FAIL"
+    for late in (0.3, 0.6):
+        assert judge(ego(), behind[behind.t >= late])["no collision"].outcome == "INVALID"
+
+
+def test_who_is_lost_with_others_at_one_moment_is_lost_by_the_sensor():
+    """Three side by side; the EGO ends short of the line at which they were lost."""
+    abreast = [rows(str(k), 340.0 + V * T, -5.25 + 3.5 * k, V) for k in range(3)]
+    drive = pd.concat([ego()[ego().t < 5.9], *(car[car.t < 4.0] for car in abreast)])
+    found = absences(Tracks.from_frame(drive), None, ego="ego")
+    assert [a.object for a in found] == ["0", "1", "2"]
+
+
+def test_how_far_is_seen_is_not_shown_by_who_vanishes_there(judge):
+    faster = rows("1", 340.0 + 26.0 * T, v=26.0)
+    assert judge(ego(), faster[faster.x - 300.0 - V * T < 60.0])["no collision"].outcome == "INVALID"
+
+
 def test_who_goes_on_under_another_id_is_not_missed(judge):
     ahead = rows("1", 330.0 + V * T, v=V)
     found = judge(ego(), ahead[ahead.t < 4.0], ahead[ahead.t > 4.1].assign(id="2"))
