@@ -17,7 +17,10 @@ from resim.check import CODES
 from resim.pipeline import How, assess_recording, examined
 
 CRITERIA = Path(__file__).parents[1] / "scenarios" / "criteria"
-REASONS = {"not seen": "not seen", "rows lack": "rows lack values", "size in doubt": "size in doubt"}
+REASONS = {
+    "not seen": "not seen", "rows lack": "rows lack values", "size in doubt": "size in doubt",
+    "place in doubt": "place in doubt", "off its positions": "place in doubt",
+}  # fmt: skip
 
 
 def main() -> None:

@@ -177,8 +177,8 @@ def assess(
     """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
 
     flaw: why it cannot pass, whatever the criteria say, or "". only: objectifications to compute besides those that
-    criteria ask for, None for all. doubts: what the drive's source leaves open; larger: the drive with the largest
-    sizes that it gives, where it gives several: what could fail by either does not pass.
+    criteria ask for, None for all. doubts: what the drive's source leaves open; larger: the drive with boxes that hold
+    all that objects may fill, where sizes or places are in doubt: what could fail by either does not pass.
     """
     drive = subject.drive
     every = (*OBJECTIFICATIONS, *subject.own)
@@ -193,7 +193,7 @@ def assess(
         found = judge(c, measure, drive.t, drive.ids, drive.present)
         if larger is not None:
             again = larger.measure(c.measure)
-            found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts.sizes)
+            found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts)
         verdicts[c.name] = doubted(found, c, asked[c.measure], measure, subject, doubts)
     for name, v in verdicts.items():
         if v.t is not None and not v.object:

@@ -158,9 +158,9 @@ def doubted(
 
 
 def _overlaps(absence: Absence, criterion: Criterion, t: Floats) -> bool:
-    """Whether the part of the drive that counts has the absence in it; the EGO may be absent after the last scene."""
+    """Whether the part of the drive that counts has the absence in it, or begins or ends with it."""
     end = np.inf if criterion.end is None else t[0] + criterion.end
-    return absence.end > t[0] + criterion.start and absence.start < end
+    return absence.end >= t[0] + criterion.start and absence.start < end
 
 
 def _possible(absence: Absence, criterion: Criterion, name: str, measure: Measure, subject: Subject) -> Bools:
@@ -198,10 +198,16 @@ def told(absence: Absence) -> str:
     return f"object {absence.object} from {absence.start:.2f} to {absence.end:.2f} s: {absence.why}"
 
 
-def resized(verdict: Verdict, larger: Verdict, sizes: Mapping[str, tuple[float, float]]) -> Verdict:
-    """Give a verdict, INVALID in place of PASS where it does not pass with the largest sizes that objects have."""
+def resized(verdict: Verdict, larger: Verdict, doubts: Doubts) -> Verdict:
+    """Give a verdict, INVALID in place of PASS where it does not pass with boxes that hold all that they may fill."""
     if verdict.outcome != "PASS" or larger.outcome == "PASS":
         return verdict
-    who = ", ".join(f"{name} (up to {a:.2f} x {b:.2f} m)" for name, (a, b) in list(sizes.items())[:5])
-    reason = f"size in doubt: {who}; with the largest: {larger.outcome}, {larger.reason}"
+    why = []
+    if doubts.sizes:
+        sizes = (f"{name} (up to {a:.2f} x {b:.2f} m)" for name, (a, b) in list(doubts.sizes.items())[:5])
+        why.append(f"size in doubt: {', '.join(sizes)}")
+    if doubts.off:
+        worst = sorted(doubts.off.items(), key=lambda found: -found[1])[:5]
+        why.append(f"place in doubt: {', '.join(f'{name} (by {d:.2f} m)' for name, d in worst)}")
+    reason = f"{'; '.join(why)}; with boxes as large as that: {larger.outcome}, {larger.reason}"
     return replace(verdict, outcome="INVALID", reason=reason)

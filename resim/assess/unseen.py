@@ -78,25 +78,30 @@ class Absence:
 
 @dataclass(frozen=True, eq=False)
 class Doubts:
-    """What a source leaves open: absences; of objects that it gives in several sizes the largest length, width [m]."""
+    """What a source leaves open: absences; of objects that it gives in several sizes the largest length, width [m]; of
+    objects whose places are in doubt how far they can be off [m].
+    """
 
     absences: tuple[Absence, ...] = ()
     sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    off: Mapping[str, float] = field(default_factory=dict)
 
     def simulated(self, ego: str) -> Doubts:
-        """Give what is left open where this is simulated: the EGO is never absent there."""
-        return Doubts(tuple(a for a in self.absences if a.object != ego), self.sizes)
+        """Give what is left open where this is simulated: where the EGO is, is known there."""
+        absent = tuple(a for a in self.absences if a.object != ego)
+        return Doubts(absent, self.sizes, {name: d for name, d in self.off.items() if name != ego})
 
     def to_json(self) -> dict[str, Any]:
         """Give what report.json holds of it."""
         sizes = {name: list(size) for name, size in self.sizes.items()}
-        return {"absences": [a.to_json() for a in self.absences], "sizes": sizes}
+        return {"absences": [a.to_json() for a in self.absences], "sizes": sizes, "off": dict(self.off)}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Doubts:
         """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
         sizes = {str(name): (float(a), float(b)) for name, (a, b) in data["sizes"].items()}
-        return cls(tuple(map(Absence.from_json, data["absences"])), sizes)
+        off = {str(name): float(d) for name, d in data["off"].items()}
+        return cls(tuple(map(Absence.from_json, data["absences"])), sizes, off)
 
 
 WHOLE = Doubts()
@@ -150,6 +155,23 @@ def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tu
         *(a for k in known if k.object == ego for a in _of_ego(k, seen.slack)),
         *(a for k in others for a in _of_object(k, ends, seen, begin, end)),
     )
+
+
+def cut_off(tracks: Tracks, *, ego: str) -> Iterator[Absence]:
+    """Give when others are seen and the EGO is not yet, or no more, but where it comes or goes at an edge.
+
+    tracks: all samples of the GT.
+    """
+    me, *others = (_sightings(tracks, name, None) for name in (ego, *tracks.ids[tracks.ids != ego].tolist()))
+    others = [k for k in others if len(k.t)]
+    if not others or len(me.t) < 2:
+        return
+    seen = _Seen.of(tracks, ego, others)
+    first, last = min(float(k.t[0]) for k in others), max(float(k.t[-1]) for k in others)
+    if first < me.t[0] - seen.slack and not seen.at_edge(me, float(me.t[0]), -1):
+        yield _absent(me, first, float(me.t[0]))
+    if last > me.t[-1] + seen.slack and not seen.at_edge(me, float(me.t[-1]), 1):
+        yield _absent(me, float(me.t[-1]), last)
 
 
 def _sightings(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> _Sightings:

@@ -168,7 +168,8 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     blocks = {
         str(basis): _Block(
             scenario, plans, replace(functioning, of_truth=basis == "GT"),
-            tuple(collisions(measured[basis], ego=recording.ego)), doubts=doubts(recording, basis, measured[basis]),
+            tuple(collisions(measured[basis], ego=recording.ego)),
+            doubts=doubts(recording, basis, measured[basis], scenario, network),
         )
         for basis, scenario in scenarios.items()
     }  # fmt: skip
@@ -385,7 +386,7 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
         own = () if how.criteria is None else how.criteria.own
         return Subject(made, network, how.parameters, block.functioning, hits, own)
 
-    larger = _larger(every, block.doubts.sizes)
+    larger = _larger(every, block.doubts)
     return assess(
         subject(every),
         how.criteria,
@@ -396,14 +397,17 @@ def _assess(block: _Block, network: RoadNetwork, how: How) -> Assessment:
     )
 
 
-def _larger(tracks: Tracks, sizes: Mapping[str, tuple[float, float]]) -> Tracks | None:
-    """The tracks with these sizes, of objects and their parts; None where there is none to change."""
-    of = [sizes.get(whole_id(name, sizes)) for name in tracks.ids.tolist()]
-    if not any(of):
+def _larger(tracks: Tracks, doubts: Doubts) -> Tracks | None:
+    """The tracks with boxes that hold all that objects and their parts may fill; None where none is in doubt."""
+    known = {*doubts.sizes, *doubts.off}
+    names = [whole_id(name, known) for name in tracks.ids.tolist()]
+    if not known.intersection(names):
         return None
+    off = np.array([doubts.off.get(name, 0.0) for name in names])
+    sizes = np.array([doubts.sizes.get(name, (0.0, 0.0)) for name in names])
     length, width = (
-        np.array([max(size[k], own) if size else own for size, own in zip(of, side, strict=True)])
-        for k, side in enumerate((tracks.length.tolist(), tracks.width.tolist()))
+        np.maximum(own, side) + 2.0 * off
+        for own, side in zip((tracks.length, tracks.width), sizes.T, strict=True)
     )
     return replace(tracks, length=length, width=width)
 

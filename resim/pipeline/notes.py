@@ -19,7 +19,7 @@ from resim.pipeline.result import Basis, Branch, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
-from resim.scenario.course import beyond_noise, position_noise
+from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
 
@@ -144,29 +144,10 @@ def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str
 
 
 def misfits(what: str, scenario: Scenario, positions: pd.DataFrame, network: RoadNetwork) -> Iterator[str]:
-    """Give one line that names every object whose trace is farther from its positions than their noise explains.
-
-    positions: what was described: a table of t [s], id, x, y [m]; an object's parts may be one in it.
-    """
-    times = np.unique(positions["t"].to_numpy(float))
-    traces = scenario.tracks(network, times)
-    if not set(traces.parts()) & set(positions["id"]):
-        traces = traces.joined()
-    row = {name: n for n, name in enumerate(traces.ids.tolist())}
-    far: list[tuple[float, str]] = []
-    for name, own in positions.groupby("id", sort=False):
-        if (n := row.get(str(name))) is None:
-            continue
-        t, place = own["t"].to_numpy(float), own["x"].to_numpy(float) + 1j * own["y"].to_numpy(float)
-        at = np.searchsorted(times, t)
-        off = np.nan_to_num(np.abs(traces.x[n, at] + 1j * traces.y[n, at] - place))
-        worst, noise = int(np.argmax(off)), position_noise(t, place)
-        if off[worst] > beyond_noise(noise):
-            far.append(
-                (float(off[worst]), f"{name} by {off[worst]:.2f} m at {t[worst]:.2f} s (noise {noise:.2g} m)")
-            )
+    """Give one line that names every object whose trace is off its positions, as in `find_misfits`, the worst first."""
+    far = sorted(find_misfits(scenario, positions, network), key=lambda m: (m.off, m.object), reverse=True)
     if far:
-        told = ", ".join(text for _, text in sorted(far, reverse=True))
+        told = ", ".join(f"{m.object} by {m.off:.2f} m at {m.t:.2f} s (noise {m.noise:.2g} m)" for m in far)
         yield f"{what}: traces are off the positions that they were fitted to by more than noise: {told}"
 
 

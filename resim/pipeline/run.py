@@ -120,7 +120,10 @@ def resimulate(
             "net": net.hash,
             **_recording_hashes(recording),
         },
-        doubts={basis: doubts(recording, basis, tracks) for basis, tracks in whole.items()},
+        doubts={
+            basis: doubts(recording, basis, tracks, described.get(basis), network)
+            for basis, tracks in whole.items()
+        },
     )
     if perceiving is None:
         return result

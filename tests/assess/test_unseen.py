@@ -236,7 +236,7 @@ def test_a_size_in_doubt_is_judged_by_the_largest(judge):
     found = judge(ego(y), wrong)
     assert found["no collision"].outcome == "INVALID"
     assert found["no collision"].reason.startswith(
-        "size in doubt: 1 (up to 4.70 x 1.90 m); with the largest: FAIL"
+        "size in doubt: 1 (up to 4.70 x 1.90 m); with boxes as large as that: FAIL"
     )
     assert judge(ego(y + 3.0), wrong)["no collision"].outcome == "PASS"
 
@@ -308,3 +308,66 @@ def test_whose_place_is_never_known_can_have_broken_everything(judge, tmp_path):
     criteria.write_text(f'name = "own"\n{text}')
     found = judge(ego(), standing().assign(x=np.nan, y=np.nan), criteria=criteria)
     assert {name: verdict.outcome for name, verdict in found.items()} == dict.fromkeys(measures, "INVALID")
+
+
+def standing_beside(y=-8.75):
+    """Who stands in the next lane, where the EGO passes him."""
+    return rows("1", 400.0, y)
+
+
+def thrown(car):
+    near = (car.t - HIT).abs() < 0.6
+    return car.assign(x=car.x.mask(near, 1e7))
+
+
+def frozen(car):
+    """He comes into the EGO's lane from the right; his position stays as it was for 2.5 s around the contact."""
+    y = -14.0 + 2.0 * np.clip(car.t - 1.5, 0.0, 4.0)
+    held = (car.t > HIT - 1.5) & (car.t < HIT + 1.0)
+    return car.assign(
+        y=y.mask(held).ffill(), v=np.where((car.t > 1.5) & (car.t < 5.5), 2.0, 0.0), heading=np.pi / 2
+    )
+
+
+def jumps(car):
+    """He stands in the EGO's lane, and is 3.5 m aside from one sample to the next."""
+    return car.assign(y=np.where(car.t < 2.0, -5.25, -8.75))
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        (thrown, "off its positions, or these off each other; it can have broken the limit"),
+        (frozen, "place in doubt: 1 (by "),
+        (jumps, "place in doubt: 1 (by 3.50 m)"),
+    ],
+)
+def test_whose_place_is_in_doubt_makes_what_he_could_break_invalid(judge, how, reason):
+    found = judge(ego(), how(standing()))
+    assert found["no collision"].outcome == "INVALID"
+    assert reason in found["no collision"].reason
+    assert found["hard braking"].outcome == "PASS"
+
+
+def test_a_place_in_doubt_by_less_than_matters_changes_nothing(judge):
+    far = standing_beside(-15.0)
+    assert (
+        judge(ego(), jumps(far).assign(y=np.where(T < 2.0, -15.0, -16.5)))["no collision"].outcome == "PASS"
+    )
+
+
+@pytest.mark.parametrize("there", [T < HIT - 1.5, T > HIT + 1.0])
+def test_an_ego_whose_rows_end_while_others_are_seen_is_invalid(judge, there):
+    found = judge(ego()[there], standing())
+    assert {v.outcome for v in found.values()} == {"INVALID"}
+    assert "object ego from" in found["no collision"].reason
+
+
+def test_an_ego_that_leaves_where_others_leave_is_whole(judge):
+    """Who is seen up to 400 m leaves there, and so do two others after it and one before."""
+    others = [
+        rows(f"{n}", 300.0 + V * T - gap, y, V)
+        for n, gap, y in ((1, -30.0, -8.75), (2, 30.0, -5.25), (3, 50.0, -8.75))
+    ]
+    area = [rows_[rows_.x <= 400.0] for rows_ in (ego(), *others)]
+    assert judge(*area)["no collision"].outcome == "PASS"
