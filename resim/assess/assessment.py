@@ -176,9 +176,10 @@ def assess(
 ) -> Assessment:
     """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
 
-    flaw: why it cannot pass, whatever the criteria say, or "". only: objectifications to compute besides those that
-    criteria ask for, None for all. doubts: what the drive's source leaves open; larger: the drive with boxes that hold
-    all that objects may fill, where sizes or places are in doubt: what could fail by either does not pass.
+    flaw: why it cannot pass, whatever the criteria say, or "": what is kept until then is INVALID, but up to a
+    collision, which ends a drive for good. only: objectifications to compute besides those that criteria ask for, None
+    for all. doubts: what the drive's source leaves open; larger: the drive with boxes that hold all that objects may
+    fill, where sizes or places are in doubt: what could fail by either does not pass.
     """
     drive = subject.drive
     every = (*OBJECTIFICATIONS, *subject.own)
@@ -194,7 +195,10 @@ def assess(
         if larger is not None:
             again = larger.measure(c.measure)
             found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts)
-        verdicts[c.name] = doubted(found, c, asked[c.measure], measure, subject, doubts)
+        found = doubted(found, c, asked[c.measure], measure, subject, doubts)
+        if flaw and found.outcome == "PASS" and not subject.contacts:
+            found = replace(found, outcome="INVALID", reason=flaw)
+        verdicts[c.name] = found
     for name, v in verdicts.items():
         if v.t is not None and not v.object:
             scene = int(np.argmin(np.abs(drive.t - v.t)))

@@ -37,7 +37,7 @@ from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario, describe
-from resim.sim.run import Run
+from resim.sim.run import Run, why_not_whole
 
 RATE = 10.0
 """Scenes a second [Hz] that are assessed, if nothing else is said."""
@@ -199,12 +199,12 @@ def assess_run(
 ) -> Assessment:
     """Assess one simulation by the scenario that describes it. doubts: of the measurement that its traffic is of."""
     t = np.array([p.t for p in run.perceived])
-    failed = f"the function failed: {run.failure}" if run.failure else ""
     hits = tuple((c.t, c.id) for c in run.collisions)
     counts = [len(p.ids) for p in run.perceived]
     ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in run.perceived)])
     functioning = _functioning(np.repeat(t, counts), ids, t, t, 0.0)
-    block = _Block(scenario, run.plans, functioning, hits, failed, doubts.simulated(scenario.ego.id))
+    flaw = why_not_whole(run.end, run.failure, float(run.truth.t[-1]))
+    block = _Block(scenario, run.plans, functioning, hits, flaw, doubts.simulated(scenario.ego.id))
     return _assess(block, network, how)
 
 
@@ -309,8 +309,8 @@ def _run_blocks(
         if name in scenarios:
             t = answers.t[answers.source == name].to_numpy(dtype=float)
             functioning = _listed(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
-            failed = report["failure"].get(name)
-            flaw = f"the function failed: {failed}" if failed else ""
+            last = float(tracks.t[tracks.source == name].max())
+            flaw = why_not_whole(report["end"][name], report["failure"].get(name) or "", last)
             out[name] = _Block(
                 scenarios[name], _plans(plans[plans.source == name]), functioning, hits[name], flaw,
                 open_[name[1:]].simulated(scenarios[name].ego.id),
@@ -345,7 +345,7 @@ def _model_block(gt: _Block, tables: _Tables, seed: Mapping[str, Any], network: 
         replace(driven, objects=gt.scenario.objects), _plans(tables.plans[tables.plans.source == source]),
         _listed(tables.tracks[tables.tracks.source == f"perceived_{source}"], t, t, 0.0),
         tuple((float(h["t"]), str(h["id"])) for h in seed["collisions"]),
-        f"the function failed: {seed['failure']}" if seed["failure"] else "", gt.doubts.simulated(ego),
+        why_not_whole(seed["end"], seed["failure"] or "", float(rows.t.max())), gt.doubts.simulated(ego),
     )  # fmt: skip
 
 

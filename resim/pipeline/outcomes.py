@@ -62,9 +62,6 @@ def outcome(
         name: Kpi(v.outcome, _finite(v.value), v.unit, v.t, v.object, v.weight, v.reason)
         for name, v in assessment.verdicts.items()
     }
-    if flaw := assessment.flaw:  # what passes here might not if the drive had been whole
-        passed = {name: k for name, k in kpis.items() if k.outcome == "PASS"}
-        kpis |= {name: replace(k, outcome="INVALID", reason=flaw) for name, k in passed.items()}
     return Outcome(
         kpis=kpis,
         events=tuple(fidelity.events(tracks, network, ego=ego)),

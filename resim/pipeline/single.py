@@ -86,7 +86,8 @@ def _without_values(row: Row) -> Row:
 
 def _judged(found: Outcome, criteria: Criteria) -> Row:
     """The verdict, and of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
-    row: Row = {"verdict": overall(found.kpis) if found.kpis else "INVALID"}
+    verdict = overall(found.kpis) if found.kpis else "INVALID"
+    row: Row = {"verdict": "INVALID" if verdict == "PASS" and found.end != "duration" else verdict}
     for c in criteria.criteria:
         kpi = found.kpis.get(c.name)
         row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome

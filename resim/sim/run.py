@@ -12,6 +12,16 @@ from resim.sim.adfunction import Perceived
 End = Literal["duration", "collision", "off_road", "function_failed"]
 
 
+def why_not_whole(end: End, failure: str, t: float) -> str:
+    """Say why a run that ended so at t [s] tells nothing of the rest of its scenario, "" for one that lasted."""
+    if failure:
+        return f"the function failed: {failure}"
+    if end == "duration":
+        return ""
+    what = {"collision": "a collision", "off_road": "leaving the road"}.get(end, end)
+    return f"the run ended at {t:.2f} s by {what}: what would have come is not known"
+
+
 @dataclass(frozen=True)
 class Collision:
     """The EGO's box first overlaps the object's at time t [s]."""

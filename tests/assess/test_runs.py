@@ -83,3 +83,36 @@ def test_findings_are_printed_and_written_by_assess(call, gap, tmp_path):
     assert "finding: gt 1 at 3.96 s: GAP: no sample from 3.96 to 8.04 s" in out
     assert assessment(tmp_path / "out")["findings"][0].startswith("gt 1 at 3.96 s: GAP")
     assert "GAP: no sample from 3.96" in (tmp_path / "out" / "assessment.html").read_text()
+
+
+SWERVES = """
+from resim.sim.adfunction import Command
+
+class F:
+    def reset(self, setup):
+        self.start = None
+    def step(self, seen):
+        self.start = seen.t if self.start is None else self.start
+        t, v = seen.t - self.start, seen.ego.v
+        return Command(-0.6, -3.0 / v**2 if t > SINCE else 0.0)
+    def close(self):
+        pass
+"""
+
+
+def test_a_run_that_leaves_the_road_early_passes_nothing(call, tmp_path):
+    """What it breaks in its last scenes it may have broken for long."""
+    (tmp_path / "f.py").write_text(SWERVES.replace("SINCE", "8.0"))
+    (tmp_path / "b.toml").write_text('name = "b"\nversion = "1"\nfactory = "f:F"\n')
+    code, out, error = call(
+        "run", ROOT / "scenarios" / "neighbours" / "lead_slows", "--build", tmp_path / "b.toml",
+        "--out", tmp_path / "out", "--basis", "gt", "--criteria", TRAFFIC,
+    )  # fmt: skip
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["end"]["rGT"] == "off_road"
+    found = assessment(tmp_path / "out")["rGT"]
+    assert found["verdict"] != "PASS"
+    assert "PASS" not in {v["verdict"] for v in found["criteria"].values()}
+    assert "by leaving the road: what would have come is not known" in out
+    assert code == 1
+    assert "does not pass the criteria 'traffic': rGT" in error
