@@ -5,18 +5,27 @@ Map frame: x east, y north, heading anticlockwise from +x (ISO 8855), radians an
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Owner = TypeVar("Owner")
 
 
 def constant(array: NDArray[Any]) -> NDArray[Any]:
     """Give a copy that nobody can change, nor make writable again."""
     return np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape)
+
+
+def sealed(owner: Owner) -> Owner:
+    """Give an object back, its arrays made `constant`: whoever writes into one that others share gets a ValueError."""
+    for name, value in vars(owner).items():
+        if isinstance(value, np.ndarray):
+            object.__setattr__(owner, name, constant(value))
+    return owner
 
 
 def wrap_angle(angle: ArrayLike) -> Floats:

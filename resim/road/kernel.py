@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import float64, int64, njit
+from numba import float64, int64, njit, types
 
 TRIES, TINY = 12, 1e-9
-TABLE = float64[:, ::1]
+TABLE = types.Array(float64, 2, "C", readonly=True)
 
 
 def entry(*arguments):

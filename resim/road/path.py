@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import InputError
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, constant, sealed
 from resim.road.opendrive import RoadNetwork
 from resim.road.route import SHORTEST, Stretch, follow
 
@@ -164,8 +164,8 @@ def _search(path: Path) -> _Search:
     starts = (s, x, y, np.r_[tx[0], tx, tx[-1]], np.r_[ty[0], ty, ty[-1]])
     columns = np.array([column[:-1] for column in starts] + [np.diff(column) for column in starts])
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
-    score = np.ascontiguousarray([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
-    return _Search(columns, score, np.ascontiguousarray(columns.T), kernel.foot, kernel.positions)
+    score = np.array([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
+    return _Search(constant(columns), constant(score), constant(columns.T), kernel.foot, kernel.positions)
 
 
 def _nearest(search: _Search, x: Floats, y: Floats) -> NDArray[np.intp]:
@@ -210,14 +210,14 @@ def lane_path(
 
     Points lie at most step [m] apart on the reference line, at every lane section's border too. Where the
     road ends the path goes straight on, with the widths and the limit it had. The last ones are kept, as one
-    scenario is driven again and again. Raises InputError where the lane does not exist.
+    scenario is driven again and again, and are constant. Raises InputError where the lane does not exist.
     """
     if not net.has_lane(road, lane, s) or lane == 0:
         raise InputError(net.path, f"road {road} has no lane {lane} at s={s:.3f} m", "Choose one that exists")
     ahead, more = _walk(net, road, lane, s, length, step, ahead=True)
     back, _ = _walk(net, road, lane, s, behind, step, ahead=False)
     table = np.concatenate([back[:0:-1], ahead])
-    return _assemble(table, len(back) - 1, length, behind, step, ends=not more)
+    return sealed(_assemble(table, len(back) - 1, length, behind, step, ends=not more))
 
 
 def _walk(

@@ -208,6 +208,36 @@ def test_a_function_cannot_change_what_others_see(
     assert run.perceived[0].length.tolist() == [4.7]
 
 
+def test_a_function_cannot_write_into_the_map_that_all_runs_share(
+    drive: Drive, function: Make, member: Member
+) -> None:
+    """It looks through all that hangs on the map, uses it, and writes into the first array that lets it."""
+    walk = """
+import numpy
+from resim.road.path import lane_path
+road = setup.road
+path = lane_path(road, "1", -1, 5.0, 80.0)
+path.project([0.0], [0.0]), road.to_road([0.0, 9e3], [0.0, 9e3]), road.z("1", 2.0)
+todo, seen, arrays = [road, path], set(), 0
+while todo:
+    one = todo.pop()
+    if id(one) in seen: continue
+    seen.add(id(one))
+    if isinstance(one, numpy.ndarray):
+        arrays += 1
+        try: one[...] = one
+        except ValueError: continue
+        raise RuntimeError("could write")
+    if isinstance(one, dict): todo += one.values()
+    elif isinstance(one, (list, tuple)): todo += one
+    elif type(one).__module__.startswith("resim.road"): todo += getattr(one, "__dict__", {}).values()
+assert arrays > 40, arrays
+path.x[0] += 1.0
+"""
+    run = drive(function(reset=walk), member("e", 300.0, 20.0))
+    assert "is read-only" in run.failure, run.failure
+
+
 def test_a_signal_to_the_program_is_no_failure_of_the_function(
     drive: Drive, function: Make, member: Member
 ) -> None:

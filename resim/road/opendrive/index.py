@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from resim.core.geometry import Bools, Floats, wrap_angle
+from resim.core.geometry import Bools, Floats, constant, sealed, wrap_angle
 from resim.road.opendrive.lanes import Lanes
 from resim.road.opendrive.reference import Frame, Ints, ReferenceLines
 
@@ -89,7 +89,7 @@ class LaneIndex:
     @cached_property
     def cells(self) -> Cells:
         """Cells of every lane but those of type none; built once."""
-        return _build_cells(self.lines, self.lanes)
+        return sealed(_build_cells(self.lines, self.lanes))
 
     @cached_property
     def _boxes(self) -> shapely.STRtree:
@@ -103,7 +103,7 @@ class LaneIndex:
             number = np.arange(len(self.cells.row))
         corners = shapely.points(self.cells.corners[number].reshape(-1, 2))
         quads = shapely.multipoints(corners, indices=np.repeat(np.arange(len(number)), 4))
-        return shapely.STRtree(shapely.convex_hull(quads)), number
+        return shapely.STRtree(shapely.convex_hull(quads)), constant(number)
 
     def _cells_around(self, x: Floats, y: Floats) -> tuple[Ints, Ints]:
         """Every pair of a point and a cell that may hold it."""

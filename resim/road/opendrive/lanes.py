@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, sealed
 from resim.road.opendrive.arclength import powers
 from resim.road.opendrive.limits import limits
 from resim.road.opendrive.model import Cubic, Lane, LaneSection, Road
@@ -56,6 +56,7 @@ class Lanes:
         self.forward = np.array([roads[e[0]].along(e[3].id, e[1]) for e in entries])
         self._index_rows(pairs)
         self._fill(roads, pairs)
+        sealed(self)
 
     def _index_rows(self, pairs: list[tuple[int, int, LaneSection]]) -> None:
         """Lay out `row_of` (sections, lanes): the row of a lane id in a section, -1 where there is none."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import InputError
-from resim.core.geometry import Bools, Floats, wrap_angle
+from resim.core.geometry import Bools, Floats, constant, wrap_angle
 from resim.road.opendrive.heights import raised
 from resim.road.opendrive.index import LaneIndex
 from resim.road.opendrive.lanes import Lanes, reexpanded
@@ -44,7 +44,8 @@ class RoadPositions:
 
 @dataclass(frozen=True, eq=False)
 class RoadNetwork:
-    """An OpenDRIVE map. Tables and the spatial index are built at the first question that needs them.
+    """An OpenDRIVE map. Tables and the spatial index are built at the first question that needs them, and are constant:
+    all runs of a process share them.
 
     Everywhere: road is an id or (N,) ids; lane an id or (N,) ids; s, t metres, scalars or (N,); s beyond a
     road's ends means its end tangents, with the lane as it is at that end. t is measured from the lane
@@ -177,12 +178,12 @@ class RoadNetwork:
 
     @cached_property
     def _ids(self) -> Strings:
-        return np.array(list(self.roads), dtype=str)
+        return constant(np.array(list(self.roads), dtype=str))
 
     @cached_property
     def _sorted_ids(self) -> tuple[Strings, Ints]:
         order = np.argsort(self._ids)
-        return self._ids[order], order
+        return constant(self._ids[order]), constant(order)
 
     @cached_property
     def _number(self) -> dict[str, int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, sealed
 from resim.road.opendrive.arclength import NODES, WEIGHTS, invert, powers
 from resim.road.opendrive.model import Geometry, Road
 
@@ -45,6 +45,7 @@ class Steps:
         self.base = np.concatenate([[0.0], np.cumsum(high - low)[:-1]]) - low
         self.high, self.start = high, start
         self.key = self.base[group] + start
+        sealed(self)
 
     def find(self, group: Ints, s: Floats) -> Ints:
         """Give the record (N,) of each group (N,) that holds at s (N,); the first one before it begins.
@@ -84,6 +85,7 @@ class ReferenceLines:
         self._table = np.stack(columns, axis=1)
         self._spirals = bool(np.any(self._kind == SPIRAL))
         self._polynomials = _Polynomials([p for _, p in parts]) if np.any(self._kind == POLYNOMIAL) else None
+        sealed(self)
 
     def evaluate(self, road: Ints, s: Floats) -> Frame:
         """Give the frames of roads (N,) at s (N,) [m]; beyond a road's ends along the end tangent."""
@@ -170,6 +172,7 @@ class _Polynomials:
         self.p = np.concatenate([table.p for table in tables])
         self.slope = np.concatenate([table.slope for table in tables])
         self.curve = np.array([(parts[i].u, parts[i].v) for i in own])
+        sealed(self)
 
     def evaluate(self, part: Ints, ds: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
         """Give local u, v [m], turn [rad], curvature, its rate, and speed at ds [m] in the parts."""
