@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from resim.core.errors import ResimError
-from resim.sim import watchdog
+from resim.core import watchdog
+from resim.core.errors import FunctionError, ResimError
 
 _PASSING = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
 """What a machine lacks for a time: disk, memory, open files."""
@@ -29,7 +29,7 @@ SIZE = struct.Struct("!Q")
 @dataclass(frozen=True)
 class Failure:
     """Why a task has no result. crashed: the process died, the code did, or the machine had no more; else the input was
-    wrong. of_function: whether it died in a call of the function under test.
+    wrong. of_function: whether the function under test is to blame.
     """
 
     reason: str
@@ -110,15 +110,10 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
     try:
         return function(task)
     except ResimError as e:
-        return Failure(str(e), crashed=getattr(e.__cause__, "errno", None) in _PASSING)
+        crashed = getattr(e.__cause__, "errno", None) in _PASSING
+        return Failure(str(e), crashed, of_function=isinstance(e, FunctionError))
     except BaseException as e:
         where = traceback.extract_tb(e.__traceback__)[-1]
-        return Failure(f"unexpected {_said(e)} in {where.name} ({Path(where.filename).name})", crashed=True)
-
-
-def _said(e: BaseException) -> str:
-    """An exception in words; its own code makes them, and may fail, too."""
-    try:
-        return repr(e)
-    except BaseException:
-        return type(e).__name__
+        return Failure(
+            f"unexpected {watchdog.said(e)} in {where.name} ({Path(where.filename).name})", crashed=True
+        )

@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 
 from resim.batch.child import SIZE, Failure
 from resim.core.errors import FunctionError, ResimError
-from resim.sim.watchdog import unanswered
+from resim.core.watchdog import unanswered
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -39,7 +39,7 @@ _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
 _SERVE = "import sys; sys.path[:] = {path!r}; from resim.batch.child import main; main()"
 _BOARD = 24
-"""Bytes of `resim.sim.watchdog.board`."""
+"""Bytes of `resim.core.watchdog.board`."""
 _TICK = 0.1
 """s between two looks whether the child is alive, and whether its function answers in time."""
 _GRACE = 2.0
@@ -55,7 +55,8 @@ _FOREIGN = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 def in_child(function: Callable[[Task], Result], task: Task) -> Result:
     """Give the result of one task from this thread's child process, which waits for the next one then.
 
-    Raises FunctionError where the function under test ended its process over and over, else ResimError.
+    Raises FunctionError where the function under test ended its process over and over, or cannot be loaded in time,
+    else ResimError.
     """
     try:
         result = supervised(function, task, float("inf"))
@@ -141,7 +142,9 @@ def supervised(function: Callable[[Task], Result], task: Task, time_limit: float
             found: Result | Failure = child.work(function, task, time_limit, broken)
         except OSError as e:
             return Failure(f"no process could be started: {e}", crashed=True)
-        if not isinstance(found, Failure) or not found.of_function or len(broken) == _MOST_ENDS:
+        if not isinstance(found, Failure) or not (found.crashed and found.of_function):
+            return found
+        if len(broken) == _MOST_ENDS or child.call in broken:
             return found
         broken[child.call] = found.reason.removeprefix(_FUNCTION)
 
@@ -182,6 +185,7 @@ class _Child:
         self, function: Callable[[Any], Any], task: Any, time_limit: float, broken: dict[int, str]
     ) -> Any:
         """Give the result of a task, or a Failure; the process may have ended then."""
+        self.board[2] = 0.0
         try:
             _write(self.tasks, pickle.dumps((_here(), function, task, broken)))
         except OSError:
@@ -222,11 +226,14 @@ class _Child:
         """Say how the process ended, and whether it did so in a call of the function."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(_PATIENCE)
-        code, inside = self.process.poll(), self.board[0] > 0.0
+        code, inside, called = self.process.poll(), self.board[0] > 0.0, self.call != 0
         self.end()
-        if code is None or not inside or -code in _FOREIGN:
-            return Failure(f"the process {_ended(code)}", crashed=True)
-        return Failure(f"{_FUNCTION}ended its process, which {_ended(code)}", True, True)
+        itself = code is not None and -code not in _FOREIGN
+        if itself and inside:
+            return Failure(f"{_FUNCTION}ended its process, which {_ended(code)}", True, True)
+        if called and code is not None and code >= 0:  # resim ends it by none
+            return Failure(f"{_FUNCTION}{_OUTSIDE}: it {_ended(code)}", True, True)
+        return Failure(f"the process {_ended(code)}", crashed=True)
 
     def end(self) -> None:
         """Kill the process and all that it started; it has nothing to lose."""
@@ -248,6 +255,7 @@ _own = threading.local()
 """Of each thread: its child, where it notes the children that it starts, and whether nobody waits any more."""
 
 _FUNCTION = "the function "
+_OUTSIDE = "ended its process outside of its calls, as by a thread of its own or by closing files that are not its own"
 
 
 def _here() -> str | None:

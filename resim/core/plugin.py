@@ -14,14 +14,19 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-from resim.core.errors import InputError
+from resim.core.errors import FunctionError, InputError, StopError
 from resim.core.frozen import Copy, Frozen, freeze
 from resim.core.imports import is_own, options, own_data, own_sources
 from resim.core.opened import Opened
+from resim.core.watchdog import Watchdog, said
+
+LOAD_LIMIT = 180.0
+"""s of wall clock for the import of a module: those of large libraries take a minute where the disk is cold."""
 
 
 def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[str] = ()) -> Frozen:
@@ -40,7 +45,7 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> tuple[Calla
     """Give the callable that a frozen file names as "module:name" for its field `what`, from its copy.
 
     Also gives the context in which to call it, which hears of files that it opens. Raises InputError for a module or
-    name that is not there.
+    name that is not there, FunctionError for one that takes longer than LOAD_LIMIT, or ends the process.
     """
     path = frozen.path
     module_name, _, name = named.partition(":")
@@ -49,18 +54,38 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> tuple[Calla
         _spaces[private] = _Space(private, copy)
     space = _spaces[private]
     opened = Opened(path, copy.folder, copy.names, frozenset(space.opened))
+    problem = f"{what} module {module_name!r} cannot be imported"
+    remedy = f"Install it, or put the module's file beside {path.name}."
     try:
-        with opened, _path_kept():
-            module = space.load(module_name)
-    except (Exception, SystemExit) as e:
-        problem = f"{what} module {module_name!r} cannot be imported: {e!r}"
-        remedy = f"Install it, or put the module's file beside {path.name}."
-        raise InputError(path, problem, opened.remedy() or remedy) from e
+        with opened, _path_kept(), Watchdog() as watchdog:
+            module = watchdog.load(LOAD_LIMIT, frozen.hash, lambda: _loaded(space, module_name))
+    except FunctionError as e:
+        late = "Move what takes long, or ends the process, out of the module into a function that is called later"
+        raise FunctionError(f"{path}: {problem}: it {e}. {late}.") from e
+    if isinstance(module, _FailedImport):
+        raise InputError(path, f"{problem}: {module.why}", opened.remedy() or remedy) from module.cause
     space.opened |= opened.found
     found = getattr(module, name, None)
     if not callable(found):
         raise InputError(path, f"{what} {named!r}: module {module_name} has no {name}")
     return found, opened
+
+
+@dataclass(frozen=True)
+class _FailedImport:
+    """What an import raised that the user can mend."""
+
+    why: str
+    cause: BaseException
+
+
+def _loaded(space: _Space, name: str) -> ModuleType | _FailedImport:
+    try:
+        return space.load(name)
+    except StopError:
+        raise
+    except (Exception, SystemExit) as e:
+        return _FailedImport(said(e), e)
 
 
 class _Space:

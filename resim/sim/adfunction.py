@@ -129,9 +129,9 @@ class Build:
     """An AD function at one version: what makes it, with which parameters.
 
     cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
-    answer; `reset` and `close` have a minute. frozen: the copy that it was loaded from, whose hash is of the build
-    file, the factory's module, what that imports from its own folder, and the files that the build lists. opened: what
-    else its code opens beside the build file.
+    answer; `reset` and `close` have a minute, the import of its module three. frozen: the copy that it was loaded from,
+    whose hash is of the build file, the factory's module, what that imports from its own folder, and the files that the
+    build lists. opened: what else its code opens beside the build file.
     """
 
     name: str

@@ -9,8 +9,8 @@ import numpy as np
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Floats, constant
+from resim.core.watchdog import Watchdog
 from resim.sim.adfunction import AdFunction, Build, Command, EgoState, Perceived, Placement, Setup
-from resim.sim.watchdog import Watchdog
 
 _RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
 

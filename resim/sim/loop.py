@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
 from resim.core.tracks import Tracks
+from resim.core.watchdog import Watchdog
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Command, EgoState, Placement, Setup
@@ -21,7 +22,6 @@ from resim.sim.perception import Ideal, Perception
 from resim.sim.run import Collision, End, Run
 from resim.sim.session import EGO, Session, from_sumo, open_session
 from resim.sim.traffic import Stage, staged
-from resim.sim.watchdog import Watchdog
 
 RELAXATION = 3.0
 """Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""

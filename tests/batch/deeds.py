@@ -5,11 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
+from resim.core import plugin
 from resim.core.errors import FunctionError, ResimError
-from resim.sim.watchdog import Watchdog
+from resim.core.watchdog import Watchdog
+from resim.sim.adfunction import load_build
 
 
 def act(task: tuple[str, int]) -> tuple[int, int]:
@@ -81,6 +84,21 @@ def call(task: tuple[str, int]) -> list[str]:
             except FunctionError as e:
                 said.append(str(e))
     return said
+
+
+def linger(name: str) -> None:
+    """Let a function under test do something that ends the process when its call is over."""
+    late = threading.Timer(0.2, os._exit, [0])
+    with Watchdog() as watchdog:
+        watchdog.call(5.0, late.start if name == "thread" else lambda: os.closerange(3, 256))
+        if name == "thread":
+            time.sleep(60.0)
+
+
+def load(file: Path) -> None:
+    """Load a build within half a second."""
+    plugin.LOAD_LIMIT = 0.5
+    load_build(file)
 
 
 def start_others(note: str) -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from batch.deeds import act, call, leave_the_folder, start_others
+from batch.deeds import act, call, leave_the_folder, linger, load, start_others
 
 from resim.batch import workers
 from resim.batch.child import Failure
-from resim.batch.workers import run_all
+from resim.batch.workers import _end_own, in_child, run_all
+from resim.core.errors import FunctionError
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -78,6 +80,34 @@ def test_what_the_system_refuses_is_worth_another_attempt() -> None:
 def test_what_a_function_does_to_its_process_is_told_as_its_failure(name: str, times: int, why: str) -> None:
     found = dict(run_all(call, [(name, times), ("copy", 1)], workers=1, time_limit=60.0))
     assert found == {0: [why] * times, 1: [""]}
+
+
+@pytest.mark.parametrize(("name", "code"), [("thread", 0), ("files", 1)])
+def test_who_ends_the_process_outside_of_a_call_is_the_function(name: str, code: int) -> None:
+    (found,) = dict(run_all(linger, [name], workers=1, time_limit=60.0)).values()
+    assert found.of_function
+    assert "ended its process outside of its calls, as by a thread" in found.reason
+    assert found.reason.endswith(f"it ended with code {code}")
+
+
+@pytest.mark.parametrize(
+    ("top", "why"),
+    [
+        ("while True: pass", "it did not answer within 0.5 s."),
+        ("sum(range(10**14))", "it did not answer within 0.5 s, and could not be interrupted."),
+        ("import os; os._exit(0)", "it ended its process, which ended with code 0."),
+    ],
+)
+def test_a_module_that_cannot_be_imported_in_time_is_the_functions_failure(
+    write_build: Callable[..., Path], top: str, why: str
+) -> None:
+    file = write_build(top)
+    with pytest.raises(FunctionError) as told:
+        in_child(load, file)
+    _end_own()
+    assert str(told.value).startswith(f"{file}: factory module ")
+    assert why in str(told.value)
+    assert "Move what takes long" in str(told.value)
 
 
 def test_a_function_that_ends_its_process_over_and_over_is_given_up() -> None:

@@ -273,6 +273,30 @@ def test_an_interrupt_of_its_own_is_a_failure_of_the_function(
     assert "raised KeyboardInterrupt" in run.failure
 
 
+def test_an_end_of_the_program_of_its_own_is_a_failure_of_the_function(
+    drive: Drive, function: Make, member: Member
+) -> None:
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL  # as in a child process
+    run = drive(
+        function("from resim.core.errors import StopError\nraise StopError(15)"), member("e", 300.0, 20.0)
+    )
+    assert "tried to end the program: SystemExit(15)" in run.failure
+
+
+def test_an_exception_whose_class_has_no_name_is_told(drive: Drive, function: Make, member: Member) -> None:
+    nameless = """
+class Meta(type):
+    @property
+    def __name__(self): raise RuntimeError("no name")
+class Nameless(BaseException, metaclass=Meta):
+    @property
+    def __class__(self): raise RuntimeError("no class")
+    def __repr__(self): raise self
+raise Nameless("odd")
+"""
+    assert "raised Nameless: odd" in drive(function(nameless), member("e", 300.0, 20.0)).failure
+
+
 def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member: Member) -> None:
     own = function(
         "import numpy as np\nreturn Placement(EgoState(np.float32(300.0), -5.0, 0.0, 1.0))", members=ORACLE

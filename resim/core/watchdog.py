@@ -1,4 +1,4 @@
-"""Calls an AD function so that nothing it does ends the program."""
+"""Calls code under test so that nothing it does ends the program, or holds it up."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ interrupts, such as compiled code that never returns.
 
 broken: dict[int, str] = {}
 """Calls that are known to end the process, by number, and how: they are not made again, they fail."""
+
+_DIGITS = 12
+"""Of a hash that make the number of a load: as many as a float holds exactly."""
 
 
 class _Overrun(BaseException):
@@ -63,9 +66,21 @@ class Watchdog:
         if self._inside:
             raise _Overrun
 
+    def load(self, limit: float, digest: str, what: Callable[..., Any]) -> Any:
+        """Call as `call` does what loads the code of this hash: a process does that once, whatever it loaded before."""
+        before = board[2]
+        board[2] = -1.0 - int(digest[:_DIGITS], 16)
+        try:
+            return self._call(limit, what)
+        finally:
+            board[2] = before
+
     def call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         """Call within `limit` [s] of wall clock and give the answer."""
         board[2] += 1.0
+        return self._call(limit, what, *arguments)
+
+    def _call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         if broken and (known := broken.get(int(board[2]))) is not None:
             raise FunctionError(known)
         begin = time.monotonic()
@@ -105,16 +120,34 @@ def unanswered(limit: float) -> str:
 
 
 def _is_of_others(e: BaseException) -> bool:
-    """Whether a signal to the program raised it, and not the function: the user's Ctrl-C, where it is not ignored."""
-    interrupted = isinstance(e, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) != signal.SIG_IGN
-    return interrupted or isinstance(e, StopError)
+    """Whether a signal to the program raised it, and not the function: one that the process has a handler for."""
+    for kind, number in ((KeyboardInterrupt, signal.SIGINT), (StopError, signal.SIGTERM)):
+        if issubclass(type(e), kind):
+            return callable(signal.getsignal(number))
+    return False
 
 
 def _told(e: BaseException) -> str:
     """What a function raised, in words; its text is the function's code, too."""
-    if isinstance(e, SystemExit):
-        return f"tried to end the program: SystemExit({_said(lambda: str(e.code))})"
-    return f"raised {type(e).__name__}: {_said(lambda: str(e)):.300}"
+    if issubclass(type(e), SystemExit):
+        return f"tried to end the program: SystemExit({_said(lambda: str(getattr(e, 'code', '')))})"
+    return f"raised {name_of(e)}: {_said(lambda: str(e)):.300}"
+
+
+def name_of(e: BaseException) -> str:
+    """Give the name of an exception's class, whatever its metaclass answers."""
+    name: str = type.__dict__["__name__"].__get__(type(e))
+    return name
+
+
+def said(e: BaseException) -> str:
+    """Give an exception as `repr` does; its class's name where making that fails."""
+    try:
+        return repr(e)
+    except _Overrun:
+        raise
+    except BaseException:
+        return name_of(e)
 
 
 def _said(text: Callable[[], str]) -> str:
