@@ -179,7 +179,7 @@ def _print(result: Resimulation, assessed: Assessed) -> None:
     _print_table(result)
     _print_risk(assessed)
     print_verdicts(assessed)
-    print_notes(assessed)
+    print_notes(assessed, result.warnings)
 
 
 def _perceiving(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,10 +102,11 @@ def print_findings(found: Assessed) -> None:
         say(f"finding: {finding}")
 
 
-def print_notes(found: Assessed) -> None:
-    """Print what one has to know to compare and believe the values."""
+def print_notes(found: Assessed, told: Collection[str] = ()) -> None:
+    """Print what one has to know to compare and believe the values. told: notes that are printed already."""
     for note in found.notes():
-        say(f"note: {note}")
+        if note not in told:
+            say(f"note: {note}")
 
 
 def print_findings_of(recordings: Mapping[str, Path]) -> None:

@@ -160,7 +160,7 @@ def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assesse
 def assess_recording(recording: Recording, how: How) -> Assessed:
     """Assess what was measured: GT, and SD where there is one."""
     network = load(recording.map)
-    scenarios = describe_recording(recording, network)
+    scenarios = {str(basis): scenario for basis, scenario in describe_recording(recording, network).items()}
     measured = measured_tracks(recording)
     plans, sd = _plans(recording.plan), measured.get("SD")
     seen = None if sd is None else sd.to_frame()
@@ -175,7 +175,7 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     }  # fmt: skip
     found = _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
     rows = {basis: measured[basis].to_frame() for basis in scenarios}
-    return replace(found, misfits=_misfits(scenarios, rows, network))
+    return replace(found, misfits=tuple(misfits(scenarios, rows, network).values()))
 
 
 def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
@@ -187,11 +187,8 @@ def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) 
     found = _assessed(
         result.recording.name, result.network, True, blocks, how, failures, result.recording.findings
     )
-    return (
-        replace(found, model=_model_runs(blocks["GT"], tables, report, result.network, how))
-        if model
-        else found
-    )
+    runs = _model_runs(blocks["GT"], tables, report, result.network, how) if model else None
+    return replace(found, model=runs, misfits=tuple(result.misfits.values()))
 
 
 def assess_run(
@@ -249,16 +246,7 @@ def _assess_results(folder: Path, how: How) -> Assessed:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
     found = _assessed(name, network, True, blocks, how, failures, findings)
     rows = {name: tables.tracks[tables.tracks.source == name] for name in scenarios}
-    return replace(found, model=model, misfits=_misfits(scenarios, rows, network))
-
-
-def _misfits(
-    scenarios: Mapping[Any, Scenario], rows: Mapping[Any, pd.DataFrame], network: RoadNetwork
-) -> tuple[str, ...]:
-    """Name the objects whose traces are not where their rows are, source by source."""
-    return tuple(
-        line for name, scenario in scenarios.items() for line in misfits(name, scenario, rows[name], network)
-    )
+    return replace(found, model=model, misfits=tuple(misfits(scenarios, rows, network).values()))
 
 
 def _described(report: Mapping[str, Any]) -> list[str]:

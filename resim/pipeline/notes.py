@@ -42,8 +42,9 @@ def notes(
     described: Mapping[Basis, Scenario],
     branches: Mapping[Basis, Branch],
     errors: Mapping[str, Errors],
+    off: Mapping[str, str],
 ) -> Iterator[str]:
-    """Give one line for each thing that qualifies the results."""
+    """Give one line for each thing that qualifies the results. off: what `misfits` found."""
     yield from finding_lines(recording.findings)
     yield from _repaired(recording)
     yield from _map(checked, measured)
@@ -53,10 +54,9 @@ def notes(
     yield from _plausible(recording, checked.network, measured["GT"], errors)
     for basis, scenario in described.items():
         yield from _described(basis, measured[basis], scenario)
-        yield from misfits(basis, scenario, measured[basis].to_frame(), checked.network)
+        yield from _of(off, basis)
     for basis, branch in branches.items():
-        if branch.refit is not None:
-            yield from misfits(f"r{basis}", branch.refit, branch.run.truth.to_frame(), checked.network)
+        yield from _of(off, f"r{basis}")
         if branch.run.end in ("collision", "off_road"):
             yield f"r{basis} ended at t = {branch.run.truth.t[-1]:.2f} s: {branch.run.end.replace('_', ' ')}"
         if branch.run.failure:
@@ -143,12 +143,27 @@ def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str
     yield from _gaps(basis, tracks, scenario.ego.id)
 
 
-def misfits(what: str, scenario: Scenario, positions: pd.DataFrame, network: RoadNetwork) -> Iterator[str]:
-    """Give one line that names every object whose trace is off its positions, as in `find_misfits`, the worst first."""
+def _of(off: Mapping[str, str], source: str) -> Iterator[str]:
+    if source in off:
+        yield off[source]
+
+
+def misfits(
+    scenarios: Mapping[str, Scenario], positions: Mapping[str, pd.DataFrame], network: RoadNetwork
+) -> dict[str, str]:
+    """Give by source a line that names its objects whose traces are not where their positions are, if there are any.
+
+    positions: what each scenario describes, as `find_misfits` takes it.
+    """
+    told = {name: misfit(name, scenario, positions[name], network) for name, scenario in scenarios.items()}
+    return {name: line for name, line in told.items() if line}
+
+
+def misfit(what: str, scenario: Scenario, positions: pd.DataFrame, network: RoadNetwork) -> str:
+    """Give a line that names every object whose trace is off its positions (`find_misfits`), the worst first, or ""."""
     far = sorted(find_misfits(scenario, positions, network), key=lambda m: (m.off, m.object), reverse=True)
-    if far:
-        told = ", ".join(f"{m.object} by {m.off:.2f} m at {m.t:.2f} s (noise {m.noise:.2g} m)" for m in far)
-        yield f"{what}: traces are off the positions that they were fitted to by more than noise: {told}"
+    told = ", ".join(f"{m.object} by {m.off:.2f} m at {m.t:.2f} s (noise {m.noise:.2g} m)" for m in far)
+    return f"{what}: traces are off the positions that they were fitted to by more than noise: {told}" if far else ""
 
 
 def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:

@@ -71,12 +71,27 @@ class Branch:
     refit: Scenario | None
 
 
+def scenarios_of(
+    described: Mapping[Basis, Scenario], branches: Mapping[Basis, Branch]
+) -> dict[str, Scenario]:
+    """Give the scenarios by what they describe: GT, SD, rGT, rSD."""
+    out = {str(basis): scenario for basis, scenario in described.items()}
+    return out | {f"r{basis}": b.refit for basis, b in branches.items() if b.refit is not None}
+
+
+def tracks_of(measured: Mapping[Basis, Tracks], branches: Mapping[Basis, Branch]) -> dict[str, Tracks]:
+    """Give the tracks by source: GT, SD, rGT, rSD."""
+    out = {str(basis): tracks for basis, tracks in measured.items()}
+    return out | {f"r{basis}": branch.run.truth for basis, branch in branches.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Resimulation:
     """A re-simulated recording: what was measured and described, the branches that were run, and the errors.
 
     measured holds GT, and SD where there is one, as long as the EGO is there; described and branches by basis,
-    GT always described; doubts: what each measurement leaves open.
+    GT always described; doubts: what each measurement leaves open; misfits: by source a line that names the objects
+    whose traces are not where they were.
     """
 
     recording: Recording
@@ -93,6 +108,7 @@ class Resimulation:
     perceiving: Perceiving | None = None
     perceived_runs: tuple[PerceivedRun, ...] = ()
     doubts: Mapping[Basis, Doubts] = field(default_factory=dict)
+    misfits: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def ego(self) -> str:
@@ -108,13 +124,11 @@ class Resimulation:
 
     def scenarios(self) -> dict[str, Scenario]:
         """Give the scenarios by what they describe: GT, SD, rGT, rSD."""
-        out = {str(basis): scenario for basis, scenario in self.described.items()}
-        return out | {f"r{basis}": b.refit for basis, b in self.branches.items() if b.refit is not None}
+        return scenarios_of(self.described, self.branches)
 
     def tracks(self) -> dict[str, Tracks]:
         """Give the tracks by source: GT, SD, rGT, rSD."""
-        out = {str(basis): tracks for basis, tracks in self.measured.items()}
-        return out | {f"r{basis}": branch.run.truth for basis, branch in self.branches.items()}
+        return tracks_of(self.measured, self.branches)
 
     def driven(self) -> dict[str, Tracks | None]:
         """Give how the EGO drove in GT, rGT and rSD, with accelerations: as splines have it, of all alike."""

@@ -20,9 +20,9 @@ from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
 from resim.pipeline.doubts import doubts
 from resim.pipeline.maps import check_map, refuse_flaws
-from resim.pipeline.notes import notes, perception_notes
+from resim.pipeline.notes import misfits, notes, perception_notes
 from resim.pipeline.perceived import PerceivedRun, Perceiving
-from resim.pipeline.result import Basis, Branch, Options, Resimulation
+from resim.pipeline.result import Basis, Branch, Options, Resimulation, scenarios_of, tracks_of
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet, sumo_net
 from resim.scenario.scenario import Scenario, describe
@@ -103,6 +103,8 @@ def resimulate(
             )
     with clock.stage("errors"):
         errors = _errors(recording, branches, whole, measured, described, network)
+        positions = {source: tracks.to_frame() for source, tracks in tracks_of(measured, branches).items()}
+        off = misfits(scenarios_of(described, branches), positions, network)
     result = Resimulation(
         recording=recording,
         build=build,
@@ -112,7 +114,7 @@ def resimulate(
         described=described,
         branches=branches,
         errors=errors,
-        warnings=tuple(notes(recording, build, checked, measured, described, branches, errors)),
+        warnings=tuple(notes(recording, build, checked, measured, described, branches, errors, off)),
         times=clock.times,
         hashes={
             "build": build.hash,
@@ -124,6 +126,7 @@ def resimulate(
             basis: doubts(recording, basis, tracks, described.get(basis), network)
             for basis, tracks in whole.items()
         },
+        misfits=off,
     )
     if perceiving is None:
         return result

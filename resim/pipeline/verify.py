@@ -110,7 +110,7 @@ def verify_recording(
         way: cause(j, errors, demands.tolerances, recorded, shown[way], driven, oracle=build.needs_truth)
         for way, j in judged.items()
     }
-    notes = (*result.warnings, *assessed.notes(), *_driven_otherwise(driven))
+    notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven)]))
     out = Verified(result, found, seeds, errors, judged, causes, recorded, driven, notes=notes)
     if demands.vary and out.verdict == "verified":
         return _varied(out, assessed.blocks["GT"], demands.vary, how)

@@ -116,3 +116,27 @@ def test_a_run_that_leaves_the_road_early_passes_nothing(call, tmp_path):
     assert "by leaving the road: what would have come is not known" in out
     assert code == 1
     assert "does not pass the criteria 'traffic': rGT" in error
+
+
+def test_a_trace_that_is_off_is_told_alike_by_run_and_assess(call, tmp_path):
+    """Object 1 is 0.3 m beside its way for 0.2 s, which no spline of a vehicle follows."""
+    folder = tmp_path / "off"
+    shutil.copytree(ROOT / "scenarios" / "rear_end", folder)
+    text = (folder / "recording.toml").read_text()
+    folder.joinpath("recording.toml").write_text(text.replace("../../networks", str(ROOT / "networks")))
+    gt = pd.read_csv(folder / "gt.csv")
+    gt.loc[(gt.id.astype(str) == "1") & ((gt.t - 4.0).abs() < 0.1), "y"] += 0.3
+    gt.to_csv(folder / "gt.csv", index=False)
+    code, out, error = call("run", folder, "--build", PILOT, "--basis", "gt", "--out", tmp_path / "out")
+    assert code == 0, error
+    (line,) = (note for note in assessment(tmp_path / "out")["notes"] if "traces are off" in note)
+    assert line.startswith(
+        "GT: traces are off the positions that they were fitted to by more than noise: 1 by 0."
+    )
+    assert out.count("traces are off") == 1
+    assert line in json.loads((tmp_path / "out" / "report.json").read_text())["warnings"]
+    _, again, _ = call("assess", tmp_path / "out", "--out", tmp_path / "again")
+    assert again.count("traces are off") == 1
+    assert (tmp_path / "again" / "assessment.json").read_bytes() == (
+        tmp_path / "out" / "assessment.json"
+    ).read_bytes()
