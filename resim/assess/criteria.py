@@ -20,6 +20,7 @@ from resim.core.files import parse_toml, read_file
 from resim.core.frozen import Copy, Frozen, thaw
 from resim.core.geometry import Bools, Floats
 from resim.core.plugin import freeze_code, load_named
+from resim.core.watchdog import said
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
@@ -175,7 +176,7 @@ def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification
             with opened:
                 given = function(deepcopy(drive), subject.network)
         except (Exception, SystemExit) as e:
-            problem = f"objectification {own.name!r}: {own.function} raised {e!r}"
+            problem = f"objectification {own.name!r}: {own.function} raised {said(e)}"
             raise InputError(path, problem, opened.remedy()) from e
         shapes = drive.t.shape, drive.present.shape
         if what := _no_measure(given, shapes):

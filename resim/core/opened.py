@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from resim.core.modules import OwnModules
+
 UNKNOWN = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
 _OTHERS = {"__pycache__", "site-packages", "dist-packages", "resim"}
 """Folders of what Python and installed packages open."""
@@ -16,21 +18,25 @@ class Opened:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
     path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
-    copy. found: what the code's modules opened when they were loaded.
+    copy. found: what the code's modules opened when they were loaded. modules: those that the code makes itself.
     """
 
-    def __init__(self, path: Path, folder: Path, names: frozenset[str], found: frozenset[str]) -> None:
+    def __init__(
+        self, path: Path, folder: Path, names: frozenset[str], found: frozenset[str], modules: OwnModules
+    ) -> None:
         self.path = path
         self.found = set(found)
         self._folders = [os.path.realpath(place) + os.sep for place in (folder, path.absolute().parent)]
-        self._names = names
+        self._names, self._modules = names, modules
 
     def __enter__(self) -> Opened:
+        self._modules.__enter__()
         _watching.append(self)
         return self
 
     def __exit__(self, *error: object) -> None:
         _watching.pop()
+        self._modules.__exit__(*error)
 
     def hear(self, file: Any, flags: int) -> None:
         """Note a file that is about to be opened, unless it is to be written only."""

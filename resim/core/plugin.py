@@ -22,6 +22,7 @@ from typing import Any
 from resim.core.errors import FunctionError, InputError, StopError
 from resim.core.frozen import Copy, Frozen, freeze
 from resim.core.imports import is_own, options, own_data, own_sources
+from resim.core.modules import OwnModules
 from resim.core.opened import Opened
 from resim.core.watchdog import Watchdog, said
 
@@ -53,7 +54,7 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> tuple[Calla
     if private not in _spaces:
         _spaces[private] = _Space(private, copy)
     space = _spaces[private]
-    opened = Opened(path, copy.folder, copy.names, frozenset(space.opened))
+    opened = Opened(path, copy.folder, copy.names, frozenset(space.opened), space.modules)
     problem = f"{what} module {module_name!r} cannot be imported"
     remedy = f"Install it, or put the module's file beside {path.name}."
     try:
@@ -91,11 +92,11 @@ def _loaded(space: _Space, name: str) -> ModuleType | _FailedImport:
 class _Space:
     """A namespace of modules: a package of a private name, whose modules import one another by their own names.
 
-    opened: files that they opened when they were loaded.
+    opened: files that they opened when they were loaded. modules: those that they put into `sys.modules`.
     """
 
     def __init__(self, name: str, copy: Copy) -> None:
-        self.name, self.copy, self.opened = name, copy, set[str]()
+        self.name, self.copy, self.opened, self.modules = name, copy, set[str](), OwnModules()
         tops = {name.partition("/")[0].partition(".")[0] for name in copy.names}
         self._tops = {top for top in tops if is_own(top, copy.names)}
         self.builtins = {**vars(builtins), "__import__": self._import}

@@ -69,6 +69,49 @@ def test_two_builds_have_a_helper_of_the_same_name_each(written: Write, way: str
     assert "helper" not in sys.modules
 
 
+PUTS = """
+import sys, types, importlib.util
+from pathlib import Path
+import numpy, colorsys
+def put(name, gain):
+    sys.modules[name] = module = types.ModuleType(name)
+    module.GAIN = gain
+if "settings" not in sys.modules:
+    put("settings", {gain})
+put("json", {gain})
+sys.modules.pop("colorsys")
+spec = importlib.util.spec_from_file_location("part", Path(__file__).parent / "part.py")
+if "part" not in sys.modules:
+    sys.modules["part"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["part"])
+import settings, part
+"""
+
+
+def test_what_a_build_puts_into_the_modules_is_there_for_itself_alone(written: Write) -> None:
+    value = "import settings as late, json, part as p; return settings.GAIN, late.GAIN, json.GAIN, part.GAIN, p.GAIN"
+    before = dict(sys.modules)
+    one, two = (
+        load_build(
+            written(
+                n, value, {"part.py": f"GAIN = {g}\n"}, head=PUTS.format(gain=g), top='files = ["part.py"]'
+            )
+        )
+        for n, g in (("one", 1), ("two", 2))
+    )
+    for build, gain in ((two, 2), (one, 1), (two, 2)):
+        with build.opened:
+            assert said(build) == (gain,) * 5
+    assert {"settings", "part"}.isdisjoint(sys.modules)
+    assert all(sys.modules[name] is module for name, module in before.items())
+
+
+def test_an_installed_module_that_a_build_imports_first_is_everybodys(written: Write) -> None:
+    sys.modules.pop("colorsys", None)
+    load_build(written("one", "return 1", {}, head="import colorsys"))
+    assert "colorsys" in sys.modules
+
+
 def test_packages_beside_the_build_are_its_own_and_count(written: Write) -> None:
     files = {
         "kit/__init__.py": "from .deep import LIMIT\n__all__ = ['late']\n", "kit/deep/__init__.py": "LIMIT = 7\n",
