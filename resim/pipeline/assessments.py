@@ -160,7 +160,7 @@ def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assesse
 def assess_recording(recording: Recording, how: How) -> Assessed:
     """Assess what was measured: GT, and SD where there is one."""
     network = load(recording.map)
-    scenarios = {str(basis): scenario for basis, scenario in describe_recording(recording, network).items()}
+    described = describe_recording(recording, network)
     measured = measured_tracks(recording)
     plans, sd = _plans(recording.plan), measured.get("SD")
     seen = None if sd is None else sd.to_frame()
@@ -171,10 +171,11 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
             tuple(collisions(measured[basis], ego=recording.ego)),
             doubts=doubts(recording, basis, measured[basis], scenario, network),
         )
-        for basis, scenario in scenarios.items()
+        for basis, scenario in described.items()
     }  # fmt: skip
     found = _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
-    rows = {basis: measured[basis].to_frame() for basis in scenarios}
+    scenarios = {str(basis): scenario for basis, scenario in described.items()}
+    rows = {str(basis): measured[basis].to_frame() for basis in described}
     return replace(found, misfits=tuple(misfits(scenarios, rows, network).values()))
 
 

@@ -163,7 +163,11 @@ def misfit(what: str, scenario: Scenario, positions: pd.DataFrame, network: Road
     """Give a line that names every object whose trace is off its positions (`find_misfits`), the worst first, or ""."""
     far = sorted(find_misfits(scenario, positions, network), key=lambda m: (m.off, m.object), reverse=True)
     told = ", ".join(f"{m.object} by {m.off:.2f} m at {m.t:.2f} s (noise {m.noise:.2g} m)" for m in far)
-    return f"{what}: traces are off the positions that they were fitted to by more than noise: {told}" if far else ""
+    return (
+        f"{what}: traces are off the positions that they were fitted to by more than noise: {told}"
+        if far
+        else ""
+    )
 
 
 def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:

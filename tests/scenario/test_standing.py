@@ -124,9 +124,9 @@ def test_a_trace_that_is_off_is_told_by_object(network: RoadNetwork) -> None:
     tracks, _ = measured("stop and go", "noisy", 0.02, 0.1, 3)
     scenario = describe(tracks, network, ego="ego", map_name="m.xodr")
     frame = tracks.to_frame()
-    assert list(misfits("GT", scenario, frame, network)) == []
+    assert misfits({"GT": scenario}, {"GT": frame}, network) == {}
     bent = frame.assign(y=frame["y"] + np.where(frame["t"].between(6.0, 9.0), 0.5, 0.0))
-    (line,) = misfits("GT", scenario, bent, network)
+    line = misfits({"GT": scenario}, {"GT": bent}, network)["GT"]
     assert line.startswith("GT: ")
     assert "ego by 0.5" in line
 
