@@ -43,7 +43,8 @@ BUILDS = ("before", "now")
 class Task:
     """One recording to verify, or to run with two builds where `against` is one.
 
-    hash: that its content must have, or None. reports: folder for the re-simulation reports, None for none.
+    hash: that its content must have, None where it could not be read. reports: folder for the re-simulation reports,
+    None for none.
     """
 
     name: str
@@ -66,8 +67,7 @@ class Task:
 def run(task: Task) -> dict[str, Any]:
     """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
     begin = time.perf_counter()
-    if task.hash is not None:
-        refuse_changed(task.folder, task.hash)
+    refuse_changed(task.folder, task.hash)
     recording = examined(task.folder, accept=task.accept)
     out = _verify(task, recording) if task.against is None else _compare(task, recording)
     return {**out, "time": time.perf_counter() - begin}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import stat
@@ -21,6 +22,17 @@ def cache_folder(name: str) -> Path:
     """Give the folder of this name in which resim keeps what can be made again: in XDG_CACHE_HOME or ~/.cache."""
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "resim" / name
+
+
+def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
+    """Give the SHA-256 of a file of any size; `remedy` is for its errors. Raises InputError for what is no file."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise InputError(path, "cannot be read (it is no file)", remedy)
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as e:
+        raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
 
 
 def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large: str = "") -> bytes:

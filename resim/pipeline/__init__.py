@@ -18,7 +18,7 @@ from resim.pipeline.result import (
     Resimulation,
     perceived_frame,
 )
-from resim.pipeline.run import STAGES, file_hash, map_name, resimulate
+from resim.pipeline.run import STAGES, map_name, resimulate
 
 __all__ = [
     "STAGES",
@@ -38,7 +38,6 @@ __all__ = [
     "check_map",
     "end_error",
     "examined",
-    "file_hash",
     "finding_line",
     "findings_of",
     "map_name",

@@ -15,10 +15,11 @@ from resim.assess.risk.prediction import Entry, Fitted, Motion, PredictionSet, W
 from resim.assess.unseen import GAP
 from resim.check import examine
 from resim.core.errors import InputError, ResimError
+from resim.core.files import file_hash
 from resim.core.tracks import KINDS, Tracks
 from resim.ingest import Recording, read_tables, recording_of
 from resim.pipeline.recordings import check_codes, refuse_findings
-from resim.pipeline.run import LONGEST, file_hash
+from resim.pipeline.run import LONGEST
 from resim.scenario.fit import fit_trace
 
 PARKED = 0.5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ import numpy as np
 from resim import fidelity
 from resim.assess.unseen import GAP
 from resim.core.errors import ResimError
+from resim.core.files import file_hash
 from resim.core.tracks import Tracks
 from resim.fidelity import STEPS, Errors
 from resim.ingest import Recording
@@ -312,11 +312,6 @@ def _errors(
             out[f"FIT_r{basis}"] = fidelity.fit_error(b.refit, b.run.truth, network)
             out[f"PIPE_{basis}"] = fidelity.pipeline_error(b.refit, whole["GT"], network)
     return {step: out[step] for step in STEPS if step in out}
-
-
-def file_hash(path: Path) -> str:
-    """Give the SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _recording_hashes(recording: Recording) -> dict[str, str]:

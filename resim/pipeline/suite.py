@@ -15,7 +15,7 @@ from typing import Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.errors import InputError
-from resim.core.files import parse_toml, read_file
+from resim.core.files import file_hash, parse_toml, read_file
 from resim.ingest.settings import SETTINGS, read_settings
 from resim.variation import PARAMETERS
 from resim.verification.paired import Limits
@@ -104,8 +104,10 @@ def found_folders(path: Path, entries: Sequence[Entry]) -> tuple[dict[str, Path]
     hashes: dict[Path, str] = {}
     for entry in entries:
         folders = _folders(path, entry)
-        if entry.hash is not None:
-            hashes[folders[0]] = entry.hash
+        if entry.hash is not None and hashes.setdefault(folders[0], entry.hash) != entry.hash:
+            raise InputError(
+                path, f"recording {entry.folder!r} stands twice, with two hashes", "Take one away."
+            )
         found += [folder for folder in folders if folder not in found]
     named = dict(zip(_names(found), found, strict=True))
     return named, {name: hashes[folder] for name, folder in named.items() if folder in hashes}
@@ -155,18 +157,17 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def content_hash(folder: Path) -> str:
     """Give the SHA-256 of a recording: of its settings, tables and map. Raises InputError."""
     settings = read_settings(folder / SETTINGS)
-    files = {
-        p.name: hashlib.sha256(read_file(p, EXAMPLE)).hexdigest()
-        for p in folder.iterdir()
-        if _FILES.fullmatch(p.name)
-    }
-    road = read_file(folder / settings.map, "The recording names a map that is not there.")
-    return hash_of_hashes(files, hashlib.sha256(road).hexdigest())
+    files = {p.name: file_hash(p, EXAMPLE) for p in folder.iterdir() if _FILES.fullmatch(p.name)}
+    road = file_hash(folder / settings.map, "The recording names a map that is not there.")
+    return hash_of_hashes(files, road)
 
 
-def refuse_changed(folder: Path, digest: str) -> None:
-    """Raise InputError where a recording's content has not this hash."""
-    if (found := content_hash(folder)) != digest:
+def refuse_changed(folder: Path, digest: str | None) -> None:
+    """Raise InputError where a recording's content has not this hash, or had none (None) when the command began."""
+    found = content_hash(folder)
+    if digest is None:
+        raise InputError(folder, "could not be read when this began", "Begin anew.")
+    if found != digest:
         problem = f"its content has the hash {found[:12]}…, expected was {digest[:12]}…"
         raise InputError(folder, problem, "Restore the recording, or begin anew with it as it is.")
 

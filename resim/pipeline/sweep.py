@@ -19,7 +19,16 @@ from resim.core.geometry import Floats
 from resim.experiment.adaptive import Lattice, Places, boundary, wanted
 from resim.experiment.design import Parameter, Plan, design
 from resim.perception.model import freeze_model
-from resim.pipeline.suite import Entry, Strict, content_hash, found_folders, joined, read_strict, read_suite
+from resim.pipeline.suite import (
+    Entry,
+    Strict,
+    content_hash,
+    found_folders,
+    joined,
+    read_strict,
+    read_suite,
+    refuse_changed,
+)
 from resim.sim.adfunction import freeze_build
 
 Indices = NDArray[Any]
@@ -77,7 +86,7 @@ class SweepFile(Strict):
     points: int = Field(default=64, ge=1, le=10_000_000)
     seed: int = Field(default=0, ge=0)
     seeds: int = Field(default=5, ge=1, le=100_000)
-    time_limit: float = Field(default=60.0, gt=0.0)
+    time_limit: float = Field(default=60.0, ge=0.001, le=1e6)
     accept: tuple[str, ...] = ()
     parameter: tuple[Parameter, ...] = Field(min_length=1)
 
@@ -120,9 +129,10 @@ def read_sweep(path: Path) -> Sweep:
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
     _check_plan(path, file)
     if file.suite is not None:
-        folders = read_suite(joined(path, file.suite)).folders
+        suite = read_suite(joined(path, file.suite))
+        folders, pinned = suite.folders, suite.hashes
     else:
-        folders = found_folders(path, file.recording)[0]
+        folders, pinned = found_folders(path, file.recording)
     if (count := _count(file, len(folders))) > MOST:
         remedy = "Give fewer points, steps or seeds, or cut it into several."
         raise InputError(path, f"asks for up to {count:,} runs; a sweep has up to {MOST:,}", remedy)
@@ -131,6 +141,8 @@ def read_sweep(path: Path) -> Sweep:
     if file.perception is not None:
         frozen[file.perception] = freeze_model(joined(path, file.perception))
     hashes = {name: content_hash(folder) for name, folder in folders.items()}
+    for name, digest in pinned.items():
+        refuse_changed(folders[name], digest)
     return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes)
 
 

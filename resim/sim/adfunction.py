@@ -119,7 +119,7 @@ class _BuildFile(BaseModel):
     version: str = Field(min_length=1)
     factory: str = Field(pattern=r"^[\w.]+:\w+$")
     cycle_time: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    time_limit: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    time_limit: float = Field(default=1.0, ge=0.001, le=3600.0)
     files: tuple[str, ...] = ()
     parameters: dict[str, Any] = Field(default_factory=dict)
 

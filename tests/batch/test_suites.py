@@ -18,7 +18,8 @@ import pytest
 from resim.batch.asked import Call as Wanted
 from resim.batch.asked import asked
 from resim.batch.suites import verify
-from resim.pipeline.suite import content_hash, read_suite
+from resim.core.errors import InputError
+from resim.pipeline.suite import content_hash, read_suite, refuse_changed
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS, BUILDS = ROOT / "scenarios", ROOT / "adfunc" / "builds"
@@ -279,3 +280,27 @@ def test_a_recording_that_is_not_the_one_of_the_suite_is_an_error(
     code, _, error = call("verify", path, "--build", REPLAY, "--out", out, "--workers", 1)
     assert code == 2
     assert "has the hash" in error
+
+
+def test_a_recording_with_two_hashes_is_refused(call: Call, suite: WriteSuite, tmp_path: Path) -> None:
+    path, out = suite(OVERTAKE), tmp_path / "out"
+    text = path.read_text() + f'hash = "{64 * "0"}"\n'
+    folder = f"{OVERTAKE.parent}/./{OVERTAKE.name}"
+    path.write_text(text + f'[[recording]]\nfolder = "{folder}"\nhash = "{content_hash(OVERTAKE)}"\n')
+    code, _, error = call("verify", path, "--build", REPLAY, "--out", out)
+    assert code == 2
+    assert "stands twice, with two hashes" in error
+
+
+def test_a_table_of_any_size_has_a_hash(tmp_path: Path) -> None:
+    """One of over 100 MB was read, and verified under no hash, so that it could be changed afterwards."""
+    drive = copied(OVERTAKE, tmp_path / "large")
+    before = content_hash(drive)
+    with (drive / "gt.csv").open("a") as table:
+        table.write("\n" * 101_000_000)
+    assert content_hash(drive) != before
+
+
+def test_a_recording_that_had_no_hash_when_the_verification_began_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="could not be read when this began"):
+        refuse_changed(OVERTAKE, None)

@@ -325,6 +325,7 @@ def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call:
         ("scenarios/cut_in_brake", "scenarios/nowhere", "nowhere"),
         ("steps = 2", "steps = 1", "steps"),
         ("perception.latency.speed", "build.cycle_time", "expected more than 0"),
+        ('cut_in_brake"\n', f'cut_in_brake"\nhash = "{64 * "0"}"\n', "has the hash"),
         (
             '"perception.latency.speed"\nlow = 0.0\nhigh = 1.2',
             '"build.cycle_time"\nlow = 0.04\nhigh = 0.11',
