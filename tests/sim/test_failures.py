@@ -276,10 +276,12 @@ def test_an_interrupt_of_its_own_is_a_failure_of_the_function(
 def test_an_end_of_the_program_of_its_own_is_a_failure_of_the_function(
     drive: Drive, function: Make, member: Member
 ) -> None:
-    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL  # as in a child process
-    run = drive(
-        function("from resim.core.errors import StopError\nraise StopError(15)"), member("e", 300.0, 20.0)
-    )
+    own = function("from resim.core.errors import StopError\nraise StopError(15)")
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)  # as in a child process
+    try:
+        run = drive(own, member("e", 300.0, 20.0))
+    finally:
+        signal.signal(signal.SIGTERM, before)
     assert "tried to end the program: SystemExit(15)" in run.failure
 
 
