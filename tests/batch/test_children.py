@@ -156,5 +156,5 @@ def test_a_build_that_ends_the_process_that_reads_it_ends_no_command_well(
     sweep.write_text(text.replace('"../', f'"{ROOT}/scenarios/').replace(f"{ROOT}/scenarios/../", f"{ROOT}/"))
     asked = (next(suite.glob("*.toml")), "--build", path) if command == "verify" else (sweep,)
     code, out, error = call(command, *asked, "--out", tmp_path / "out")
-    assert (code, out) == (2, "")
-    assert error == "resim: the process ended with code 0\n"
+    assert (code, out) == (1, "")
+    assert error.startswith(f"resim: {path}: factory module 'own' cannot be imported: it ended its process")
