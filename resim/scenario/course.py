@@ -22,6 +22,10 @@ LEAST = 0.02
 """Distance [m] that is no motion, whatever the noise."""
 MISFIT, NEAR = 6.0, 0.1
 """Times its noise, and distance [m], that a position may lie off a trace that describes it."""
+SPREAD, CLOSE = 2.0, 0.05
+"""Times its noise (1.4 if the trace is the truth), and distance [m], that all positions of who pauses may lie off."""
+PAUSE = 1.0
+"""Time [s] without a direction from which on somebody pauses."""
 _RAYLEIGH = 1.1774
 """Median of the length of a vector whose two components have the standard deviation 1."""
 
@@ -47,6 +51,17 @@ def beyond_noise(noise: float) -> float:
     return max(MISFIT * noise, NEAR)
 
 
+def strays(distance: Floats, noise: float) -> bool:
+    """Say whether distances (T,) [m] of positions from their trace are on the whole more than their noise [m]."""
+    return bool(np.sqrt(np.square(distance).mean()) > max(SPREAD * noise, CLOSE))
+
+
+def pauses(t: Floats, place: Complexes, noise: float) -> bool:
+    """Say whether positions x + iy (T,) [m] tell for a while no direction, so that headings there may be anything."""
+    when, _, station = _seen(t, place, noise)
+    return bool(np.diff(np.append(when[station], when[-1])).max() > PAUSE)
+
+
 def stands(place: Complexes, noise: float) -> bool:
     """Say whether positions x + iy (T,) [m] with this noise [m] are those of somebody who does not move."""
     middle = np.median(place.real) + 1j * np.median(place.imag)
@@ -65,9 +80,7 @@ def way(t: Floats, place: Complexes, heading: Floats, noise: float) -> tuple[Flo
     directions differ by more than a right angle it begins to drive the other way, as no vehicle turns on the spot.
     Whether it drives forwards is said by the measured headings (T,), of all the way together.
     """
-    half = int(0.5 * AVERAGED / float(np.median(np.diff(t))))
-    when, where = _averaged(t, half).real, _averaged(place, half)
-    station = _stations(where, max(STATION * noise / np.sqrt(2 * half + 1), LEAST))
+    when, where, station = _seen(t, place, noise)
     if len(station) < 2:
         return np.full(len(t), mean_heading(heading)), np.zeros(len(t))
     chord, lasts = np.diff(where[station]), np.diff(when[station])
@@ -80,6 +93,13 @@ def way(t: Floats, place: Complexes, heading: Floats, noise: float) -> tuple[Flo
     ahead = np.unwrap(np.where(sign > 0.0, course, course + np.pi))
     middle = 0.5 * (when[station[:-1]] + when[station[1:]])
     return np.interp(t, middle, ahead), np.interp(t, middle, sign * np.abs(chord) / lasts)
+
+
+def _seen(t: Floats, place: Complexes, noise: float) -> tuple[Floats, Complexes, list[int]]:
+    """Times and positions, averaged, and which of them are stations."""
+    half = int(0.5 * AVERAGED / float(np.median(np.diff(t))))
+    when, where = _averaged(t, half).real, _averaged(place, half)
+    return when, where, _stations(where, max(STATION * noise / np.sqrt(2 * half + 1), LEAST))
 
 
 def _averaged(values: NDArray[Any], half: int) -> Complexes:

@@ -15,7 +15,16 @@ from scipy.interpolate import PPoly
 from scipy.linalg.lapack import dposv
 
 from resim.core.geometry import Floats, unwrap_angle
-from resim.scenario.course import Complexes, beyond_noise, mean_heading, position_noise, stands, way
+from resim.scenario.course import (
+    Complexes,
+    beyond_noise,
+    mean_heading,
+    pauses,
+    position_noise,
+    stands,
+    strays,
+    way,
+)
 from resim.scenario.natural import Natural
 from resim.scenario.trace import Quadrature, Trace
 
@@ -55,8 +64,11 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
     if stands(place, noise):
         return _at_rest(t, place, heading)
     found = _Problem(t, place, unwrap_angle(heading), v).solve()
-    if found.distance.max() > beyond_noise(noise):  # headings of who hardly moves may be anything
-        again = _Problem(t, place, *way(t, place, heading, noise)).solve(patience=6)
+    far, strayed = found.distance.max() > beyond_noise(noise), strays(found.distance, noise)
+    paused = (far or strayed) and pauses(t, place, noise)
+    if far or paused:  # headings of who hardly moves may be anything
+        known = noise if paused else 0.0  # else they follow the noise of positions while it stands
+        again = _Problem(t, place, *way(t, place, heading, noise), known).solve(patience=6)
         found = min(found, again, key=lambda s: float(np.square(s.distance).mean()))
     splines = found.v.spline(found.p_v), found.heading.spline(found.p_heading)
     return Fit(Trace(found.start.real, found.start.imag, *splines), found.distance)
@@ -106,12 +118,15 @@ class _State:
 
 
 class _Problem:
-    """The measured samples, and the damped Gauss-Newton steps that bring a candidate closer to them."""
+    """The measured samples, and the damped Gauss-Newton steps that bring a candidate closer to them.
 
-    def __init__(self, t: Floats, place: Complexes, heading: Floats, v: Floats) -> None:
+    noise: of positions [m], as far as it is known to begin with.
+    """
+
+    def __init__(self, t: Floats, place: Complexes, heading: Floats, v: Floats, noise: float = 0.0) -> None:
         self.t, self.place, self.measured_heading, self.measured_v = t, place, heading, v
         self.rule = Quadrature.over(float(t[0]), t)
-        self.noise = _LEAST_NOISE
+        self.noise = max(noise, _LEAST_NOISE)
 
     def solve(self, patience: int = 2) -> _State:
         """Add segments, halved where the error is largest, until they no longer help; then move the knots."""
