@@ -1,16 +1,20 @@
 """Input files as they were when they were read: copies named by their hash, from which all processes of a command load.
 
-A user may edit a file at any time. What runs is the copy, and its hash is what results state.
+A user may edit a file at any time. What runs is the copy, and its hash is what results state. A process locks the
+copies that it uses as long as it lives; who writes a new one clears away what nobody has locked or used for long.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -20,6 +24,12 @@ from resim.core.files import cache_folder, read_file
 _ITSELF, _INDEX, _HOME = "input", "files.json", "home"
 _UP = "_"
 """Stands for a folder above the file itself, where a name begins with "../"."""
+_NEW = "new-"
+"""How the names of folders begin in which copies are made, and cleared away."""
+KEPT = 30 * 24 * 3600.0
+"""Time [s] without use after which a copy is cleared away."""
+_locked: dict[tuple[Path, int], int] = {}
+"""Open files that hold the locks of this process, by copy and inode; closed by its end."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +117,7 @@ def _file_digest(file: Path) -> str:
 def _read(digest: str) -> Copy | None:
     """The copy of this hash; None where there is none, or a file of it is damaged."""
     root = cache_folder("inputs") / digest
+    _lock(root)
     try:
         raw, index = (root / _ITSELF).read_bytes(), (root / _INDEX).read_bytes()
         if _digest(raw, index) != digest:
@@ -127,7 +138,8 @@ def _write(
     """Write the copy beside its place, and move it there whole; another process may do the same."""
     store = cache_folder("inputs")
     store.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="new-", dir=store) as made:
+    _clear(store)
+    with tempfile.TemporaryDirectory(prefix=_NEW, dir=store) as made:
         new = Path(made) / digest
         home = new / _HOME / _within([*sources, *data])
         home.mkdir(parents=True)
@@ -148,6 +160,47 @@ def _write(
                 return
             (store / digest).rename(Path(made) / "damaged")
             new.rename(store / digest)
+
+
+def _lock(root: Path) -> None:
+    """Keep a copy, if it is there, from being cleared away as long as this process lives, and note that it is used.
+
+    Where the file system has no locks, copies are not cleared away either.
+    """
+    file = root / _ITSELF
+    with suppress(OSError):
+        while (root, file.stat().st_ino) not in _locked:
+            held = os.open(file, os.O_RDONLY)
+            fcntl.flock(held, fcntl.LOCK_SH)
+            _locked[root, os.fstat(held).st_ino] = held  # it may be cleared away by now: then it is not there
+        os.utime(file)
+
+
+def _clear(store: Path) -> None:
+    """Clear away the copies that nobody has used for long and no process has locked, and what was left half made."""
+    for root in store.iterdir():
+        with suppress(OSError):
+            if root.name.startswith(_NEW):
+                if _is_old(root):
+                    shutil.rmtree(root)
+            elif _is_old(root / _ITSELF):
+                _clear_copy(root)
+
+
+def _clear_copy(root: Path) -> None:
+    """Clear a copy away unless it is in use. Raises OSError where it is."""
+    file = os.open(root / _ITSELF, os.O_RDONLY)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if _is_old(root / _ITSELF):  # still, now that nobody else can lock it
+            with tempfile.TemporaryDirectory(prefix=_NEW, dir=root.parent) as away:
+                root.rename(Path(away) / root.name)
+    finally:
+        os.close(file)
+
+
+def _is_old(path: Path) -> bool:
+    return time.time() - path.stat().st_mtime > KEPT
 
 
 def _within(names: Mapping[str, str] | list[str]) -> PurePosixPath:
