@@ -102,7 +102,8 @@ def assess(
         done = in_child(_assess, (asked, folder))
     typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all
     if out is not None:
-        say(f"\nassessment: {out / 'assessment.html'}")
+        say("")
+        say(f"assessment: {out / 'assessment.html'}")
         register(out)
     if done.bad:
         raise BadVerdictError(done.bad)

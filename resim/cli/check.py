@@ -112,7 +112,8 @@ def _print_repaired(repaired: Repaired) -> None:
         say(f"repaired {done.code}  {done.source}: {_amount(done)}")
     if not repaired.done:
         say("repaired nothing")
-    say("\nleft:")
+    say("")
+    say("left:")
     _print(repaired.left)
 
 

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resim.cli.terminal import say
+from resim.cli.terminal import say, visible
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from resim.store.entry import Entry, Outcome
 
 
@@ -51,18 +53,26 @@ def print_list(found: list[Entry]) -> None:
     if not found:
         say("no results")
         return
-    heads = ("id", "written (UTC)", "kind", "name\nbuild", "verdict (good/all)\nfolder")
-    table = Table(*heads, box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column, fixed in zip(table.columns, (True, True, True, False, False), strict=True):
-        column.no_wrap, column.overflow = fixed, "fold"
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for head in ("id", "written (UTC)", "kind"):
+        table.add_column(head, no_wrap=True, overflow="fold")
+    for first, second in (("name", "build"), ("verdict (good/all)", "folder")):
+        table.add_column(_above(first, second), overflow="fold")
     for e in found:
         state = e.state()
         of = {"there": "", "elsewhere": f" (of {e.host})"}.get(state, f" ({state})")
         builds = ", ".join(e.names("build")) + "".join(f" against {name}" for name in e.names("against"))
         written = e.written[:16].replace("T", " ")
-        what, came = f"{e.name}\n{builds}", f"{_verdict(e) or '–'}\n{_short(e.folder)}{of}"
+        what, came = _above(e.name, builds), _above(_verdict(e) or "–", f"{_short(e.folder)}{of}")
         table.add_row(e.id[:SHORT], written, e.kind, what, came)
     console().print(table)
+
+
+def _above(first: str, second: str) -> Text:
+    """A cell of two lines."""
+    from rich.text import Text
+
+    return Text(f"{visible(first)}\n{visible(second)}")
 
 
 def _short(folder: Path) -> str:

@@ -54,7 +54,8 @@ def train(
             write_perception_page(model, cross_validate(measured), page)
         write_model(model, file)
     print_model(model)
-    say(f"\nmodel: {out}")
+    say("")
+    say(f"model: {out}")
     if report is not None:
         say(f"report: {report}")
 

@@ -40,7 +40,8 @@ def fit_prediction(
         _print(name, fit)
     for name, why in made.left.items():
         say(f"{name} keeps the published parameters: {why}")
-    say(f"\nprediction: {out}")
+    say("")
+    say(f"prediction: {out}")
 
 
 def _print(kind: str, fit: Refit) -> None:

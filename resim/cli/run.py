@@ -98,7 +98,8 @@ def run(
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
     typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all
-    say(f"\nreport: {out / 'report.html'}")
+    say("")
+    say(f"report: {out / 'report.html'}")
     register(out)
     if done.bad:
         raise BadVerdictError(done.bad)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +11,7 @@ import typer
 
 from resim.cli.app import app
 from resim.cli.entries import line, print_entry, print_list, summary
-from resim.cli.terminal import say
+from resim.cli.terminal import say, say_json
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -76,7 +75,7 @@ def list_results(
         kind=None if kind is None else kind.value, build=build, recording=recording, verdict=verdict
     )
     if as_json:
-        say(json.dumps([summary(e) for e in found], indent=2))
+        say_json([summary(e) for e in found])
     else:
         print_list(found)
 
@@ -90,7 +89,7 @@ def show(
     entry = _catalog().get(result)
     if as_json:
         told = {"inputs": [asdict(i) for i in entry.inputs], "outcomes": [asdict(o) for o in entry.outcomes]}
-        say(json.dumps({**summary(entry), **told}, indent=2))
+        say_json({**summary(entry), **told})
     else:
         print_entry(entry)
 

@@ -52,7 +52,8 @@ def report(
             say(f"  {what}")
             for line in lines:
                 say(f"    {line}")
-    say(f"\nreport: {page}")
+    say("")
+    say(f"report: {page}")
 
 
 def _analysed(results: tuple[Path, str]) -> dict[str, Any]:

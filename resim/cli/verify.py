@@ -129,7 +129,8 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
         found, traces = verify(wanted, out, out, workers=workers, tell=tell)
     write(out, found, traces)
     print_verification(found)
-    say(f"\nverification: {out / 'verification.html'}")
+    say("")
+    say(f"verification: {out / 'verification.html'}")
     register(out)
     _end(found, outcome_code(found))
 
