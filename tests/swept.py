@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from resim.experiment.design import Parameter, Plan, design
-from resim.pipeline.sweep import Sweep, SweepFile, boundaries, runs
+from resim.pipeline.sweep import Sweep, SweepFile, boundaries, check_plan, runs
 from resim.store import write_json, write_parquet
 
 LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
@@ -53,6 +53,7 @@ def write_adaptive(
         "criteria": "highway.toml", "perception": "model.json", "adaptive": {"outcome": outcome, "share": share},
         "points": points, "seeds": seeds, "parameter": [p.model_dump() for p in parameters],
     })  # fmt: skip
+    check_plan(folder / "sweep.toml", file)
     sweep = Sweep(path=folder / "sweep.toml", file=file, folders={"cut_in": folder})
     rows: dict[int, Any] = {}
     while len(table := runs(sweep, rows)) > len(rows):

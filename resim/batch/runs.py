@@ -13,6 +13,7 @@ from resim.core.errors import InputError
 from resim.core.frozen import Frozen
 from resim.perception.model import PerceptionModel, read_model
 from resim.pipeline import examined
+from resim.pipeline.recordings import finding_lines
 from resim.pipeline.single import Prepared, Row, prepare, run_once
 from resim.pipeline.suite import refuse_changed
 from resim.sim.adfunction import Build, load_build
@@ -37,12 +38,13 @@ class RunTask:
 
 
 def run(task: RunTask) -> dict[str, Any]:
-    """Give the `row` of the run, and how long it took [s]."""
+    """Give the `row` of the run, how long it took [s], and the `findings` in its recording."""
     prepared = _prepared(task.folder, task.hash, task.build, task.criteria, task.accept)
     build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
     row: Row = run_once(prepared, build, model, task.seed)
-    return {"row": row, "time": time.perf_counter() - begin}
+    taken = time.perf_counter() - begin
+    return {"row": row, "time": taken, "findings": finding_lines(prepared.result.recording.findings)}
 
 
 @lru_cache(maxsize=32)

@@ -173,11 +173,13 @@ def execute(
     pool: Executor | None = None,
     expect: Callable[[int], None] = lambda total: None,
     tell: Tell = lambda failed: None,
-) -> None:
+) -> dict[str, tuple[str, ...]]:
     """Do what is missing of the sweep, or of a shard; each result is committed whole as soon as it is there.
 
-    expect: hears how many runs it is, which grow with an adaptive plan.
+    expect: hears how many runs it is, which grow with an adaptive plan. Gives the findings in each recording that was
+    run, in the order of the sweep.
     """
+    findings: dict[str, tuple[str, ...]] = {}
     with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
         todo: list[RunTask] | None = None
         while todo is None or (todo and sweep.file.plan == "adaptive"):
@@ -189,9 +191,13 @@ def execute(
             expect(len(wanted))
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
+            of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
             for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
+                if not isinstance(result, Failure):
+                    findings[of[number]] = result.pop("findings")
                 file.append({RUN: number, "plan": plans[number], **_entry(result, sweep)})
                 tell(isinstance(result, Failure) or result["row"]["failure"] is not None)
+    return {name: findings[name] for name in sweep.folders if name in findings}
 
 
 def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:

@@ -50,7 +50,6 @@ def sweep(
     from resim.batch.cluster import cluster
     from resim.batch.sweeps import begin, compact, execute
     from resim.batch.workers import in_child
-    from resim.cli.verdicts import print_findings_of
     from resim.pipeline.sweep import read_sweep
 
     part = _shard(shard)
@@ -63,7 +62,6 @@ def sweep(
     if part[1] > 1 and wanted.file.plan == "adaptive":
         problem = "an adaptive plan has no shards: what to run next follows from all results"
         raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
-    print_findings_of(wanted.folders)
     begin(out, told, resume=resume or part[1] > 1)
     numbers = {entry["run"] for entry in journal.read(out / "journal")}
     done = sum(number % part[1] == part[0] - 1 for number in numbers)
@@ -74,7 +72,10 @@ def sweep(
             there = stack.enter_context(cluster(scheduler))
             say(f"dashboard: {there.dashboard}", err=True)
             pool, count = there.pool, there.threads
-        execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell)
+        findings = execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell)
+    for name, lines in findings.items():
+        for line in lines:
+            say(f"{name}: finding: {line}")
     missing, failed = compact(wanted, out)
     if missing:
         say(f"{out}: this shard is done; {missing} runs of others are missing")

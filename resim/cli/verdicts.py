@@ -6,7 +6,6 @@ import io
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -107,15 +106,6 @@ def print_notes(found: Assessed, told: Collection[str] = ()) -> None:
     for note in found.notes():
         if note not in told:
             say(f"note: {note}")
-
-
-def print_findings_of(recordings: Mapping[str, Path]) -> None:
-    """Print what is wrong with each of these recordings, by name."""
-    from resim.pipeline import findings_of
-
-    for name, folder in recordings.items():
-        for finding in findings_of(folder):
-            say(f"{name}: finding: {finding}")
 
 
 def _worst(worst: Worst | None) -> str:

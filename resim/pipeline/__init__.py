@@ -7,7 +7,6 @@ from resim.pipeline.recordings import (
     check_codes,
     examined,
     finding_line,
-    findings_of,
     refuse_findings,
     repair_recording,
 )
@@ -39,7 +38,6 @@ __all__ = [
     "end_error",
     "examined",
     "finding_line",
-    "findings_of",
     "map_name",
     "perceived_frame",
     "refuse_findings",

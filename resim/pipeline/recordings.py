@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from resim.check import CODES, examine
-from resim.core.errors import InputError, ResimError
+from resim.core.errors import InputError
 from resim.core.finding import Finding
 from resim.ingest import Recording, Tables, read_tables, recording_of, write_tables
 from resim.ingest.tables import REPAIRED
@@ -101,15 +101,6 @@ def by_code(lines: Iterable[tuple[str, str]]) -> Iterator[str]:
         yield from own[:MOST_LINES]
         if len(own) > MOST_LINES:
             yield f"... and {len(own) - MOST_LINES} more {code}"
-
-
-def findings_of(folder: Path) -> tuple[str, ...]:
-    """Give `finding_lines` of a recording folder; none of one that cannot be read, which its run tells."""
-    try:
-        tables = read_tables(folder)
-        return finding_lines(examine(tables, load(tables.map)))
-    except ResimError:
-        return ()
 
 
 def check_codes(accept: Collection[str]) -> None:

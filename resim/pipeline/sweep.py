@@ -127,7 +127,7 @@ def read_sweep(path: Path) -> Sweep:
         raise InputError(path, f"parameter {twice[0]!r} stands twice", "Take one away.")
     if file.perception is None and (of := [name for name in names if name.startswith("perception.")]):
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
-    _check_plan(path, file)
+    check_plan(path, file)
     if file.suite is not None:
         suite = read_suite(joined(path, file.suite))
         folders, pinned = suite.folders, suite.hashes
@@ -153,7 +153,7 @@ def _count(file: SweepFile, recordings: int) -> int:
     return recordings * len(file.build) * points * file.seeds
 
 
-def _check_plan(path: Path, file: SweepFile) -> None:
+def check_plan(path: Path, file: SweepFile) -> None:
     """Raise InputError for parameters that the plan cannot vary."""
     if file.plan != "adaptive":
         if wide := [p.name for p in file.parameter if p.width is not None]:

@@ -21,6 +21,7 @@ from pathlib import Path
 import duckdb
 import pandas as pd
 import pytest
+from swept import THREE, write_adaptive
 
 from resim.batch import journal
 from resim.core.errors import InputError
@@ -366,3 +367,44 @@ def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path])
     assert manifest["failed"] == 6
     assert manifest["inputs"]["recordings"]["cut_in_brake"]["hash"]
     assert manifest["columns"] == table(undisturbed[1]).columns.tolist()
+
+
+def test_findings_are_told_by_who_examines_a_recording_to_run_it(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command does not examine it as well: that would be the longest part of its start."""
+    drive = tmp_path / "drive"
+    shutil.copytree(ROOT / "scenarios" / "cut_in_brake", drive)
+    text = (drive / "recording.toml").read_text()
+    (drive / "recording.toml").write_text(text.replace("../../networks", f"{ROOT}/networks"))
+    gt = pd.read_csv(drive / "gt.csv", dtype=str)
+    at = gt["t"].astype(float)
+    gt[(gt["id"] == "ego") | (at < 2.0) | (at > 4.5)].to_csv(drive / "gt.csv", index=False)
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace(f"{ROOT}/scenarios/cut_in_brake", str(drive)))
+
+    def examined_twice(*_: object) -> None:
+        raise AssertionError("the command examines what its children do")
+
+    monkeypatch.setattr("resim.pipeline.recordings.examine", examined_twice)
+    code, out, error = call("sweep", "run", path, "--out", tmp_path / "out", "--workers", "1")
+    assert code == 0, error
+    assert out.count("drive: finding: gt 1 at 1.96 s: GAP: no sample from 1.96 to 4.52 s") == 1
+    assert "GAP" not in (tmp_path / "out" / "journal" / "1-of-1.jsonl").read_text()
+
+
+def test_an_adaptive_plan_of_fewer_points_than_its_first_grid_is_refused(call: Call, tmp_path: Path) -> None:
+    path = write(tmp_path)
+    more = "".join(
+        f'[[parameter]]\nname = "perception.latency.{name}"\nlow = 0.0\nhigh = 1.0\nsteps = {steps}\nwidth = 0.5\n'
+        for name, steps in (("position", 4), ("heading", 5))
+    )
+    plan = 'name = "small"\nplan = "adaptive"\npoints = 39\n'
+    path.write_text(path.read_text().replace('name = "small"\n', plan) + "width = 0.5\n" + more)
+    code, _, error = call("sweep", "run", path, "--out", tmp_path / "out")
+    assert code == 2
+    assert "points = 39 is less than the 40 of the first grid (steps)" in error
+    with pytest.raises(InputError, match="points = 60 is less than the 297 of the first grid"):
+        write_adaptive(
+            tmp_path / "swept", tuple(p.model_copy(update={"width": 0.1}) for p in THREE), points=60
+        )
