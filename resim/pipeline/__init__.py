@@ -1,6 +1,7 @@
 """One recording, one build: describe, re-simulate, describe again, compare; and a map, looked over and converted."""
 
-from resim.pipeline.assessments import Assessed, How, assess_folder, assess_recording, assess_resimulation
+from resim.pipeline.assessed import Assessed, How
+from resim.pipeline.assessments import assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
 from resim.pipeline.perceived import PerceivedRun, Perceiving, end_error
 from resim.pipeline.recordings import (

@@ -9,7 +9,8 @@ from typing import Any
 from resim.assess.criteria import Criteria
 from resim.core.opened import UNKNOWN
 from resim.ingest import Recording
-from resim.pipeline.assessments import How, assess_resimulation
+from resim.pipeline.assessed import How
+from resim.pipeline.assessments import assess_resimulation
 from resim.pipeline.outcomes import outcomes, parted, perceived_outcome
 from resim.pipeline.perceived import Perceiving
 from resim.pipeline.recordings import finding_lines

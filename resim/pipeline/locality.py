@@ -11,7 +11,7 @@ import numpy as np
 from resim.assess.assessment import Assessment
 from resim.core.errors import ResimError
 from resim.perception.sensor import Sensor
-from resim.pipeline.assessments import How
+from resim.pipeline.assessed import How
 from resim.pipeline.outcomes import perceived_outcome
 from resim.pipeline.result import Resimulation
 from resim.pipeline.run import run_on_gt

@@ -11,7 +11,8 @@ from resim import fidelity
 from resim.assess.assessment import Assessment
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, TO_ROWS, Errors
-from resim.pipeline.assessments import Assessed, How, assess_run
+from resim.pipeline.assessed import Assessed, How
+from resim.pipeline.assessments import assess_run
 from resim.pipeline.perceived import PerceivedRun
 from resim.pipeline.reaction import ego_tracks
 from resim.pipeline.result import Resimulation

@@ -11,7 +11,7 @@ from resim.assess.criteria import Criteria, overall
 from resim.ingest import Recording
 from resim.perception.model import PerceptionModel
 from resim.perception.sensor import Sensor
-from resim.pipeline.assessments import How
+from resim.pipeline.assessed import How
 from resim.pipeline.outcomes import perceived_outcome
 from resim.pipeline.perceived import difference, end_error
 from resim.pipeline.result import Options, Resimulation

@@ -12,7 +12,8 @@ from resim.core.errors import ResimError
 from resim.ingest import Recording
 from resim.ingest.settings import Settings
 from resim.perception.recorded import Recorded
-from resim.pipeline.assessments import How, assess_resimulation
+from resim.pipeline.assessed import How
+from resim.pipeline.assessments import assess_resimulation
 from resim.pipeline.locality import critical, validity
 from resim.pipeline.openloop import open_loop
 from resim.pipeline.outcomes import outcomes, perceived_outcome, rms
