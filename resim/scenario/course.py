@@ -22,7 +22,7 @@ LEAST = 0.02
 """Distance [m] that is no motion, whatever the noise."""
 MISFIT, NEAR = 6.0, 0.1
 """Times its noise, and distance [m], that a position may lie off a trace that describes it."""
-SPREAD, CLOSE = 2.0, 0.05
+SPREAD, CLOSE = 1.8, 0.05
 """Times its noise (1.4 if the trace is the truth), and distance [m], that all positions of who pauses may lie off."""
 PAUSE = 1.0
 """Time [s] without a direction from which on somebody pauses."""

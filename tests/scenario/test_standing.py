@@ -77,6 +77,7 @@ def driven(path: Path, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(deadline=None, max_examples=60, derandomize=True)
 @example(kind="creeping", heading="anything", noise=0.1, v_noise=0.0, seed=47)
+@example(kind="creeping", heading="anything", noise=0.1, v_noise=0.5, seed=4)
 @given(
     kind=st.sampled_from(sorted(SPEEDS)),
     heading=st.sampled_from(["course of noise", "anything", "0", "turned at times", "noisy"]),
