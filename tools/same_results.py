@@ -21,19 +21,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 import duckdb
 import pandas as pd
-
-PILOT = "--build adfunc/builds/highway_pilot-1.0.toml"
-CRITERIA = "--criteria scenarios/criteria/highway.toml"
-MODEL = "--perception adfunc/perception/proving_ground.json"
 
 FIELDS = {
     "*/run.json:times.*": "how long it took",
@@ -46,9 +41,9 @@ FIELDS = {
 TEXTS: dict[str, str] = {}
 """Texts of OLD to those of NEW that stand for them."""
 
-SUITE = f"""name = "small"
+SUITE = """name = "small"
 criteria = "../scenarios/criteria/highway.toml"
-{{perception}}
+{perception}
 [[recording]]
 folder = "../scenarios/cut_in_brake"
 [[recording]]
@@ -87,59 +82,14 @@ INPUTS = {
 """Files of the folder `same` in each copy."""
 
 
-@dataclass(frozen=True)
-class Task:
-    """A command line, split at blanks; {data}: the folder of real data. `.` writes to `out`, and names the task."""
-
-    name: str
-    command: str
-    real: bool = False
-
-
-RESIM = [
-    Task("run", f"run scenarios/cut_in_brake {PILOT} {CRITERIA} --out out/run"),
-    Task("run_seen", f"run scenarios/cut_in_brake {PILOT} {CRITERIA} {MODEL} --seeds 3 --out out/run_seen"),
-    Task("run_replay", "run scenarios/overtake --build adfunc/builds/replay-1.0.toml --out out/run_replay"),
-    Task("run_follow", "run scenarios/neighbours/cut_out --build adfunc/builds/follow_trace-1.0.toml --vehicle single-track "
-         "--step 0.02 --basis gt --out out/run_follow"),
-    Task("run_idm", "run scenarios/rear_end --build adfunc/builds/idm-1.0.toml --criteria scenarios/criteria/traffic.toml "
-         "--no-stop-at-collision --out out/run_idm"),
-    Task("assess_recording", f"assess scenarios/cut_in_brake {CRITERIA} --out out/assess_recording"),
-    Task("assess_run", f"assess out/run {CRITERIA} --out out/assess_run"),
-    Task("assess_published", "assess scenarios/rear_end --mode published --path state --road-aware --out out/assess_published"),
-    Task("fit_prediction", "assess fit-prediction scenarios/cut_in_brake scenarios/overtake --out out/fit_prediction.json"),
-    Task("check", "check scenarios/cut_in_brake"),
-    Task("check_broken", "check same/broken"),
-    Task("fix", "check same/broken --fix out/fix"),
-    Task("verify", f"verify same/suite.toml {PILOT} --out out/verify"),
-    Task("verify_seen", f"verify same/seen.toml {PILOT} --out out/verify_seen --workers 1"),
-    Task("verify_vary", f"verify same/suite.toml {PILOT} --vary gap --out out/verify_vary"),
-    Task("verify_against", "verify same/suite.toml --build adfunc/builds/highway_pilot-1.2.toml --against "
-         "adfunc/builds/highway_pilot-1.0.toml --out out/verify_against"),
-    Task("replay_verified", "verify --replay out/verify/verification.json --out out/replay_verified"),
-    Task("sweep_grid", "sweep same/grid.toml --out out/sweep_grid --workers 1"),
-    Task("sweep_sobol", "sweep same/sobol.toml --out out/sweep_sobol"),
-    Task("sweep_adaptive", "sweep same/adaptive.toml --out out/sweep_adaptive"),
-    Task("report_grid", "sweep report out/sweep_grid --out out/report_grid.html"),
-    Task("report_sobol", "sweep report out/sweep_sobol --out out/report_sobol.html"),
-    Task("report_adaptive", "sweep report out/sweep_adaptive --out out/report_adaptive.html"),
-    Task("repeat", "sweep repeat out/sweep_grid 5 --out out/repeat"),
-    Task("runs", "runs list"),
-    Task("suite_new", f"suite new scenarios/neighbours --out out/suite_new.toml {CRITERIA}"),
-    Task("show", "perception show adfunc/perception/proving_ground.json --set latency.speed=0.4"),
-    Task("train", "perception train same/training/* --out out/train.json --report out/train.html"),
-    Task("map_check", "map check networks/proving_ground.xodr"),
-    Task("map_convert", "map convert networks/proving_ground.xodr --out out/map_convert"),
-    Task("map_plot", "map plot networks/proving_ground.xodr --out out/map_plot.html"),
-    Task("no_recording", "run scenarios/nowhere --build adfunc/builds/idm-1.0.toml --out out/no_recording"),
-    Task("no_field", f"run scenarios/overtake {PILOT} {MODEL} --set latency.sped=1 --out out/no_field"),
-    Task("import", "import commonroad {data}/ngsim/USA_US101-10_1_T-1.xml --map {data}/ngsim/USA_US101-10_1_T-1.xodr --ego 529 "
-         "--out out/import", real=True),
-    Task("run_real", "run out/import --build adfunc/builds/idm-1.0.toml --out out/run_real --criteria "
-         "scenarios/criteria/traffic.toml", real=True),
-    Task("map_real", "map convert {data}/ngsim/USA_Lanker-1_17_T-1.xodr --out out/map_real", real=True),
-]  # fmt: skip
-"""All three jobs, assessment, check and repair, map conversion, training, reports; a later one may read what an earlier wrote."""
+OPTIONS = {
+    "pilot": "--build adfunc/builds/highway_pilot-1.0.toml",
+    "highway": "--criteria scenarios/criteria/highway.toml",
+    "traffic": "--criteria scenarios/criteria/traffic.toml",
+    "model": "--perception adfunc/perception/proving_ground.json",
+}
+TASKS = Path(__file__).with_suffix(".txt")
+"""All three jobs, assessment, check, repair, conversion, training, reports; those after "# real" need real data."""
 
 HASH = re.compile(r"(?<![\w.])([0-9a-f]{8}|[0-9a-f]{12,64})(?![\w.])")
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?")
@@ -164,10 +114,14 @@ def main() -> int:
     parser.add_argument("--reworded", action="store_true", help="texts may differ in words")
     parser.add_argument("--keep", type=Path, help="folder to work in, which stays")
     args = parser.parse_args()
-    tasks = [t for t in RESIM if not args.only or t.name in args.only]
+    made, _, real = TASKS.read_text().partition("# real\n")
     if not args.data.is_dir():
         print(f"{args.data} is not there: without real data")
-        tasks = [t for t in tasks if not t.real]
+        real = ""
+    tasks = dict(
+        line.split(None, 1) for line in (made + real).splitlines() if line and not line.startswith("#")
+    )
+    tasks = {name: command for name, command in tasks.items() if not args.only or name in args.only}
     with tempfile.TemporaryDirectory() as temporary:
         base = (args.keep or Path(temporary)).resolve()
         sides = [base / "old", base / "new"]
@@ -213,32 +167,30 @@ def spoil(recording: Path, to: Path) -> None:
     sd.to_csv(to / "sd.csv", index=False)
 
 
-def run(side: Path, tasks: Sequence[Task], data: Path) -> None:
+def run(side: Path, tasks: Mapping[str, str], data: Path) -> None:
     """Run each task in its turn; what it prints and its exit code are written beside its results."""
     environment = {
         **os.environ, "PYTHONPATH": str(side), "XDG_CACHE_HOME": str(side / "cache"), "OMP_NUM_THREADS": "1",
         "RESIM_CATALOG": str(side / "catalog.sqlite"), "COLUMNS": "200",
     }  # fmt: skip
-    if any("training" in task.command for task in tasks):
-        make = [sys.executable, "tools/make_training.py", "--count", "6", "--out", "same/training"]
-        subprocess.run(make, cwd=side, env=environment, check=True, capture_output=True)
-    for task in tasks:
-        words = task.command.format(data=data).split()
-        words = [
-            n
-            for w in words
-            for n in (sorted(str(p.relative_to(side)) for p in side.glob(w)) if "*" in w else [w])
-        ]
-        done = subprocess.run(
-            [sys.executable, "-m", "resim", *words],
-            cwd=side,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
+
+    def call(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, *words], cwd=side, env=environment, capture_output=True, text=True, check=False
         )
+
+    if any("same/training" in command for command in tasks.values()):
+        call("tools/make_training.py", "--count", "6", "--out", "same/training").check_returncode()
+    for name, command in tasks.items():
+        words = command.format(data=data, **OPTIONS).split()
+        done = call("-m", "resim", *itertools.chain.from_iterable(found(side, word) for word in words))
         printed = f"{done.stdout}\n--- stderr\n{done.stderr}\n--- exit code {done.returncode}\n"
-        (side / "out" / f"{task.name}.printed").write_text(printed)
+        (side / "out" / f"{name}.printed").write_text(printed)
+
+
+def found(side: Path, word: str) -> list[str]:
+    """Give what a word of a command line stands for: the paths that a glob finds, or itself."""
+    return sorted(str(p.relative_to(side)) for p in side.glob(word)) if "*" in word else [word]
 
 
 def compare(old: Path, new: Path, *, reworded: bool) -> Iterator[str]:
@@ -282,25 +234,25 @@ def differences(a: Path, b: Path, old: Path, new: Path) -> Iterator[Difference]:
         return
     match a.suffix:
         case ".json":
-            mine, other = (cleaned(json.loads(p.read_text()), at) for p, at in ((a, old), (b, new)))
-            yield from of_values(mine, other, "")
+            yield from of_values(
+                cleaned(json.loads(a.read_text()), old), cleaned(json.loads(b.read_text()), new), ""
+            )
         case ".parquet":
-            yield from of_tables(*(duckdb.read_parquet(str(p)).df() for p in (a, b)))
+            yield from of_tables(duckdb.read_parquet(str(a)).df(), duckdb.read_parquet(str(b)).df())
         case ".html":
-            pages = [masked(p.read_text(), at) for p, at in ((a, old), (b, new))]
-            yield from of_lines(*(data_of(page) for page in pages), "data")
-            yield from of_lines(*(text_of(page) for page in pages), "text")
+            mine, other = masked(a.read_text(), old), masked(b.read_text(), new)
+            yield from of_lines(data_of(mine), data_of(other), "data")
+            yield from of_lines(text_of(mine), text_of(other), "text")
         case ".printed" | ".xml" | ".toml" | ".csv" | ".md" | ".con" | ".nod" | ".edg" | ".jsonl":
             yield from of_lines(
-                *(masked(p.read_text(), at).splitlines() for p, at in ((a, old), (b, new))), "line"
+                masked(a.read_text(), old).splitlines(), masked(b.read_text(), new).splitlines(), "line"
             )
         case _:
-            if a.read_bytes() != b.read_bytes():
-                yield "", f"{a.stat().st_size} bytes", f"{b.stat().st_size} other bytes"
+            yield "", f"{a.stat().st_size} bytes", f"{b.stat().st_size} other bytes"
 
 
 def masked(text: str, side: Path) -> str:
-    """Give a text without what may differ anywhere: its folder, dates, hashes; reviewed texts of OLD as those of NEW."""
+    """Give a text without what may differ anywhere (folders, dates, hashes), and texts of OLD as those of NEW."""
     text = DATE.sub("<date>", text.replace(str(side), "<checkout>"))
     for mine, other in TEXTS.items():
         text = text.replace(mine, other)
