@@ -71,7 +71,7 @@ high = 4.0
 """
 INPUTS = {
     "suite.toml": SUITE.format(perception=""),
-    "seen.toml": SUITE.format(perception='perception = "../adfunc/perception/proving_ground.json"\nseeds = 4'),
+    "seen.toml": SUITE.format(perception='perception = "../adfunc/perception/proving_ground.json"\nseeds = 30'),
     "grid.toml": SWEEP.format(plan='plan = "grid"\nseeds = 2', first="steps = 3", second="steps = 3"),
     "sobol.toml": SWEEP.format(plan='plan = "sobol"\npoints = 8\nseeds = 1', first="", second=""),
     "adaptive.toml": SWEEP.format(
