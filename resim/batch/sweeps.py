@@ -173,13 +173,14 @@ def execute(
     pool: Executor | None = None,
     expect: Callable[[int], None] = lambda total: None,
     tell: Tell = lambda failed: None,
-) -> dict[str, tuple[str, ...]]:
+    found: Callable[[str, tuple[str, ...]], None] = lambda recording, findings: None,
+) -> None:
     """Do what is missing of the sweep, or of a shard; each result is committed whole as soon as it is there.
 
-    expect: hears how many runs it is, which grow with an adaptive plan. Gives the findings in each recording that was
-    run, in the order of the sweep.
+    expect: hears how many runs it is, which grow with an adaptive plan. found: hears the findings in each recording as
+    soon as one of its runs is there.
     """
-    findings: dict[str, tuple[str, ...]] = {}
+    examined: set[str] = set()
     with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
         todo: list[RunTask] | None = None
         while todo is None or (todo and sweep.file.plan == "adaptive"):
@@ -194,10 +195,12 @@ def execute(
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
             for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
                 if not isinstance(result, Failure):
-                    findings[of[number]] = result.pop("findings")
+                    findings, name = result.pop("findings"), of[number]
+                    if name not in examined:
+                        examined.add(name)
+                        found(name, findings)
                 file.append({RUN: number, "plan": plans[number], **_entry(result, sweep)})
                 tell(isinstance(result, Failure) or result["row"]["failure"] is not None)
-    return {name: findings[name] for name in sweep.folders if name in findings}
 
 
 def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:

@@ -72,10 +72,7 @@ def sweep(
             there = stack.enter_context(cluster(scheduler))
             say(f"dashboard: {there.dashboard}", err=True)
             pool, count = there.pool, there.threads
-        findings = execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell)
-    for name, lines in findings.items():
-        for line in lines:
-            say(f"{name}: finding: {line}")
+        execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell, found=_say_findings)
     missing, failed = compact(wanted, out)
     if missing:
         say(f"{out}: this shard is done; {missing} runs of others are missing")
@@ -85,6 +82,11 @@ def sweep(
     for found in manifest.get("boundaries", ()):
         _tell_boundary(found, len(wanted.file.build) > 1)
     register(out)
+
+
+def _say_findings(recording: str, findings: tuple[str, ...]) -> None:
+    for line in findings:
+        say(f"{recording}: finding: {line}")
 
 
 def _checked(
