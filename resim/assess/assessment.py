@@ -190,12 +190,12 @@ def assess(
     asked = {o.name: o for o in every}
     verdicts = {}
     for c in criteria.criteria if criteria is not None else ():
-        measure = measures[c.measure]
+        measure, seen = subject.judged(c.measure, c.side, c.limit)
         found = judge(c, measure, drive.t, drive.ids, drive.present)
         if larger is not None:
-            again = larger.measure(c.measure)
+            again, _ = larger.judged(c.measure, c.side, c.limit)
             found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts)
-        found = doubted(found, c, asked[c.measure], measure, subject, doubts)
+        found = doubted(found, c, asked[c.measure], measure, subject, doubts, seen)
         if flaw and found.outcome == "PASS" and not subject.contacts:
             found = replace(found, outcome="INVALID", reason=flaw)
         verdicts[c.name] = found

@@ -217,7 +217,7 @@ def judge(
 
     present: (S, K) where an object is there; elsewhere nothing has to be computed. FAIL where the limit is broken
     for the duration or longer, by one object. INVALID, never PASS, where a value that should be there was not
-    computed, or the measure has no meaning anywhere.
+    computed, the measure has no meaning anywhere, or what lies beyond its horizon can break the limit.
     """
     own = measure.value.ndim == 1
     columns, states = (a[:, None] if own else a for a in (measure.value, measure.state))
@@ -233,6 +233,7 @@ def judge(
     failed = (times >= 0.0) & (times >= criterion.duration - _SAME)
     most = float(times.max(initial=-1.0))
     lost = counts & (states == State.NOT_COMPUTED)
+    beyond = _beyond(criterion, measure, counts & (states == State.NO_CONFLICT), broken_by, t)
     meant = counts & (states != State.NOT_DEFINED) & ~lost
     worst = _worst(np.where(failed, bad, np.nan) if failed.any() else bad)
     value, when, whom = (None, None, "") if worst is None else (
@@ -256,12 +257,34 @@ def judge(
         outcome, reason = "INVALID", f"not computed in {scenes}{_names(lost, whose)}"
     elif not within.any():
         outcome, reason = "INVALID", "the drive has no scene in this part"
+    elif beyond.any():
+        outcome, reason = "INVALID", f"{_so_far(criterion, measure, beyond)}{_names(beyond, whose)}"
     elif not meant.any() and counts.any():
         outcome, reason = "INVALID", "not defined anywhere in the drive"
     return Verdict(
         criterion.name, criterion.measure, outcome, value, criterion.limit, measure.unit, when, whom,
         criterion.weight, reason,
     )  # fmt: skip
+
+
+def _beyond(criterion: Criterion, measure: Measure, none: Bools, broken: Bools, t: Floats) -> Bools:
+    """In which scenes (S, K) a limit can be broken beyond the horizon, of those who can have broken it for long."""
+    if measure.beyond is None:
+        return np.zeros(none.shape, dtype=bool)
+    can = none & (criterion.badness(measure.beyond) > _SAME)
+    long = [
+        c.any() and longest(c | b, t) >= criterion.duration - _SAME
+        for c, b in zip(can.T, broken.T, strict=True)
+    ]
+    return np.asarray(can & np.array(long, dtype=bool))
+
+
+def _so_far(criterion: Criterion, measure: Measure, beyond: Bools) -> str:
+    """What is not shown by no conflict within the horizon."""
+    most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
+    worst = float(most.min() if criterion.side == "below" else most.max())
+    so_far = f"{criterion.side} {amount(worst, measure.unit)}"
+    return f"no conflict as far as is looked ahead shows only that it is not {so_far}"
 
 
 def amount(value: float, unit: str) -> str:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from resim.assess.criteria import Criterion, Verdict, amount, longest
-from resim.assess.criticality import Measure, motion
+from resim.assess.criticality import Measure, Pairs, motion
 from resim.assess.criticality.contact import Rows
-from resim.assess.criticality.following import KMH, RANGE
+from resim.assess.criticality.following import KMH
 from resim.assess.functional import RANGE as DETECTED
+from resim.assess.horizon import Ahead
 from resim.assess.objectifications import Objectification, Subject
 from resim.assess.reach import MOST, Reach, Then
 from resim.assess.unseen import Absence, Doubts
@@ -22,15 +24,23 @@ BESIDE = 5.5
 """Distance [m] up to which somebody is overtaken on the right (`following.overtaking_right`)."""
 METRES = 2.0
 """Steps [m] in which the way ahead is looked along."""
+_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class _Unseen:
-    """An absent object beside the EGO in the P scenes `at` of a drive."""
+    """An absent object beside the EGO in the P scenes `at` of a drive, looked for as far as `seen`."""
 
     subject: Subject
     at: Rows
     reach: Reach
+    seen: Ahead
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """The EGO, as far ahead as is looked."""
+        usual = self.subject.pairs
+        return usual if self.seen.horizon == usual.span else self.subject.farther(self.seen.horizon)
 
     @property
     def v(self) -> Floats:
@@ -39,8 +49,8 @@ class _Unseen:
 
     def touches(self, then: Then, *, steady: bool = False, strays: float = 0.0) -> Floats:
         """Give when (P,) [s] the boxes can touch first, along the EGO's plan or steadily; inf for not at all."""
-        pairs = self.subject.pairs
-        way = (pairs.steady if steady else pairs.plan)[self.at]
+        pairs = self.pairs
+        way = (pairs.steady if steady else pairs.going)[self.at]
         ahead = np.linspace(0.0, pairs.span, way.shape[1])
         gap = self.reach.clearance(way, ahead, pairs.ego_size[self.at], then, strays)
         return _first(gap <= 0.0, ahead)
@@ -59,8 +69,8 @@ class _Unseen:
         return np.asarray(self.reach.clearance(way, np.zeros(1), pairs.ego_size[self.at], "stays")[:, 0])
 
     def gap(self) -> Floats:
-        """Give the least way (P,) [m] along the EGO's path to his box, inf for none within RANGE."""
-        pairs, s = self.subject.pairs, np.arange(0.0, RANGE + METRES, METRES)
+        """Give the least way (P,) [m] along the EGO's path to his box, inf for none as far as is looked."""
+        pairs, s = self.subject.pairs, np.arange(0.0, self.seen.reach + METRES, METRES)
         ways = np.broadcast_to(s, (len(self.at), len(s)))
         way = motion.along(pairs.plan[self.at], ways, np.ones(ways.shape))
         return _first(self.reach.clearance(way, s, pairs.ego_size[self.at], "stays") <= 0.0, s)
@@ -130,6 +140,7 @@ def doubted(
     measure: Measure,
     subject: Subject,
     doubts: Doubts,
+    seen: Ahead,
 ) -> Verdict:
     """Give a verdict, INVALID in place of PASS where somebody who is absent can have broken the criterion.
 
@@ -147,7 +158,7 @@ def doubted(
                 return _invalid(verdict, measure, criterion, absence)
         elif not asked.alone:
             whose = "" if measure.value.ndim == 1 else absence.object
-            possible = within & _possible(absence, criterion, asked.name, measure, subject)
+            possible = within & _possible(absence, criterion, asked.name, measure, subject, seen)
             can.setdefault(whose, []).append((absence, possible))
     for whose, found in can.items():
         possible = np.any([p for _, p in found], axis=0)
@@ -163,19 +174,23 @@ def _overlaps(absence: Absence, criterion: Criterion, t: Floats) -> bool:
     return absence.end >= t[0] + criterion.start and absence.start < end
 
 
-def _possible(absence: Absence, criterion: Criterion, name: str, measure: Measure, subject: Subject) -> Bools:
+def _possible(
+    absence: Absence, criterion: Criterion, name: str, measure: Measure, subject: Subject, seen: Ahead
+) -> Bools:
     """In which scenes (S,) the limit can have been broken by the absent."""
     t = subject.drive.t
     half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     at = np.flatnonzero((t >= absence.start - half) & (t <= absence.end + half))
     out = np.zeros(len(t), dtype=bool)
     if len(at):
-        u = _Unseen(subject, at, Reach.of(absence, t[at]))
+        u = _Unseen(subject, at, Reach.of(absence, t[at]), seen)
         worse = {"low": "below", "high": "above", "both": "beyond"}[measure.bad]
         if name in WORST and criterion.side == worse:
             out[at] = criterion.badness(WORST[name](u)) > 0.0
         else:
             out[at] = np.isfinite(u.touches("anything"))
+        if measure.beyond is not None:
+            out[at] |= criterion.badness(measure.beyond[at, 0]) > _SAME
     return out
 
 

@@ -7,7 +7,7 @@ say. A new one is a short function and a line in the table.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -19,6 +19,7 @@ from resim.assess.criticality.evasion import longest
 from resim.assess.criticality.measure import Bad
 from resim.assess.drive import Drive
 from resim.assess.functional import Functioning
+from resim.assess.horizon import Ahead, ahead, open_beyond
 from resim.assess.risk import DEFAULTS, Parameters, Risk
 from resim.core.geometry import Floats, boxes_overlap
 from resim.core.tracks import Tracks
@@ -59,10 +60,25 @@ class Subject:
             self._known[name] = next(o for o in (*OBJECTIFICATIONS, *self.own) if o.name == name).of(self)
         return self._known[name]
 
+    def judged(self, name: str, side: str, limit: float) -> tuple[Measure, Ahead]:
+        """Give an objectification for a limit, looked for as far ahead as that needs, with what is open beyond."""
+        measure = self.measure(name)
+        seen = ahead(name, side, limit, measure.bad, self.pairs)
+        if seen != Ahead(self.pairs.span):
+            key = f"{name}, {seen}"
+            if key not in self._known:
+                self._known[key] = FARTHER[name](self, seen)
+            measure = self._known[key]
+        return replace(measure, beyond=open_beyond(name, seen, self.pairs, self.parameters)), seen
+
     @cached_property
     def pairs(self) -> Pairs:
         """The EGO with each object, predicted."""
         return Pairs.of(self.drive.scenes, self.parameters.step)
+
+    def farther(self, horizon: float) -> Pairs:
+        """Give the EGO with each object, predicted for another horizon [s]; straight on after the plan's end."""
+        return Pairs.of(self.drive.scenes, self.parameters.step, horizon)
 
     @cached_property
     def driven(self) -> Pairs:
@@ -195,6 +211,16 @@ def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:
     )  # fmt: skip
     return sorted(zip(tracks.t[i[hit]].tolist(), tracks.ids[n[hit]].tolist(), strict=True))
 
+
+FARTHER: Mapping[str, Callable[[Subject, Ahead], Measure]] = {
+    "TTC": lambda s, seen: criticality.ttc(s.farther(seen.horizon)),
+    "THW": lambda s, seen: criticality.thw(s.farther(seen.horizon)),
+    "WTTC": lambda s, seen: criticality.wttc(s.farther(seen.horizon)),
+    "DRAC": lambda s, seen: criticality.drac(s.farther(seen.horizon)),
+    "gap ahead": lambda s, seen: criticality.gap_ahead(s.pairs, reach=seen.reach),
+    "half speedometer": lambda s, seen: criticality.half_speedometer(s.pairs, reach=seen.reach),
+}
+"""Those that can be looked for farther ahead than usual."""
 
 OBJECTIFICATIONS = _all()
 """All that resim has, in the order of its tables."""

@@ -45,15 +45,16 @@ def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
     return stated(gap, conflict=conflict, defined=p.plan[:, 0, 3] >= 0.0)
 
 
-def half_speedometer(pairs: Pairs, *, urban: bool = False) -> Measure:
+def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE) -> Measure:
     """Give how many metres (S, K) the gap is above the least distance; negative is too near.
 
     Least distance v / 2 in metres with v in km/h, in urban areas v / 3.6, the way of one second (Kaefer, Eq. 4.1).
-    States as in `gap_ahead`: NO_CONFLICT where nobody is ahead.
+    States as in `gap_ahead`: NO_CONFLICT where nobody is ahead within `reach` [m] or the least distance.
     """
-    gap = gap_ahead(pairs)
     v = np.maximum(pairs.plan[:, 0, 3], 0.0)
-    spare = gap.value - (v if urban else 0.5 * KMH * v)[:, None]
+    least = v if urban else 0.5 * KMH * v
+    gap = gap_ahead(pairs, reach=float(np.nanmax(least, initial=reach)))
+    spare = gap.value - least[:, None]
     return Measure("half speedometer", "m", spare, gap.state, "low")
 
 

@@ -35,6 +35,8 @@ class Measure:
     """One measure of many scenes or samples.
 
     value: any shape, in `unit`, NaN wherever `state` (same shape) is not VALUE. bad: which end is the worse one.
+    beyond: how bad it can still be where there is NO_CONFLICT, as that is looked for so far ahead only; of a shape that
+    fits to `value`, None where it is known to be none.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Measure:
     value: Floats
     state: States
     bad: Bad
+    beyond: Floats | None = None
 
     def __post_init__(self) -> None:
         if self.value.shape != self.state.shape:

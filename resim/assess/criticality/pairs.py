@@ -126,6 +126,15 @@ class Pairs:
         pace = np.repeat(np.abs(self.plan[:, 0, 3, None]), n + 1, axis=1)
         return motion.along(self.plan, pace * (np.arange(n + 1) * (self.span / n)), pace)
 
+    @property
+    def going(self) -> Floats:
+        """The EGO (S, N + 1, 4) as planned over the horizon, straight on after the plan's end."""
+        if self.horizon is None:
+            return self.plan
+        n = max(1, round(self.span / self.step))
+        t = np.broadcast_to(np.arange(n + 1) * (self.span / n), (len(self.plan), n + 1))
+        return motion.sample(self.plan, self.step, t)
+
     def complete(self, columns: int = 6) -> Bools:
         """Say (S, K) which pairs have all input: no NaN in the first columns of the state, no size of 0.
 
