@@ -15,6 +15,7 @@ from resim.check.delay import clocks
 from resim.check.headings import headings
 from resim.check.identity import broken, jumps, parts_of
 from resim.check.motion import heading, limits, speed
+from resim.check.offsets import offsets
 from resim.check.place import places
 from resim.check.reference import reference_points
 from resim.check.samples import duplicates, holes, missing_values, repeated
@@ -99,22 +100,28 @@ def _motion(table: Table, network: RoadNetwork | None, ego: str) -> tuple[Table,
 
 
 def _both(gt: Table, sd: Table, known: list[Found], ego: str) -> Iterator[Found]:
-    """What the two sources show beside each other, where neither is torn."""
+    """What the two sources show beside each other, but for what a whole table on the wrong map explains.
+
+    Tracks that are torn have no one clock or name; where the tear is no error, their pieces are compared as well.
+    """
     named = [f.finding for f in known]
-    aside = {(f.source, f.object) for f in named if f.code in ("OFF_MAP", "WRONG_WAY")}
+    elsewhere = {f.source for f in named if f.code in ("OFF_MAP", "WRONG_WAY") and not f.object}
+    if len(elsewhere) == 1:
+        return
     whole = {(k.source, n) for k in (gt, sd) for n, c in Counter(t.id for t in k.tracks).items() if c == 1}
-    beside = [
-        p
-        for p in pairs(gt, sd)
-        if {("gt", p.gt.id), ("sd", p.sd.id)} <= whole
-        and not aside & {("gt", p.gt.id), ("sd", p.sd.id), ("gt", ""), ("sd", "")}
-    ]
-    beside, mistaken = misnamed(gt, beside)
+    grave = {(f.source, f.object) for f in named if f.code in TORN and f.severity == "error"}
+    every = [p for p in pairs(gt, sd) if not grave & {("gt", p.gt.id), ("sd", p.sd.id)}]
+    pieces = [p for p in every if not {("gt", p.gt.id), ("sd", p.sd.id)} <= whole]
+    beside, mistaken = misnamed(gt, [p for p in every if p not in pieces])
     yield from mistaken
     found_clocks, explained = clocks(gt, sd, beside, ego)
     yield from found_clocks
-    yield from reference_points(beside, explained, ego)
-    yield from strangers(sd, beside, explained, parts_of(known))
+    points = list(reference_points(beside, explained, ego))
+    yield from points
+    far = list(strangers(sd, beside, explained, parts_of(known)))
+    yield from far
+    told = {f.finding.object for f in (*points, *far)}
+    yield from offsets(sd, [p for p in (*beside, *pieces) if p.sd.id not in told], explained)
 
 
 def _gt_names(sd: pd.DataFrame, gt: pd.DataFrame) -> dict[str, str]:

@@ -33,9 +33,8 @@ class Pair:
 
 
 def pairs(gt: Table, sd: Table) -> list[Pair]:
-    """Give every SD object that has GT at common times."""
-    truth = {k.id: k for k in gt.tracks}
-    named = [(k, truth[name]) for k in sd.tracks if (name := sd.gt_id.get(k.id, "")) in truth]
+    """Give every SD object, or piece of it, that has GT at common times."""
+    named = [(k, own) for k in sd.tracks for own in gt.tracks if own.id == sd.gt_id.get(k.id, "")]
     return [pair for track, own in named if (pair := beside(track, own)) is not None]
 
 

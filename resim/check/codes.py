@@ -124,6 +124,10 @@ CODES: Mapping[str, Code] = {
     "MIRRORED_Y": Code(
         "error", "left and right are exchanged, and lanes with them", "turn the sign of y and of the heading"
     ),
+    "SENSOR_OFFSET": Code(
+        "warning",
+        "sensor data has it elsewhere than ground truth, by more than sensors usually err: SD is judged by it there",
+    ),
     "SD_WITHOUT_GT": Code("note", "no sensor error can be computed for it; rSD has it all the same"),
 }  # fmt: skip
 """Every code: its usual severity, what it means, and the repair."""

@@ -152,6 +152,7 @@ PLANTS: tuple[tuple[str, str, str, Change], ...] = (
     ("HEADING_TURNED", "gt", "", lambda f: f.assign(heading=f["heading"] + np.pi)),
     ("HEADING_CONVENTION", "sd", "", lambda f: f.assign(heading=0.5 * np.pi - f["heading"])),
     ("MIRRORED_Y", "gt", "", lambda f: f.assign(y=-f["y"], heading=-f["heading"])),
+    ("SENSOR_OFFSET", "sd", "2", lambda f: add(f, own(f, "2"), "y", -2.5)),
     ("SD_WITHOUT_GT", "sd", "2", lambda f: put(f, own(f, "2"), "gt_id", "")),
 )  # fmt: skip
 
@@ -211,6 +212,44 @@ def test_the_cause_is_told_and_not_its_symptoms(tables: Read, look: Look, case: 
     before = tables("overtake")
     found = look(replace(before, **{table: change(getattr(before, table)).reset_index(drop=True)}))
     assert {f.code for f in found} == codes
+
+
+def test_who_drives_against_his_lane_or_off_the_map_is_compared_all_the_same(
+    tables: Read, look: Look
+) -> None:
+    before = tables("overtake")
+    assert before.sd is not None
+    for change in (returned, lambda f: add(f, own(f, "3"), "y", -40.0)):
+        gt, sd = change(before.gt), change(before.sd)
+        assert {f.code for f in look(replace(before, gt=gt, sd=sd))} <= {"WRONG_WAY", "OFF_MAP"}
+        far = look(replace(before, gt=gt, sd=add(sd, own(sd, "3"), "y", 30.0)))
+        (hit, *_) = [f for f in far if f.code in ("SD_WITHOUT_GT", "SENSOR_OFFSET")]
+        assert (hit.severity, hit.object, hit.value) == ("error", "3", pytest.approx(30.0, abs=2.0))
+
+
+def test_a_sensor_that_has_objects_in_another_lane_is_told(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    assert before.sd is not None
+    sd = before.sd
+    for names, told, size in (({"1"}, "1", 3.5), ({"1", "2", "3"}, "", 3.5), ({"ego"}, "ego", 1.5)):
+        found = look(replace(before, sd=add(sd, sd["id"].isin(names), "y", -size)))
+        (hit,) = [f for f in found if f.code == "SENSOR_OFFSET"]
+        assert (hit.severity, hit.object) == ("warning", told)
+        assert hit.value == pytest.approx(size, abs=0.4 if told == "ego" else 1.0)
+        assert f"{hit.text.split(' m to the right')[0].split()[-1]}" in {
+            f"{size - 0.2:.1f}",
+            f"{size - 0.3:.1f}",
+        }
+
+
+def test_a_sensor_that_strays_for_a_while_only_is_told(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    assert before.sd is not None
+    sd = before.sd
+    bump = -3.0 * np.sin(0.25 * np.pi * (sd["t"].clip(3.0, 7.0) - 3.0)) ** 2
+    (hit,) = [f for f in look(replace(before, sd=add(sd, own(sd), "y", bump))) if f.code == "SENSOR_OFFSET"]
+    assert hit.object == "1"
+    assert 3.0 <= hit.start < hit.end <= 7.0
 
 
 def test_a_delay_that_sensors_have_is_a_note(tables: Read, look: Look) -> None:
