@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from resim.check.beside import misnamed, pairs, strangers
-from resim.check.bodies import overlaps, sizes, swapped
+from resim.check.bodies import impossible, overlaps, sizes, swapped
 from resim.check.clock import in_order
 from resim.check.codes import CODES, Code, Found, worst_first
 from resim.check.delay import clocks
@@ -35,9 +35,10 @@ EXPLAINED = {
     "ACCELERATION": ("SPEED_DISAGREES",),
     "YAW_RATE": ("HEADING_DISAGREES",),
     "SPEED_DISAGREES": ("CLOCK_DRIFT",),
+    "HEADING_DISAGREES": ("HEADING_UNIT", "HEADING_TURNED", "HEADING_CONVENTION"),
     "WRONG_WAY": ("HEADING_DISAGREES", *TORN),
     "OFF_MAP": TORN,
-    "OVERLAP": ("OFF_MAP", *TORN),
+    "OVERLAP": ("OFF_MAP", "SIZE_IMPOSSIBLE", *TORN),
     "GAP": ("ID_REUSED",),
     "MISSING_SAMPLES": ("ID_REUSED",),
 }
@@ -75,6 +76,7 @@ def _source(
     out += missing_values(source, frame)
     out += duplicates(source, frame)
     out += sizes(source, frame)
+    out += impossible(source, frame)
     frame, more = swapped(source, frame)
     out += more
     out += holes(table_of(source, frame, gt_id, incomplete=True), ego)

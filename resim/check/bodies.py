@@ -24,6 +24,23 @@ WIDER = 1.05
 """Times its length that a vehicle is wide when the two are swapped; no vehicle is."""
 SHAPELESS = ("pedestrian", "unknown")
 """Kinds that may be wider than long."""
+LEAST_LARGEST = {
+    "car": ((2.0, 1.0), (26.0, 3.2)),
+    "van": ((2.0, 1.0), (26.0, 3.2)),
+    "truck": ((2.5, 1.2), (60.0, 4.5)),
+    "bus": ((4.0, 1.5), (35.0, 3.2)),
+    "trailer": ((0.8, 0.6), (30.0, 4.5)),
+    "motorcycle": ((1.0, 0.3), (4.5, 2.2)),
+    "bicycle": ((0.8, 0.2), (4.5, 1.8)),
+    "pedestrian": ((0.2, 0.15), (3.0, 3.0)),
+    "unknown": ((0.1, 0.1), (60.0, 6.0)),
+}
+"""Longer and shorter side [m] of the least and the largest of each kind, generous. Least: Renault Twizy, 2.34 x 1.24 m
+(manufacturer's data); largest: 25.25 x 2.6 m of European combinations (directive 96/53/EC), also of cars and vans, as
+recordings call trucks so (NGSIM: cars of 19.8 m), 53.5 m of Australian road trains (National Heavy Vehicle Regulator),
+abnormal loads 4.5 m; motorcycles with side-car, cargo bicycles; people with arms and a pram."""
+SEEN = 0.5
+"""Part of the least sides that a sensor may see."""
 MUCH = 0.1
 """Part of the size by which it changes when it matters."""
 
@@ -112,6 +129,37 @@ def swapped(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fou
             width=sides["width"].mask(rows, sides["length"]),
         )
     return frame, out
+
+
+def impossible(source: Source, frame: pd.DataFrame) -> list[Found]:
+    """Give objects that are smaller or larger than any of their kind, whichever side is called length; where they are
+    many, the table."""
+    by_id = frame.groupby("id", sort=False)
+    sides = np.sort(by_id[["length", "width"]].median().to_numpy(float), axis=1)[:, ::-1]
+    first = by_id["kind"].first()
+    names, kinds = first.index.tolist(), first.tolist()
+    bounds = np.array([LEAST_LARGEST.get(kind, LEAST_LARGEST["unknown"]) for kind in kinds]).reshape(-1, 2, 2)
+    least = bounds[:, 0] * (SEEN if source == "sd" else 1.0)
+    times = np.maximum(least / np.maximum(sides, 1e-9), sides / bounds[:, 1]).max(axis=1)
+    wrong = np.flatnonzero(times > 1.0).tolist()
+    words = [f"{kinds[k]} of {sides[k, 0]:.3g} x {sides[k, 1]:.3g} m" for k in wrong]
+    if len(wrong) > MANY:
+        span, worst = (float(frame["t"].min()), float(frame["t"].max())), int(times[wrong].argmax())
+        text = (
+            f"{len(wrong)} of {len(sides)} objects have a size that none of their kind has; "
+            f"{names[wrong[worst]]!r} worst, a {words[worst]}"
+        )
+        return [_impossible(source, "", span, float(times[wrong].max()), text)]
+    out = []
+    for k, what in zip(wrong, words, strict=True):
+        t = frame["t"][frame["id"] == names[k]]
+        text = f"is a {what}: none is so small or so large"
+        out.append(_impossible(source, str(names[k]), (t.min(), t.max()), float(times[k]), text))
+    return out
+
+
+def _impossible(source: Source, name: str, span: tuple[float, float], times: float, text: str) -> Found:
+    return found("SIZE_IMPOSSIBLE", source, name, span, times, "1", text, limit=1.0)
 
 
 def _wide(source: Source, name: str, rows: pd.DataFrame) -> Found:

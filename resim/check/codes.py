@@ -102,6 +102,9 @@ CODES: Mapping[str, Code] = {
     "SIZE_CHANGES": Code(
         "warning", "the first size is taken for the whole track", "take the median size of the object"
     ),
+    "SIZE_IMPOSSIBLE": Code(
+        "error", "nothing of its kind is so small or so large: gaps, contacts and overlaps are wrong"
+    ),
     "SIZE_SWAPPED": Code(
         "error", "length and width are swapped: gaps, contacts and overlaps are wrong", "swap length and width"
     ),

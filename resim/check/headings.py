@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,14 @@ BETTER = 0.7
 LIVELY, OFTEN, STILL = 4.0, (0.5, 0.8), 0.004
 """Times by which the heading's changes over 0.4 s exceed the course's when it is in degrees, at one of these
 quantiles; changes [rad] that are noise of a heading in radians."""
+SLOPE, EXPLAINS = (0.6, 1.4), 0.7
+"""Change of the converted heading with that of the course, and share of it that the course explains, when it is in
+degrees: of a car that skids the heading turns and the course does not."""
+VARIED = 0.005
+"""Spread of the course [rad, standard deviation] from which on it tells that."""
+MOSTLY, THROUGHOUT = 0.9, 0.25
+"""Share of one object's samples, and misfit [rad] of the converted heading, that tell another convention: who skids
+began otherwise."""
 REVERSES = 8.0
 """Speed [m/s] from which on nobody drives backwards: a single object that is slower may do so with a speed above 0."""
 
@@ -99,8 +107,8 @@ def _best(misfit: Floats, tracks: list[Track], step: float) -> Convention:
 def _told(
     table: Table, found: dict[str, Convention], misfits: dict[str, Floats]
 ) -> tuple[Table, list[Found]]:
-    """The findings, and the table converted and unwrapped."""
-    out = []
+    """The findings, and the table converted and unwrapped; who may skid instead is told so and left as it is."""
+    out, sure = [], {}
     for name, convention in found.items():
         as_is, converted = misfits[name][[0, CONVENTIONS.index(convention)]].tolist()
         text = (
@@ -108,11 +116,17 @@ def _told(
             f"{convention.words}"
         )
         details = {"factor": convention.factor, "sign": convention.sign, "offset": convention.offset}
-        out.append(over(table, name, convention.code, as_is, "rad", text, TURNED, details))
-    whole = found.get("")
+        if not name or _is_sure(convention, [k for k in table.tracks if k.id == name], table.step):
+            sure[name] = convention
+            out.append(over(table, name, convention.code, as_is, "rad", text, TURNED, details))
+            continue
+        text += "; or they are right, and it skids: its course says too little to tell"
+        one = over(table, name, convention.code, as_is, "rad", text, TURNED, details, repair="")
+        out.append(replace(one, finding=replace(one.finding, severity="warning")))
+    whole = sure.get("")
 
     def converted_heading(track: Track) -> Floats:
-        return np.unwrap((whole or found.get(track.id, PLAIN))(track.heading))
+        return np.unwrap((whole or sure.get(track.id, PLAIN))(track.heading))
 
     return table.shaped(heading=converted_heading), out
 
@@ -134,6 +148,45 @@ def _lively(track: Track, step: float) -> bool:
 
 def _misfits(track: Track, step: float) -> Floats | None:
     """How far [rad, median] the heading is off the course in each convention (C,); None where it does not drive."""
+    if (driven := _driven(track, step)) is None:
+        return None
+    return np.array([np.median(_off(c, *driven)) for c in CONVENTIONS])
+
+
+def _off(convention: Convention, course: Floats, raw: Floats, reverse: Floats) -> Floats:
+    return np.abs(wrap_angle(convention(raw) + reverse - course))
+
+
+def _is_sure(convention: Convention, tracks: list[Track], step: float) -> bool:
+    """Whether nothing else explains the headings of one object, as that it skids; all of a table do not.
+
+    Degrees are sure beyond a whole turn, and where the heading follows the course in degrees; another convention
+    where it holds throughout.
+    """
+    if convention.factor == 1.0:
+        return all(
+            float(np.quantile(_off(convention, *driven), MOSTLY)) < THROUGHOUT
+            for k in tracks
+            if (driven := _driven(k, step)) is not None
+        )
+    if any(np.abs(k.heading).max() > 2.1 * np.pi for k in tracks):
+        return True
+    courses, headings = [np.zeros(0)], [np.zeros(0)]
+    for k in tracks:
+        if (driven := _driven(k, step)) is not None:
+            turned = [np.unwrap(driven[0]), convention.sign * np.unwrap(driven[1] / convention.factor)]
+            for every, angle in zip((courses, headings), turned, strict=True):
+                every.append(angle - angle.mean())
+    course, heading = np.concatenate(courses), np.concatenate(headings)
+    if not len(course) or float(np.std(course)) < VARIED:
+        return False
+    slope = float((course * heading).sum() / (course**2).sum())
+    left = float(((heading - slope * course) ** 2).sum() / max(float((heading**2).sum()), 1e-12))
+    return SLOPE[0] < slope < SLOPE[1] and left < 1.0 - EXPLAINS
+
+
+def _driven(track: Track, step: float) -> tuple[Floats, Floats, Floats] | None:
+    """Course [rad], heading as it stands, and pi where it reverses (K,), of the samples in which it drives."""
     if track.kind == PEDESTRIAN or len(track) < 5:
         return None
     far = max(round(0.4 / step), 1)
@@ -146,4 +199,4 @@ def _misfits(track: Track, step: float) -> Floats | None:
     course = np.angle(way[drives])
     raw = track.heading[far:-far][drives]
     reverse = np.where(track.v[far:-far][drives] < 0.0, np.pi, 0.0)
-    return np.array([np.median(np.abs(wrap_angle(c(raw) + reverse - course))) for c in CONVENTIONS])
+    return course, raw, reverse

@@ -21,6 +21,8 @@ MOVING = 1.0
 """Speed of the positions [m/s] from which on their ratio to the speed says something."""
 BAD, GOOD = 0.3, 0.8
 """Share of places with the road's direction, as they stand and mirrored, that tell a mirrored map frame."""
+STEADY = 0.25
+"""Relative distance from a unit's factor that three quarters of the ratios keep: a wrong speed does not."""
 ENOUGH = 1000
 """Places that tell a mirrored frame."""
 MIRROR_FAR = 2.0
@@ -37,9 +39,10 @@ def speed_units(table: Table) -> tuple[Table, list[Found]]:
         if not drives.sum() >= 5:
             continue
         moving += 1
-        ratio = float(np.median(np.abs(m.told[drives]) / np.abs(m.moved[drives])))
+        ratios = np.abs(m.told[drives]) / np.abs(m.moved[drives])
         for unit, factor in SPEED_UNITS.items():
-            if abs(ratio / factor - 1.0) < NEAR:
+            off = np.abs(ratios / factor - 1.0)
+            if abs(float(np.median(ratios)) / factor - 1.0) < NEAR and float(np.quantile(off, 0.75)) < STEADY:
                 units[track.id] = unit
     if not units:
         return table, []
@@ -82,14 +85,18 @@ def over(
 
 @dataclass(frozen=True)
 class _Mirror:
-    """What a table looks like as it stands and with y turned: share of places that agree with the road."""
+    """What a table looks like as it stands and with y turned: share of places that agree with the road.
+
+    alone: it is one vehicle that is on lanes as it stands, and may drive against them.
+    """
 
     as_is: float
     turned: float
+    alone: bool
 
     @property
     def is_one(self) -> bool:
-        return self.as_is < BAD and self.turned > GOOD
+        return self.as_is < BAD and self.turned > GOOD and not self.alone
 
 
 def mirrored(
@@ -151,12 +158,15 @@ def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:
     few = slice(None, None, max(len(p) // ENOUGH, 1))
     p, heading = p[few], heading[few]
 
-    def share(p: np.ndarray, heading: Floats) -> float:
+    def share(p: np.ndarray, heading: Floats) -> tuple[float, float]:
         at = network.to_road(p.real, p.imag, heading=heading)
         along = network.lane_heading(at.road, at.lane, at.s)
-        return float(np.mean(at.on_road & (np.abs(wrap_angle(heading - along)) < 0.5 * np.pi)))
+        agrees = at.on_road & (np.abs(wrap_angle(heading - along)) < 0.5 * np.pi)
+        return float(np.mean(agrees)), float(np.mean(at.on_road))
 
-    return _Mirror(share(p, heading), share(np.conj(p), -heading))
+    as_is, on_lanes = share(p, heading)
+    alone = len({k.id for k in some}) == 1 and on_lanes > BAD
+    return _Mirror(as_is, share(np.conj(p), -heading)[0], alone)
 
 
 def _apart(gt: Table, sd: Table, turn: Callable[..., np.ndarray]) -> float:

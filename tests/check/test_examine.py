@@ -141,6 +141,9 @@ PLANTS: tuple[tuple[str, str, str, Change], ...] = (
     ("YAW_RATE", "gt", "1", lambda f: driven(f, turned=0.3)),
     ("OVERLAP", "gt", "3", doubled),
     ("SIZE_CHANGES", "gt", "1", lambda f: put(f, own(f) & late(f), "length", 6.0)),
+    ("SIZE_IMPOSSIBLE", "gt", "1", lambda f: f.assign(**{c: f[c].where(~own(f), 0.1) for c in ("length", "width")})),
+    ("SIZE_IMPOSSIBLE", "sd", "", lambda f: f.assign(length=0.01, width=0.01)),
+    ("SIZE_IMPOSSIBLE", "gt", "2", lambda f: put(f, own(f, "2"), "length", 500.0)),
     ("SIZE_SWAPPED", "gt", "", lambda f: f.assign(length=f["width"], width=f["length"])),
     ("SIZE_SWAPPED", "sd", "2", lambda f: put(put(f, own(f, "2"), "length", 1.9), own(f, "2"), "width", 4.7)),
     ("OFF_MAP", "gt", "3", lambda f: add(f, own(f, "3"), "y", -40.0)),
@@ -388,6 +391,49 @@ def test_conventions_of_headings_are_told_apart_and_repaired(
     again = getattr(repair(bad, None).tables, table)["heading"].to_numpy()
     off = again - frames[table]["heading"].to_numpy()
     assert np.abs(np.angle(np.exp(1j * off))).max() < 1e-9
+
+
+def drifting(frame: pd.DataFrame, slip: float, kept: float = 2.0) -> pd.DataFrame:
+    """Object 3 goes straight on at 15 m/s; from `kept` s on its heading swings by `slip` [rad] off its course."""
+    rows = own(frame, "3")
+    t = frame.loc[rows, "t"]
+    out = put(put(put(frame, rows, "v", 15.0), rows, "x", 300.0 + 15.0 * t), rows, "y", -12.25)
+    return put(out, rows, "heading", np.where(t > kept, slip * np.abs(np.sin(t - kept)), 0.0))
+
+
+@pytest.mark.parametrize("slip", [0.4, 0.6, 0.8])
+def test_the_headings_of_who_skids_are_not_divided_by_57(tables: Read, look: Look, slip: float) -> None:
+    before = tables("overtake")
+    found = look(replace(before, gt=drifting(before.gt, slip)))
+    about = [f for f in found if f.object == "3" and f.code.startswith("HEADING")]
+    assert [(f.code, f.severity, f.repair) for f in about] == [("HEADING_UNIT", "warning", "")]
+    assert about[0].text.endswith("it skids: its course says too little to tell")
+
+
+def test_one_heading_in_degrees_is_sure_where_it_follows_the_course(tables: Read, look: Look) -> None:
+    before = tables("cut_in_brake")  # 1 changes lanes
+    gt = put(before.gt, own(before.gt), "heading", np.degrees(before.gt["heading"]))
+    (hit,) = [f for f in look(replace(before, gt=gt)) if f.code.startswith("HEADING")]
+    assert (hit.code, hit.object, hit.severity) == ("HEADING_UNIT", "1", "error")
+    assert hit.repair
+
+
+def test_one_vehicle_that_drives_against_its_lane_does_not_turn_the_map(tables: Read, look: Look) -> None:
+    before = tables("rear_end")
+    alone = before.gt[before.gt["id"] == "ego"]
+    against = alone.assign(heading=alone["heading"] + np.pi, x=2.0 * alone["x"].mean() - alone["x"])
+    codes = {f.code for f in look(replace(before, gt=against, sd=None))}
+    assert "WRONG_WAY" in codes
+    assert "MIRRORED_Y" not in codes
+
+
+def test_speeds_that_are_wrong_by_chance_have_no_unit(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    rows = own(before.gt)
+    swing = 3.6 + 1.6 * np.sin(2.0 * before.gt["t"])
+    found = look(replace(before, gt=put(before.gt, rows, "v", swing * before.gt["v"])))
+    assert "SPEED_UNIT" not in {f.code for f in found}
+    assert "SPEED_DISAGREES" in {f.code for f in found}
 
 
 def test_one_heading_that_is_turned_is_found(tables: Read, look: Look) -> None:
