@@ -313,6 +313,59 @@ def test_records_that_move_no_lane_refuse_no_map(found, record, says):
     assert says in flaw.text
 
 
+def param(p_range="arcLength", **changed):
+    values = {"aU": 0, "bU": 1, "cU": 0, "dU": 0, "aV": 0, "bV": 0, "cV": 0, "dV": 0, **changed}
+    written = " ".join(f'{name}="{value}"' for name, value in values.items())
+    return f'<paramPoly3 pRange="{p_range}" {written}/>'
+
+
+BORDER = '<border sOffset="0" a="9" b="0" c="0" d="0"/>'
+DENIED = '<access sOffset="0" rule="deny" restriction="passengerCar"/>'
+SLOW = '<speed sOffset="0" max="-5" unit="m/s"/>'
+PROFILE = '<lateralProfile><{} s="0" t="0" side="both" a="0.1" b="0" c="0" d="0"/></lateralProfile>'
+
+
+@pytest.mark.parametrize(
+    ("inside", "severity", "code", "says"),
+    [
+        (road("1", geometry(0, 0, 100, curve='<line/><arc curvature="0.01"/>'), LANES), "error", "TWO_CURVES",
+         "holds <line>, <arc>; the first is taken"),
+        (road("1", LINE, LANES, extra='<include file="more.xml"/>'), "error", "INCLUDE", "'more.xml'"),
+        (road("1", geometry(0, 0, 100, curve=param(p_range="foo", bU=100)), LANES), "error", "UNKNOWN_RANGE",
+         "pRange='foo' is neither"),
+        (road("1", LINE, LANES).replace("<road ", '<road rule="XYZ" '), "error", "UNKNOWN_RULE", "RHT is taken"),
+        (road("1", geometry(0, 0, 100, curve=param(aU=50)), LANES), "error", "CURVE_START", "50.000 m from"),
+        (road("1", geometry(0, 0, 100, curve=param(aV=0.1)), LANES), "warning", "CURVE_START", "0.100 m from"),
+        (road("1", geometry(0, 0, 100, curve=param(bU=0, bV=1)), LANES), "warning", "CURVE_START", "1.571 rad off"),
+        (road("1", LINE, LANES, junction=5), "warning", "MISSING_JUNCTION", "part of junction 5"),
+        (road("1", LINE, section(lane(-1) + lane(-2, kind="foo"))), "warning", "UNKNOWN_TYPE", "type='foo'"),
+        (road("1", LINE, section(lane(-1, WIDTH + BORDER))), "warning", "TWO_WIDTHS", "its widths are taken"),
+        (road("1", LINE, section(lane(-1, WIDTH + DENIED))), "warning", "UNREAD_ACCESS", "(deny passengerCar)"),
+        (road("1", LINE, section(lane(-1, WIDTH + SLOW))), "warning", "NEGATIVE_LIMIT", "limit -5 is below zero"),
+        (road("1", LINE, LANES, extra='<type s="0" type="town"><speed max="-9"/></type>'), "warning", "NEGATIVE_LIMIT",
+         "road 1, type: the speed limit -9"),
+        (road("1", LINE, LANES, extra=PROFILE.format("shape")), "warning", "UNREAD_HEIGHT", "<shape> is left out"),
+        (road("1", LINE, LANES, extra=PROFILE.format("crossfall")), "warning", "UNREAD_HEIGHT", "<crossfall>"),
+    ],
+)  # fmt: skip
+def test_what_is_not_read_or_contradicts_itself_is_told(found, inside, severity, code, says):
+    (flaw,) = found(inside)
+    assert (flaw.severity, flaw.code) == (severity, code)
+    assert says in flaw.text
+
+
+def test_a_crossfall_of_zero_is_nothing(found):
+    assert found(road("1", LINE, LANES, extra=PROFILE.format("crossfall").replace("0.1", "0"))) == ()
+
+
+@pytest.mark.parametrize(("revision", "severity"), [((2, 0), "error"), ((1, 9), "warning"), ((1, 8), None)])
+def test_a_revision_that_resim_does_not_know(tmp_path, revision, severity):
+    path = tmp_path / "new.xodr"
+    header = '<header revMajor="{}" revMinor="{}"/>'.format(*revision)
+    path.write_text(f"<OpenDRIVE>{header}{road('1', LINE, LANES)}</OpenDRIVE>")
+    assert told(flaws(load(path))) == ([(severity, "REVISION")] if severity else [])
+
+
 @pytest.mark.parametrize(("s", "height"), [("-5", 0.2), ("0", 0.2), ("60", 0.0), ("1000", 0.0)])
 def test_heights_may_begin_anywhere(tmp_path, s, height):
     record = f'<height sOffset="70" inner="0.4" outer="0.4"/><height sOffset="{s}" inner="0.2" outer="0.2"/>'

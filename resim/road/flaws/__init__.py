@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from resim.road.flaws import lanes, links, planview
+from resim.road.flaws import lanes, links, planview, unread
 from resim.road.flaws.flaw import SEVERITIES, Flaw, Severity
 from resim.road.opendrive import RoadNetwork
 
 MAP_CODES = frozenset(
     {
+        "CURVE_START",
         "ELEMENT_HOLE",
         "ELEMENT_OVERLAP",
         "EMPTY_ELEMENT",
+        "INCLUDE",
         "KINK",
         "LANE_GAP",
         "LANE_STEP",
@@ -21,15 +23,24 @@ MAP_CODES = frozenset(
         "MISSING_JUNCTION",
         "MISSING_LANE",
         "MISSING_ROAD",
+        "NEGATIVE_LIMIT",
         "NEGATIVE_WIDTH",
         "NO_DRIVING_LANE",
         "NO_WIDTH",
         "ONE_SIDED",
+        "REVISION",
         "ROAD_GAP",
         "ROAD_LENGTH",
         "SECTION_BEYOND_END",
         "SPEED_SIGN",
         "STRETCHED",
+        "TWO_CURVES",
+        "TWO_WIDTHS",
+        "UNKNOWN_RANGE",
+        "UNKNOWN_RULE",
+        "UNKNOWN_TYPE",
+        "UNREAD_ACCESS",
+        "UNREAD_HEIGHT",
         "UNREAD_RECORD",
         "WIDE_LANE",
     }
@@ -44,7 +55,7 @@ def flaws(network: RoadNetwork) -> tuple[Flaw, ...]:
 
     error: places are lost, or traffic cannot go on as the file means it. warning: positions or limits near
     the place are in doubt. note: nothing to fear, but the file does not say what it should. Codes: see
-    `planview`, `lanes` and `links`. The same map gives the same flaws in the same order.
+    `planview`, `lanes`, `links` and `unread`. The same map gives the same flaws in the same order.
     """
-    found = {*planview.flaws(network), *lanes.flaws(network), *links.flaws(network)}
+    found = {*planview.flaws(network), *lanes.flaws(network), *links.flaws(network), *unread.flaws(network)}
     return tuple(sorted(found, key=Flaw.order))

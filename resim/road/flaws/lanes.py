@@ -1,13 +1,14 @@
 """Flaws of lane sections, lanes and signs.
 
-NO_DRIVING_LANE: the map has no lane that vehicles drive on. SECTION_BEYOND_END: a section begins at or behind
-the end of its road (error over 0.5 m behind it). LATE_SECTION: the first section begins over 0.01 m behind the road's
-start (error over 0.5 m), where the road has no lane. LATE_WIDTH: the first width or border of a lane begins over 0.01 m
+NO_DRIVING_LANE: the map has no lane that vehicles drive on. SECTION_BEYOND_END: a section begins at or behind the end
+of its road (error over 0.5 m behind it). LATE_SECTION: the first section begins over 0.01 m behind the road's start
+(error over 0.5 m), where the road has no lane. LATE_WIDTH: the first width or border of a lane begins over 0.01 m
 behind the section's start; it is taken from there on. LANE_STEP: the centre of a lane that vehicles drive on jumps by
-over 0.1 m to the side within its section. NO_WIDTH: a lane has neither width nor border (note unless vehicles drive on
-it). NEGATIVE_WIDTH: below -1 mm (error on a driven lane below -0.1 m). WIDE_LANE: over 20 m. SPEED_SIGN: a speed-limit
-sign says no speed that a sign can show, and is passed over. UNREAD_RECORD: a lane's height or road mark cannot be
-read, and is passed over (note).
+over 0.1 m to the side within its section. NO_WIDTH: a lane has neither width nor border (note unless vehicles drive
+on it). NEGATIVE_WIDTH: below -1 mm (error on a driven lane below -0.1 m). WIDE_LANE: over 20 m. SPEED_SIGN: a
+speed-limit sign says no speed that a sign can show, and is passed over. UNREAD_RECORD: a lane's height or road mark
+cannot be read, and is passed over (note). UNKNOWN_TYPE: a lane's type is none of OpenDRIVE; nobody drives on it.
+TWO_WIDTHS: a lane has widths and borders; the widths are taken.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.road.flaws.flaw import Flaw, Severity
-from resim.road.opendrive import Lane, LaneSection, Road, RoadNetwork
+from resim.road.opendrive import LANE_TYPES, Lane, LaneSection, Road, RoadNetwork
 from resim.road.opendrive.model import Cubic
 
 NEGATIVE, FOLDED = -1e-3, -0.1
@@ -64,7 +65,7 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
                            section.start, beyond, "m", text)  # fmt: skip
             elif section.end > section.start:
                 for lane in section.lanes.values():
-                    yield from _unread(road, index, lane)
+                    yield from _unread(road, index, section, lane)
                     if lane.id:
                         yield from _widths(network, road, index, section, lane)
                     if lane.id and lane.drivable:
@@ -81,10 +82,20 @@ def _signs(road: Road) -> Iterator[Flaw]:
             yield Flaw("warning", "SPEED_SIGN", road.id, None, None, sign.s, math.nan, "", text)
 
 
-def _unread(road: Road, index: int, lane: Lane) -> Iterator[Flaw]:
+def _unread(road: Road, index: int, section: LaneSection, lane: Lane) -> Iterator[Flaw]:
+    where = f"road {road.id}, lane section {index}, lane {lane.id}"
     for problem in lane.unread:
-        text = f"road {road.id}, lane section {index}, lane {lane.id}, {problem}; it is passed over"
+        text = f"{where}, {problem}; it is passed over"
         yield Flaw("note", "UNREAD_RECORD", road.id, index, lane.id, None, math.nan, "", text)
+    if not lane.id:
+        return
+    doubts = []
+    if lane.type not in LANE_TYPES:
+        doubts.append(("UNKNOWN_TYPE", f"type={lane.type!r} is none of OpenDRIVE; nobody drives on it"))
+    if lane.widths and lane.borders:
+        doubts.append(("TWO_WIDTHS", "it has widths and borders; its widths are taken"))
+    for code, says in doubts:
+        yield Flaw("warning", code, road.id, index, lane.id, section.start, math.nan, "", f"{where}: {says}")
 
 
 def _steps(network: RoadNetwork, road: Road, index: int, section: LaneSection, lane: Lane) -> Iterator[Flaw]:

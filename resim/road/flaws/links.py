@@ -1,11 +1,12 @@
 """Flaws of links.
 
-MISSING_ROAD, MISSING_JUNCTION: a road's link, or a connection, names one that is not there, as in a map that
-was cut out of a larger one. MISSING_LANE: a link names a lane that its road does not have there (error on
-driven lanes). LINK_INSIDE: a road's link is to a place inside of another road, as at virtual junctions: it is
-not followed, and the SUMO net has no connection there. ONE_SIDED: a road goes on into another, which does not
-link back. ROAD_GAP: the reference lines of linked roads end over 0.1 m apart (note: their lanes may meet all
-the same). LANE_GAP: the centres of linked lanes end over 0.1 m apart, measured where both are wider than 0.1 m.
+MISSING_ROAD, MISSING_JUNCTION: a road's link, or a connection, names one that is not there, as in a map that was cut
+out of a larger one (warning where a road is said to be part of that junction). MISSING_LANE: a link names a lane that
+its road does not have there (error on driven lanes). LINK_INSIDE: a road's link is to a place inside of another road,
+as at virtual junctions: it is not followed, and the SUMO net has no connection there. ONE_SIDED: a road goes on into
+another, which does not link back. ROAD_GAP: the reference lines of linked roads end over 0.1 m apart (note: their
+lanes may meet all the same). LANE_GAP: the centres of linked lanes end over 0.1 m apart, measured where both are
+wider than 0.1 m.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
             if link is not None:
                 yield from _road_link(network, road, at_end, link)
         yield from _lane_links(network, road, joints)
+        if road.junction is not None and road.junction not in network.junctions:
+            text = f"road {road.id}: it is part of junction {road.junction}, which is not in the map"
+            yield Flaw("warning", "MISSING_JUNCTION", road.id, None, None, None, math.nan, "", text)
     for junction in network.junctions.values():
         for connection in junction.connections:
             where = f"junction {junction.id}, connection {connection.id}"

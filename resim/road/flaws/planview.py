@@ -1,11 +1,13 @@
 """Flaws of reference lines.
 
-LINE_GAP: successive elements do not meet, by over 0.01 m (error over 0.5 m). KINK: their headings differ by over
-0.01 rad (note; warning over 0.1 rad). ELEMENT_OVERLAP, ELEMENT_HOLE: an element begins over 0.01 m before or
-behind the end of the one before, or the first one behind the road's start (the later one holds; the earlier one is
-drawn on; error for a hole over 0.5 m). EMPTY_ELEMENT: an element without length, passed over. STRETCHED: the curve of
-a paramPoly3 is over 1 % and 0.05 m longer or shorter than its length says, and s with it. ROAD_LENGTH: the road's
-declared length is over 0.1 m off that of its elements (error where over 0.5 m of the road have no element).
+LINE_GAP: successive elements do not meet, by over 0.01 m (error over 0.5 m). KINK: their headings differ by over 0.01
+rad (note; warning over 0.1 rad). ELEMENT_OVERLAP, ELEMENT_HOLE: an element begins over 0.01 m before or behind the
+end of the one before, or the first one behind the road's start (the later one holds; the earlier one is drawn on;
+error for a hole over 0.5 m). EMPTY_ELEMENT: an element without length, passed over. STRETCHED: the curve of a
+paramPoly3 is over 1 % and 0.05 m longer or shorter than its length says, and s with it. CURVE_START: the curve of a
+poly3 or paramPoly3 begins over 0.01 m from its element's x and y (error over 0.5 m), or the first of a road turns by
+over 0.01 rad from its element's heading (warning). ROAD_LENGTH: the road's declared length is over 0.1 m off that of
+its elements (error where over 0.5 m of the road have no element).
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
     yield from _stretched(network)
     for road in network.roads.values():
         yield from _distances(road)
+        yield from _starts(road)
 
 
 def _joints(network: RoadNetwork) -> Iterator[Flaw]:
@@ -76,6 +79,25 @@ def _stretched(network: RoadNetwork) -> Iterator[Flaw]:
                     f"length is given as {element.length:.3f} m"
                 )
                 yield Flaw("warning", "STRETCHED", road.id, None, None, element.s, off, "m", text)
+
+
+def _starts(road: Road) -> Iterator[Flaw]:
+    """Polynomial curves that begin elsewhere, or otherwise, than their elements say.
+
+    Of those behind another, KINK tells whether the turn is meant.
+    """
+    severity: Severity
+    for number, element in enumerate(road.geometries):
+        at = f"road {road.id}: the curve of the element at s={element.s:.3f} m"
+        off = float(np.hypot(element.u[0], element.v[0]))
+        turn = abs(float(np.arctan2(element.v[1], element.u[1])))
+        if off > JUMP:
+            severity = "error" if off > BROKEN else "warning"
+            text = f"{at} begins {off:.3f} m from the element's x and y (a is not 0)"
+            yield Flaw(severity, "CURVE_START", road.id, None, None, element.s, off, "m", text)
+        if number == 0 and turn > KINK:
+            text = f"{at} begins {turn:.3f} rad off the element's heading (b says so)"
+            yield Flaw("warning", "CURVE_START", road.id, None, None, element.s, turn, "rad", text)
 
 
 def _distances(road: Road) -> Iterator[Flaw]:

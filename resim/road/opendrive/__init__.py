@@ -1,6 +1,7 @@
 """OpenDRIVE 1.4 to 1.8: reads a map and answers where a place on a lane is, and on which lane a place is."""
 
 from resim.road.opendrive.model import (
+    LANE_TYPES,
     VEHICLE_LANES,
     Connection,
     Cubic,
@@ -15,11 +16,13 @@ from resim.road.opendrive.model import (
     RoadMark,
     RoadType,
     SpeedSign,
+    Unread,
 )  # fmt: skip
 from resim.road.opendrive.network import RoadNetwork, RoadPositions, load
 from resim.road.opendrive.shapes import LaneShape
 
 __all__ = [
-    "VEHICLE_LANES", "Connection", "Cubic", "Geometry", "Header", "Height", "Junction", "Lane", "LaneSection",
-    "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType", "SpeedSign", "load",
+    "LANE_TYPES", "VEHICLE_LANES", "Connection", "Cubic", "Geometry", "Header", "Height", "Junction", "Lane",
+    "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType", "SpeedSign",
+    "Unread", "load",
 ]  # fmt: skip

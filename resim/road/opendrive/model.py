@@ -12,6 +12,15 @@ VEHICLE_LANES = frozenset({
 })  # fmt: skip
 """Lane types that vehicles drive on: only in these is a point `on_road`."""
 
+LANE_TYPES = VEHICLE_LANES | {
+    "none", "stop", "shoulder", "biking", "sidewalk", "border", "restricted", "parking", "median", "tram", "rail",
+    "walking", "curb", "shared",
+}  # fmt: skip
+"""Every lane type of OpenDRIVE 1.4 to 1.8."""
+
+CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
+"""What a planView element can hold."""
+
 Side = Literal["start", "end"]
 Orientation = Literal["+", "-", "none"]
 
@@ -199,6 +208,16 @@ class Junction:
     name: str
     type: str
     connections: tuple[Connection, ...]
+
+
+class Unread(NamedTuple):
+    """What the file says and the reader leaves out: road and lane are None where of none, s [m] NaN."""
+
+    code: str
+    road: str | None
+    lane: int | None
+    s: float
+    text: str
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ from resim.core.geometry import Bools, Floats, constant, wrap_angle
 from resim.road.opendrive.heights import raised
 from resim.road.opendrive.index import LaneIndex
 from resim.road.opendrive.lanes import Lanes, reexpanded
-from resim.road.opendrive.model import Header, Junction, Road
+from resim.road.opendrive.model import Header, Junction, Road, Unread
 from resim.road.opendrive.reader import ModelReader
 from resim.road.opendrive.reference import Frame, Ints, ReferenceLines
 from resim.road.opendrive.shapes import LaneShape, lane_shapes
+from resim.road.opendrive.unread import unread
 from resim.road.opendrive.xml import parse
 
 Strings = NDArray[np.str_]
@@ -59,6 +60,7 @@ class RoadNetwork:
     geo_reference: str | None
     roads: dict[str, Road]
     junctions: dict[str, Junction]
+    unread: tuple[Unread, ...] = ()
 
     def to_xy(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike, t: ArrayLike) -> tuple[Floats, Floats]:
         """Give map positions x, y [m] of (road, lane, s, t)."""
@@ -247,5 +249,7 @@ def load(path: Path | str) -> RoadNetwork:
     Raises InputError where the file is missing, no safe well-formed OpenDRIVE, or lacks what geometry needs.
     """
     path = Path(path)
-    reader = ModelReader(path, parse(path))
-    return RoadNetwork(path, reader.header(), reader.geo_reference(), reader.roads(), reader.junctions())
+    root = parse(path)
+    reader = ModelReader(path, root)
+    parts = reader.header(), reader.geo_reference(), reader.roads(), reader.junctions()
+    return RoadNetwork(path, *parts, unread(root))

@@ -13,6 +13,7 @@ from lxml.etree import _Element
 from resim.core.errors import InputError
 from resim.road.opendrive.lanereader import Coefficients, LaneReader
 from resim.road.opendrive.model import (
+    CURVES,
     Connection,
     Geometry,
     Header,
@@ -34,8 +35,6 @@ MOST_LANES = 4e6
 
 MOST_TURN = 1e3
 """Largest turn [rad] within one arc or spiral: every circle is looked through for each position on it."""
-
-CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
 
 class ModelReader(LaneReader):
