@@ -167,17 +167,17 @@ def read_criteria(criteria: Path | Frozen) -> Criteria:
 
 
 def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification:
-    function, opened = load_named(frozen, copy, own.function, "objectification")
+    function = load_named(frozen, copy, own.function, "objectification")
     path = frozen.path
 
     def of(subject: Subject) -> Measure:
         drive = subject.drive
-        try:
-            with opened:
-                given = function(deepcopy(drive), subject.network)
-        except (Exception, SystemExit) as e:
-            problem = f"objectification {own.name!r}: {own.function} raised {said(e)}"
-            raise InputError(path, problem, opened.remedy()) from e
+        with function.afresh() as opened:
+            try:
+                given = function.load()(deepcopy(drive), subject.network)
+            except (Exception, SystemExit) as e:
+                problem = f"objectification {own.name!r}: {own.function} raised {said(e)}"
+                raise InputError(path, problem, opened.remedy()) from e
         shapes = drive.t.shape, drive.present.shape
         if what := _no_measure(given, shapes):
             problem = f"objectification {own.name!r}: {own.function} gave {what}"

@@ -155,7 +155,8 @@ def _fits(sweep: Sweep, values: Values) -> None:
     for name in sweep.file.build:
         build = with_values(load_build(sweep.frozen[name]), values)
         try:
-            build.make()
+            with build.factory.afresh():
+                build.make()
         except Exception as e:
             raise InputError(
                 build.path, f"does not take the parameters of the sweep: {e}", "Correct them."

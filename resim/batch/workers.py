@@ -166,6 +166,7 @@ class _Child:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _SERVE.format(path=path), *map(str, inner)],
                 pass_fds=inner, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,
+                env={**os.environ, "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
             )  # fmt: skip
             self._files = mine.pop_all()
         self.alive = True

@@ -17,12 +17,16 @@ _ANYBODY = ("_resim_", "_cython", "cython_runtime")
 
 
 class OwnModules:
-    """Context in which one user's code runs; what it puts into `sys.modules`, over others too, is kept for the next."""
+    """Context in which one user's code runs; what it puts into `sys.modules`, over others too, is kept for its next."""
 
     def __init__(self) -> None:
         self._own: dict[str, ModuleType] = {}
         self._before: dict[str, ModuleType] = {}
         self._depth = 0
+
+    def forget(self) -> None:
+        """Let the next run begin without what is kept."""
+        self._own.clear()
 
     def __enter__(self) -> None:
         self._depth += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,20 @@ class Opened:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
     path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
-    copy. found: what the code's modules opened when they were loaded. modules: those that the code makes itself.
+    copy. modules: those that the code makes itself.
     """
 
-    def __init__(
-        self, path: Path, folder: Path, names: frozenset[str], found: frozenset[str], modules: OwnModules
-    ) -> None:
+    def __init__(self, path: Path, folder: Path, names: frozenset[str], modules: OwnModules) -> None:
         self.path = path
-        self.found = set(found)
+        self.found = set[str]()
         self._folders = [os.path.realpath(place) + os.sep for place in (folder, path.absolute().parent)]
         self._names, self._modules = names, modules
+
+    def of_a_run(self) -> Opened:
+        """Give the same that has heard of no file yet."""
+        run = copy(self)
+        run.found = set()
+        return run
 
     def __enter__(self) -> Opened:
         self._modules.__enter__()

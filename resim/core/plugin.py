@@ -1,7 +1,7 @@
 """Code that a user names in a file, `module:name`: loaded from the file's frozen copy, each in a namespace of its own.
 
 Modules of two files may have the same names, also beside installed ones: those of each get private names, and what they
-import is looked for among their own first.
+import is looked for among their own first. Each run executes them again, so that no run knows of another.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,7 @@ from resim.core.frozen import Copy, Frozen, freeze
 from resim.core.imports import is_own, options, own_data, own_sources
 from resim.core.modules import OwnModules
 from resim.core.opened import Opened
+from resim.core.surroundings import same_surroundings
 from resim.core.watchdog import Watchdog, said
 
 LOAD_LIMIT = 180.0
@@ -42,34 +43,59 @@ def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[st
     return freeze(path, raw, sources, {name: file for name, file in data.items() if name not in sources})
 
 
-def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> tuple[Callable[..., Any], Opened]:
+def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> Named:
     """Give the callable that a frozen file names as "module:name" for its field `what`, from its copy.
 
-    Also gives the context in which to call it, which hears of files that it opens. Raises InputError for a module or
-    name that is not there, FunctionError for one that takes longer than LOAD_LIMIT, or ends the process.
+    Raises InputError for a module or name that is not there, FunctionError for one that takes longer than LOAD_LIMIT,
+    or ends the process.
     """
     path = frozen.path
     module_name, _, name = named.partition(":")
-    private = f"_resim_{frozen.hash[:16]}"
-    if private not in _spaces:
-        _spaces[private] = _Space(private, copy)
-    space = _spaces[private]
-    opened = Opened(path, copy.folder, copy.names, frozenset(space.opened), space.modules)
+    code = Named(frozen, copy, named)
     problem = f"{what} module {module_name!r} cannot be imported"
     remedy = f"Install it, or put the module's file beside {path.name}."
     try:
-        with opened, _path_kept(), Watchdog() as watchdog:
-            module = watchdog.load(LOAD_LIMIT, frozen.hash, lambda: _loaded(space, module_name))
+        with code.afresh() as opened, Watchdog() as watchdog:
+            found = watchdog.load(LOAD_LIMIT, frozen.hash, lambda: _loaded(code))
     except FunctionError as e:
         late = "Move what takes long, or ends the process, out of the module into a function that is called later"
         raise FunctionError(f"{path}: {problem}: it {e}. {late}.") from e
-    if isinstance(module, _FailedImport):
-        raise InputError(path, f"{problem}: {module.why}", opened.remedy() or remedy) from module.cause
-    space.opened |= opened.found
-    found = getattr(module, name, None)
+    if isinstance(found, _FailedImport):
+        raise InputError(path, f"{problem}: {found.why}", opened.remedy() or remedy) from found.cause
     if not callable(found):
         raise InputError(path, f"{what} {named!r}: module {module_name} has no {name}")
-    return found, opened
+    return code
+
+
+class Named:
+    """A callable of a user's code. opened: unlisted files beside the user's file that its runs opened, all together."""
+
+    def __init__(self, frozen: Frozen, copy: Copy, named: str) -> None:
+        private = f"_resim_{frozen.hash[:16]}"
+        if private not in _spaces:
+            _spaces[private] = _Space(private, copy)
+        self._space = _spaces[private]
+        self._module, _, self._name = named.partition(":")
+        self.opened = Opened(frozen.path, copy.folder, copy.names, self._space.modules)
+
+    @contextmanager
+    def afresh(self, seed: int = 0) -> Iterator[Opened]:
+        """Context of one run of the code: it knows nothing of runs before, and leaves nothing to those after.
+
+        Its own modules are executed again when they are imported. seed: of what draws without a generator of its own.
+        Gives the context that hears of files that this run opens.
+        """
+        self._space.forget()
+        opened = self.opened.of_a_run()
+        try:
+            with same_surroundings(seed), opened:
+                yield opened
+        finally:
+            self.opened.found |= opened.found
+
+    def load(self) -> Any:
+        """Import the module, unless this run has it, and give what it has by the name; None where it has none."""
+        return getattr(self._space.load(self._module), self._name, None)
 
 
 @dataclass(frozen=True)
@@ -80,9 +106,9 @@ class _FailedImport:
     cause: BaseException
 
 
-def _loaded(space: _Space, name: str) -> ModuleType | _FailedImport:
+def _loaded(code: Named) -> Any:
     try:
-        return space.load(name)
+        return code.load()
     except StopError:
         raise
     except (Exception, SystemExit) as e:
@@ -92,15 +118,32 @@ def _loaded(space: _Space, name: str) -> ModuleType | _FailedImport:
 class _Space:
     """A namespace of modules: a package of a private name, whose modules import one another by their own names.
 
-    opened: files that they opened when they were loaded. modules: those that they put into `sys.modules`.
+    modules: those that they put into `sys.modules`. compiled: those that are no Python; a process has them once.
     """
 
     def __init__(self, name: str, copy: Copy) -> None:
-        self.name, self.copy, self.opened, self.modules = name, copy, set[str](), OwnModules()
+        self.name, self.copy, self.modules = name, copy, OwnModules()
+        self.compiled: dict[str, ModuleType] = {}
+        self._codes: dict[str, CodeType] = {}
+        self._loaded = set[str]()
         tops = {name.partition("/")[0].partition(".")[0] for name in copy.names}
         self._tops = {top for top in tops if is_own(top, copy.names)}
+        self.forget()
+
+    def forget(self) -> None:
+        """Have every module executed again by its next import."""
+        for name in (self.name, *self._loaded):
+            sys.modules.pop(name, None)
+        self._loaded.clear()
+        self.modules.forget()
         self.builtins = {**vars(builtins), "__import__": self._import}
         self._importlib = _Importlib(self)
+
+    def code(self, file: str, path: str) -> CodeType:
+        """Give the code of a source as it was hashed, never bytecode that was made from another."""
+        if file not in self._codes:
+            self._codes[file] = compile(self.copy.sources[file], path, "exec", dont_inherit=True)
+        return self._codes[file]
 
     def load(self, name: str, package: str | None = None) -> ModuleType:
         """Import a module by the name that it has for the user."""
@@ -135,6 +178,7 @@ class _Space:
 
     def spec(self, name: str) -> importlib.machinery.ModuleSpec | None:
         """Say where the module of a private name is loaded from; None where it is not in the copy."""
+        self._loaded.add(name)
         place = name.partition(".")[2].replace(".", "/")
         folder, names = self.copy.folder / place, self.copy.names
         file = next((option for option in options(place) if option in names), None)
@@ -146,7 +190,11 @@ class _Space:
             return spec
         inside = [str(folder)] if file.startswith(f"{place}/") else None
         path = str(self.copy.folder / file)
-        loader = _Loader(name, path, self, file) if file.endswith(".py") else None
+        loader: importlib.abc.Loader | None = None
+        if file.endswith(".py"):
+            loader = _Loader(name, path, self, file)
+        elif file.endswith(tuple(importlib.machinery.EXTENSION_SUFFIXES)):
+            loader = _CompiledLoader(name, path, self)
         return importlib.util.spec_from_file_location(
             name, path, loader=loader, submodule_search_locations=inside
         )
@@ -164,22 +212,39 @@ class _Importlib(ModuleType):
 
 
 class _Loader(importlib.machinery.SourceFileLoader):
-    """Runs a module's source as it was hashed, never bytecode that was made from another."""
+    """Runs a module's source in its space."""
 
     def __init__(self, name: str, path: str, space: _Space, file: str) -> None:
         super().__init__(name, path)
         self._space, self._file = space, file
 
     def get_code(self, fullname: str) -> CodeType:
-        """Compile the source."""
-        source = self._space.copy.sources[self._file]
-        code: CodeType = compile(source, self.path, "exec", dont_inherit=True)
-        return code
+        """Give the compiled source."""
+        return self._space.code(self._file, self.path)
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the module with the imports of its space."""
         module.__dict__["__builtins__"] = self._space.builtins
         exec(self.get_code(module.__name__), module.__dict__)
+
+
+class _CompiledLoader(importlib.machinery.ExtensionFileLoader):
+    """Gives a compiled module once more: few can be loaded twice into a process."""
+
+    def __init__(self, name: str, path: str, space: _Space) -> None:
+        super().__init__(name, path)
+        self._space = space
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
+        """Give the module that the process has, or load it."""
+        return self._space.compiled.get(spec.name) or super().create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the module, unless it has run."""
+        name = module.__name__
+        if name not in self._space.compiled:
+            super().exec_module(module)
+            self._space.compiled[name] = module
 
 
 class _Finder(importlib.abc.MetaPathFinder):
@@ -193,21 +258,14 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 
 @contextmanager
-def _path_kept() -> Iterator[None]:
-    """Take back what a module changes of the search path."""
+def _installed_path() -> Iterator[None]:
+    """Look for modules where the program does: one found in a folder that a module adds would be everybody's."""
     before = sys.path[:]
     try:
+        sys.path[:] = _PATH
         yield
     finally:
         sys.path[:] = before
-
-
-@contextmanager
-def _installed_path() -> Iterator[None]:
-    """Look for modules where the program does: one found in a folder that a module adds would be everybody's."""
-    with _path_kept():
-        sys.path[:] = _PATH
-        yield
 
 
 _PATH = tuple(sys.path)

@@ -16,7 +16,7 @@ from resim.core.files import parse_toml, read_file
 from resim.core.frozen import Frozen, thaw
 from resim.core.geometry import Floats, from_frame
 from resim.core.opened import Opened
-from resim.core.plugin import freeze_code, load_named
+from resim.core.plugin import Named, freeze_code, load_named
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 
@@ -131,18 +131,18 @@ class Build:
     cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
     answer; `reset` and `close` have a minute, the import of its module three. frozen: the copy that it was loaded from,
     whose hash is of the build file, the factory's module, what that imports from its own folder, and the files that the
-    build lists. opened: what else its code opens beside the build file.
+    build lists. needs_truth: whether the function is an oracle that is given the recorded EGO.
     """
 
     name: str
     version: str
     path: Path
-    factory: Callable[..., AdFunction]
+    factory: Named
+    needs_truth: bool
     parameters: dict[str, Any]
     cycle_time: float | None
     time_limit: float
     frozen: Frozen
-    opened: Opened
 
     @property
     def hash(self) -> str:
@@ -155,14 +155,14 @@ class Build:
         return f"{self.name}-{self.version}"
 
     @property
-    def needs_truth(self) -> bool:
-        """Whether the function is an oracle that is given the recorded EGO."""
-        return bool(getattr(self.factory, "needs_truth", False))
+    def opened(self) -> Opened:
+        """What its code opens beside the build file that the hash does not know."""
+        return self.factory.opened
 
     def make(self) -> AdFunction:
-        """Make the function, with parameters of its own that no other run has."""
-        with self.opened:
-            return self.factory(**deepcopy(self.parameters))
+        """Make the function, in the context `factory.afresh`: with parameters of its own that no other run has."""
+        function: AdFunction = self.factory.load()(**deepcopy(self.parameters))
+        return function
 
 
 def freeze_build(path: Path) -> Frozen:
@@ -181,7 +181,8 @@ def load_build(file: Path | Frozen) -> Build:
     frozen = file if isinstance(file, Frozen) else freeze_build(file)
     path, copy = frozen.path, thaw(frozen, freeze_build)
     said = _parsed(copy.raw, path)
-    factory, opened = load_named(frozen, copy, said.factory, "factory")
+    named = load_named(frozen, copy, said.factory, "factory")
+    factory = named.load()
     name = said.factory.partition(":")[2]
     lacks = [
         call
@@ -202,12 +203,12 @@ def load_build(file: Path | Frozen) -> Build:
         name=said.name,
         version=said.version,
         path=path,
-        factory=factory,
+        factory=named,
+        needs_truth=bool(getattr(factory, "needs_truth", False)),
         parameters=said.parameters,
         cycle_time=said.cycle_time,
         time_limit=said.time_limit,
         frozen=frozen,
-        opened=opened,
     )
 
 

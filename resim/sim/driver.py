@@ -9,6 +9,7 @@ import numpy as np
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Floats, constant
+from resim.core.plugin import LOAD_LIMIT
 from resim.core.watchdog import Watchdog
 from resim.sim.adfunction import AdFunction, Build, Command, EgoState, Perceived, Placement, Setup
 
@@ -38,7 +39,8 @@ class Driver:
         self.plans: list[tuple[float, Floats]] = []
 
     def reset(self, setup: Setup) -> None:
-        """Make the function and prepare it."""
+        """Execute the function's modules, make it and prepare it."""
+        self._watchdog.call(LOAD_LIMIT, self._build.factory.load)
         self._function = self._watchdog.call(_RESET_LIMIT, self._build.make)
         self._watchdog.call(_RESET_LIMIT, lambda: self._function.reset(setup))
         self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
+from resim.core.opened import Opened
 from resim.core.tracks import Tracks
 from resim.core.watchdog import Watchdog
 from resim.road.opendrive import RoadNetwork
@@ -59,13 +60,13 @@ def simulate(
     stage = staged(scenario, network, step, relaxation)
     loop = _Loop(stage, session, perception or Ideal(), model or Kinematic(), moved=moved)
     loop.perception.reset(np.random.default_rng(seed))
-    with Watchdog() as watchdog, build.opened:
+    with Watchdog() as watchdog, build.factory.afresh(seed) as opened:
         driver = Driver(build, watchdog)
         try:
             driver.reset(_setup(scenario, network, stage.plan, step * cycle, seed, build))
             loop.run(driver, cycle, stop_at_collision)
         except FunctionError as e:
-            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(build)}", stop_at_collision)
+            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}", stop_at_collision)
         try:
             driver.close()
         except FunctionError as e:
@@ -74,9 +75,9 @@ def simulate(
     return loop.result(driver, seed)
 
 
-def _remedy(build: Build) -> str:
+def _remedy(opened: Opened) -> str:
     """What the user may have to write into the build file, after a failure."""
-    remedy = build.opened.remedy()
+    remedy = opened.remedy()
     return f". {remedy}" if remedy else ""
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from conftest import ROOT
+
+from resim.assess.criteria import read_criteria
 
 CRITERIA = """name = "mine"
 
@@ -104,3 +108,14 @@ def test_what_is_wrong_with_it_is_told_and_nothing_is_written(judged, tmp_path, 
 def test_one_that_takes_the_name_of_ours_is_refused(judged):
     code, _, error = judged(criteria=CRITERIA.replace('"gap to the side"', '"TTC"'))
     assert (code, "the objectification 'TTC' stands twice" in error) == (2, True)
+
+
+@pytest.mark.parametrize("state", ["calls.append(1)", "random.random()"])
+def test_it_knows_nothing_of_the_drives_before(tmp_path, state):
+    module = f"import random\nimport numpy as np\n\ncalls = []\n\n\ndef beside(drive, network):\n    kept = {state}\n"
+    (tmp_path / "my_measures.py").write_text(module + "    return np.full(3, kept or len(calls))\n")
+    (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=1.0))
+    (mine,) = read_criteria(tmp_path / "mine.toml").own
+    drive = SimpleNamespace(t=np.arange(3.0), present=np.ones((3, 1), dtype=bool))
+    values = [mine.of(SimpleNamespace(drive=drive, network=None)).value.tolist() for _ in range(3)]
+    assert values[0] == values[1] == values[2]

@@ -118,3 +118,8 @@ def leave_the_folder(folder: str) -> str:
     here = str(Path.cwd())
     os.chdir(folder)
     return here
+
+
+def order(_: int) -> tuple[list[str], int]:
+    """Give names in the order of a set, and the process."""
+    return list({f"object {k}" for k in range(50)}), os.getpid()

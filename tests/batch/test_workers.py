@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from batch.deeds import act, call, leave_the_folder, linger, load, start_others
+from batch.deeds import act, call, leave_the_folder, linger, load, order, start_others
 
 from resim.batch import workers
 from resim.batch.child import Failure
@@ -37,6 +37,12 @@ def test_every_task_has_a_result_whatever_breaks(workers: int) -> None:
 def test_a_process_is_used_again() -> None:
     found = dict(run_all(act, [("do", k) for k in range(6)], workers=2, time_limit=30.0))
     assert len({pid for _, pid in found.values()}) <= 2
+
+
+def test_sets_have_the_same_order_in_every_process() -> None:
+    found = [next(run_all(order, [0], workers=1, time_limit=30.0))[1] for _ in range(2)]
+    assert found[0][1] != found[1][1]
+    assert found[0][0] == found[1][0]
 
 
 def test_a_task_that_raises_what_ends_a_process_costs_itself_only(capfd: pytest.CaptureFixture[str]) -> None:

@@ -337,7 +337,7 @@ def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_p
 def test_a_module_beside_its_build_takes_no_other_modules_place(write_build: Callable[..., Path]) -> None:
     path = write_build(f"class Own:\n{METHODS}")
     installed = sys.modules.get("own")
-    assert load_build(path).factory.__name__ == "Own"
+    assert load_build(path).factory.load().__name__ == "Own"
     assert sys.modules.get("own") is installed
 
 
