@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 from resim import __version__
 from resim.cli.terminal import say
 from resim.core.errors import FunctionError, ResimError, StopError
+from resim.core.files import refuse_undecodable
 
 app = typer.Typer(
     help="Put a measured test drive back into simulation, with the same AD function at the wheel, "
@@ -77,6 +78,8 @@ def main() -> None:
             signal.signal(number, _stop)
     _open_streams()
     try:
+        for name in sys.argv[1:]:
+            refuse_undecodable(name)
         app(standalone_mode=True)
     except (BadVerdictError, FunctionError) as e:
         say(f"resim: {e}", err=True)

@@ -10,6 +10,7 @@ import typer
 from resim.cli.app import app
 from resim.cli.terminal import say
 from resim.core.errors import InputError
+from resim.core.files import refuse_undecodable
 
 suites = typer.Typer(help="Suites: recordings that a build is verified on.", no_args_is_help=True)
 app.add_typer(suites, name="suite")
@@ -31,6 +32,8 @@ def new(
 
     in_child(_read, criteria)  # a file that holds none is told of now
     found = sorted(path.parent for path in folder.rglob(SETTINGS)) if folder.is_dir() else []
+    for one in found:
+        refuse_undecodable(one)
     if not found:
         raise InputError(
             folder, "holds no recording", "A recording is a folder with recording.toml, gt.csv and a map."

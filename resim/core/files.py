@@ -35,6 +35,14 @@ def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
 
 
+def refuse_undecodable(name: str | Path) -> None:
+    """Raise InputError for a name of a file or folder whose bytes are no UTF-8: no result could state it."""
+    try:
+        str(name).encode("utf-8")
+    except UnicodeEncodeError as e:
+        raise InputError(name, "this name is no UTF-8, which results are written in", "Rename it.") from e
+
+
 def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large: str = "") -> bytes:
     """Give the bytes of the file; `remedy` is for its errors, `too_large` for that of over `largest` bytes.
 

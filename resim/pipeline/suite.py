@@ -15,7 +15,7 @@ from typing import Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.errors import InputError
-from resim.core.files import file_hash, parse_toml, read_file
+from resim.core.files import file_hash, parse_toml, read_file, refuse_undecodable
 from resim.ingest.settings import SETTINGS, read_settings
 from resim.variation import PARAMETERS
 from resim.verification.paired import Limits
@@ -122,6 +122,8 @@ def _folders(path: Path, entry: Entry) -> list[Path]:
         found = sorted(f for f in _matching(whole) if (f / SETTINGS).is_file())
     except ValueError as e:
         raise InputError(path, f"recording {entry.folder!r} is no glob ({e})", "Correct it.") from e
+    for folder in found:
+        refuse_undecodable(folder)
     if not found:
         raise InputError(path, f"recording {entry.folder!r}: no recording is there", "Correct the glob.")
     return found
