@@ -46,7 +46,7 @@ class Journal:
     def append(self, entry: dict[str, Any]) -> None:
         """Write one line. Raises InputError where the disk takes no more."""
         said = json.dumps(entry, allow_nan=False).encode()
-        line = memoryview(_sum(said) + b" " + said + b"\n")
+        line = memoryview(checksum(said) + b" " + said + b"\n")
         try:
             while line:
                 line = line[os.write(self._file, line) :]
@@ -88,7 +88,7 @@ def entries(
                 if not line.endswith(b"\n"):
                     continue
                 said = line[9:-1]
-                entry = _entry(said) if line[:9] == _sum(said) + b" " else None
+                entry = _entry(said) if line[:9] == checksum(said) + b" " else None
                 if entry is not None and len(entry["row"]) > _FEWEST:
                     columns = columns or frozenset(entry["row"])
                 if entry is None or (len(entry["row"]) > _FEWEST and columns != frozenset(entry["row"])):
@@ -105,8 +105,8 @@ def entries(
                     yield said, entry
 
 
-def _sum(said: bytes) -> bytes:
-    """The checksum of a line."""
+def checksum(said: bytes) -> bytes:
+    """Give the CRC-32 of a line, or of what else is kept, as eight hexadecimal digits."""
     return b"%08x" % zlib.crc32(said)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from resim.batch.asked import Asked
 from resim.batch.suites import CASES, REPORTS, versions
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import parse_json, read_file
 from resim.report import junit, write_verification_page
 from resim.store import VERIFICATION, json_text, whole_file
 
@@ -47,7 +46,7 @@ def write(out: Path, found: Mapping[str, Any], traces: Mapping[str, Any]) -> Non
 def read(path: Path) -> dict[str, Any]:
     """Read a verification.json. Raises InputError."""
     try:
-        found: dict[str, Any] = json.loads(read_file(path, REMEDY))
+        found: dict[str, Any] = parse_json(read_file(path, REMEDY), path, REMEDY)
         names = [str(r["name"]) for r in found["recordings"]]
         if not names or not isinstance(found["versions"], dict) or not isinstance(found["inputs"], dict):
             raise TypeError

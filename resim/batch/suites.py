@@ -13,9 +13,12 @@ from typing import Any
 import resim
 from resim.batch.asked import Asked, tasks
 from resim.batch.child import Failure
+from resim.batch.journal import checksum
 from resim.batch.tasks import Task, report, reports_of, run
 from resim.batch.workers import run_all
-from resim.store import whole_file, write_json
+from resim.core.errors import InputError
+from resim.core.files import read_file
+from resim.store import json_text, whole_file, write_json
 from resim.verification.summary import summary
 
 SCHEMA = "resim-verification-1"
@@ -31,17 +34,24 @@ Told = Callable[[str, str, bool], None]
 
 
 def verify(
-    a: Asked, base: Path, out: Path | None, *, workers: int, tell: Told = lambda name, verdict, kept: None
+    a: Asked,
+    base: Path,
+    out: Path | None,
+    *,
+    workers: int,
+    tell: Told = lambda name, verdict, kept: None,
+    damaged: Callable[[Path], None] = lambda path: None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Give what verification.json holds, and the traces for the page by recording.
 
     base: folder that the paths in `a` are from. out: folder of the results, in which each recording's result is kept as
-    soon as it is there, and taken from if it was made from the same; None keeps nothing.
+    soon as it is there, and taken from if it was made from the same; None keeps nothing. damaged: hears of the file
+    of a result that is not as it was written; it is made again.
     """
     todo, kept = tasks(a, base, None if out is None else out / REPORTS), {}
     keys = {name: _key(a, name) for name in todo}
     if out is not None:
-        kept = {n: case for n in todo if (case := _kept(out, n, keys[n])) is not None}
+        kept = {n: case for n in todo if (case := _kept(out, n, keys[n], damaged)) is not None}
         for name, case in kept.items():
             tell(name, case["entry"]["verdict"], True)
     missing = [name for name in todo if name not in kept]
@@ -53,7 +63,7 @@ def verify(
         found[name] = _case(result, todo[name], a.recordings[name].path)
         if out is not None and found[name]["entry"]["verdict"] != "error":
             with whole_file(out / CASES / f"{name}.json", (".json",)) as path:
-                write_json({"key": keys[name], **found[name]}, path)
+                write_json(_sealed({"key": keys[name], **found[name]}), path)
         tell(name, found[name]["entry"]["verdict"], False)
     recordings = [{"name": n, **_source(a, n), **found[n]["entry"]} for n in todo]
     told = summary(recordings, a.limits if a.against is not None else None)
@@ -95,14 +105,30 @@ def _source(a: Asked, name: str) -> dict[str, Any]:
     return {"folder": file.path, "hash": file.hash}
 
 
-def _kept(out: Path, name: str, key: str) -> dict[str, Any] | None:
+def _sealed(case: dict[str, Any]) -> dict[str, Any]:
+    """The case as it is read again, with its checksum."""
+    read: dict[str, Any] = json.loads(json_text(case))
+    return {"checksum": _sum(read), **read}
+
+
+def _sum(case: dict[str, Any]) -> str:
+    """The checksum of all that a case says but itself."""
+    told = {name: value for name, value in case.items() if name != "checksum"}
+    return checksum(json.dumps(told, sort_keys=True).encode()).decode()
+
+
+def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> dict[str, Any] | None:
     """What was found for a recording before, from the same inputs."""
+    path = out / CASES / f"{name}.json"
+    if not path.exists():
+        return None
     try:
-        case: dict[str, Any] = json.loads((out / CASES / f"{name}.json").read_text(encoding="utf-8"))
-        if case["key"] == key:
-            return case
-    except (OSError, ValueError, KeyError, TypeError):
+        case: dict[str, Any] = json.loads(read_file(path, ""))
+        if case["checksum"] == _sum(case):
+            return case if case["key"] == key else None
+    except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
+    damaged(path)
     return None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from pydantic import ValidationError
 from resim.assess.criteria import read_criteria
 from resim.batch import journal
 from resim.core.errors import InputError, ResimError
-from resim.core.files import read_file
+from resim.core.files import parse_json, read_file
 from resim.experiment.design import Parameter
 from resim.store.rows import read_rows
 
@@ -78,7 +77,7 @@ def read_swept(folder: Path) -> Swept:
         done = len({entry["run"] for entry in journal.read(folder / "journal")})
         raise InputError(folder, f"its sweep is not finished, {done} runs are there so far", resume)
     try:
-        manifest = json.loads(read_file(path, resume))
+        manifest = parse_json(read_file(path, resume), path, resume)
         if manifest["schema"] != SCHEMA:
             raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
         parameters = tuple(Parameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])

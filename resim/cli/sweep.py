@@ -72,7 +72,9 @@ def sweep(
             there = stack.enter_context(cluster(scheduler))
             say(f"dashboard: {there.dashboard}", err=True)
             pool, count = there.pool, there.threads
-        execute(wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell, found=_say_findings)
+        execute(
+            wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell, found=_say_findings
+        )
     missing, failed = compact(wanted, out)
     if missing:
         say(f"{out}: this shard is done; {missing} runs of others are missing")

@@ -126,13 +126,17 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
 
     begin(out, wanted)
     with _progress(len(wanted.recordings)) as tell:
-        found, traces = verify(wanted, out, out, workers=workers, tell=tell)
+        found, traces = verify(wanted, out, out, workers=workers, tell=tell, damaged=_tell_damaged)
     write(out, found, traces)
     print_verification(found)
     say("")
     say(f"verification: {out / 'verification.html'}")
     register(out)
     _end(found, outcome_code(found))
+
+
+def _tell_damaged(path: Path) -> None:
+    say(f"{path} is not as `resim verify` wrote it: its recording is run again", err=True)
 
 
 def _replay(path: Path, workers: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import pandas as pd
 from resim.assess.assessment import Assessment
 from resim.assess.unseen import WHOLE, Doubts
 from resim.core.errors import InputError
+from resim.core.files import parse_json, read_file
 from resim.core.finding import Finding
 from resim.fidelity import collisions
 from resim.ingest import Recording
@@ -103,9 +103,9 @@ def _assess_results(folder: Path, how: How) -> Assessed:
     report = folder / "report.json"
     remedy = "Run it again."
     try:
-        written = json.loads(report.read_text(encoding="utf-8"))
+        written = parse_json(read_file(report, remedy), report, remedy)
         road, name = folder / map_name(Path(str(written["map"]))), str(written["recording"])
-    except (OSError, ValueError, KeyError, TypeError) as e:
+    except (ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
     network = load(road)
     files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}

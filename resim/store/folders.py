@@ -79,7 +79,7 @@ def check_output(folder: Path, kind: Results = RUN) -> None:
 def _is_result(mark: Path) -> bool:
     try:
         return "resim" in json.loads(mark.read_text(encoding="utf-8"))["versions"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
 
 

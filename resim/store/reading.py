@@ -70,7 +70,7 @@ def read_entry(folder: Path) -> Entry:
             digest=digest(folder, kind), resim=str(found.versions["resim"]), verdict=found.verdict,
             counts=found.counts, inputs=found.inputs, outcomes=found.outcomes,
         )  # fmt: skip
-    except (KeyError, TypeError, ValueError, AttributeError, OSError) as e:
+    except (KeyError, TypeError, ValueError, AttributeError, OSError, RecursionError) as e:
         raise InputError(file, "is not what resim writes, or what belongs to it is missing", REMEDY) from e
 
 

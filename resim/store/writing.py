@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import duckdb
 
 import resim
+from resim.core.errors import InputError
+from resim.core.files import parse_json, read_file
 from resim.store.folders import ASSESSMENT, CONVERSION, RUN
 
 if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
@@ -105,13 +107,18 @@ def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
     from resim.ingest.settings import SETTINGS, read_settings
     from resim.pipeline.suite import content_hash, hash_of_hashes
 
-    if (drive / RUN.mark).is_file():
-        hashes = json.loads((drive / RUN.mark).read_bytes())["hashes"]
-        build = json.loads((drive / "report.json").read_bytes())["build"]
-        return {
-            "recording": {"name": name, "hash": hash_of_hashes(hashes, hashes["map"])},
-            "build": {"label": f"{build['name']}-{build['version']}", "hash": hashes["build"]},
-        }
+    if (mark := drive / RUN.mark).is_file():
+        remedy = "Run it again."
+        try:
+            hashes = parse_json(read_file(mark, remedy), mark, remedy)["hashes"]
+            report = drive / "report.json"
+            build = parse_json(read_file(report, remedy), report, remedy)["build"]
+            return {
+                "recording": {"name": name, "hash": hash_of_hashes(hashes, hashes["map"])},
+                "build": {"label": f"{build['name']}-{build['version']}", "hash": hashes["build"]},
+            }
+        except (KeyError, TypeError, ValueError, AttributeError) as e:
+            raise InputError(mark, "is not what `resim run` writes", remedy) from e
     settings = read_settings(drive / SETTINGS)
     drove = None if settings.build is None else {"label": settings.build, "hash": settings.build_hash}
     return {"recording": {"name": name, "hash": content_hash(drive)}, "build": drove}

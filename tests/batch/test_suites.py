@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
+from resim.batch.asked import Asked, asked
 from resim.batch.asked import Call as Wanted
-from resim.batch.asked import asked
 from resim.batch.suites import verify
 from resim.core.errors import InputError
 from resim.pipeline.suite import content_hash, read_suite, refuse_changed
@@ -177,6 +177,41 @@ def test_what_was_done_is_kept_and_only_what_changed_is_repeated(suite: WriteSui
     assert again() == {"changing": False, "cut_in_only": True}
 
 
+DAMAGE: dict[str, Callable[[str], str]] = {
+    "verdict": lambda text: text.replace('"verdict": "verified"', '"verdict": "not verified"', 1),
+    "figure": lambda text: text.replace('"weight": 1.0', '"weight": 2.0', 1),
+    "key alone": lambda text: json.dumps({"key": json.loads(text)["key"]}),
+    "no entry": lambda text: json.dumps({**json.loads(text), "entry": None}),
+    "no object": lambda text: "[1]",
+    "nested": lambda text: "[" * 100000,
+    "no number": lambda text: text.replace('"weight": 1.0', '"weight": NaN', 1),
+    "half": lambda text: text[: len(text) // 2],
+}
+
+
+def test_a_result_that_is_not_as_it_was_written_is_made_again(
+    call: Call, suite: WriteSuite, tmp_path: Path
+) -> None:
+    path, out = suite(OVERTAKE), tmp_path / "out"
+    command = ("verify", path, "--build", REPLAY, "--out", out, "--workers", 1)
+    assert call(*command)[0] == 0
+    (case,) = (out / "cases").glob("*.json")
+    whole, found = case.read_text(), (out / "verification.json").read_bytes()
+    damaged, wanted = [], Asked.model_validate(result(out)["inputs"])
+    for name, damage in DAMAGE.items():
+        assert damage(whole) != whole, name
+        case.write_text(damage(whole))
+        told: list[bool] = []
+        verify(wanted, out, out, workers=1, tell=lambda name, verdict, kept, told=told: told.append(kept),
+               damaged=damaged.append)  # type: ignore[misc]  # fmt: skip
+        assert told == [False], name
+    assert damaged == [case] * len(DAMAGE)
+    case.write_text(DAMAGE["key alone"](whole))
+    code, _, error = call(*command)
+    assert (code, error.count("\n"), error.count("its recording is run again")) == (0, 1, 1)
+    assert (out / "verification.json").read_bytes() == found
+
+
 def test_killed_and_repeated_it_gives_the_bytes_of_an_undisturbed_one_with_any_number_of_workers(
     call: Call, suite: WriteSuite, tmp_path: Path
 ) -> None:
@@ -304,3 +339,23 @@ def test_a_table_of_any_size_has_a_hash(tmp_path: Path) -> None:
 def test_a_recording_that_had_no_hash_when_the_verification_began_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="could not be read when this began"):
         refuse_changed(OVERTAKE, None)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems take no such names")
+def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
+    call: Call, suite: WriteSuite, tmp_path: Path
+) -> None:
+    strange, out = os.fsdecode(b"drive\xff\xfe"), tmp_path / "out"
+    drive = copied(OVERTAKE, tmp_path / strange)
+    build, found = ("--build", REPLAY), suite("drive*")
+    orders: list[tuple[object, ...]] = [
+        ("verify", found, *build, "--out", out), ("verify", suite(OVERTAKE, name="plain"), *build, "--out", out / strange),
+        ("run", drive, *build, "--out", out), ("assess", OVERTAKE, "--out", out / strange),
+        ("suite", "new", tmp_path, "--criteria", CRITERIA, "--out", tmp_path / "new.toml"),
+    ]  # fmt: skip
+    for order in orders:
+        code, _, error = call(*order)
+        assert (code, error.count("\n")) == (2, 1), order
+        assert "this name is no UTF-8" in error, order
+    assert not out.exists()
+    assert not (tmp_path / "new.toml").exists()
