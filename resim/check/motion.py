@@ -19,6 +19,8 @@ RUN = 0.4
 """Time [s] that a difference lasts before it is no noise."""
 HEADING_RUN, HEADING_BIAS = 0.1, 0.035
 """Difference of heading and course [rad], for RUN and in the median: 2 degrees over a whole track."""
+LEAP = 0.1
+"""Change of heading [rad] in one step that no skid has, unless all steps are like it."""
 POSITION_NOISE = 0.15
 """Noise of the way over a window [m]: turns the course of slow objects."""
 FAST = 2.0
@@ -102,16 +104,28 @@ def heading(table: Table) -> Iterator[Found]:
         else:
             span, value = (float(t[0]), float(t[-1])), bias
         text = f"its heading is up to {value:+.3f} rad off its course, {bias:+.3f} rad in the median"
-        delay, left = _delay(t, unwrap_angle(np.angle(m.told[fast])), unwrap_angle(np.angle(m.moved[fast])))
+        course = unwrap_angle(np.angle(m.moved[fast]))
+        delay, left = _delay(t, unwrap_angle(np.angle(m.told[fast])), course)
+        if float(np.ptp(course)) < HEADING_RUN:
+            delay = 0.0  # a straight course says nothing of when
         text, repair = _explained(text, delay, left, "rad")
         if np.abs(wrap_angle(bias - np.pi)) < 0.3:
             text += "; it drives backwards with a speed above 0, or its heading is turned"
         if abs(wrap_angle(value - np.pi)) < 0.3 and float(np.median(np.abs(m.moved[fast]))) < REVERSES:
             repair = ""
+        if lasting and not biased and delay == 0.0 and not _leaps(track, span):
+            text, repair = f"{text}; or it is right, and it skids", ""
         limit = HEADING_RUN if lasting else HEADING_BIAS
         yield found(
             "HEADING_DISAGREES", table.source, track.id, span, value, "rad", text, limit=limit, repair=repair
         )
+
+
+def _leaps(track: Track, span: tuple[float, float]) -> bool:
+    """Whether the heading leaps in one step around the span, as that of nobody who skids does."""
+    near = (track.t >= span[0] - WINDOW) & (track.t <= span[1] + WINDOW)
+    steps = np.abs(np.diff(track.heading[near]))
+    return bool(len(steps) and steps.max() > max(LEAP, 3.0 * float(np.median(steps))))
 
 
 def _worst_run(mask: Bools, t: Floats, off: Floats, lasts: float) -> tuple[float, float] | None:

@@ -410,6 +410,19 @@ def test_the_headings_of_who_skids_are_not_divided_by_57(tables: Read, look: Loo
     assert about[0].text.endswith("it skids: its course says too little to tell")
 
 
+def test_the_heading_of_who_skids_for_a_while_is_not_taken_from_the_positions(
+    tables: Read, look: Look
+) -> None:
+    before = tables("overtake")
+    brief = drifting(before.gt, 0.4, kept=float(before.gt["t"].max()) - 2.0)
+    (hit,) = [f for f in look(replace(before, gt=brief)) if f.object == "3" and f.code.startswith("HEADING")]
+    assert (hit.code, hit.severity, hit.repair) == ("HEADING_DISAGREES", "warning", "")
+    rows = own(brief, "3") & (brief["t"] > float(before.gt["t"].max()) - 2.0)
+    leaps = put(brief, rows, "heading", 0.3)
+    (hit,) = [f for f in look(replace(before, gt=leaps)) if f.object == "3" and f.code.startswith("HEADING")]
+    assert (hit.code, bool(hit.repair)) == ("HEADING_DISAGREES", True)
+
+
 def test_one_heading_in_degrees_is_sure_where_it_follows_the_course(tables: Read, look: Look) -> None:
     before = tables("cut_in_brake")  # 1 changes lanes
     gt = put(before.gt, own(before.gt), "heading", np.degrees(before.gt["heading"]))
