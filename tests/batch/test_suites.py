@@ -349,7 +349,8 @@ def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
     drive = copied(OVERTAKE, tmp_path / strange)
     build, found = ("--build", REPLAY), suite("drive*")
     orders: list[tuple[object, ...]] = [
-        ("verify", found, *build, "--out", out), ("verify", suite(OVERTAKE, name="plain"), *build, "--out", out / strange),
+        ("verify", found, *build, "--out", out),
+        ("verify", suite(OVERTAKE, name="plain"), *build, "--out", out / strange),
         ("run", drive, *build, "--out", out), ("assess", OVERTAKE, "--out", out / strange),
         ("suite", "new", tmp_path, "--criteria", CRITERIA, "--out", tmp_path / "new.toml"),
     ]  # fmt: skip
