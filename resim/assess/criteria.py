@@ -15,16 +15,18 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from resim.assess.criticality import Measure, State
 from resim.assess.criticality.measure import Bad
 from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Objectification, Subject, names
-from resim.core.errors import InputError
+from resim.core.errors import ChangedError, FunctionError, InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.frozen import Copy, Frozen, thaw
 from resim.core.geometry import Bools, Floats
 from resim.core.plugin import freeze_code, load_named
-from resim.core.watchdog import said
+from resim.core.watchdog import Watchdog
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
 """Objects that a reason names."""
+MEASURE_LIMIT = 60.0
+"""s of wall clock for an objectification of the user's own, for one drive."""
 EXAMPLE = "See scenarios/criteria/highway.toml."
 _SAME = 1e-9
 
@@ -172,12 +174,16 @@ def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification
 
     def of(subject: Subject) -> Measure:
         drive = subject.drive
-        with function.afresh() as opened:
-            try:
-                given = function.load()(deepcopy(drive), subject.network)
-            except (Exception, SystemExit) as e:
-                problem = f"objectification {own.name!r}: {own.function} raised {said(e)}"
-                raise InputError(path, problem, opened.remedy()) from e
+        try:
+            with function.afresh() as opened, Watchdog() as watchdog:
+                given = watchdog.call(
+                    MEASURE_LIMIT, lambda: function.load()(deepcopy(drive), subject.network)
+                )
+        except ChangedError:
+            raise
+        except FunctionError as e:
+            problem = f"objectification {own.name!r}: {own.function} {e}"
+            raise InputError(path, problem, opened.remedy()) from e
         shapes = drive.t.shape, drive.present.shape
         if what := _no_measure(given, shapes):
             problem = f"objectification {own.name!r}: {own.function} gave {what}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import mmap
 import os
 import pickle
@@ -16,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from resim.core import watchdog
-from resim.core.errors import FunctionError, ResimError
+from resim.core import integrity, watchdog
+from resim.core.errors import ChangedError, FunctionError, ResimError
 
 _PASSING = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
 """What a machine lacks for a time: disk, memory, open files."""
@@ -98,9 +99,9 @@ def serve(tasks: BinaryIO, results: BinaryIO) -> None:
 
 
 def _packed(result: Any) -> bytes:
-    """A result and the memory of the process as bytes."""
+    """A result and the memory of the process as bytes; one that is not as it was is too large to be used again."""
     try:
-        return pickle.dumps((result, memory()))
+        return pickle.dumps((result, math.inf if integrity.changed() else memory()))
     except Exception as e:
         return pickle.dumps((Failure(f"its result cannot be sent: {type(e).__name__}", crashed=True), 0))
 
@@ -108,7 +109,10 @@ def _packed(result: Any) -> bytes:
 def _answer(function: Callable[[Any], Any], task: Any) -> Any:
     """The result, or a Failure, whatever is raised: also what a function raises to look interrupted, or to end all."""
     try:
-        return function(task)
+        result = function(task)
+        if changed := integrity.changed():
+            raise ChangedError(f"the function changed {', '.join(changed[:3])}, which it is judged with")
+        return result
     except ResimError as e:
         crashed = getattr(e.__cause__, "errno", None) in _PASSING
         return Failure(str(e), crashed, of_function=isinstance(e, FunctionError))

@@ -38,6 +38,10 @@ class FunctionError(ResimError):
     """The AD function under test raised, answered nonsense or overran its time limit: the run has failed."""
 
 
+class ChangedError(FunctionError):
+    """Code under test changed the program that judges it: nothing that this process says of it can be believed."""
+
+
 class StopError(SystemExit):
     """A signal ends the program; no code under test did."""
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-from resim.core.errors import FunctionError, InputError, StopError
+from resim.core.errors import ChangedError, FunctionError, InputError, StopError
 from resim.core.frozen import Copy, Frozen, freeze
 from resim.core.imports import is_own, options, own_data, own_sources
 from resim.core.modules import OwnModules
@@ -57,6 +57,8 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> Named:
     try:
         with code.afresh() as opened, Watchdog() as watchdog:
             found = watchdog.load(LOAD_LIMIT, frozen.hash, lambda: _loaded(code))
+    except ChangedError:
+        raise
     except FunctionError as e:
         late = "Move what takes long, or ends the process, out of the module into a function that is called later"
         raise FunctionError(f"{path}: {problem}: it {e}. {late}.") from e

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from resim.assess import criteria
 from resim.assess.criteria import read_criteria
+from resim.core.errors import InputError
 
 CRITERIA = """name = "mine"
 
@@ -103,6 +105,15 @@ def test_what_is_wrong_with_it_is_told_and_nothing_is_written(judged, tmp_path, 
     assert says in error
     assert str(tmp_path / "mine.toml") in error
     assert not (tmp_path / "out").exists()
+
+
+def test_one_that_never_returns_is_told_by_name(tmp_path, monkeypatch):
+    monkeypatch.setattr(criteria, "MEASURE_LIMIT", 0.1)  # a minute
+    (tmp_path / "my_measures.py").write_text("def beside(drive, network):\n    while True: pass\n")
+    (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=3.0))
+    own = criteria.read_criteria(tmp_path / "mine.toml").own[0]
+    with pytest.raises(InputError, match=r"my_measures:beside did not answer within 0.1 s"):
+        own.of(SimpleNamespace(drive=None, network=None))
 
 
 def test_one_that_takes_the_name_of_ours_is_refused(judged):

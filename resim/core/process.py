@@ -1,0 +1,81 @@
+"""What is everybody's in a process and any code can set: how numpy, Python and the system behave for what follows."""
+
+from __future__ import annotations
+
+import decimal
+import locale
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+State = Mapping[str, Any]
+"""What is set, by the names of `_SETTINGS`."""
+
+
+def state() -> State:
+    """Give what is set now."""
+    return {name: get() for name, (get, _) in _SETTINGS.items()}
+
+
+def put_back(before: State) -> dict[str, Any]:
+    """Set what is otherwise now, and give what that was."""
+    now = state()
+    found = {name: now[name] for name in before if now[name] != before[name]}
+    for name in found:
+        _SETTINGS[name][1](before[name])
+    return found
+
+
+def _umask() -> int:
+    os.umask(mask := os.umask(0o077))
+    return mask
+
+
+def _handlers() -> dict[int, Any]:
+    """The handlers of signals that Python code can set; only the main thread may."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    found = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    return {number: handler for number, handler in found.items() if handler is not None}
+
+
+def _handle(handlers: Mapping[int, Any]) -> None:
+    for number, handler in handlers.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
+
+
+def _set_environment(values: Mapping[str, str]) -> None:
+    for name in os.environ.keys() - values.keys():
+        del os.environ[name]
+    os.environ.update(values)
+
+
+def _set_warnings(values: tuple[Any, ...]) -> None:
+    filters, warnings.showwarning = values
+    warnings.resetwarnings()
+    warnings.filters.extend(filters)  # type: ignore[attr-defined]
+
+
+_SETTINGS: Mapping[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
+    "numpy's errors": (np.geterr, lambda errors: np.seterr(**errors)),
+    "umask": (_umask, os.umask),
+    "locale": (
+        lambda: locale.setlocale(locale.LC_ALL),
+        lambda name: locale.setlocale(locale.LC_ALL, name),
+    ),
+    "signals": (_handlers, _handle),
+    "recursion": (sys.getrecursionlimit, sys.setrecursionlimit),
+    "warnings": (lambda: ([*warnings.filters], warnings.showwarning), _set_warnings),
+    "environment": (lambda: dict(os.environ), _set_environment),
+    "decimals": (
+        lambda: decimal.getcontext().prec,
+        lambda digits: setattr(decimal.getcontext(), "prec", digits),
+    ),
+}

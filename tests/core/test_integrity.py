@@ -1,0 +1,146 @@
+"""What user's code changes of the program is found, what it sets for the process is put back."""
+
+from __future__ import annotations
+
+import os
+import signal
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import resim.assess.assessment  # noqa: F401  as in every child
+from resim.core import process
+from resim.core.errors import ResimError
+from resim.sim.adfunction import load_build
+
+ROOT = Path(__file__).parents[2]
+Call = Callable[..., tuple[int, str, str]]
+
+CHANGES = {
+    "a function": ("import resim.assess.assessment as m; m.judge = print", "resim.assess.assessment.judge"),
+    "its code": ("import resim.assess.criteria as m; m.judge.__code__ = (lambda *a: 1).__code__", "criteria.judge"),
+    "its defaults": ("import resim.assess.assessment as m; m.assess.__defaults__ = (None,) * 5", "assessment.assess"),
+    "a method": ("from resim.core.tracks import Tracks; Tracks.at = print", "resim.core.tracks.Tracks.at"),
+    "a built-in name": ("import resim.assess.risk.metric as m; m.max = min", "resim.assess.risk.metric.max"),
+    "a table": ("import resim.assess.assessment as m; m.REASONS.clear()", "resim.assess.assessment.REASONS"),
+    "a measure": (
+        "import resim.assess.objectifications as m; object.__setattr__(m.OBJECTIFICATIONS[0], 'of', print)",
+        "OBJECTIFICATIONS[0].of",
+    ),
+    "numpy": ("import numpy; numpy.maximum = numpy.minimum", "numpy.maximum"),
+    "Python": ("import builtins; builtins.max = min", "builtins.max"),
+}  # fmt: skip
+
+HARMLESS = """
+import resim.fidelity, resim.assess.criticality, numpy.polynomial, json
+from resim.core.geometry import wrap_angle
+from resim.assess.risk import DEFAULTS
+class Mine(dict): pass
+numpy.seterr(all="ignore")
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Callable[[str], Path]:
+    """Write a build whose function does something when it is made."""
+
+    def write(deed: str, top: str = "") -> Path:
+        methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
+        body = textwrap.indent(deed, " " * 8)
+        (tmp_path / "own.py").write_text(f"{top}\nclass Own:\n    def __init__(self):\n{body}\n{methods}\n")
+        path = tmp_path / "own.toml"
+        path.write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
+        return path
+
+    return write
+
+
+def made(path: Path) -> str:
+    """Make the function in a copy of this process; give what is said."""
+    mine, its = os.pipe()
+    if not (child := os.fork()):
+        try:
+            load_build(path).make()
+            os.write(its, b"fine")
+        except ResimError as e:
+            os.write(its, str(e).encode())
+        finally:
+            os._exit(0)
+    os.close(its)
+    os.waitpid(child, 0)
+    with os.fdopen(mine) as said:
+        return said.read()
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_what_a_function_changes_of_the_program_is_named(own: Callable[..., Path], what: str) -> None:
+    deed, name = CHANGES[what]
+    said = made(own(deed))
+    assert "own.toml: the code changed " in said
+    assert name in said
+
+
+def test_a_module_that_user_code_loads_is_remembered_as_it_was_loaded(own: Callable[..., Path]) -> None:
+    lazy = "import sys; sys.modules.pop('resim.fidelity', None); import resim.fidelity as m"
+    assert "fidelity.sensor_error" in made(own(f"{lazy}; m.sensor_error = print"))
+
+
+def test_what_any_function_may_do_changes_nothing(own: Callable[..., Path]) -> None:
+    assert made(own("pass", HARMLESS)) == "fine"
+
+
+def test_a_function_that_rewrites_the_judge_has_failed(
+    call: Call, own: Callable[..., Path], tmp_path: Path
+) -> None:
+    deed = """
+import dataclasses
+import resim.assess.assessment as m
+def kept(*a, judge=m.judge, **k):
+    return dataclasses.replace(judge(*a, **k), outcome="PASS", reason="kept")
+m.judge = kept
+"""
+    drive, criteria = ROOT / "scenarios" / "rear_end", ROOT / "scenarios" / "criteria" / "highway.toml"
+    arguments = ["--build", own(deed), "--out", tmp_path / "o", "--criteria", criteria, "--basis", "gt"]
+    code, out, err = call("run", drive, *arguments)
+    assert code == 1
+    assert "PASS" not in out
+    assert "changed resim.assess.assessment.judge" in err
+    assert not (tmp_path / "o").exists()
+
+
+def test_what_a_function_sets_for_the_process_is_put_back(own: Callable[..., Path]) -> None:
+    deed = """
+import decimal, locale, os, signal, sys, warnings
+import numpy as np
+np.seterr(all="raise")
+os.umask(0o777)
+os.environ["OWN"] = "1"
+del os.environ["PATH"]
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+sys.setrecursionlimit(5000)
+warnings.simplefilter("error")
+locale.setlocale(locale.LC_NUMERIC, "C.UTF-8")
+decimal.getcontext().prec = 3
+"""
+    build = load_build(own(deed))
+    before = process.state()
+    build.make()
+    assert process.state() == before
+    assert "PATH" in os.environ
+    assert signal.getsignal(signal.SIGCHLD) == signal.SIG_DFL
+
+
+def test_what_a_module_sets_when_it_is_loaded_holds_while_its_code_runs(own: Callable[..., Path]) -> None:
+    top = "import os, numpy as np\nos.environ['OWN'] = '1'\nnp.seterr(divide='raise')"
+    path = own("self.seen = os.environ.get('OWN'), np.geterr()['divide']", top)
+    before = np.geterr()
+    build = load_build(path)
+    assert "OWN" not in os.environ
+    assert np.geterr() == before
+    for _ in range(2):
+        made: object = build.make()
+        assert vars(made)["seen"] == ("1", "raise")
+    assert "OWN" not in os.environ

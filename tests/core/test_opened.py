@@ -1,0 +1,65 @@
+"""Whatever way a function opens a file beside its build, it is told that the hash does not know the file."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from resim.sim.adfunction import load_build
+
+WAYS = {
+    "open": "open(HERE / 'data').close()",
+    "os.open": "os.close(os.open(HERE / 'data', os.O_RDONLY))",
+    "in a folder that is held open": """
+folder = os.open(HERE, os.O_RDONLY)
+os.close(os.open("data", os.O_RDONLY, dir_fd=folder))
+os.close(folder)""",
+    "a library": """
+try: ctypes.CDLL(str(HERE / "data"))
+except OSError: pass""",
+    "a database": "sqlite3.connect(HERE / 'data').close()",
+    "a database by its address": "sqlite3.connect(f'file:{HERE}/data?mode=ro', uri=True).close()",
+    "another program": "subprocess.run(['cat', HERE / 'data'], stdout=subprocess.DEVNULL)",
+    "another program in words": "subprocess.run(f'cat <\"{HERE}/data\"', shell=True, stdout=subprocess.DEVNULL)",
+    "a shell": "os.system(f'cat {HERE}/data >/dev/null')",
+    "through a link from elsewhere": "open(HERE.parent / 'link').close()",
+    "a link to elsewhere": "open(HERE / 'away').close()",
+    "in a linked folder": "open(HERE / 'linked' / 'far').close()",
+}
+SAID = {"a link to elsewhere": "away", "in a linked folder": "linked/far"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Give a folder with a database, with links out of it and one into it."""
+    here = tmp_path / "here"
+    (tmp_path / "there").mkdir()
+    here.mkdir()
+    (tmp_path / "there" / "far").write_text("1")
+    sqlite3.connect(here / "data").close()
+    (here / "away").symlink_to(tmp_path / "there" / "far")
+    (here / "linked").symlink_to(tmp_path / "there")
+    (tmp_path / "link").symlink_to(here / "data")
+    return here
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_file_opened_beside_the_build_is_named(folder: Path, way: str) -> None:
+    methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
+    top = f"import ctypes, os, sqlite3, subprocess\nfrom pathlib import Path\nHERE = Path({str(folder)!r})"
+    (folder / "own.py").write_text(f"{top}\n{WAYS[way]}\nclass Own:\n{methods}\n")
+    (folder / "own.toml").write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
+    build = load_build(folder / "own.toml")
+    assert f"opened {SAID.get(way, 'data')} beside own.toml" in build.opened.note()
+
+
+def test_a_file_of_the_same_name_elsewhere_is_none_of_the_folder(folder: Path) -> None:
+    methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
+    top = f"import os\nos.close(os.open({str(folder.parent / 'there' / 'far')!r}, os.O_RDONLY))"
+    (folder / "own.py").write_text(f"{top}\nclass Own:\n{methods}\n")
+    (folder / "own.toml").write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
+    assert os.path.isfile(folder / "linked" / "far")  # noqa: PTH113
+    assert load_build(folder / "own.toml").opened.note() == ""
