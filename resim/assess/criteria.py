@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from resim.assess.criticality import Measure, State
 from resim.assess.criticality.measure import Bad
 from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Objectification, Subject, names
+from resim.core import faults
 from resim.core.errors import ChangedError, FunctionError, InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.frozen import Copy, Frozen, thaw
@@ -146,11 +147,10 @@ def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
     try:
         return _CriteriaFile.model_validate(parse_toml(raw, path, EXAMPLE))
     except ValidationError as e:
-        faults = [
+        found = [
             p for p in e.errors() if p["type"] != "too_short"
         ] or e.errors()  # what is too short lacks the faulty
-        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in faults)
-        raise InputError(path, problems, EXAMPLE) from e
+        raise InputError(path, faults.said(found), EXAMPLE) from e
 
 
 def read_criteria(criteria: Path | Frozen) -> Criteria:

@@ -21,6 +21,7 @@ from resim.batch.runs import RunTask, Values, run, swept_model, with_values
 from resim.batch.suites import versions
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
+from resim.core.files import parse_json
 from resim.core.frozen import Frozen
 from resim.pipeline import Options
 from resim.pipeline.suite import relative
@@ -78,7 +79,7 @@ def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
         )
     remedy = "Restore it, or begin anew with another --out."
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
+        held = parse_json(path.read_bytes(), path, remedy)
         differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(path, "is not what `resim sweep` writes", remedy) from e
@@ -289,7 +290,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
             write_parquet(whole.iloc[first : first + PART], path)
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
-    held = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
+    held = parse_json((out / "sweep.json").read_bytes(), out / "sweep.json")
     counts = {"runs": len(whole), "failed": failed}
     grown = {"boundaries": boundaries(sweep, rows)} if adaptive else {}
     with whole_file(out / "manifest.json", (".json",)) as path:

@@ -21,6 +21,10 @@ from resim.store.rows import read_rows
 
 SCHEMA = "resim-sweep-1"
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
+RESULTS = (
+    "verdict", "decision", "same_decision", "collision", "risk", "reaction_difference", "end_position_error",
+)  # fmt: skip
+"""Columns of every run that has a result (`resim.pipeline.single`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +94,8 @@ def read_swept(folder: Path) -> Swept:
         raise InputError(folder / "runs", f"holds {len(rows)} runs, expected {count}", resume)
     if lost := [name for name in columns if name not in rows]:
         raise InputError(folder / "runs", f"has no column {lost[0]!r}", resume)
-    return Swept(folder, manifest, parameters, rows)
+    unknown = [name for name in RESULTS if name not in rows]  # as where every run failed before it began
+    return Swept(folder, manifest, parameters, rows.reindex(columns=[*rows.columns, *unknown]))
 
 
 def _check_boundaries(manifest: dict[str, Any], parameters: int) -> None:

@@ -1,5 +1,14 @@
 """The command line, one module per command."""
 
+import signal
+import sys
+from pathlib import Path
+
+if Path(sys.argv[0]).name == "resim" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(
+        signal.SIGINT, signal.SIG_DFL
+    )  # Ctrl-C while the command is loaded: nobody wants a traceback
+
 from resim.cli import (
     assess,
     check,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from resim.cli.app import sweep_app
+from resim.cli.app import BadVerdictError, sweep_app
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError
@@ -84,6 +84,14 @@ def sweep(
     for found in manifest.get("boundaries", ()):
         _tell_boundary(found, len(wanted.file.build) > 1)
     register(out)
+    if failed == manifest["runs"]:
+        raise BadVerdictError(f"{out}: every run failed, such as run 0: {_first_failure(out)}")
+
+
+def _first_failure(out: Path) -> str:
+    from resim.batch import journal
+
+    return next(str(e["row"]["failure"]) for e in journal.read(out / "journal") if e["run"] == 0)
 
 
 def _say_findings(recording: str, findings: tuple[str, ...]) -> None:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from resim.cli.verdicts import console
 from resim.pipeline.notes import OF_BUILD
-from resim.verification.summary import VERDICTS
+from resim.verification.summary import VERDICTS, namesakes
 
 Entry = Mapping[str, Any]
 
@@ -123,6 +123,8 @@ def _compared(found: Mapping[str, Any]) -> None:
         )  # fmt: skip
     out = console()
     out.print(table)
+    if same := namesakes(inputs):
+        out.print(f"note: {same}", highlight=False)
     _print_errors(found, out)
     for r in found["recordings"]:
         _print_notes(r, out)

@@ -123,11 +123,13 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
     from resim.batch.results import begin, write
     from resim.batch.suites import outcome_code, verify
     from resim.cli.verification import print_verification
+    from resim.store import locked
 
-    begin(out, wanted)
-    with _progress(len(wanted.recordings)) as tell:
-        found, traces = verify(wanted, out, out, workers=workers, tell=tell, damaged=_tell_damaged)
-    write(out, found, traces)
+    with locked(out, "resim verify"):
+        begin(out, wanted)
+        with _progress(len(wanted.recordings)) as tell:
+            found, traces = verify(wanted, out, out, workers=workers, tell=tell, damaged=_tell_damaged)
+        write(out, found, traces)
     print_verification(found)
     say("")
     say(f"verification: {out / 'verification.html'}")

@@ -8,6 +8,7 @@ import os
 import stat
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,16 @@ def parse_toml(raw: bytes, path: Path, remedy: str = "") -> dict[str, Any]:
 
 def parse_json(raw: bytes, path: Path, remedy: str = "") -> Any:
     """Give what the JSON text says; `path` and `remedy` are for its errors. Raises InputError for no JSON."""
-    return _parsed("JSON", json.loads, raw, path, remedy)
+    return _parsed("JSON", partial(json.loads, object_pairs_hook=_once), raw, path, remedy)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON; which of two values of one name counts is nobody's guess."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{next(n for n in names if names.count(n) > 1)!r} stands twice in one object")
+    return found
 
 
 def _parsed(form: str, loads: Callable[[str], Any], raw: bytes, path: Path, remedy: str) -> Any:

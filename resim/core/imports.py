@@ -96,8 +96,10 @@ def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[s
     out = {}
     for name in names:
         remedy = "Name files as seen from this file's folder, with / between folders."
-        if name.startswith("/") or "\\" in name or posixpath.normpath(name) != name:
-            raise InputError(path, f"files: {name!r} is no plain relative name", remedy)
+        if name.startswith("/") or "\\" in name or posixpath.normpath(name) != name or len(name) > 255:
+            raise InputError(
+                path, f"files: {name!r} is no plain relative name of up to 255 characters", remedy
+            )
         there = next((folder / name for folder in folders if (folder / name).is_file()), None)
         if there is None:
             raise InputError(path, f"files: {name!r} is no file beside it", remedy)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictFloat, model_validator
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
@@ -29,14 +30,14 @@ class Parameter(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
     name: str = Field(pattern=r"^(perception|build|function)(\.\w+)+$")
-    low: float | None = None
-    high: float | None = None
-    values: tuple[float, ...] = ()
-    steps: int = Field(default=5, ge=2, le=10_000)
-    mean: float | None = None
-    std: float | None = Field(default=None, gt=0.0)
-    base: float | None = None
-    width: float | None = Field(default=None, gt=0.0)
+    low: StrictFloat | None = None
+    high: StrictFloat | None = None
+    values: tuple[StrictFloat, ...] = ()
+    steps: int = Field(strict=True, default=5, ge=2, le=10_000)
+    mean: StrictFloat | None = None
+    std: float | None = Field(strict=True, default=None, gt=0.0)
+    base: StrictFloat | None = None
+    width: float | None = Field(strict=True, default=None, gt=0.0)
 
     @model_validator(mode="after")
     def _whole(self) -> Parameter:
@@ -46,6 +47,8 @@ class Parameter(BaseModel):
             raise ValueError("expected low and high, both")
         if self.low is not None and self.high is not None and not self.low < self.high:
             raise ValueError(f"low {self.low:g} is not below high {self.high:g}")
+        if self.low is not None and self.high is not None and math.isinf(self.high - self.low):
+            raise ValueError(f"from low {self.low:g} to high {self.high:g} is farther than a number can say")
         if (self.mean is None) != (self.std is None):
             raise ValueError("expected mean and std, both")
         if self.values and self.mean is not None:

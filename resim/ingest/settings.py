@@ -48,8 +48,8 @@ class Settings(_Part):
     ego: _Text = Field(min_length=1)
     build: str | None = None
     build_hash: str | None = None
-    gt_rate: float | None = Field(default=None, gt=0.0)
-    sd_rate: float | None = Field(default=None, gt=0.0)
+    gt_rate: float | None = Field(strict=True, default=None, ge=1e-3, le=1e4)
+    sd_rate: float | None = Field(strict=True, default=None, ge=1e-3, le=1e4)
     environment: Environment = Environment()
     provenance: dict[str, _Text] = Field(default_factory=dict)
 

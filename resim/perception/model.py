@@ -30,12 +30,12 @@ MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 Assumption = Literal["bias", "spread", "tails", "white", "together", "latency"]
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
 Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
-Number = Annotated[float, Field(ge=-1e4, le=1e4)]
-NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
-Positive = Annotated[float, Field(gt=0.0, le=1e4)]
-Late = Annotated[float, Field(ge=0.0, le=10.0)]
+Number = Annotated[float, Field(strict=True, ge=-1e4, le=1e4)]
+NotNegative = Annotated[float, Field(strict=True, ge=0.0, le=1e4)]
+Positive = Annotated[float, Field(strict=True, gt=0.0, le=1e4)]
+Late = Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
 """Time [s] that a perception remembers."""
-Rate = Annotated[float, Field(ge=0.0, le=1e3)]
+Rate = Annotated[float, Field(strict=True, ge=0.0, le=1e3)]
 
 MOST_FALSE = 100.0
 """False objects on the list at once, in the mean."""
@@ -181,7 +181,7 @@ class Detection(_Part):
 class FieldOfView(_Part):
     """What can be seen: range [m] and half the opening angle [rad] around straight ahead; None: no end to it."""
 
-    range: Annotated[float, Field(gt=0.0)] | None = None
+    range: Annotated[float, Field(strict=True, gt=0.0)] | None = None
     bearing: Positive | None = None
 
 
@@ -211,7 +211,7 @@ class FalseObjects(_Part):
     heading, and kept. length, width: m.
     """
 
-    rate: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    rate: Annotated[float, Field(strict=True, ge=0.0, le=100.0)] = 0.0
     lifetime: Positive = 0.5
     range: Positive = 80.0
     bearing: Positive = 0.5
@@ -408,8 +408,8 @@ def _override(data: Any, override: str) -> None:
     if (parts := name.split("."))[:2] == ["errors", "coupling"] and len(parts) == 4:
         _set(data, f"errors.coupling.{parts[3]}.{parts[2]}", value)
     if name.split(".")[0] in ("latency", "averaging", "errors"):
-        for part in data.get("maneuvers") or {}:
-            _set(data["maneuvers"][part], name, value)
+        for part in _maneuvers(data):
+            _set(part, name, value)
 
 
 def _set(data: Any, name: str, value: float) -> None:
@@ -436,9 +436,21 @@ def _inner(data: Any, part: str, name: str) -> Any:
 
 def _keep_causal(data: Any, named: set[str]) -> None:
     """Shorten averaging to twice a latency that was set."""
-    for part in (data, *(data.get("maneuvers") or {}).values()):
+    for part in (data, *_maneuvers(data)):
         for quantity in ("speed", "heading"):
-            latency, averaging = (part.get(of, {}).get(quantity, 0.0) for of in ("latency", "averaging"))
+            latency, averaging = (_number(part.get(of), quantity) for of in ("latency", "averaging"))
             free = f"latency.{quantity}" in named and f"averaging.{quantity}" not in named
             if free and averaging > 0.0:
                 part["averaging"][quantity] = min(averaging, max(2.0 * latency, 0.0))
+
+
+def _maneuvers(data: Any) -> list[dict[str, Any]]:
+    """The parts of a model's maneuvers, as far as they are any."""
+    parts = data.get("maneuvers")
+    return [part for part in parts.values() if isinstance(part, dict)] if isinstance(parts, dict) else []
+
+
+def _number(group: Any, name: str) -> float:
+    """A number of a group of parameters, 0 where there is none; what else is wrong is told when the whole is read."""
+    value = group.get(name) if isinstance(group, dict) else None
+    return value if isinstance(value, int | float) else 0.0

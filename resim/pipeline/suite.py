@@ -12,8 +12,9 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import file_hash, parse_toml, read_file, refuse_undecodable
 from resim.ingest.settings import SETTINGS, read_settings
@@ -56,15 +57,22 @@ class SuiteFile(Strict):
     criteria: str = Field(min_length=1)
     bases: tuple[Literal["GT", "SD"], ...] = Field(default=("GT", "SD"), min_length=1)
     perception: str | None = None
-    seeds: int = Field(default=200, ge=1, le=5000)
-    seed: int = Field(default=0, ge=0)
-    agreement: float = Field(default=0.9, ge=0.5, le=0.99)
+    seeds: int = Field(strict=True, default=200, ge=1, le=5000)
+    seed: int = Field(strict=True, default=0, ge=0)
+    agreement: float = Field(strict=True, default=0.9, ge=0.5, le=0.99)
     vary: tuple[str, ...] = ()
     accept: tuple[str, ...] = ()
     driven_by: tuple[str, ...] = ()
     tolerances: Tolerances = Tolerances()
     limits: Limits = Limits()
-    reports: int = Field(default=10, ge=0)
+    reports: int = Field(strict=True, default=10, ge=0)
+
+    @field_validator("bases", "vary", "accept", "driven_by")
+    @classmethod
+    def _once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"{twice[0]!r} stands twice")
+        return names
 
 
 class Suite(Strict):
@@ -85,8 +93,7 @@ def read_strict(path: Path, kind: type[File], example: str) -> File:
     try:
         return kind.model_validate(parse_toml(read_file(path, example), path, example))
     except ValidationError as e:
-        problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in e.errors())
-        raise InputError(path, problems, example) from e
+        raise InputError(path, faults.said(e.errors()), example) from e
 
 
 def read_suite(path: Path) -> Suite:

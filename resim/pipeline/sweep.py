@@ -37,8 +37,8 @@ Row = Mapping[str, Any]
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
-MOST = 10_000_000
-"""Runs of a sweep: those that are planned are held in memory."""
+MOST = 1_000_000
+"""Runs of a sweep: those that are planned are held in memory, and planned anew by each process (12 s for so many)."""
 RUN = "run"
 """Column of the tables: which run it is, counted from 0."""
 
@@ -54,7 +54,7 @@ class Adaptive(Strict):
     """
 
     outcome: str = "verdict"
-    share: float = Field(default=0.5, gt=0.0, le=1.0)
+    share: float = Field(strict=True, default=0.5, gt=0.0, le=1.0)
 
     def good(self, row: Row) -> bool:
         """Say whether a run is good; one that failed, or is without a result, is not."""
@@ -83,10 +83,10 @@ class SweepFile(Strict):
     criteria: str = Field(min_length=1)
     plan: Plan | Literal["adaptive"] = "grid"
     adaptive: Adaptive = Adaptive()
-    points: int = Field(default=64, ge=1, le=10_000_000)
-    seed: int = Field(default=0, ge=0)
-    seeds: int = Field(default=5, ge=1, le=100_000)
-    time_limit: float = Field(default=60.0, ge=0.001, le=1e6)
+    points: int = Field(strict=True, default=64, ge=1, le=1_000_000)
+    seed: int = Field(strict=True, default=0, ge=0)
+    seeds: int = Field(strict=True, default=5, ge=1, le=100_000)
+    time_limit: float = Field(strict=True, default=60.0, ge=0.001, le=1e6)
     accept: tuple[str, ...] = ()
     parameter: tuple[Parameter, ...] = Field(min_length=1)
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.frozen import Frozen, thaw
@@ -118,8 +119,8 @@ class _BuildFile(BaseModel):
     name: str = Field(min_length=1)
     version: str = Field(min_length=1)
     factory: str = Field(pattern=r"^[\w.]+:\w+$")
-    cycle_time: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    time_limit: float = Field(default=1.0, ge=0.001, le=3600.0)
+    cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
+    time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
     files: tuple[str, ...] = ()
     parameters: dict[str, Any] = Field(default_factory=dict)
 
@@ -216,5 +217,4 @@ def _parsed(raw: bytes, path: Path) -> _BuildFile:
     try:
         return _BuildFile.model_validate(parse_toml(raw, path, PARTS))
     except ValidationError as e:
-        faults = "; ".join(f"{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in e.errors())
-        raise InputError(path, faults, PARTS) from e
+        raise InputError(path, faults.said(e.errors()), PARTS) from e

@@ -13,6 +13,8 @@ from resim.core.plugin import LOAD_LIMIT
 from resim.core.watchdog import Watchdog
 from resim.sim.adfunction import AdFunction, Build, Command, EgoState, Perceived, Placement, Setup
 
+_FARTHEST = 1e9
+"""s, m, rad or m/s from which on no plan is meant, and squares overflow in what looks at it."""
 _RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
 
 
@@ -120,7 +122,9 @@ def _plan(plan: Any) -> Floats:
         copy: Floats = plan.astype(float, order="C", subok=False)
         is_table = copy.ndim == 2 and copy.shape[1] == 4 and len(copy) > 0
         if is_table and (
-            math.isfinite(np.vdot(copy, copy)) or np.isfinite(copy).all()
+            np.vdot(copy, copy) < _FARTHEST**2 or (np.abs(copy) < _FARTHEST).all()
         ):  # the former is quicker
             return copy
-    raise FunctionError(f"answered the plan {plan!r:.60}, expected one or more rows of finite numbers (K, 4)")
+    raise FunctionError(
+        f"answered the plan {plan!r:.60}, expected one or more rows of finite numbers (K, 4) below {_FARTHEST:g}"
+    )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from resim.core.errors import InputError
+from resim.core.files import parse_json
 from resim.store.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, Results
 
 Kind = Literal["run", "assessment", "verification", "sweep"]
@@ -101,7 +102,7 @@ class Entry:
         try:
             if digest(self.folder, self.kind) == self.digest:
                 return "there"
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, InputError, ValueError, KeyError, TypeError):
             pass
         if self.host != platform.node():
             return "elsewhere"
@@ -123,7 +124,7 @@ def kind_of(folder: Path) -> Kind:
 def digest(folder: Path, kind: Kind) -> str:
     """Give the SHA-256 of what a folder of results holds, without how long it took; of a sweep's table its sizes.
 
-    Raises OSError, ValueError, KeyError or TypeError for what is not there or is no result.
+    Raises OSError, InputError, ValueError, KeyError or TypeError for what is not there or is no result.
     """
     told = hashlib.sha256()
     for part in _CONTENT[kind](folder):
@@ -132,7 +133,7 @@ def digest(folder: Path, kind: Kind) -> str:
 
 
 def _run_content(folder: Path) -> Iterator[bytes]:
-    run: dict[str, Any] = json.loads((folder / "run.json").read_bytes())
+    run: dict[str, Any] = parse_json((folder / "run.json").read_bytes(), folder / "run.json")
     del run["times"]
     for seed in (run["perception"] or {}).get("seeds", []):
         del seed["time"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import json
+import fcntl
 import os
 import re
 import shutil
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from resim.core.errors import InputError
+from resim.core.files import parse_json
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,8 @@ def check_output(folder: Path, kind: Results = RUN) -> None:
 
 def _is_result(mark: Path) -> bool:
     try:
-        return "resim" in json.loads(mark.read_text(encoding="utf-8"))["versions"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return "resim" in parse_json(mark.read_bytes(), mark)["versions"]
+    except (OSError, InputError, KeyError, TypeError):
         return False
 
 
@@ -116,6 +117,24 @@ def _strange(folder: Path, kind: Results) -> Iterator[str]:
 
 
 @contextlib.contextmanager
+def locked(folder: Path, command: str) -> Iterator[None]:
+    """Hold a folder of results for one command. Raises InputError where another process does at this moment."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
+        except BlockingIOError as e:
+            problem = f"is written by another `{command}` at this moment"
+            raise InputError(folder, problem, "Wait for that one, or end it.") from e
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(file)
+
+
+@contextlib.contextmanager
 def told_of(folder: Path) -> Iterator[None]:
     """Raise InputError of the folder for what the system refuses within."""
     try:
@@ -128,7 +147,7 @@ def told_of(folder: Path) -> Iterator[None]:
 def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
     """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
     check_output(folder, kind)
-    folder = folder.absolute()
+    folder = Path(os.path.realpath(folder))  # where a link leads
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:

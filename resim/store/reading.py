@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import json
 import os
 import platform
 from collections import Counter
@@ -16,7 +15,7 @@ from typing import Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import parse_json, read_file
 from resim.store.entry import KINDS, Entry, Input, Kind, Outcome, digest, kind_of
 
 JUDGED = ("PASS", "FAIL", "INVALID")
@@ -245,4 +244,4 @@ def _counts(outcomes: Iterable[Outcome], order: tuple[str, ...]) -> dict[str, in
 
 
 def _json(path: Path) -> Any:
-    return json.loads(read_file(path, REMEDY, largest=LARGEST))
+    return parse_json(read_file(path, REMEDY, largest=LARGEST), path, REMEDY)

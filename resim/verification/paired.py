@@ -27,10 +27,10 @@ class Limits(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
-    lost: int | None = Field(default=0, ge=0)
-    changed: int | None = Field(default=None, ge=0)
-    risk: float | None = Field(default=0.05, ge=0.0)
-    seeds: int = Field(default=20, ge=1, le=5000)
+    lost: int | None = Field(strict=True, default=0, ge=0)
+    changed: int | None = Field(strict=True, default=None, ge=0)
+    risk: float | None = Field(strict=True, default=0.05, ge=0.0)
+    seeds: int = Field(strict=True, default=20, ge=1, le=5000)
 
 
 @dataclass(frozen=True)

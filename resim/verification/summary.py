@@ -65,6 +65,17 @@ def _builds(recordings: Sequence[Entry], limits: Limits) -> dict[str, Any]:
     }
 
 
+def namesakes(inputs: Entry) -> str:
+    """Say that two builds have one name and other code or parameters; "" where they have not."""
+    new, old = inputs["build"], inputs["against"]
+    if new["label"] != old["label"] or new["hash"] == old["hash"]:
+        return ""
+    return (
+        f"both builds are called {new['label']}, and are not the same: "
+        f"the older one has the hash {old['hash'][:12]}, the newer one {new['hash'][:12]}"
+    )
+
+
 def ranked(recordings: Sequence[Entry]) -> list[Entry]:
     """Give the recordings that the new build is worse or otherwise on, the worst first: weight lost, then risk."""
 

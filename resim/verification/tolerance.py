@@ -16,9 +16,9 @@ class _Model(BaseModel):
 class Limits(_Model):
     """Largest root mean square of distance [m], speed [m/s] and heading error [rad]; None for any."""
 
-    d: float | None = Field(default=None, ge=0.0)
-    v: float | None = Field(default=None, ge=0.0)
-    heading: float | None = Field(default=None, ge=0.0)
+    d: float | None = Field(strict=True, default=None, ge=0.0)
+    v: float | None = Field(strict=True, default=None, ge=0.0)
+    heading: float | None = Field(strict=True, default=None, ge=0.0)
 
 
 class StepLimits(_Model):
@@ -36,7 +36,7 @@ class Tolerances(_Model):
     function answers there (`resim.verification.vehicle`); it names a cause, and makes no verdict.
     """
 
-    reaction: float | None = Field(default=0.2, ge=0.0)
+    reaction: float | None = Field(strict=True, default=0.2, ge=0.0)
     sensor: StepLimits = StepLimits(
         ego=Limits(d=0.5, v=0.2, heading=0.01), to=Limits(d=1.0, v=0.5, heading=0.03)
     )

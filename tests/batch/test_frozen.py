@@ -93,13 +93,16 @@ def swept(
 def test_a_helper_of_the_same_name_in_another_build_is_another_one(call: Call, tmp_path: Path) -> None:
     one, two = build(tmp_path / "one", 0.0), build(tmp_path / "two", -3.0)
     out = tmp_path / "out"
-    code, _, _ = call(
+    code, said, _ = call(
         "verify", suite(tmp_path), "--build", two, "--against", one, "--out", out, "--workers", 1
     )
     found = json.loads((out / "verification.json").read_text())
     assert {r["verdict"] for r in found["recordings"]} <= {"changed", "worse", "better"}
     assert found["inputs"]["build"]["hash"] != found["inputs"]["against"]["hash"]
     assert code in (0, 1)
+    namesakes = "both builds are called pilot-1, and are not the same"
+    assert namesakes in " ".join(said.split())
+    assert namesakes in (out / "verification.html").read_text()
     rows = swept(sweep(tmp_path, one, two), tmp_path / "swept")
     assert rows[0][2:] != rows[1][2:]
 

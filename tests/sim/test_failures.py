@@ -63,6 +63,10 @@ STUBBORN = """while True:
             "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), math.nan))",
             "expected one or more rows of finite numbers (K, 4)",
         ),
+        (
+            "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), 1e200))",
+            "expected one or more rows of finite numbers (K, 4) below 1e+09",
+        ),
         ("return self.nothing.at_all", "raised AttributeError"),
         (NEVER, "did not answer within 0.5 s"),
         (SLEEPS, "did not answer within 0.5 s"),

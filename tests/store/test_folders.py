@@ -16,7 +16,15 @@ from resim.ingest import Recording
 from resim.pipeline import Options, resimulate
 from resim.scenario.jscen import read_jscen
 from resim.sim.adfunction import Build
-from resim.store import RUN, check_output, whole_folder, write_json, write_parquet, write_resimulation
+from resim.store import (
+    RUN,
+    check_output,
+    locked,
+    whole_folder,
+    write_json,
+    write_parquet,
+    write_resimulation,
+)
 
 
 def names(folder: Path) -> list[str]:
@@ -39,6 +47,33 @@ def fail(out: Path, error: type[BaseException]) -> None:
     with whole_folder(out) as folder:
         mark(folder, "half")
         raise error
+
+
+def test_what_is_nested_without_end_is_no_result(tmp_path: Path) -> None:
+    (tmp_path / RUN.mark).write_text("[" * 100_000)
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(tmp_path)
+
+
+def test_results_go_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "far")
+    with whole_folder(tmp_path / "out") as folder:
+        mark(folder, "1")
+    assert (tmp_path / "out").is_symlink()
+    assert names(tmp_path / "far") == [RUN.mark]
+    assert names(tmp_path) == ["far", "out"]
+
+
+def test_one_command_at_a_time_writes_into_a_folder(tmp_path: Path) -> None:
+    with (
+        locked(tmp_path, "resim verify"),
+        pytest.raises(InputError, match="is written by another `resim verify`"),
+        locked(tmp_path, "resim verify"),
+    ):
+        pass
+    with locked(tmp_path, "resim verify"):
+        pass
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])

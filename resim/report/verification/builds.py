@@ -23,6 +23,7 @@ from resim.report.verification.cells import (
 )
 from resim.report.verification.drive import command, folded, reason, report_links
 from resim.report.verification.speeds import builds_figure
+from resim.verification.summary import namesakes
 
 ORDER = ("error", "worse", "changed", "better", "same")
 HEAD = (
@@ -58,8 +59,9 @@ def meaning(inputs: Entry) -> Markup:
     seeds = f", each with the same {len(inputs['seeds'])} seeds" if inputs["seeds"] else ""
     return html(
         "Both builds drove the same scenarios on ground truth{}. <b>Worse</b>: a KPI that passed before does not "
-        "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else.",
+        "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else.{}",
         seeds,
+        f" Note: {same}." if (same := namesakes(inputs)) else "",
     )
 
 
