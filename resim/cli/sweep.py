@@ -44,7 +44,8 @@ def sweep(
 ) -> None:
     """Re-simulate recordings over and over, with the parameters of a plan, and judge every run.
 
-    What was finished is committed, run by run: after an interruption, --resume does what is missing.
+    What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 1 where
+    every run failed.
     """
     from resim.batch import journal
     from resim.batch.cluster import cluster

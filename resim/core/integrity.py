@@ -119,11 +119,11 @@ def _inside(name: str, value: Any) -> Iterator[_Place]:
                 made.append(part(value))
     elif isinstance(value, type):
         yield _Place(name, value.__dict__, open=False)
-        for part, inner in [*value.__dict__.items()]:
+        for attribute, inner in [*value.__dict__.items()]:
             function = getattr(inner, "fget", None) or getattr(inner, "func", None)
             function = function or getattr(inner, "__func__", inner)
             if isinstance(function, FunctionType):
-                yield from _inside(f"{name}.{part}", function)
+                yield from _inside(f"{name}.{attribute}", function)
     elif isinstance(value, dict):
         yield _Place(name, value, open=False)
     elif isinstance(value, tuple):
