@@ -14,7 +14,7 @@ import pytest
 import resim.assess.assessment  # noqa: F401  as in every child
 from resim.core import process
 from resim.core.errors import ResimError
-from resim.sim.adfunction import load_build
+from resim.sim.adfunction import Build, load_build
 
 ROOT = Path(__file__).parents[2]
 Call = Callable[..., tuple[int, str, str]]
@@ -58,12 +58,18 @@ def own(tmp_path: Path) -> Callable[[str], Path]:
     return write
 
 
+def make(build: Build) -> object:
+    """Make the function, as a run does."""
+    with build.factory.afresh():
+        return build.make()
+
+
 def made(path: Path) -> str:
     """Make the function in a copy of this process; give what is said."""
     mine, its = os.pipe()
     if not (child := os.fork()):
         try:
-            load_build(path).make()
+            make(load_build(path))
             os.write(its, b"fine")
         except ResimError as e:
             os.write(its, str(e).encode())
@@ -127,7 +133,7 @@ decimal.getcontext().prec = 3
 """
     build = load_build(own(deed))
     before = process.state()
-    build.make()
+    make(build)
     assert process.state() == before
     assert "PATH" in os.environ
     assert signal.getsignal(signal.SIGCHLD) == signal.SIG_DFL
@@ -141,6 +147,6 @@ def test_what_a_module_sets_when_it_is_loaded_holds_while_its_code_runs(own: Cal
     assert "OWN" not in os.environ
     assert np.geterr() == before
     for _ in range(2):
-        made: object = build.make()
+        made = make(build)
         assert vars(made)["seen"] == ("1", "raise")
     assert "OWN" not in os.environ
