@@ -87,6 +87,11 @@ def read_swept(folder: Path) -> Swept:
         parameters = tuple(Parameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
         columns, count = list(manifest["columns"]), int(manifest["runs"])
         _check_boundaries(manifest, len(parameters))
+        begun = folder / "sweep.json"
+        held = parse_json(read_file(begun, resume), begun, resume)
+        said = [(told["versions"], told["inputs"]["sweep"]) for told in (manifest, held)]
+        if said[0] != said[1]:
+            raise InputError(path, "does not say what sweep.json says", resume)
     except (ValueError, KeyError, TypeError, ValidationError) as e:
         raise InputError(path, "is not what `resim sweep` writes", resume) from e
     rows = read_rows(folder)
