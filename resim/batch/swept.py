@@ -89,8 +89,7 @@ def read_swept(folder: Path) -> Swept:
         _check_boundaries(manifest, len(parameters))
         begun = folder / "sweep.json"
         held = parse_json(read_file(begun, resume), begun, resume)
-        said = [(told["versions"], told["inputs"]["sweep"]) for told in (manifest, held)]
-        if said[0] != said[1]:
+        if _without_paths(manifest, held) != _without_paths(held, held):
             raise InputError(path, "does not say what sweep.json says", resume)
     except (ValueError, KeyError, TypeError, ValidationError) as e:
         raise InputError(path, "is not what `resim sweep` writes", resume) from e
@@ -101,6 +100,13 @@ def read_swept(folder: Path) -> Swept:
         raise InputError(folder / "runs", f"has no column {lost[0]!r}", resume)
     unknown = [name for name in RESULTS if name not in rows]  # as where every run failed before it began
     return Swept(folder, manifest, parameters, rows.reindex(columns=[*rows.columns, *unknown]))
+
+
+def _without_paths(told: Any, held: Any) -> Any:
+    """What is told under the names of `held`, but where files lie: a folder of results may be moved."""
+    if not isinstance(told, dict) or not isinstance(held, dict):
+        return told
+    return {name: _without_paths(told.get(name), value) for name, value in held.items() if name != "path"}
 
 
 def _check_boundaries(manifest: dict[str, Any], parameters: int) -> None:
