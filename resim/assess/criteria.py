@@ -81,6 +81,20 @@ class Criterion(BaseModel):
         end = math.inf if self.end is None else t[0] + self.end
         return np.asarray((t >= t[0] + self.start - _SAME) & (t <= end + _SAME))
 
+    def extent(self, t: Floats) -> float:
+        """Give how long [s] the part that counts is, of a drive with scenes at t (S,) [s]."""
+        end = t[-1] if self.end is None else min(t[-1], t[0] + self.end)
+        return float(end - t[0] - self.start)
+
+    def lasts(self, times: Floats, t: Floats) -> Bools:
+        """Say whether a limit can have been broken for the duration; times: of `longest`, below 0 for never.
+
+        Broken in k successive scenes and kept in those around it was broken for more than k - 1 and less than k + 1
+        steps; `longest` says k. What may have lasted for the duration counts as if it had: PASS is never wrong.
+        """
+        surely, maybe = times >= self.duration - _SAME, times + _step(t) > self.duration + _SAME
+        return np.asarray((times >= 0.0) & (surely | maybe))
+
 
 class OwnObjectification(BaseModel):
     """A user's own objectification: `function` is "module:name", the module's file beside the file of criteria.
@@ -221,9 +235,10 @@ def judge(
 ) -> Verdict:
     """Judge a measure (S,) of the EGO, or (S, K) of it and objects `ids`, over the scenes at t (S,) s.
 
-    present: (S, K) where an object is there; elsewhere nothing has to be computed. FAIL where the limit is broken
-    for the duration or longer, by one object. INVALID, never PASS, where a value that should be there was not
-    computed, the measure has no meaning anywhere, or what lies beyond its horizon can break the limit.
+    present: (S, K) where an object is there; elsewhere nothing has to be computed. FAIL where the limit can have been
+    broken for the duration or longer, by one object (`Criterion.lasts`). INVALID, never PASS, where a value that should
+    be there was not computed, the measure has no meaning anywhere, what lies beyond its horizon can break the limit,
+    or the limit is broken in a part shorter than the duration.
     """
     own = measure.value.ndim == 1
     columns, states = (a[:, None] if own else a for a in (measure.value, measure.state))
@@ -236,8 +251,9 @@ def judge(
     times = np.full(bad.shape[1], -1.0)
     for k in np.flatnonzero(broken_by.any(axis=0)).tolist():
         times[k] = longest(broken_by[:, k], t)
-    failed = (times >= 0.0) & (times >= criterion.duration - _SAME)
-    most = float(times.max(initial=-1.0))
+    most, extent = float(times.max(initial=-1.0)), criterion.extent(t)
+    short = most >= 0.0 and extent < criterion.duration - _SAME
+    failed = criterion.lasts(times, t) & (not short)
     lost = counts & (states == State.NOT_COMPUTED)
     beyond = _beyond(criterion, measure, counts & (states == State.NO_CONFLICT), broken_by, t)
     meant = counts & (states != State.NOT_DEFINED) & ~lost
@@ -245,9 +261,10 @@ def judge(
     value, when, whom = (None, None, "") if worst is None else (
         float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
     )  # fmt: skip
-    broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {most:.1f} s"
+    upto = most + _step(t) if failed.any() and most < criterion.duration - _SAME else most
+    lasted = f"{'up to ' if upto > most else ''}{min(upto, extent):.1f} s"
+    broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {lasted}"
     outcome: Outcome = "PASS"
-    short = most >= 0.0 and longest(within, t) < criterion.duration - _SAME
     reason = f"{broken} only" if most >= 0.0 else "kept"
     if value is None:
         reason = "no conflict" if whose else "no object"
@@ -279,7 +296,7 @@ def _beyond(criterion: Criterion, measure: Measure, none: Bools, broken: Bools, 
         return np.zeros(none.shape, dtype=bool)
     can = none & (criterion.badness(measure.beyond) > _SAME)
     long = [
-        c.any() and longest(c | b, t) >= criterion.duration - _SAME
+        c.any() and criterion.lasts(np.array([longest(c | b, t)]), t).any()
         for c, b in zip(can.T, broken.T, strict=True)
     ]
     return np.asarray(can & np.array(long, dtype=bool))
@@ -333,6 +350,10 @@ def longest(broken: Bools, t: Floats) -> float:
     """Give the longest time [s] that the limit is broken without a break, each scene for its step; -1 for never."""
     if not broken.any():
         return -1.0
-    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], broken, [False]]).astype(np.int8)))
-    return float((t[edges[1::2] - 1] - t[edges[::2]]).max()) + step
+    return float((t[edges[1::2] - 1] - t[edges[::2]]).max()) + _step(t)
+
+
+def _step(t: Floats) -> float:
+    """The time [s] between scenes; 0 for one alone."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

@@ -163,7 +163,8 @@ def doubted(
     for whose, found in can.items():
         possible = np.any([p for _, p in found], axis=0)
         broken = within & _broken(whose, criterion, measure, drive.ids)
-        if possible.any() and longest(possible | broken, drive.t) >= criterion.duration - 1e-9:
+        times = np.array([longest(possible | broken, drive.t)])
+        if possible.any() and criterion.lasts(times, drive.t).any():
             return _invalid(verdict, measure, criterion, next(a for a, p in found if p.any()))
     return verdict
 

@@ -43,6 +43,43 @@ def test_duration_and_part_of_the_drive(change, outcome):
     assert two(**change).outcome == outcome
 
 
+@pytest.mark.parametrize(
+    ("duration", "outcome", "reason"),
+    [
+        (0.6, "FAIL", "below 1.5 s for 0.6 s"),
+        (0.65, "FAIL", "below 1.5 s for up to 0.7 s"),  # kept at 1.9 and 2.6 s: up to 0.7 s between
+        (0.69, "FAIL", "below 1.5 s for up to 0.7 s"),
+        (0.7, "PASS", "below 1.5 s for 0.6 s only"),
+    ],
+)
+def test_what_can_have_lasted_for_the_duration_fails(duration, outcome, reason):
+    found = two(duration=duration)
+    assert (found.outcome, found.reason) == (outcome, reason)
+
+
+@pytest.mark.parametrize(
+    ("change", "outcome", "reason"),
+    [
+        ({"duration": 4.9}, "FAIL", "below 1.5 s for 4.9 s"),
+        (
+            {"duration": 4.91},
+            "INVALID",
+            "below 1.5 s for 4.9 s; the drive has less than 4.91 s in this part",
+        ),
+        ({"start": 1.05, "end": 2.05, "duration": 1.0}, "FAIL", "below 1.5 s for 1.0 s"),
+        (
+            {"start": 1.0, "end": 2.0, "duration": 1.05},
+            "INVALID",
+            "below 1.5 s for 1.0 s; the drive has less than 1.05 s in this part",
+        ),
+    ],
+)
+def test_a_drive_breaks_no_limit_for_longer_than_it_lasts(change, outcome, reason):
+    value = np.ones((50, 1))  # broken throughout: 4.9 s
+    found = judge(Criterion(name="ttc", measure="TTC", below=1.5, **change), measure(value), T, ["a"])
+    assert (found.outcome, found.reason) == (outcome, reason)
+
+
 def test_beyond_counts_in_either_direction():
     value = np.zeros(50)
     value[10:15] = -4.0
