@@ -156,7 +156,16 @@ def _through(
 
 
 def _alike(road: Road, end: _End, other: Road, into: _End) -> list[tuple[int, int]]:
-    """What a connection without lane links means: lanes of the same id, mirrored where equal ends meet."""
+    """What a connection without lane links means: lanes of the same id, mirrored where equal ends meet.
+
+    Not so where lanes of the connecting road say from which lanes of this one they come.
+    """
+    back = other.predecessor if into.at == "start" else other.successor
+    lanes = other.sections[_last(other, into)].lanes.values()
+    if back is not None and back.kind == "road" and back.id == road.id and (
+        any((lane.predecessor if into.at == "start" else lane.successor) is not None for lane in lanes)
+    ):  # fmt: skip
+        return []
     sign = -1 if end.at == into.at else 1
     there = other.sections[_last(other, into)].lanes
     return [(lane, sign * lane) for lane in road.sections[_last(road, end)].lanes if sign * lane in there]

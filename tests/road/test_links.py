@@ -309,6 +309,20 @@ def test_a_road_may_come_back_to_itself_through_several_junctions(written, tmp_p
     assert connected(converted) == {(("1", -1), ("1", -1))}
 
 
+@pytest.mark.parametrize(("before", "comes_from"), [(None, [-1]), (-2, [-2])])
+def test_a_connection_without_lane_links_leaves_them_to_the_lanes(written, before, comes_from):
+    """Lanes of the same id go on into each other only where the lanes of the connecting road do not say otherwise."""
+    arm = road("1", 0, 0, 0, 50, section((-1, lane(-1)), (-2, lane(-2))), after="junction:9")
+    way = road("2", 50, 0, 0, 20, section((-1, lane(-1, before=before))), before="road:1:end", junction="9")
+    net = written(
+        arm,
+        way,
+        '<junction id="9"><connection id="0" incomingRoad="1" connectingRoad="2" contactPoint="start"/></junction>',
+    )
+    graph = lane_graph(net)
+    assert [n for n in (-1, -2) if LaneKey("2", 0, -1) in graph[LaneKey("1", 0, n)]] == comes_from
+
+
 def test_a_connecting_road_that_names_no_road_is_joined_all_the_same(written, tmp_path):
     net = written(
         road("1", 0, 0, 0, 100, simple(-1), after="junction:5"), road("8", 100, 0, 0, 10, simple(-1), junction="7"),
