@@ -9,8 +9,10 @@ import numpy as np
 
 from resim.check.codes import Found, found
 from resim.check.derived import motion
+from resim.check.place import WALKERS
 from resim.check.tracks import PEDESTRIAN, Table, Track
-from resim.core.geometry import Floats, wrap_angle
+from resim.core.finding import Severity
+from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.opendrive import RoadNetwork
 
 SPEED_UNITS = {"km/h": 3.6, "mph": 2.236936}
@@ -25,6 +27,8 @@ STEADY = 0.25
 """Relative distance from a unit's factor that three quarters of the ratios keep: a wrong speed does not."""
 ENOUGH = 1000
 """Places that tell a mirrored frame."""
+SEVERAL = 3
+"""Vehicles that must each look mirrored where they are on the road either way: fewer may be on the wrong side."""
 MIRROR_FAR = 2.0
 """Distance of SD and GT [m] from which on a mirror image is looked for."""
 
@@ -74,29 +78,38 @@ def over(
     limit: float,
     details: Mapping[str, float] | None = None,
     repair: str | None = None,
+    severity: Severity | None = None,
 ) -> Found:
     """Give a finding over all of the object's time, or the table's."""
     own = [k for k in table.tracks if k.id == name]
     span = (own[0].t[0], own[-1].t[-1]) if own else table.span
     return found(
-        code, table.source, name, span, value, unit, text, limit=limit, details=details, repair=repair
-    )
+        code, table.source, name, span, value, unit, text, limit=limit, details=details, repair=repair,
+        severity=severity,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Mirror:
     """What a table looks like as it stands and with y turned: share of places that agree with the road.
 
-    alone: it is one vehicle that is on lanes as it stands, and may drive against them.
+    sure: it is no traffic on the wrong side: several vehicles say so, or there is a road only when turned.
     """
 
     as_is: float
     turned: float
-    alone: bool
+    sure: bool = False
 
     @property
     def is_one(self) -> bool:
-        return self.as_is < BAD and self.turned > GOOD and not self.alone
+        return self.as_is < BAD and self.turned > GOOD
+
+    @property
+    def text(self) -> str:
+        return (
+            f"{100.0 * self.as_is:.0f} % of the places agree with the map as they stand, {100.0 * self.turned:.0f} % "
+            "with y turned"
+        )
 
 
 def mirrored(
@@ -105,7 +118,7 @@ def mirrored(
     """Give sources whose y points down, by the map, and by each other; and the tables with y up."""
     out: list[Found] = []
     on_road = {k.source: _on_road(k, network) for k in (gt, sd) if k is not None and network is not None}
-    wrong = {source for source, look in on_road.items() if look is not None and look.is_one}
+    wrong = {source for source, look in on_road.items() if look is not None and look.is_one and look.sure}
     if sd is not None and (far := _apart(gt, sd, np.asarray)) > MIRROR_FAR:
         near = _apart(gt, sd, np.conj)
         opposite = near < 0.3 * far
@@ -114,14 +127,16 @@ def mirrored(
             wrong = {"gt" if looks.get("gt", 1.0) < looks.get("sd", 1.0) else "sd"}
     tables = []
     for table in (gt, sd):
+        look = None if table is None else on_road.get(table.source)
         if table is None or table.source not in wrong:
             tables.append(table)
+            if table is not None and look is not None and look.is_one:
+                text = f"y may point down, or traffic drives on the wrong side: {look.text}"
+                out.append(over(table, "", "MIRRORED_Y", 1.0, "", text, 1.0, repair="", severity="warning"))
             continue
-        look = on_road.get(table.source)
-        text = "y points down: " + (
-            f"{100.0 * look.as_is:.0f} % of the places agree with the map as they stand, {100.0 * look.turned:.0f} % "
-            "with y turned" if look and look.is_one else "it fits the other source when turned"
-        )  # fmt: skip
+        text = (
+            f"y points down: {look.text if look and look.is_one else 'it fits the other source when turned'}"
+        )
         height = float(np.median(np.concatenate([np.abs(k.p.imag) for k in table.tracks])))
         sure = look is not None and look.turned > look.as_is  # else it may be the other source's y
         out.append(over(table, "", "MIRRORED_Y", height, "m", text, 1.0, repair=None if sure else ""))
@@ -155,18 +170,20 @@ def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:
     if not some or network is None:
         return None
     p, heading = np.concatenate([k.p for k in some]), np.concatenate([k.heading for k in some])
+    whose = np.repeat(np.arange(len(some)), [len(k) for k in some])
     few = slice(None, None, max(len(p) // ENOUGH, 1))
-    p, heading = p[few], heading[few]
+    p, heading, whose = p[few], heading[few], whose[few]
 
-    def share(p: np.ndarray, heading: Floats) -> tuple[float, float]:
+    def agrees(p: np.ndarray, heading: Floats) -> tuple[Bools, float]:
         at = network.to_road(p.real, p.imag, heading=heading)
         along = network.lane_heading(at.road, at.lane, at.s)
-        agrees = at.on_road & (np.abs(wrap_angle(heading - along)) < 0.5 * np.pi)
-        return float(np.mean(agrees)), float(np.mean(at.on_road))
+        return at.on_road & (np.abs(wrap_angle(heading - along)) < 0.5 * np.pi), float(at.on_road.mean())
 
-    as_is, on_lanes = share(p, heading)
-    alone = len({k.id for k in some}) == 1 and on_lanes > BAD
-    return _Mirror(as_is, share(np.conj(p), -heading)[0], alone)
+    (as_is, there), (turned, there_turned) = agrees(p, heading), agrees(np.conj(p), -heading)
+    motor = [whose == n for n, k in enumerate(some) if k.kind not in WALKERS and (whose == n).any()]
+    each = sum(_Mirror(as_is[own].mean(), turned[own].mean()).is_one for own in motor)
+    sure = each >= SEVERAL or (there < BAD and there_turned > GOOD)
+    return _Mirror(float(as_is.mean()), float(turned.mean()), sure)
 
 
 def _apart(gt: Table, sd: Table, turn: Callable[..., np.ndarray]) -> float:

@@ -14,6 +14,7 @@ from resim.check import CODES, examine
 from resim.core.finding import SEVERITIES, Finding
 from resim.ingest import Tables, read_commonroad
 from resim.repair import repair
+from resim.road.opendrive import load
 
 Read = Callable[[str], Tables]
 Look = Callable[[Tables], tuple[Finding, ...]]
@@ -521,3 +522,37 @@ def test_tracks_that_are_shifted_to_start_together_are_an_error(tables: Read, lo
     found = look(replace(right, gt=together.sort_values("t", kind="stable")))
     assert ("OVERLAP", "error", "") in {(f.code, f.severity, f.object) for f in found}
     assert sum(f.code == "OVERLAP" and f.severity == "error" for f in found) == 1
+
+
+@pytest.mark.parametrize(("vehicles", "severity"), [(1, "warning"), (2, "warning"), (3, "error")])
+def test_few_that_drive_on_the_wrong_side_are_no_mirror(
+    tables: Read, tmp_path: Path, vehicles: int, severity: str
+) -> None:
+    """Where both sides of the road lie alike, these may be right as they stand."""
+    lanes = "".join(
+        f'<{side}><lane id="{n}" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></{side}>'
+        for side, n in (("left", 1), ("right", -1))
+    )
+    path = tmp_path / "straight.xodr"
+    path.write_text(
+        '<OpenDRIVE><road id="1" junction="-1"><planView><geometry s="0" x="0" y="0" hdg="0" length="500"><line/>'
+        f'</geometry></planView><lanes><laneSection s="0">{lanes}</laneSection></lanes></road></OpenDRIVE>'
+    )
+    t = np.arange(0.0, 5.01, 0.1)
+    frames = [
+        pd.DataFrame(
+            {"t": t, "id": name, "x": 20.0 + 60.0 * n + v * t, "y": 1.75, "heading": 0.0, "v": v, "length": length,
+             "width": 1.8, "kind": kind}
+        )
+        for n, (name, v, length, kind) in enumerate(
+            [("b", 5.0, 1.8, "bicycle"), ("ego", 15.0, 4.5, "car"), ("c", 15.0, 4.5, "car"), ("d", 15.0, 4.5, "truck")][
+                : vehicles + 1
+            ]
+        )
+    ]  # fmt: skip
+    gt = pd.concat(frames).sort_values("t", kind="stable").reset_index(drop=True)
+    before = tables("overtake")
+    settings = before.settings.model_copy(update={"ego": "ego"})
+    findings = examine(replace(before, gt=gt, sd=None, settings=settings), load(path))
+    (hit,) = [f for f in findings if f.code == "MIRRORED_Y"]
+    assert (hit.severity, bool(hit.repair)) == (severity, severity == "error")
