@@ -22,6 +22,7 @@ from resim.pipeline import (
     perceived_frame,
     resimulate,
 )
+from resim.pipeline.run import measured_tracks
 from resim.scenario.jscen import read_jscen
 from resim.sim.adfunction import Build, EgoState, Perceived, load_build
 
@@ -48,6 +49,30 @@ def test_the_corner_case_is_one(corner_case: Resimulation) -> None:
     assert report["collision"] == {"GT": False, "SD": False, "rGT": False, "rSD": False}
     assert report["build"] == {"name": "highway_pilot", "version": "1.0", "drove": True}
     assert report["warnings"] == []
+
+
+def test_an_object_faster_than_anything_is_refused_by_name(shipped: Shipped) -> None:
+    """Positions 10,000 km off for a second: the fit bends through them."""
+    recording = shipped("rear_end")
+    row = next(n for n, name in enumerate(recording.gt.ids) if name != recording.ego)
+    x = recording.gt.x.copy()
+    x[row, (recording.gt.t > 3.0) & (recording.gt.t < 4.0)] = 1e7
+    far = replace(recording, gt=replace(recording.gt, x=x), sd=None)
+    build = load_build(Path(__file__).parents[1] / "adfunc" / "builds" / "replay-1.0.toml")
+    with pytest.raises(
+        ResimError, match=rf"GT: object '{recording.gt.ids[row]}' would drive at .* m/s at t = "
+    ):
+        resimulate(far, build)
+
+
+@pytest.mark.parametrize(
+    ("factor", "remedy"), [(1000.0, "t is in ms. Give t in seconds"), (200.0, "Cut the recording")]
+)
+def test_a_recording_too_long_is_told_its_unit_of_time(shipped: Shipped, factor: float, remedy: str) -> None:
+    recording = shipped("rear_end")
+    slow = replace(recording, gt=replace(recording.gt, t=recording.gt.t * factor), sd=None)
+    with pytest.raises(ResimError, match=remedy):
+        measured_tracks(slow)
 
 
 def test_what_was_measured_is_judged_as_long_as_it_was_simulated(shipped: Shipped) -> None:

@@ -34,8 +34,17 @@ from resim.sim.perception import Ideal, Perception
 FAR = 10_000.0
 """Distance [m] of an EGO from the roads beyond which there is nothing to simulate."""
 
+FASTEST = 150.0
+"""Largest speed [m/s] of a trace: beyond it no measured object drives, and SUMO takes none."""
+
+LOOK = 0.1
+"""Time [s] between the speeds looked at."""
+
 LONGEST = 600.0
 """Largest time [s] of one run: memory and time of a fit grow with its square and more."""
+
+MS = 1000.0
+"""Milliseconds in a second."""
 
 Progress = Callable[[str], None]
 
@@ -87,6 +96,7 @@ def resimulate(
         if basis == "GT" or basis in options.bases:
             with clock.stage(f"fit {basis}"):
                 described[basis] = _describe(measured[basis], recording, network, basis)
+                _refuse_absurd(recording, described[basis], network, basis)
     branches: dict[Basis, Branch] = {}
     for basis in options.bases:
         if basis in measured:
@@ -193,6 +203,20 @@ def _refuse_far(recording: Recording, tracks: Tracks, network: RoadNetwork) -> N
         )
 
 
+def _refuse_absurd(recording: Recording, scenario: Scenario, network: RoadNetwork, basis: str) -> None:
+    """Raise ResimError naming who, fitted to what was measured, drives faster than anything does."""
+    t = scenario.ego.spawn_time + np.arange(0.0, scenario.duration, LOOK)
+    tracks = scenario.tracks(network, t)
+    fast = np.abs(np.nan_to_num(tracks.v))
+    row, at = np.unravel_index(int(fast.argmax()), fast.shape)
+    if fast[row, at] > FASTEST:
+        raise ResimError(
+            f"{recording.folder or recording.name}: {basis}: object {str(tracks.ids[row])!r} would drive at "
+            f"{fast[row, at]:.4g} m/s at t = {t[at]:.2f} s, as its rows have it; up to {FASTEST:g} m/s are "
+            "re-simulated. Look at its rows with `resim check`, and correct them or leave the object out."
+        )
+
+
 def _split(recording: Recording, tracks: Tracks) -> Tracks:
     try:
         return tracks.split(GAP, keep=recording.ego)
@@ -206,11 +230,22 @@ def _ego_window(tracks: Tracks, ego: str, where: str) -> Tracks:
         raise ResimError(f"{where}: EGO {ego!r} has {int(own.sum())} sample(s), expected two or more")
     first, last = tracks.t[own][[0, -1]].tolist()
     if last - first > LONGEST:
-        raise ResimError(
+        text = (
             f"{where}: EGO {ego!r} is there for {last - first:g} s, from {first:g} to {last:g} s; up to {LONGEST:g} s "
-            "are re-simulated in one run. Cut the recording to the scenario."
+            "are re-simulated in one run. "
         )
+        if _in_ms(tracks, tracks.index(ego)):
+            raise ResimError(f"{text}By its speeds and positions t is in ms. Give t in seconds.")
+        raise ResimError(f"{text}Cut the recording to the scenario.")
     return tracks.window(first, last)
+
+
+def _in_ms(tracks: Tracks, row: int) -> bool:
+    """Whether the object's speeds are about a thousand times what its positions and times say."""
+    own = tracks.valid[row]
+    t, x, y, v = tracks.t[own], tracks.x[row, own], tracks.y[row, own], np.abs(tracks.v[row, own])
+    moved, told = float(np.hypot(np.diff(x), np.diff(y)).sum()), float((np.diff(t) * v[1:]).sum())
+    return moved > 0.0 and MS / 2.0 < told / moved < MS * 2.0
 
 
 def _describe(
