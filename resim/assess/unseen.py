@@ -28,7 +28,7 @@ GAP = 1.0
 CORRIDOR = 10.0
 """Distance [m] to either side of a way in which somebody seen farther on shows that it does not end there."""
 OTHERS, ACROSS = 2, 40.0
-"""How many others have to come or go at a line for it to be an edge, and how far [m] to either side they may do so."""
+"""How many others have to come or go at a line, or be seen as far, for an edge; how far [m] aside they may do so."""
 RANGE, FAR = 50.0, 0.9
 """Least range of a sensor [m], and the share of the largest distance seen from which on an object is at the range."""
 MOVES = 1.0
@@ -123,8 +123,8 @@ class _Sightings:
     size: tuple[float, float]
 
 
-_Ends = Mapping[int, tuple[Floats, Floats]]
-"""Times [s] and states in which everybody is seen last (1), and first (-1)."""
+_Joined = tuple[Mapping[str, _Sightings], Mapping[str, _Sightings]]
+"""As whom an object goes on under another id, and as whom it was before."""
 
 
 def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tuple[Absence, ...]:
@@ -146,31 +146,29 @@ def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tu
     others = [_within(k, begin, end) for k in known if k.object != ego]
     others = [k for k in others if len(k.t) or len(k.blind)]
     placed = [k for k in others if len(k.t)]
-    seen = _Seen.of(tracks, ego, placed)
-    ends = {
-        way: (np.array([k.t[n] for k in placed]), np.array([k.state[n] for k in placed]).reshape(-1, 5))
-        for way, n in ((1, -1), (-1, 0))
-    }
+    seen, joined = _Seen.of(tracks, ego, placed), _joined(placed)
     return (
         *(a for k in known if k.object == ego for a in _of_ego(k, seen.slack)),
-        *(a for k in others for a in _of_object(k, ends, seen, begin, end)),
+        *(a for k in others for a in _of_object(k, joined, seen, begin, end)),
     )
 
 
 def cut_off(tracks: Tracks, *, ego: str) -> Iterator[Absence]:
     """Give when others are seen and the EGO is not yet, or no more, but where it comes or goes at an edge.
 
-    tracks: all samples of the GT.
+    tracks: all samples of a source.
     """
     me, *others = (_sightings(tracks, name, None) for name in (ego, *tracks.ids[tracks.ids != ego].tolist()))
     others = [k for k in others if len(k.t)]
     if not others or len(me.t) < 2:
         return
     seen = _Seen.of(tracks, ego, others)
+    steps = [float(np.median(np.diff(k.t))) for k in (me, *others) if len(k.t) > 1]
+    slack = 2.0 * min(seen.step, float(np.median(steps))) + _SAME
     first, last = min(float(k.t[0]) for k in others), max(float(k.t[-1]) for k in others)
-    if first < me.t[0] - seen.slack and not seen.at_edge(me, float(me.t[0]), -1):
+    if first < me.t[0] - slack and not seen.at_edge(me, float(me.t[0]), -1):
         yield _absent(me, first, float(me.t[0]))
-    if last > me.t[-1] + seen.slack and not seen.at_edge(me, float(me.t[-1]), 1):
+    if last > me.t[-1] + slack and not seen.at_edge(me, float(me.t[-1]), 1):
         yield _absent(me, float(me.t[-1]), last)
 
 
@@ -235,19 +233,19 @@ def _of_ego(k: _Sightings, slack: float) -> Iterator[Absence]:
         yield _absent(k, float(whole[-1]), float(rows.max()))
 
 
-def _of_object(k: _Sightings, ends: _Ends, seen: _Seen, begin: float, end: float) -> Iterator[Absence]:
+def _of_object(k: _Sightings, joined: _Joined, seen: _Seen, begin: float, end: float) -> Iterator[Absence]:
     if not len(k.t):  # nobody knows where it is
         yield _absent(k, float(k.blind.min()), float(k.blind.max()))
         return
     whole = k.t[k.usable]
     start, stop = float(k.t[0]), float(k.t[-1])
-    before, later = (_goes_on(k, ends, way) for way in (-1, 1))
+    later, before = (found.get(k.object) for found in joined)
     slack = max(seen.slack, 2.0 * float(np.median(np.diff(k.t)))) if len(k.t) > 1 else seen.slack
     if start - begin > _SAME and before is None and not _comes_or_goes(k, seen, -1):
         start = begin
-    if later is not None and later[0] - stop > slack:
-        t, state = np.array([k.t[-1], later[0]]), np.stack([k.state[-1], later[1]])
-        yield Absence(k.object, stop, later[0], t, state, k.size, "not seen")
+    if later is not None and later.t[0] - stop > slack:
+        t, state = np.array([k.t[-1], later.t[0]]), np.stack([k.state[-1], later.state[0]])
+        yield Absence(k.object, stop, float(later.t[0]), t, state, k.size, "not seen")
     if end - stop > _SAME and later is None and not _comes_or_goes(k, seen, 1):
         stop = end
     if len(whole) < 2:  # no trace can be driven
@@ -271,21 +269,30 @@ def _comes_or_goes(k: _Sightings, seen: _Seen, way: int) -> bool:
     return seen.at_edge(k, t, way)
 
 
-def _goes_on(k: _Sightings, ends: _Ends, way: int) -> tuple[float, Floats] | None:
-    """When [s] and how somebody else is seen first within GAP where this one was going, or (-1) the other way round."""
-    mine = -1 if way > 0 else 0
-    t, state = ends[-way]
-    dt = t - k.t[mine]
-    vx, vy = k.state[mine, 3:]
-    off = (state[:, :2] - k.state[mine, :2] - dt[:, None] * k.state[mine, 3:]).T
-    along, across = to_frame(off[0], off[1], 0.0, 0.0, np.arctan2(vy, vx))
-    changed = np.hypot(*(state[:, 3:] - k.state[mine, 3:]).T)
-    near = (way * dt > 0.0) & (way * dt <= GAP + _SAME) & (changed <= FASTER + HARDEST * np.abs(dt))
-    near &= (np.abs(along) <= MISS + 0.5 * HARDEST * dt * dt) & (np.abs(across) <= MISS)
-    if not near.any():
-        return None
-    first = int(np.argmin(np.where(near, np.abs(dt), np.inf)))
-    return float(t[first]), state[first]
+def _joined(placed: Sequence[_Sightings]) -> _Joined:
+    """Find who goes on as somebody else that is seen first within GAP where he was going, one as one: the nearest in
+    time, then in place.
+    """
+    first_t = np.array([k.t[0] for k in placed])
+    first = np.array([k.state[0] for k in placed]).reshape(-1, 5)
+    found: list[tuple[float, float, int, int]] = []
+    for n, k in enumerate(placed):
+        dt, last = first_t - k.t[-1], k.state[-1]
+        off = (first[:, :2] - last[:2] - dt[:, None] * last[3:]).T
+        along, across = to_frame(off[0], off[1], 0.0, 0.0, np.arctan2(last[4], last[3]))
+        changed = np.hypot(*(first[:, 3:] - last[3:]).T)
+        near = (dt > 0.0) & (dt <= GAP + _SAME) & (changed <= FASTER + HARDEST * dt)
+        near &= (np.abs(along) <= MISS + 0.5 * HARDEST * dt * dt) & (np.abs(across) <= MISS)
+        found += [
+            (round(float(dt[m]), 6), float(np.hypot(*off[:, m])), n, m) for m in np.flatnonzero(near).tolist()
+        ]
+    later: dict[str, _Sightings] = {}
+    before: dict[str, _Sightings] = {}
+    for _, _, n, m in sorted(found):
+        old, new = placed[n], placed[m]
+        if old.object not in later and new.object not in before:
+            later[old.object], before[new.object] = new, old
+    return later, before
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +344,7 @@ class _Seen:
 
         That it is lost there itself is no evidence: the EGO may be about to hit it. The area: nobody is ever seen
         farther on along its heading, within CORRIDOR of it, and OTHERS come or go at the same line. Or the sensor's
-        range: it is RANGE or more from the EGO and moves away, and others are seen about as far, and nobody much
+        range: it is RANGE or more from the EGO and moves away, and OTHERS are seen about as far, and nobody much
         farther, ahead or behind as it is.
         """
         x, y, _, vx, vy = k.state[int(np.searchsorted(k.t, t - _SAME))]
@@ -352,8 +359,9 @@ class _Seen:
         apart = float(np.hypot(dx, dy))
         ahead = dx * np.cos(own[2]) + dy * np.sin(own[2]) >= 0.0
         away = way * (dx * (vx - own[3]) + dy * (vy - own[4])) > 0.0
-        farthest = float(self.farthest[int(not ahead), self.ids != k.object].max(initial=0.0))
-        return bool(away and apart >= max(RANGE, FAR * farthest) and farthest >= FAR * apart)
+        others = self.farthest[int(not ahead), self.ids != k.object]
+        as_far = int((others >= FAR * apart).sum())
+        return bool(away and apart >= max(RANGE, FAR * others.max(initial=0.0)) and as_far >= OTHERS)
 
     def _passed(self, t: float, x: float, y: float, vx: float, vy: float) -> int:
         """How many objects come or go, at another time than t [s], at the line across (vx, vy) in x, y, over it."""

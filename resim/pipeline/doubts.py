@@ -39,7 +39,8 @@ def doubts(
         if a > length + SIZE or b > width + SIZE
     }
     found = absences(tracks, recording.incomplete.get(name), ego=recording.ego)
-    found += tuple(cut_off(recording.gt, ego=recording.ego)) if basis == "GT" else ()
+    whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
+    found += () if whole is None else tuple(cut_off(whole, ego=recording.ego))
     off: dict[str, float] = {}
     for who, by in (*_torn(recording, basis), *_misfits(tracks, scenario, network)):
         off[who] = max(off.get(who, 0.0), by)

@@ -371,3 +371,32 @@ def test_an_ego_that_leaves_where_others_leave_is_whole(judge):
     ]
     area = [rows_[rows_.x <= 400.0] for rows_ in (ego(), *others)]
     assert judge(*area)["no collision"].outcome == "PASS"
+
+
+def test_a_range_that_one_other_shows_is_none(judge):
+    """A lead that is lost 55 m ahead, while one other car is seen up to 57 m."""
+    lead = rows("1", 355.0 + 1.01 * V * T, v=1.01 * V)
+    other = rows("2", 357.0 + V * T, -8.75, V)
+    assert judge(ego(), lead[lead.t < 2.0], other)["no collision"].outcome == "INVALID"
+
+
+def test_two_do_not_go_on_as_one(judge):
+    """Who stands in the EGO's way, and who stands beside it, become one new object: that beside it."""
+    small = {"length": 0.5, "width": 0.5, "kind": "pedestrian"}
+    inside, beside = (rows(name, 400.0, y, **small) for name, y in (("1", -5.7), ("2", -6.6)))
+    assert judge(ego(), inside, beside)["no collision"].outcome == "FAIL"
+    new = beside.assign(id="3")
+    found = judge(ego(), inside[T < 2.9], beside[T < 2.9], new[T >= 2.9])
+    assert found["no collision"].outcome == "INVALID"
+    assert "object 1 from 2.88" in found["no collision"].reason
+
+
+def test_an_ego_with_few_samples_is_cut_off_as_others_are(judge):
+    few = ego()[(np.arange(len(T)) % 24 == 0) & (T < HIT - 0.9)]
+    assert judge(few, standing())["no collision"].outcome == "INVALID"
+
+
+def test_an_ego_that_the_sensor_loses_is_cut_off_in_its_data(judge):
+    whole = ego(), standing()
+    found = judge(*whole, sd=(ego()[T < HIT - 1.0].assign(gt_id="ego"), standing().assign(gt_id="1")))
+    assert found["no collision"].outcome == "INVALID"
