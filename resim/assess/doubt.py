@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -212,6 +212,32 @@ def _invalid(verdict: Verdict, measure: Measure, criterion: Criterion, absence: 
 def told(absence: Absence) -> str:
     """Give an absence in words."""
     return f"object {absence.object} from {absence.start:.2f} to {absence.end:.2f} s: {absence.why}"
+
+
+def as_one(
+    verdict: Verdict, criterion: Criterion, measure: Measure, subject: Subject, same: Sequence[Sequence[str]]
+) -> Verdict:
+    """Give a verdict, INVALID in place of PASS where ids that can be one object break the limit for long together."""
+    drive = subject.drive
+    if verdict.outcome != "PASS" or measure.value.ndim == 1:
+        return verdict
+    bad = (criterion.badness(measure.value) > 0.0) & criterion.within(drive.t)[:, None]
+    for ids in same:
+        own = np.array([whole_id(name, set(ids)) in ids for name in drive.ids])
+        there, broken = (np.asarray(what[:, own].any(axis=1)) for what in (drive.present, bad))
+        if not broken.any():
+            continue
+        seen = np.flatnonzero(there)
+        at = np.searchsorted(seen, np.arange(len(there)))
+        after, before = seen[np.minimum(at, len(seen) - 1)], seen[np.maximum(at - 1, 0)]
+        between = ~there & (at > 0) & (at < len(seen))
+        lasted = longest(broken | (between & broken[before] & broken[after]), drive.t)
+        if criterion.lasts(np.array([lasted]), drive.t).any():
+            limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
+            who = f"objects {', '.join(ids[:5])} can be one, seen under one id after the other"
+            reason = f"{who}: {limit} for {lasted:.1f} s"
+            return replace(verdict, outcome="INVALID", reason=reason)
+    return verdict
 
 
 def resized(verdict: Verdict, larger: Verdict, doubts: Doubts) -> Verdict:

@@ -79,29 +79,37 @@ class Absence:
 @dataclass(frozen=True, eq=False)
 class Doubts:
     """What a source leaves open: absences; of objects that it gives in several sizes the largest length, width [m]; of
-    objects whose places are in doubt how far they can be off [m].
+    objects whose places are in doubt how far they can be off [m]; ids that can be one object, one after the other.
     """
 
     absences: tuple[Absence, ...] = ()
     sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     off: Mapping[str, float] = field(default_factory=dict)
+    same: tuple[tuple[str, ...], ...] = ()
 
     def simulated(self, ego: str) -> Doubts:
         """Give what is left open where this is simulated: where the EGO is, is known there."""
         absent = tuple(a for a in self.absences if a.object != ego)
-        return Doubts(absent, self.sizes, {name: d for name, d in self.off.items() if name != ego})
+        return Doubts(absent, self.sizes, {name: d for name, d in self.off.items() if name != ego}, self.same)
 
     def to_json(self) -> dict[str, Any]:
         """Give what report.json holds of it."""
         sizes = {name: list(size) for name, size in self.sizes.items()}
-        return {"absences": [a.to_json() for a in self.absences], "sizes": sizes, "off": dict(self.off)}
+        same = [list(ids) for ids in self.same]
+        return {
+            "absences": [a.to_json() for a in self.absences],
+            "sizes": sizes,
+            "off": dict(self.off),
+            "same": same,
+        }
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Doubts:
         """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
         sizes = {str(name): (float(a), float(b)) for name, (a, b) in data["sizes"].items()}
         off = {str(name): float(d) for name, d in data["off"].items()}
-        return cls(tuple(map(Absence.from_json, data["absences"])), sizes, off)
+        same = tuple(tuple(map(str, ids)) for ids in data["same"])
+        return cls(tuple(map(Absence.from_json, data["absences"])), sizes, off, same)
 
 
 WHOLE = Doubts()
@@ -153,6 +161,20 @@ def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tu
     )
 
 
+def renamed(tracks: Tracks, *, ego: str) -> tuple[tuple[str, ...], ...]:
+    """Give ids that can be one object, which is seen under one after the other. tracks: as for `absences`."""
+    others = [_sightings(tracks, name, None) for name in tracks.ids[tracks.ids != ego].tolist()]
+    later, before = _joined([k for k in others if len(k.t)])
+    out = []
+    for name in later:
+        if name not in before:
+            chain = [name]
+            while chain[-1] in later:
+                chain.append(later[chain[-1]].object)
+            out.append(tuple(chain))
+    return tuple(out)
+
+
 def cut_off(tracks: Tracks, *, ego: str) -> Iterator[Absence]:
     """Give when others are seen and the EGO is not yet, or no more, but where it comes or goes at an edge.
 
@@ -177,6 +199,7 @@ def _sightings(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> _S
     if name in tracks.ids:
         n = tracks.index(name)
         own = tracks.valid[n]
+        own &= ~_repeated(tracks, n)
         t, heading, v = tracks.t[own], tracks.heading[n, own], tracks.v[n, own]
         state = np.column_stack(
             [tracks.x[n, own], tracks.y[n, own], heading, v * np.cos(heading), v * np.sin(heading)]
@@ -193,6 +216,15 @@ def _sightings(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> _S
     return _Sightings(
         name, *_with_places(t, state, rows[placed]), rows["t"].to_numpy(float)[~placed], lacks, size
     )
+
+
+def _repeated(tracks: Tracks, n: int) -> Bools:
+    """Which samples (T,) of an object repeat the place of the one before, while its speed says that it moves."""
+    out = np.zeros(len(tracks.t), dtype=bool)
+    at = np.flatnonzero(tracks.valid[n])
+    same = (np.diff(tracks.x[n, at]) == 0.0) & (np.diff(tracks.y[n, at]) == 0.0)
+    out[at[1:]] = same & (np.abs(tracks.v[n, at[1:]]) >= MOVES)
+    return out
 
 
 def _with_places(t: Floats, state: Floats, placed: pd.DataFrame) -> tuple[Floats, Floats, Bools]:

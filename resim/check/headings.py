@@ -24,6 +24,8 @@ BETTER = 0.7
 LIVELY, OFTEN, STILL = 4.0, (0.5, 0.8), 0.004
 """Times by which the heading's changes over 0.4 s exceed the course's when it is in degrees, at one of these
 quantiles; changes [rad] that are noise of a heading in radians."""
+NOISE = 0.5
+"""Misfit [rad] of a whole table's headings as they stand that no noise of headings in radians gives."""
 SLOPE, EXPLAINS = (0.6, 1.4), 0.7
 """Change of the converted heading with that of the course, and share of it that the course explains, when it is in
 degrees: of a car that skids the heading turns and the course does not."""
@@ -116,11 +118,13 @@ def _told(
             f"{convention.words}"
         )
         details = {"factor": convention.factor, "sign": convention.sign, "offset": convention.offset}
-        if not name or _is_sure(convention, [k for k in table.tracks if k.id == name], table.step):
+        own = [k for k in table.tracks if not name or k.id == name]
+        together = not name and (convention.factor == 1.0 or as_is > NOISE)  # not all of a table skid
+        if together or _is_sure(convention, own, table.step):
             sure[name] = convention
             out.append(over(table, name, convention.code, as_is, "rad", text, TURNED, details))
             continue
-        text += "; or they are right, and it skids: its course says too little to tell"
+        text += "; or they are right, noisy or of who skids: courses say too little to tell"
         one = over(table, name, convention.code, as_is, "rad", text, TURNED, details, repair="")
         out.append(replace(one, finding=replace(one.finding, severity="warning")))
     whole = sure.get("")
@@ -158,7 +162,7 @@ def _off(convention: Convention, course: Floats, raw: Floats, reverse: Floats) -
 
 
 def _is_sure(convention: Convention, tracks: list[Track], step: float) -> bool:
-    """Whether nothing else explains the headings of one object, as that it skids; all of a table do not.
+    """Whether nothing else explains the headings, as that somebody skids.
 
     Degrees are sure beyond a whole turn, and where the heading follows the course in degrees; another convention
     where it holds throughout.

@@ -24,6 +24,11 @@ class OwnModules:
         self._before: dict[str, ModuleType] = {}
         self._depth = 0
 
+    @property
+    def active(self) -> bool:
+        """Whether the code runs."""
+        return self._depth > 0
+
     def forget(self) -> None:
         """Let the next run begin without what is kept."""
         self._own.clear()

@@ -127,10 +127,23 @@ class _Space:
         self.name, self.copy, self.modules = name, copy, OwnModules()
         self.compiled: dict[str, ModuleType] = {}
         self._codes: dict[str, CodeType] = {}
+        self._free: dict[str, bool] = {}
         self._loaded = set[str]()
         tops = {name.partition("/")[0].partition(".")[0] for name in copy.names}
         self._tops = {top for top in tops if is_own(top, copy.names)}
         self.forget()
+
+    def alias(self, module: ModuleType) -> None:
+        """Let a module be found by the name that the user has for it, as in what was pickled, if nobody else has it."""
+        name = module.__name__.partition(".")[2]
+        top = name.partition(".")[0]
+        if top not in self._free:
+            with _installed_path():
+                self._free[top] = (
+                    top not in sys.modules and importlib.machinery.PathFinder.find_spec(top) is None
+                )
+        if self._free[top] and self.modules.active:
+            sys.modules[name] = module
 
     def forget(self) -> None:
         """Have every module executed again by its next import."""
@@ -226,6 +239,7 @@ class _Loader(importlib.machinery.SourceFileLoader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the module with the imports of its space."""
+        self._space.alias(module)
         module.__dict__["__builtins__"] = self._space.builtins
         exec(self.get_code(module.__name__), module.__dict__)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from resim.assess.unseen import Absence, Doubts, absences, cut_off
+from resim.assess.unseen import Absence, Doubts, absences, cut_off, renamed
 from resim.check import TORN
 from resim.check.bodies import SIZE
 from resim.core.tracks import Tracks
@@ -42,13 +42,16 @@ def doubts(
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
     found += () if whole is None else tuple(cut_off(whole, ego=recording.ego))
     off: dict[str, float] = {}
-    for who, by in (*_torn(recording, basis), *_misfits(tracks, scenario, network)):
+    for who, by in _torn(recording, basis):
+        off[who] = off.get(who, 0.0) + by
+    for who, by in _misfits(tracks, scenario, network):
         off[who] = max(off.get(who, 0.0), by)
     lost = [_lost(tracks, who, by) for who, by in off.items() if by > FARTHEST and who in tracks.ids]
     return Doubts(
         (*(replace(a, size=sizes.get(a.object, a.size)) for a in found), *lost),
         sizes,
         {who: by for who, by in off.items() if by <= FARTHEST},
+        renamed(tracks, ego=recording.ego),
     )
 
 

@@ -400,3 +400,37 @@ def test_an_ego_that_the_sensor_loses_is_cut_off_in_its_data(judge):
     whole = ego(), standing()
     found = judge(*whole, sd=(ego()[T < HIT - 1.0].assign(gt_id="ego"), standing().assign(gt_id="1")))
     assert found["no collision"].outcome == "INVALID"
+
+
+def test_a_place_that_is_repeated_while_he_drives_is_none(judge):
+    """Who walks into the EGO's way, and stays where he was from 1.8 s on, though his speed goes on."""
+    walks = rows("1", 400.0, -14.0 + 1.8 * T, 1.8, length=0.5, width=0.5, kind="pedestrian").assign(
+        heading=np.pi / 2
+    )
+    assert judge(ego(), walks)["no collision"].outcome == "FAIL"
+    held = walks.assign(y=walks["y"].mask(walks["t"] > 1.8).ffill())
+    assert judge(ego(), held)["no collision"].outcome == "INVALID"
+
+
+def test_jumps_add_up(judge):
+    """A slower lead is 3.2 m aside after four jumps, and the EGO passes where it was."""
+    lead = rows("1", 350.0 + 10.0 * T, v=10.0)
+    assert judge(ego(), lead)["no collision"].outcome == "FAIL"
+    aside = sum(np.where(1.0 + 0.4 * k < T, 0.8, 0.0) for k in range(4))
+    found = judge(ego(), lead.assign(y=lead["y"] - aside))["no collision"]
+    assert found.outcome == "INVALID"
+    assert "1 (by 3.20 m)" in found.reason
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.4])
+def test_an_object_under_two_ids_breaks_a_limit_as_one(judge, tmp_path, pause):
+    """A lead 15 m ahead for the whole drive is known by another id from 4.5 s on."""
+    criteria = tmp_path / "long.toml"
+    criteria.write_text(
+        'name = "c"\n[[criterion]]\nname = "gap"\nmeasure = "gap ahead"\nbelow = 15.0\nduration = 6.0\n'
+    )
+    lead = rows("1", 318.0 + V * T, v=V)
+    assert judge(ego(), lead, criteria=criteria)["gap"].outcome == "FAIL"
+    found = judge(ego(), lead[T < 4.5], lead.assign(id="2")[4.5 + pause < T], criteria=criteria)["gap"]
+    assert found.outcome == "INVALID"
+    assert "objects 1, 2 can be one" in found.reason

@@ -84,7 +84,7 @@ def test_a_measure_that_ends_its_process_leaves_the_older_result(call: Call, tmp
     )
     code, out, error = call(*order, "--criteria", tmp_path / "mine.toml")
     assert (code, out) == (2, "")
-    assert "the process ended with code 0" in error
+    assert "leave ended its process, which ended with code 0" in error
     assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
     assert not list(tmp_path.glob(".out*"))
 

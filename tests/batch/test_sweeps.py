@@ -336,7 +336,7 @@ def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call:
         (
             "seeds = 1",
             'plan = "halton"\npoints = 10000\nseeds = 100000',
-            "1,000,000,000 runs; a sweep has up to 10,",
+            "1,000,000,000 runs; a sweep has up to 1,000,000.",
         ),
     ],
 )

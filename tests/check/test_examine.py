@@ -387,6 +387,14 @@ def test_conventions_of_headings_are_told_apart_and_repaired(
     bad = replace(
         good, **{table: frames[table].assign(heading=convention(frames[table]["heading"].to_numpy()))}
     )
+    if (name, table, turned) == (
+        "degrees",
+        "sd",
+        0.0,
+    ):  # no more than 0.03 rad off: noise in radians looks like that
+        (one,) = (f for f in examine(bad, None) if f.code == code)
+        assert (one.severity, one.repair) == ("warning", "")
+        return
     found = [f for f in examine(bad, None) if f.severity == "error"]
     assert [(f.code, f.source, f.object) for f in found] == [(code, table, "")], [f.text for f in found]
     again = getattr(repair(bad, None).tables, table)["heading"].to_numpy()
@@ -408,7 +416,7 @@ def test_the_headings_of_who_skids_are_not_divided_by_57(tables: Read, look: Loo
     found = look(replace(before, gt=drifting(before.gt, slip)))
     about = [f for f in found if f.object == "3" and f.code.startswith("HEADING")]
     assert [(f.code, f.severity, f.repair) for f in about] == [("HEADING_UNIT", "warning", "")]
-    assert about[0].text.endswith("it skids: its course says too little to tell")
+    assert about[0].text.endswith("of who skids: courses say too little to tell")
 
 
 def test_the_heading_of_who_skids_for_a_while_is_not_taken_from_the_positions(
@@ -556,3 +564,12 @@ def test_few_that_drive_on_the_wrong_side_are_no_mirror(
     findings = examine(replace(before, gt=gt, sd=None, settings=settings), load(path))
     (hit,) = [f for f in findings if f.code == "MIRRORED_Y"]
     assert (hit.severity, bool(hit.repair)) == (severity, severity == "error")
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.05, 0.1, 0.2])
+def test_noisy_headings_on_a_straight_road_are_not_degrees(tables: Read, look: Look, noise: float) -> None:
+    before = tables("overtake")
+    assert before.sd is not None
+    heading = before.sd["heading"] + np.random.default_rng(1).normal(0.0, noise, len(before.sd))
+    found = look(replace(before, sd=before.sd.assign(heading=heading)))
+    assert [f.text for f in found if f.severity == "error"] == []

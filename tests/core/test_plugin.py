@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import is_dataclass
@@ -282,3 +283,20 @@ def test_a_folder_that_a_module_adds_to_the_path_leads_to_no_module(written: Wri
             said(load_build(freeze_build(inside)))
         assert sys.path == before
         assert "helper_lib" not in sys.modules
+
+
+def test_what_was_pickled_with_a_module_of_the_build_can_be_loaded(tmp_path: Path) -> None:
+    (tmp_path / "own_net.py").write_text("class Net:\n    gain = 2.0\n")
+    made = "import pickle, own_net; open('net.pkl', 'wb').write(pickle.dumps(own_net.Net()))"
+    subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)
+    (tmp_path / "user.py").write_text(
+        "import pickle\nfrom pathlib import Path\nimport own_net\n"
+        "def make():\n    return pickle.loads((Path(__file__).parent / 'net.pkl').read_bytes())\n"
+    )
+    (tmp_path / "b.toml").write_text(
+        'name = "b"\nversion = "1"\nfactory = "user:make"\nfiles = ["net.pkl"]\n'
+    )
+    build = load_build(tmp_path / "b.toml")
+    with build.factory.afresh():
+        assert build.make().gain == 2.0  # type: ignore[attr-defined]
+    assert "own_net" not in sys.modules
