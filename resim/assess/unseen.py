@@ -164,7 +164,12 @@ def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tu
 def renamed(tracks: Tracks, *, ego: str) -> tuple[tuple[str, ...], ...]:
     """Give ids that can be one object, which is seen under one after the other. tracks: as for `absences`."""
     others = [_sightings(tracks, name, None) for name in tracks.ids[tracks.ids != ego].tolist()]
-    later, before = _joined([k for k in others if len(k.t)])
+    return _chains(_joined([k for k in others if len(k.t)]))
+
+
+def _chains(joined: _Joined) -> tuple[tuple[str, ...], ...]:
+    """Ids of those who go on as somebody else, one after the other."""
+    later, before = joined
     out = []
     for name in later:
         if name not in before:
@@ -333,7 +338,7 @@ class _Seen:
 
     t: (T,) s, own: (T, 5) the EGO's state. ids: (N,) of objects; farthest: (2, N) m at which each is seen before the
     EGO, and behind it. turns: (e, 6) where others are seen first or last amid the drive: number of the object, t [s],
-    x, y [m], and the velocity [m/s] out of what is seen.
+    x, y [m], and the velocity [m/s] out of what is seen. same: ids that can be one object.
     """
 
     place: Floats
@@ -343,6 +348,7 @@ class _Seen:
     ids: Strings
     farthest: Floats
     turns: Floats
+    same: tuple[tuple[str, ...], ...]
 
     @property
     def slack(self) -> float:
@@ -369,7 +375,7 @@ class _Seen:
         place = np.column_stack([tracks.x[shown], tracks.y[shown]])
         step = float(np.median(np.diff(me.t)))
         turns = _turns(others, tracks.t, 2.0 * step + _SAME)
-        return cls(place, step, me.t, me.state, tracks.ids, farthest, turns)
+        return cls(place, step, me.t, me.state, tracks.ids, farthest, turns, _chains(_joined(others)))
 
     def at_edge(self, k: _Sightings, t: float, way: int) -> bool:
         """Whether seeing ends where the object is at t [s], in the direction in which it goes (way 1) or came (-1).
@@ -391,7 +397,8 @@ class _Seen:
         apart = float(np.hypot(dx, dy))
         ahead = dx * np.cos(own[2]) + dy * np.sin(own[2]) >= 0.0
         away = way * (dx * (vx - own[3]) + dy * (vy - own[4])) > 0.0
-        others = self.farthest[int(not ahead), self.ids != k.object]
+        himself = next((ids for ids in self.same if k.object in ids), (k.object,))
+        others = self.farthest[int(not ahead), ~np.isin(self.ids, himself)]
         as_far = int((others >= FAR * apart).sum())
         return bool(away and apart >= max(RANGE, FAR * others.max(initial=0.0)) and as_far >= OTHERS)
 

@@ -380,6 +380,15 @@ def test_a_range_that_one_other_shows_is_none(judge):
     assert judge(ego(), lead[lead.t < 2.0], other)["no collision"].outcome == "INVALID"
 
 
+def test_who_he_was_before_does_not_show_a_range(judge):
+    lead = rows("1", 355.0 + 1.01 * V * T, v=1.01 * V)
+    seen = [
+        lead[(begin <= T) & (end > T)].assign(id=n)
+        for n, begin, end in (("1", 0, 1), ("2", 1, 1.5), ("3", 1.5, 2))
+    ]
+    assert judge(ego(), *seen)["no collision"].outcome == "INVALID"
+
+
 def test_two_do_not_go_on_as_one(judge):
     """Who stands in the EGO's way, and who stands beside it, become one new object: that beside it."""
     small = {"length": 0.5, "width": 0.5, "kind": "pedestrian"}
