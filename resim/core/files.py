@@ -86,7 +86,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _parsed(form: str, loads: Callable[[str], Any], raw: bytes, path: Path, remedy: str) -> Any:
     too_deep = InputError(path, f"is not {form} of ours (nested deeper than {DEEPEST} levels)", remedy)
     try:
-        found = loads(raw.decode("utf-8"))
+        found = loads(raw.decode("utf-8-sig"))
     except RecursionError:
         raise too_deep from None
     except ValueError as e:  # of the syntax, of the encoding, of an integer with thousands of digits

@@ -36,3 +36,7 @@ def test_what_people_nest_is_read() -> None:
         "a": {"b": {"c": {"d": [[1, 2], [3]]}}}
     }
     assert parse_json(b'{"a": [{"b": null}]}', Path("file")) == {"a": [{"b": None}]}
+
+
+def test_a_mark_of_the_byte_order_is_no_fault(tmp_path: Path) -> None:
+    assert parse_toml(b"\xef\xbb\xbfa = 1", tmp_path / "a.toml") == {"a": 1}
