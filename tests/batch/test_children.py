@@ -101,7 +101,7 @@ def test_a_signal_ends_the_command_and_all_that_it_started(
         [sys.executable, "-m", "resim", "run", DRIVE, "--build", path, "--out", tmp_path / "out"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "TMPDIR": str(temporary)},
     )  # fmt: skip
-    wait_for((tmp_path / "begun").exists)
+    wait_for(lambda: (tmp_path / "begun").exists() and bool((tmp_path / "begun").read_text()))
     child, other = (int((tmp_path / name).read_text()) for name in ("begun", "other"))
     command.send_signal(number)
     code = command.wait(30.0)

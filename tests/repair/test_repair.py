@@ -95,7 +95,7 @@ PLANTS: tuple[tuple[str, str, Change, tuple[float, ...]], ...] = (
     ("SIZE_SWAPPED", "gt", lambda f: f.assign(length=f["width"], width=f["length"]), EXACT),
     ("SPEED_UNIT", "gt", lambda f: f.assign(v=3.6 * f["v"]), EXACT),
     ("SPEED_UNIT", "sd", lambda f: put(f, own(f, "2"), v=2.236936 * f["v"]), EXACT),
-    ("HEADING_UNIT", "gt", lambda f: f.assign(heading=np.degrees(f["heading"])), EXACT),
+    ("HEADING_UNIT", "gt", lambda f: f.assign(heading=np.degrees(f["heading"]) % 360.0), EXACT),
     ("HEADING_TURNED", "gt", lambda f: f.assign(heading=f["heading"] + np.pi), EXACT),
     ("HEADING_TURNED", "sd", lambda f: put(f, own(f), heading=f["heading"] - np.pi), EXACT),
     ("HEADING_CONVENTION", "sd", lambda f: f.assign(heading=90.0 - np.degrees(f["heading"])), EXACT),

@@ -237,7 +237,7 @@ def test_what_is_not_finished_is_refused(call: Call, tmp_path: Path, lost: str, 
 @pytest.mark.parametrize(
     ("text", "told"),
     [('"runs": 495', "holds 495 runs, expected 500"), ('"schema": "resim-sweep-1"', "expected resim-sweep-1"),
-     ('"name": "known"', "is not what")],
+     ('"name": "known"', "is not JSON")],
 )  # fmt: skip
 def test_a_damaged_manifest_is_refused(call: Call, tmp_path: Path, text: str, told: str) -> None:
     write_swept(tmp_path / "swept")

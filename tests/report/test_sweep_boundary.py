@@ -118,7 +118,7 @@ def test_the_same_rows_give_the_same_bytes(
 
 @pytest.mark.parametrize(
     ("old", "new", "told"),
-    [('"boundaries"', '"bounds"', "is not what"), ('"cut_in"', '"other"', "has no boundary for recording 'cut_in'")],
+    [('"boundaries"', '"bounds"', "is not what"), ('"cut_in"', '"other"', "does not say what")],
 )  # fmt: skip
 def test_a_damaged_boundary_is_refused(call: Call, tmp_path: Path, old: str, new: str, told: str) -> None:
     write_adaptive(tmp_path / "swept", ONE)

@@ -130,7 +130,7 @@ def test_how_long_it_took_is_nothing_that_tells_results_apart(made: Path, tmp_pa
     [
         (lambda f: (f / "manifest.json").unlink(), r"holds a sweep that is not finished\. Finish it with `resim sweep"),
         (lambda f: (f / "manifest.json").write_text("[1]"), r"manifest\.json: is not what resim writes"),
-        (lambda f: (f / "manifest.json").write_text("{"), r"manifest\.json: is not what resim writes"),
+        (lambda f: (f / "manifest.json").write_text("{"), r"manifest\.json: is not JSON"),
         (lambda f: shutil.rmtree(f / "runs"), r"runs: is not the table of a sweep"),
         (lambda f: (f / "runs" / "part-00000.parquet").write_text("x"), r"runs: is not the table of a sweep"),
         (lambda f: shutil.rmtree(f), r"is no folder\. Give one that `resim run`"),
