@@ -154,10 +154,10 @@ def absences(tracks: Tracks, incomplete: pd.DataFrame | None, *, ego: str) -> tu
     others = [_within(k, begin, end) for k in known if k.object != ego]
     others = [k for k in others if len(k.t) or len(k.blind)]
     placed = [k for k in others if len(k.t)]
-    seen, joined = _Seen.of(tracks, ego, placed), _joined(placed)
+    seen = _Seen.of(tracks, ego, placed)
     return (
         *(a for k in known if k.object == ego for a in _of_ego(k, seen.slack)),
-        *(a for k in others for a in _of_object(k, joined, seen, begin, end)),
+        *(a for k in others for a in _of_object(k, seen, begin, end)),
     )
 
 
@@ -203,8 +203,7 @@ def _sightings(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> _S
     t, state, size = np.empty(0), np.empty((0, 5)), (np.nan, np.nan)
     if name in tracks.ids:
         n = tracks.index(name)
-        own = tracks.valid[n]
-        own &= ~_repeated(tracks, n)
+        own = tracks.valid[n] & ~_repeated(tracks, n)
         t, heading, v = tracks.t[own], tracks.heading[n, own], tracks.v[n, own]
         state = np.column_stack(
             [tracks.x[n, own], tracks.y[n, own], heading, v * np.cos(heading), v * np.sin(heading)]
@@ -270,13 +269,13 @@ def _of_ego(k: _Sightings, slack: float) -> Iterator[Absence]:
         yield _absent(k, float(whole[-1]), float(rows.max()))
 
 
-def _of_object(k: _Sightings, joined: _Joined, seen: _Seen, begin: float, end: float) -> Iterator[Absence]:
+def _of_object(k: _Sightings, seen: _Seen, begin: float, end: float) -> Iterator[Absence]:
     if not len(k.t):  # nobody knows where it is
         yield _absent(k, float(k.blind.min()), float(k.blind.max()))
         return
     whole = k.t[k.usable]
     start, stop = float(k.t[0]), float(k.t[-1])
-    later, before = (found.get(k.object) for found in joined)
+    later, before = (found.get(k.object) for found in seen.joined)
     slack = max(seen.slack, 2.0 * float(np.median(np.diff(k.t)))) if len(k.t) > 1 else seen.slack
     if start - begin > _SAME and before is None and not _comes_or_goes(k, seen, -1):
         start = begin
@@ -338,7 +337,7 @@ class _Seen:
 
     t: (T,) s, own: (T, 5) the EGO's state. ids: (N,) of objects; farthest: (2, N) m at which each is seen before the
     EGO, and behind it. turns: (e, 6) where others are seen first or last amid the drive: number of the object, t [s],
-    x, y [m], and the velocity [m/s] out of what is seen. same: ids that can be one object.
+    x, y [m], and the velocity [m/s] out of what is seen. joined: who goes on as whom.
     """
 
     place: Floats
@@ -348,7 +347,7 @@ class _Seen:
     ids: Strings
     farthest: Floats
     turns: Floats
-    same: tuple[tuple[str, ...], ...]
+    joined: _Joined
 
     @property
     def slack(self) -> float:
@@ -375,7 +374,7 @@ class _Seen:
         place = np.column_stack([tracks.x[shown], tracks.y[shown]])
         step = float(np.median(np.diff(me.t)))
         turns = _turns(others, tracks.t, 2.0 * step + _SAME)
-        return cls(place, step, me.t, me.state, tracks.ids, farthest, turns, _chains(_joined(others)))
+        return cls(place, step, me.t, me.state, tracks.ids, farthest, turns, _joined(others))
 
     def at_edge(self, k: _Sightings, t: float, way: int) -> bool:
         """Whether seeing ends where the object is at t [s], in the direction in which it goes (way 1) or came (-1).
@@ -397,7 +396,7 @@ class _Seen:
         apart = float(np.hypot(dx, dy))
         ahead = dx * np.cos(own[2]) + dy * np.sin(own[2]) >= 0.0
         away = way * (dx * (vx - own[3]) + dy * (vy - own[4])) > 0.0
-        himself = next((ids for ids in self.same if k.object in ids), (k.object,))
+        himself = next((ids for ids in _chains(self.joined) if k.object in ids), (k.object,))
         others = self.farthest[int(not ahead), ~np.isin(self.ids, himself)]
         as_far = int((others >= FAR * apart).sum())
         return bool(away and apart >= max(RANGE, FAR * others.max(initial=0.0)) and as_far >= OTHERS)

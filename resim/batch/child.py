@@ -101,7 +101,7 @@ def serve(tasks: BinaryIO, results: BinaryIO) -> None:
 def _packed(result: Any) -> bytes:
     """A result and the memory of the process as bytes; one that is not as it was is too large to be used again."""
     try:
-        return pickle.dumps((result, math.inf if integrity.changed() else memory()))
+        return pickle.dumps((result, math.inf if integrity.is_spoiled() else memory()))
     except Exception as e:
         return pickle.dumps((Failure(f"its result cannot be sent: {type(e).__name__}", crashed=True), 0))
 

@@ -92,6 +92,11 @@ def changed() -> list[str]:
     return _found
 
 
+def is_spoiled() -> bool:
+    """Say whether `changed` ever named anything in this process."""
+    return bool(_found)
+
+
 def _all() -> list[_Place]:
     return [place for places in _places.values() for place in places]
 

@@ -419,6 +419,10 @@ def test_a_place_that_is_repeated_while_he_drives_is_none(judge):
     assert judge(ego(), walks)["no collision"].outcome == "FAIL"
     held = walks.assign(y=walks["y"].mask(walks["t"] > 1.8).ffill())
     assert judge(ego(), held)["no collision"].outcome == "INVALID"
+    tracks = Tracks.from_frame(pd.concat([ego(), held]))
+    before = tracks.valid.copy()
+    assert absences(tracks, None, ego="ego")
+    assert np.array_equal(tracks.valid, before)  # what is looked at stays as it is
 
 
 def test_jumps_add_up(judge):
