@@ -11,6 +11,7 @@ import resource
 import signal
 import struct
 import sys
+import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ def main() -> None:
     if not os.fork():
         _end_with_the_command(lifeline, (1, 2, tasks, results, board))
     os.close(lifeline)
-    watchdog.board = memoryview(mmap.mmap(board, 24)).cast("d")
+    watchdog.board = memoryview(mmap.mmap(board, 32)).cast("d")
     for number in (signal.SIGINT, signal.SIGALRM):
         signal.signal(number, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its children
     try:
@@ -91,6 +92,7 @@ def serve(tasks: BinaryIO, results: BinaryIO) -> None:
         if folder is not None:
             os.chdir(folder)  # the task before may have left it
         watchdog.board[2] = 0.0
+        watchdog.board[3] = time.monotonic()
         message = _packed(_answer(function, task))
         if os.getpid() != process:
             os._exit(0)  # a copy that the task forked

@@ -38,8 +38,10 @@ GONE = "the cluster's scheduler is gone. What was finished is kept: start it, an
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
 _SERVE = "import sys; sys.path[:] = {path!r}; from resim.batch.child import main; main()"
-_BOARD = 24
+_BOARD = 32
 """Bytes of `resim.core.watchdog.board`."""
+_START = 180.0
+"""s that a fresh process has to start and to take up its task, beyond the task's own time."""
 _TICK = 0.1
 """s between two looks whether the child is alive, and whether its function answers in time."""
 _GRACE = 2.0
@@ -85,8 +87,9 @@ def run_all(
 ) -> Iterator[tuple[int, Result | Failure]]:
     """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
 
-    function: of a module, as children import it anew. time_limit: s of wall clock for one task. pool: that of a cluster
-    of so many workers; threads of this machine, if none is given. Closing the iterator kills what still runs here.
+    function: of a module, as children import it anew. time_limit: s of wall clock for one task, from when its process
+    took it up. pool: that of a cluster of so many workers; threads of this machine, if none is given. Closing the
+    iterator kills what still runs here.
     """
     children: list[_Child] = []
     over = threading.Event()
@@ -186,12 +189,12 @@ class _Child:
         self, function: Callable[[Any], Any], task: Any, time_limit: float, broken: dict[int, str]
     ) -> Any:
         """Give the result of a task, or a Failure; the process may have ended then."""
-        self.board[2] = 0.0
+        self.board[2] = self.board[3] = 0.0
         try:
             _write(self.tasks, pickle.dumps((_here(), function, task, broken)))
         except OSError:
             return self._died()
-        end, message = time.monotonic() + time_limit, bytearray()
+        latest, message = time.monotonic() + _START, bytearray()
         over: threading.Event | None = getattr(_own, "over", None)
         while over is None or not over.is_set():
             alive = self.process.poll() is None
@@ -210,7 +213,7 @@ class _Child:
                 limit = self.board[1]
                 self.end()
                 return Failure(f"{_FUNCTION}{unanswered(limit)}, and could not be interrupted", True, True)
-            if now > end:
+            if now > (self.board[3] or latest) + time_limit:
                 self.end()
                 return Failure(f"took longer than {time_limit:g} s", crashed=True)
         self.end()

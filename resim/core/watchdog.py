@@ -14,8 +14,9 @@ from typing import Any
 
 from resim.core.errors import FunctionError, StopError
 
-board: Any = array("d", [0.0, 0.0, 0.0])
-"""What a supervisor sees of the call that is under way: deadline [s of `time.monotonic`], limit [s], its number.
+board: Any = array("d", [0.0, 0.0, 0.0, 0.0])
+"""What a supervisor sees of the call that is under way: deadline [s of `time.monotonic`], limit [s], its number;
+and when the task was taken up [s of `time.monotonic`].
 
 A deadline of 0 is none. In a child process this is memory that its supervisor reads, so that it can end what no signal
 interrupts, such as compiled code that never returns.

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from batch import slow_start
 from batch.deeds import act, call, leave_the_folder, linger, load, order, start_others
 
 from resim.batch import workers
@@ -57,6 +58,10 @@ def test_what_hangs_is_ended() -> None:
     found = dict(run_all(act, [("hang", 0), ("do", 1)], workers=1, time_limit=1.5))
     assert found[0] == Failure("took longer than 1.5 s", crashed=True)
     assert found[1][0] == 1
+
+
+def test_the_start_of_a_process_is_not_time_of_its_task() -> None:
+    assert dict(run_all(slow_start.answer, [3], workers=1, time_limit=0.75)) == {0: 3}
 
 
 def test_stopping_early_ends_the_processes() -> None:
