@@ -151,19 +151,19 @@ def test_every_error_is_the_difference_of_its_two_sides(
     resimulated: Callable[[str, str], Resimulation], network: RoadNetwork
 ) -> None:
     r = resimulated("cut_in_brake", "highway_pilot")
-    gt, branch = r.recording.gt, r.branches["GT"]
-    assert branch.refit is not None
-    pipe = branch.refit.tracks(network, gt.t).select(["ego", "1"])
+    gt, drive = r.recording.gt, r.drives["rGT"]
+    refit = r.refits["rGT"]
+    pipe = refit.tracks(network, gt.t).select(["ego", "1"])
     measured = gt.select(["ego", "1"])
     np.testing.assert_allclose(r.errors["PIPE_GT"].x, pipe.x - measured.x, atol=1e-9)
     fit = r.described["GT"].tracks(network, gt.t).select(["ego", "1"])
     np.testing.assert_allclose(r.errors["FIT_GT"].v, fit.v - measured.v, atol=1e-9)
-    truth = branch.run.truth.select(["ego", "1"])
+    truth = drive.truth.select(["ego", "1"])
     described = r.described["GT"].tracks(network, truth.t).select(["ego", "1"])
     np.testing.assert_allclose(
         r.errors["SIM_GT"].heading, wrap_angle(truth.heading - described.heading), atol=1e-9
     )
-    again = branch.refit.tracks(network, truth.t).select(["ego", "1"])
+    again = refit.tracks(network, truth.t).select(["ego", "1"])
     np.testing.assert_allclose(r.errors["FIT_rGT"].y, again.y - truth.y, atol=1e-9)
 
 

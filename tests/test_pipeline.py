@@ -23,6 +23,7 @@ from resim.pipeline import (
     resimulate,
 )
 from resim.pipeline.run import measured_tracks
+from resim.pipeline.tables import tracks_frame
 from resim.scenario.jscen import read_jscen
 from resim.sim.adfunction import Build, EgoState, Perceived, load_build
 
@@ -39,7 +40,7 @@ def corner_case(shipped: Shipped) -> Resimulation:
 
 def test_the_corner_case_is_one(corner_case: Resimulation) -> None:
     """Section 5.2: on GT, without the sensor's errors, the function reacts earlier and changes lanes."""
-    report = corner_case.report()
+    report = corner_case.report
     assert report["decision"]["GT"] == ["brake"]
     assert "lane_change_left" in report["decision"]["rGT"]
     assert report["reaction_difference"]["rGT"] < -0.5
@@ -89,7 +90,7 @@ def test_what_was_measured_is_judged_as_long_as_it_was_simulated(shipped: Shippe
 
 
 def test_the_corner_case_has_the_sensor_errors_of_the_source(corner_case: Resimulation) -> None:
-    s = corner_case.report()["errors"]["S"]
+    s = corner_case.report["errors"]["S"]
     assert s["to"]["d"]["mean"] == pytest.approx(1.56, abs=0.05)
     assert s["to"]["d"]["std"] == pytest.approx(0.20, abs=0.05)
     assert s["ego"]["d"]["mean"] == pytest.approx(0.23, abs=0.02)
@@ -97,7 +98,7 @@ def test_the_corner_case_has_the_sensor_errors_of_the_source(corner_case: Resimu
 
 
 def test_the_report_has_its_structure(corner_case: Resimulation) -> None:
-    report = corner_case.report()
+    report = corner_case.report
     assert tuple(report["errors"]) == STEPS == (
         "S", "FIT_GT", "FIT_SD", "SIM_GT", "SIM_SD", "FIT_rGT", "FIT_rSD", "PIPE_GT", "PIPE_SD",
     )  # fmt: skip
@@ -116,7 +117,7 @@ def test_the_report_has_its_structure(corner_case: Resimulation) -> None:
 
 @pytest.mark.parametrize("name", ["cut_in_brake", "rear_end", "overtake"])
 def test_with_replay_the_simulation_adds_nothing(shipped: Shipped, build: Builds, name: str) -> None:
-    report = resimulate(shipped(name), build("replay"), Options(stop_at_collision=False)).report()
+    report = resimulate(shipped(name), build("replay"), Options(stop_at_collision=False)).report
     for step in ("SIM_GT", "SIM_SD"):
         for who in ("ego", "to"):
             for quantity in ("d", "v", "heading"):
@@ -127,7 +128,7 @@ def test_with_replay_the_simulation_adds_nothing(shipped: Shipped, build: Builds
 def test_the_rear_end_drive_ends_in_its_collision_with_the_function_that_drove_it(
     shipped: Shipped, build: Builds
 ) -> None:
-    report = resimulate(shipped("rear_end"), build("constant_velocity")).report()
+    report = resimulate(shipped("rear_end"), build("constant_velocity")).report
     assert (report["collision"]["GT"], report["collision"]["rGT"]) == (True, True)
     assert report["end"]["rGT"] == "collision"
     gt, again = report["collisions"]["GT"][0], report["collisions"]["rGT"][0]
@@ -140,7 +141,7 @@ def test_without_sensor_data_there_is_ground_truth_only(shipped: Shipped, build:
     recording = replace(shipped("overtake"), sd=None, sd_gt_id=None)
     stages: list[str] = []
     result = resimulate(recording, build("idm"), progress=stages.append)
-    report = result.report()
+    report = result.report
     assert set(result.scenarios()) == {"GT", "rGT"}
     assert report["errors"]["S"] == {who: {"d": None, "v": None, "heading": None} for who in ("ego", "to")}
     assert report["errors"]["PIPE_GT"]["ego"]["d"] is not None
@@ -150,7 +151,7 @@ def test_without_sensor_data_there_is_ground_truth_only(shipped: Shipped, build:
 
 
 def test_sensor_data_alone_leave_the_ground_truth_branch_out(shipped: Shipped, build: Builds) -> None:
-    report = resimulate(shipped("overtake"), build("idm"), Options(bases=("SD",))).report()
+    report = resimulate(shipped("overtake"), build("idm"), Options(bases=("SD",))).report
     assert report["errors"]["SIM_GT"]["ego"]["d"] is None
     assert report["errors"]["S"]["to"]["d"] is not None
     assert report["errors"]["PIPE_SD"]["ego"]["d"] is not None
@@ -168,11 +169,11 @@ def test_rates_order_and_times_of_sensor_data_may_be_others(shipped: Shipped, bu
     identity = np.array(["1", "ego"])
     two = replace(one, sd=sd.shifted(50.0), sd_rate=10.0, sd_gt_id=identity, gt=one.gt.shifted(50.0))
     result = resimulate(two, build("replay"), Options(step=0.05))
-    report = result.report()
+    report = result.report
     for step in ("SIM_GT", "SIM_SD"):
         assert report["errors"][step]["ego"]["d"]["max"] < 1e-6
-    assert result.branches["SD"].run.truth.t[0] == pytest.approx(50.21)
-    assert result.branches["SD"].run.truth.ids.tolist() == ["ego", "1"]
+    assert result.drives["rSD"].truth.t[0] == pytest.approx(50.21)
+    assert result.drives["rSD"].truth.ids.tolist() == ["ego", "1"]
     assert report["errors"]["S"]["to"]["d"]["mean"] == pytest.approx(1.56, abs=0.1)
     for row in report["sums"].values():
         for quantities in row.values():
@@ -183,7 +184,7 @@ def test_times_do_not_matter_to_the_result(shipped: Shipped, build: Builds) -> N
     one = shipped("cut_in_brake")
     assert one.sd is not None
     two = replace(one, gt=one.gt.shifted(32.0), sd=one.sd.shifted(32.0))
-    a, b = (resimulate(r, build("highway_pilot")).report() for r in (one, two))
+    a, b = (resimulate(r, build("highway_pilot")).report for r in (one, two))
     assert a["decision"] == b["decision"]
     assert b["reaction"]["rGT"] - a["reaction"]["rGT"] == pytest.approx(32.0, abs=0.05)
 
@@ -208,7 +209,7 @@ def test_objects_seen_once_and_without_ground_truth_are_told(shipped: Shipped, b
     result = resimulate(replace(one, gt=gt, sd_gt_id=identity), build("idm"))
     assert "GT: seen only once and left out: 3" in result.warnings
     assert any("SD holds 1 object(s) without ground truth" in w for w in result.warnings)
-    assert "sd:2" in result.branches["SD"].run.truth.ids
+    assert "sd:2" in result.drives["rSD"].truth.ids
     assert "sd:2" not in result.errors["PIPE_SD"].ids
 
 
@@ -222,19 +223,19 @@ class Own:
     def close(self): pass
 """
     result = resimulate(shipped("overtake"), load_build(write_build(source)))
-    report = result.report()
+    report = result.report
     assert result.failure.count("raised ValueError: lost") == 2
     assert report["end"] == {"rGT": "function_failed", "rSD": "function_failed"}
     assert "raised ValueError: lost" in report["failure"]["rGT"]
     assert report["errors"]["FIT_GT"]["ego"]["d"] is not None
     assert report["errors"]["PIPE_GT"]["ego"]["d"] is None
     assert (report["reaction"]["rGT"], report["collision"]["rGT"]) == (None, False)
-    assert result.tracks_frame()["source"].isin(["GT", "SD"]).all()
+    assert tracks_frame(result)["source"].isin(["GT", "SD"]).all()
     json.dumps(report, allow_nan=False)
 
 
 def test_what_was_perceived_stands_in_map_coordinates(corner_case: Resimulation) -> None:
-    table = corner_case.tracks_frame()
+    table = tracks_frame(corner_case)
     seen = table[table["source"] == "perceived_rGT"].set_index("t")
     true = table[(table["source"] == "rGT") & (table["id"] == "1")].set_index("t")
     for column in ("x", "y", "heading", "v", "length", "width"):
@@ -258,7 +259,7 @@ def test_real_vehicles_replay_without_error(build: Builds, name: str) -> None:
     ids = [str(e.get("id")) for e in etree.parse(path).iter("dynamicObstacle", "obstacle")]
     recording = read_commonroad(path, map=path.with_suffix(".xodr"), ego=ids[0])
     assert len(recording.gt) > 5
-    report = resimulate(recording, build("replay"), Options(stop_at_collision=False)).report()
+    report = resimulate(recording, build("replay"), Options(stop_at_collision=False)).report
     assert report["end"]["rGT"] in ("duration", "off_road")
     assert report["errors"]["SIM_GT"]["ego"]["d"]["max"] < 1e-6
     assert report["errors"]["SIM_GT"]["to"]["d"]["max"] < 1e-6
@@ -269,14 +270,14 @@ def test_a_sensor_that_does_not_see_the_ego_is_not_perfect(shipped: Shipped, bui
     assert one.sd is not None
     blind = replace(one, sd=one.sd.without("ego"), sd_gt_id=one.sd.without("ego").ids)
     result = resimulate(blind, build("idm"))
-    report = result.report()
+    report = result.report
     assert report["errors"]["S"]["ego"]["d"] is None
     assert report["errors"]["S"]["to"]["d"]["mean"] > 1.0
     assert any("SD holds no EGO" in w for w in result.warnings)
 
 
 def test_ground_truth_is_told_of_whatever_is_run(shipped: Shipped, build: Builds) -> None:
-    report = resimulate(shipped("cut_in_brake"), build("highway_pilot"), Options(bases=("SD",))).report()
+    report = resimulate(shipped("cut_in_brake"), build("highway_pilot"), Options(bases=("SD",))).report
     assert report["decision"]["GT"] == ["brake"]
     assert report["decision"]["rGT"] is None
     assert report["reaction_difference"]["rSD"] < -0.5
@@ -301,7 +302,7 @@ def test_wrong_maps_and_units_and_bridged_gaps_are_noted(shipped: Shipped, build
     gaps = replace(one, gt=replace(one.gt, valid=hidden, **columns))
     result = resimulate(gaps, build("replay"))
     assert any("another object when seen again: 1~2, 2~2, 3~2" in w for w in result.warnings)
-    truth = result.branches["GT"].run.truth
+    truth = result.drives["rGT"].truth
     assert not truth.at([3.0]).select(["1"]).valid.any()  # nobody drives where nobody was seen
     assert result.errors["PIPE_GT"].ids.tolist() == ["ego", "1", "2", "3"]
     assert np.nanmax(result.errors["PIPE_GT"].d) < 0.1
@@ -310,5 +311,5 @@ def test_wrong_maps_and_units_and_bridged_gaps_are_noted(shipped: Shipped, build
 
 def test_another_state_of_the_build_that_drove_is_another_build(shipped: Shipped, build: Builds) -> None:
     result = resimulate(replace(shipped("overtake"), build_hash="0" * 64), build("highway_pilot"))
-    assert result.report()["build"]["drove"] is False
+    assert result.report["build"]["drove"] is False
     assert any("in another state" in w for w in result.warnings)

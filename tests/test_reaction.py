@@ -78,6 +78,6 @@ def test_a_replay_brakes_with_the_measured_drive(
     shipped: Callable[[str], Recording], build: Callable[[str], Build]
 ) -> None:
     result = resimulate(shipped("cut_in_brake"), build("replay"), Options(bases=("GT",)))
-    report = result.report()
+    report = result.report
     assert report["reaction_spread"] > 0.0
     assert abs(report["reaction_difference"]["rGT"]) <= min(report["reaction_spread"], 0.05)

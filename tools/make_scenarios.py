@@ -26,11 +26,11 @@ from resim.core.tracks import Tracks
 from resim.ingest import Recording, write_recording
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.path import lane_path
-from resim.road.sumo import sumo_net
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import EgoState, load_build
-from resim.sim.loop import simulate
-from resim.sim.run import Run
+from resim.sim.case import Case, SimulatedDrive
+from resim.sim.perception import Ideal
+from resim.sim.sumo import Sumo
 
 ROOT = Path(__file__).parents[1]
 MAP = ROOT / "networks" / "proving_ground.xodr"
@@ -54,16 +54,22 @@ def stage(drive: Drive, network: RoadNetwork) -> Scenario:
     return describe(tracks, network, ego="ego", map_name=MAP.name)
 
 
-def record(name: str, drive: Drive, folder: Path) -> Run:
+def record(name: str, drive: Drive, folder: Path) -> SimulatedDrive:
     """Drive, and write the recording into the folder, which is replaced."""
     network = load(MAP)
     scenario = stage(drive, network)
     build = load_build(ROOT / "adfunc" / "builds" / f"{drive.build}.toml")
     sensor = Sensor(drive.sensor) if drive.sensor else None
-    run = simulate(
-        scenario, network, sumo_net(network).path, build, step=STEP, seed=drive.seed, perception=sensor,
+    run = Case(
+        scenario,
+        network,
+        build,
+        Sumo(),
+        sensor or Ideal(),
+        step=STEP,
+        seed=drive.seed,
         stop_at_collision=False,
-    )  # fmt: skip
+    ).drive()
     if run.failure:
         raise SystemExit(run.failure)
     recording = Recording(
@@ -90,7 +96,7 @@ def record(name: str, drive: Drive, folder: Path) -> Run:
     return run
 
 
-def planned(run: Run) -> pd.DataFrame | None:
+def planned(run: SimulatedDrive) -> pd.DataFrame | None:
     """Give the function's plans as a recording has them, or None for a function that has none."""
     if not run.plans:
         return None
@@ -116,7 +122,7 @@ def referenced(truth: Tracks, seed: int) -> Tracks:
     )
 
 
-def sensed(run: Run) -> Tracks:
+def sensed(run: SimulatedDrive) -> Tracks:
     """Give what the function perceived, EGO first, in map coordinates."""
     seen = run.perceived
     positions = [p.map_positions() for p in seen]

@@ -25,10 +25,10 @@ from resim.ingest import Recording, read_recording
 from resim.perception.model import read_model
 from resim.pipeline import Options, Perceiving, Resimulation, end_error, resimulate
 from resim.pipeline.reaction import ego_tracks
-from resim.road.sumo import sumo_net
 from resim.scenario.scenario import describe
 from resim.sim.adfunction import load_build
-from resim.sim.loop import simulate
+from resim.sim.case import Case
+from resim.sim.sumo import Sumo
 
 SHIPPED = ROOT / "adfunc" / "perception" / "proving_ground.json"
 BUILD = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
@@ -107,7 +107,7 @@ def recordings(count: int, folder: Path) -> Iterator[Recording]:
 def resimulated(recording: Recording, perceiving: Perceiving) -> tuple[Closure, Resimulation]:
     """Re-simulate a drive without the model and with it."""
     result = resimulate(recording, load_build(BUILD), Options(bases=("GT",)), perceiving=perceiving)
-    report = result.report()
+    report = result.report
     measured = report["decision"]["GT"]
     seeds = [
         (
@@ -124,12 +124,10 @@ def resimulated(recording: Recording, perceiving: Perceiving) -> tuple[Closure, 
 
 def by_the_sensor(result: Resimulation, seeds: int) -> list[Seed]:
     """Re-simulate with the virtual sensor itself in place of a model."""
-    report, gt, out = result.report(), result.measured["GT"], []
+    report, gt, out = result.report, result.measured["GT"], []
     for seed in range(seeds):
-        run = simulate(
-            result.described["GT"], result.network, sumo_net(result.network).path, result.build, seed=seed,
-            perception=Sensor(DRIVES[CASE].sensor),
-        )  # fmt: skip
+        shown = Sensor(DRIVES[CASE].sensor)
+        run = Case(result.described["GT"], result.network, result.build, Sumo(), shown, seed=seed).drive()
         own = run.truth.select([result.ego])
         refit = describe(own, result.network, ego=result.ego, map_name="proving_ground.xodr")
         off = end_error(run.end, fidelity.pipeline_error(refit, gt, result.network))

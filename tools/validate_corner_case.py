@@ -34,7 +34,7 @@ def main() -> None:
     """Print both tables."""
     recording = read_recording(ROOT / "scenarios" / "cut_in_brake")
     result = resimulate(recording, load_build(ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"))
-    report = result.report()
+    report = result.report
     print(
         "| step | who | d published | d here | Δv published | Δv here | Δheading published | Δheading here |"
     )

@@ -73,7 +73,7 @@ def row(recording: Recording, build_name: str) -> str:
         result = resimulate(recording, load_build(BUILDS / f"{build_name}-1.0.toml"), Options())
     except ResimError as e:
         return f"| {recording.name} | {recording.ego} | {build_name} | refused: {e} |"
-    report, took = result.report(), time.perf_counter() - begin
+    report, took = result.report, time.perf_counter() - begin
 
     def of(step: str, who: str, q: str = "d", stat: str = "mean") -> str:
         s = report["errors"][step][who][q]

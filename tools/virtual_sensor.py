@@ -41,8 +41,10 @@ class SensorErrors:
 class Sensor:
     """A perception whose objects are too far ahead, and whose speeds and headings are derived, hence late."""
 
+    shown = outside = 0
+
     def __init__(self, errors: SensorErrors = SensorErrors()) -> None:
-        self.errors = errors
+        self.errors, self.hash = errors, repr(errors)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget the last drive."""

@@ -20,6 +20,7 @@ from resim.pipeline import check_codes
 from resim.pipeline.suite import Suite, content_hash, relative
 from resim.pipeline.verify import UNKNOWN, may_verify
 from resim.sim.adfunction import freeze_build, load_build
+from resim.sim.dynamics import Kinematic, vehicle_model
 from resim.variation import PARAMETERS
 from resim.verification.paired import Limits
 from resim.verification.sequential import SequentialTest
@@ -59,6 +60,7 @@ class Asked(_Model):
     vary: tuple[str, ...]
     accept: tuple[str, ...]
     driven_by: tuple[str, ...]
+    vehicle: str
     tolerances: Tolerances
     limits: Limits
     reports: int
@@ -77,6 +79,7 @@ class Call:
     seeds: int | None = None
     vary: tuple[str, ...] = ()
     driven_by: tuple[str, ...] = ()
+    vehicle: str = Kinematic.name
 
 
 def asked(suite: Suite, call: Call, base: Path) -> Asked:
@@ -95,6 +98,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
     if call.against is not None and (call.vary or call.driven_by):
         raise InputError("--against", "compares builds alone", "Leave out --vary and --driven-by.")
     check_codes(file.accept)
+    vehicle_model(call.vehicle)
     model = None if perception is None else freeze_model(perception)
     if model is not None:
         read_model(model, call.settings)
@@ -117,6 +121,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         vary=call.vary or file.vary,
         accept=file.accept,
         driven_by=(*file.driven_by, *call.driven_by),
+        vehicle=call.vehicle,
         tolerances=file.tolerances,
         limits=file.limits,
         reports=file.reports,
@@ -187,7 +192,7 @@ def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
         name: Task(
             name, _there(base, file), a.wanted.get(name) or file.hash, _frozen(base, a.build), against,
             _frozen(base, a.criteria), a.bases, perception, a.settings, a.seeds, a.agreement,
-            a.tolerances, a.vary, a.accept, reports,
+            a.tolerances, a.vary, a.accept, a.vehicle, reports,
         )
         for name, file in a.recordings.items()
     }  # fmt: skip

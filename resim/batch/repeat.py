@@ -23,6 +23,7 @@ from resim.pipeline import How, Options, Perceiving, assess_resimulation, examin
 from resim.pipeline.suite import content_hash
 from resim.report import write_report
 from resim.sim.adfunction import freeze_build, load_build
+from resim.sim.dynamics import vehicle_model
 from resim.store import whole_folder, write_assessment, write_resimulation
 
 LONGEST = 600.0
@@ -37,8 +38,12 @@ class Traces:
     out: Path
 
 
-def task_of(swept: Swept, number: int) -> RunTask:
-    """Give the task of a run. Raises InputError where there is no such run, or where an input has changed since."""
+def task_of(swept: Swept, number: int, vehicle: str | None = None) -> RunTask:
+    """Give the task of a run. vehicle: another model than the sweep's.
+
+    Raises InputError where there is no such run, or where an input has changed since, ResimError for no such model.
+    """
+    vehicle_model(vehicle or swept.inputs["vehicle"])
     row = _row(swept, number)
     inputs, file = swept.inputs, swept.file
     hashes: dict[str, Callable[[Path], str]] = {
@@ -56,6 +61,7 @@ def task_of(swept: Swept, number: int) -> RunTask:
     return RunTask(
         number, held["recording"].path, held["recording"].hash, held["build"], held.get("perception"),
         held["criteria"], tuple(file["accept"]), values, int(row["seed"]),
+        vehicle or swept.inputs["vehicle"],
     )  # fmt: skip
 
 
@@ -122,7 +128,7 @@ def _write(traces: Traces) -> None:
         overrides = tuple(f"{name}={v!r}" for name, v in told)
         perceiving = Perceiving(model, (task.seed,), overrides, task.perception.hash)
     recording = examined(task.folder, accept=task.accept)
-    options = Options(bases=("GT",), seed=0 if perceiving else task.seed)
+    options = Options(bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed)
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)
     assessed = assess_resimulation(result, How(criteria=read_criteria(task.criteria)), model=True)
     with whole_folder(traces.out) as folder:

@@ -12,9 +12,9 @@ from resim.assess.criteria import read_criteria
 from resim.core.errors import InputError
 from resim.core.frozen import Frozen
 from resim.perception.model import PerceptionModel, read_model
-from resim.pipeline import examined
+from resim.pipeline import Options, examined
 from resim.pipeline.recordings import finding_lines
-from resim.pipeline.single import Prepared, Row, prepare, run_once
+from resim.pipeline.single import Prepared, Row, prepare_sweep, run_once
 from resim.pipeline.suite import refuse_changed
 from resim.sim.adfunction import Build, load_build
 
@@ -24,7 +24,7 @@ Values = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class RunTask:
-    """One run: `values` are of the parameters that are swept. hash: of the recording's content."""
+    """One run: `values` are of the parameters that are swept. hash: of the recording's content. vehicle: its model."""
 
     run: int
     folder: Path
@@ -35,24 +35,23 @@ class RunTask:
     accept: tuple[str, ...]
     values: Values
     seed: int
+    vehicle: str
 
 
 def run(task: RunTask) -> dict[str, Any]:
     """Give the `row` of the run, how long it took [s], and the `findings` in its recording."""
-    prepared = _prepared(task.folder, task.hash, task.build, task.criteria, task.accept)
+    prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
     build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
-    row: Row = run_once(prepared, build, model, task.seed)
+    row: Row = run_once(prepared, build, model, task.seed, Options(vehicle=task.vehicle))
     taken = time.perf_counter() - begin
-    return {"row": row, "time": taken, "findings": finding_lines(prepared.result.recording.findings)}
+    return {"row": row, "time": taken, "findings": finding_lines(prepared.recording.recording.findings)}
 
 
 @lru_cache(maxsize=32)
-def _prepared(
-    folder: Path, digest: str, build: Frozen, criteria: Frozen, accept: tuple[str, ...]
-) -> Prepared:
+def _prepared(folder: Path, digest: str, criteria: Frozen, accept: tuple[str, ...]) -> Prepared:
     refuse_changed(folder, digest)
-    return prepare(examined(folder, accept=accept), _build(build), read_criteria(criteria), accept)
+    return prepare_sweep(examined(folder, accept=accept), read_criteria(criteria), accept)
 
 
 @lru_cache(maxsize=32)

@@ -57,6 +57,7 @@ def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
     read_criteria(sweep.criteria)
     return {
         "sweep": file.model_dump(mode="json"),
+        "vehicle": sweep.vehicle,
         "criteria": kept(sweep.criteria),
         "perception": None if sweep.perception is None else kept(sweep.perception),
         "builds": {
@@ -252,7 +253,7 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
     for number, recording, build, seed, values in columns:
         yield RunTask(
             number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
-            sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed,
+            sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
         )  # fmt: skip
 
 

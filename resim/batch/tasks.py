@@ -22,6 +22,7 @@ from resim.pipeline import (
     Resimulation,
     assess_resimulation,
     examined,
+    of_seed,
     resimulate,
 )
 from resim.pipeline.builds import compare_builds
@@ -61,6 +62,7 @@ class Task:
     tolerances: Tolerances
     vary: tuple[str, ...]
     accept: tuple[str, ...]
+    vehicle: str
     reports: Path | None = None
 
 
@@ -76,16 +78,18 @@ def run(task: Task) -> dict[str, Any]:
 def _verify(task: Task, recording: Recording) -> dict[str, Any]:
     demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
     found = verify_recording(
-        recording, load_build(task.build), demands, Options(bases=task.bases), _perceiving(task), task.accept
-    )
+        recording, load_build(task.build), demands, Options(bases=task.bases, vehicle=task.vehicle), _perceiving(task),
+        task.accept,
+    )  # fmt: skip
     return {"entry": found.to_json(), "traces": _traces(found.result)}
 
 
 def _compare(task: Task, recording: Recording) -> dict[str, Any]:
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
+    options = Options(bases=("GT",), vehicle=task.vehicle)
     found = compare_builds(
-        recording, old, new, read_criteria(task.criteria), Options(bases=("GT",)), _perceiving(task), task.accept
-    )  # fmt: skip
+        recording, old, new, read_criteria(task.criteria), options, _perceiving(task), task.accept
+    )
     traces = {which: _traces(result) for which, result in zip(BUILDS, (found.old, found.new), strict=True)}
     return {"entry": found.to_json(), "traces": traces}
 
@@ -105,7 +109,7 @@ def report(task: Task) -> None:
         result = resimulate(
             recording,
             load_build(build),
-            Options(bases=bases),
+            Options(bases=bases, vehicle=task.vehicle),
             perceiving=_perceiving(replace(task, seeds=task.seeds[:REPORTED])),
             accept=task.accept,
         )
@@ -130,6 +134,6 @@ def _traces(result: Resimulation) -> dict[str, Any]:
         return [round(float(value), 3) if np.isfinite(value) else None for value in v]
 
     out: dict[str, Any] = {"t": t.tolist(), "GT": speed(gt.tracks(result.network, t))}
-    out |= {f"r{basis}": speed(branch.run.truth) for basis, branch in result.branches.items()}
-    out["rGT+M"] = [speed(p.run.truth) for p in result.perceived_runs]
+    out |= {source: speed(drive.truth) for source, drive in result.simulated().items()}
+    out["rGT+M"] = [speed(result.drives[of_seed(seed)].truth) for seed in result.seeds]
     return out

@@ -56,6 +56,11 @@ Accept = Annotated[
 ]
 """Errors in spite of which a command goes on."""
 
+Vehicle = Annotated[
+    str, typer.Option(metavar="MODEL", help="Vehicle model of the EGO: kinematic or single-track.")
+]
+"""Which model (`resim.sim.dynamics.VEHICLES`) moves the EGO."""
+
 
 class BadVerdictError(Exception):
     """The job is done and its verdict is bad: exit code 1."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, app
+from resim.cli.app import Accept, BadVerdictError, Vehicle, app
 from resim.cli.assess import CriteriaFile, Done, bad, frozen, wanted
 from resim.cli.runs import register
 from resim.cli.terminal import say
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from resim.ingest import Recording
     from resim.pipeline import Assessed, Options, Perceiving, Resimulation
     from resim.sim.adfunction import Build
-    from resim.sim.dynamics import VehicleModel
 
 
 class BasisChoice(StrEnum):
@@ -36,13 +35,6 @@ class BasisChoice(StrEnum):
     both = "both"
 
 
-class VehicleChoice(StrEnum):
-    """Which vehicle model moves the EGO."""
-
-    kinematic = "kinematic"
-    single_track = "single-track"
-
-
 @app.command()
 def run(
     recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
@@ -51,9 +43,7 @@ def run(
     basis: Annotated[
         BasisChoice, typer.Option(help="Re-simulate ground truth, sensor data, or both.")
     ] = BasisChoice.both,
-    vehicle: Annotated[
-        VehicleChoice, typer.Option(help="Vehicle model of the EGO.")
-    ] = VehicleChoice.kinematic,
+    vehicle: Vehicle = "kinematic",
     step: Annotated[float, typer.Option(min=0.001, help="Simulation step [s], whole milliseconds.")] = 0.04,
     relaxation: Annotated[
         float, typer.Option(min=0.0, help="Lead-in before the scenario's start [s].")
@@ -123,7 +113,7 @@ class _Asked:
     recording: Path
     build: Frozen
     basis: BasisChoice
-    vehicle: VehicleChoice
+    vehicle: str
     step: float
     relaxation: float
     seed: int
@@ -144,7 +134,6 @@ def _resimulate(task: tuple[_Asked, Path]) -> Done:
     from resim.pipeline import Basis, How, Options, assess_resimulation, examined
     from resim.report import write_report
     from resim.sim.adfunction import load_build
-    from resim.sim.dynamics import Kinematic, SingleTrack
     from resim.store import told_of, write_assessment, write_resimulation
 
     a, folder = task
@@ -157,12 +146,11 @@ def _resimulate(task: tuple[_Asked, Path]) -> Done:
         )
     bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
     options = Options(
-        bases=bases[a.basis.value], step=a.step, relaxation=a.relaxation, seed=a.seed,
+        bases=bases[a.basis.value], vehicle=a.vehicle, step=a.step, relaxation=a.relaxation, seed=a.seed,
         stop_at_collision=a.stop_at_collision, gui=a.gui,
     )  # fmt: skip
-    model = SingleTrack() if a.vehicle is VehicleChoice.single_track else Kinematic()
     seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), bases[a.basis.value])
-    result = _with_progress(measured, pinned, options, model, a.accept, seen)
+    result = _with_progress(measured, pinned, options, a.accept, seen)
     with contextlib.chdir("."):
         assessed = assess_resimulation(result, how, model=True)
     with told_of(a.out):
@@ -200,8 +188,7 @@ def _perceiving(
 
 
 def _with_progress(
-    recording: Recording, build: Build, options: Options, model: VehicleModel, accept: Sequence[str],
-    perceiving: Perceiving | None,
+    recording: Recording, build: Build, options: Options, accept: Sequence[str], perceiving: Perceiving | None,
 ) -> Resimulation:  # fmt: skip
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -222,9 +209,7 @@ def _with_progress(
         def tell(stage: str) -> None:
             bar.update(task, description=stage, completed=stages.index(stage))
 
-        return resimulate(
-            recording, build, options, model=model, perceiving=perceiving, accept=accept, progress=tell
-        )
+        return resimulate(recording, build, options, perceiving=perceiving, accept=accept, progress=tell)
 
 
 def _print_table(result: Resimulation) -> None:
@@ -232,7 +217,7 @@ def _print_table(result: Resimulation) -> None:
 
     from resim.cli.verdicts import console
 
-    report = result.report()
+    report = result.report
     table = Table(title=f"{result.recording.name}: {result.build.label}, mean ± standard deviation")
     table.add_column("step")
     for who in ("EGO", "TO"):
@@ -258,7 +243,7 @@ def _print_table(result: Resimulation) -> None:
         out.print(f"note: {warning}", highlight=False)
 
 
-def _later(report: dict[str, Any], base: str) -> str:
+def _later(report: Mapping[str, Any], base: str) -> str:
     """The difference from the measured first braking, and its spread."""
     off = report["reaction_spread"]
     if base == "GT":
@@ -267,7 +252,7 @@ def _later(report: dict[str, Any], base: str) -> str:
     return "" if late is None or off is None else f" ({late:+.2f} ± {off:.2f} s)"
 
 
-def _print_perception(report: dict[str, Any], out: Console) -> None:
+def _print_perception(report: Mapping[str, Any], out: Console) -> None:
     """How often the runs with the model decide as the measured drive, and how far they are from it."""
     import numpy as np
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from resim.cli.app import BadVerdictError, sweep_app
+from resim.cli.app import BadVerdictError, Vehicle, sweep_app
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError
@@ -29,6 +29,7 @@ def sweep(
         Path, typer.Argument(help="Sweep (TOML): recordings, builds, parameters and their ranges, plan.")
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    vehicle: Vehicle = "kinematic",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the sweep that --out holds.")] = False,
     shard: Annotated[
         str, typer.Option(metavar="I/N", help="Do every N-th run only, from the I-th on: for job arrays.")
@@ -54,7 +55,7 @@ def sweep(
     from resim.pipeline.sweep import read_sweep
 
     part = _shard(shard)
-    wanted = read_sweep(file)
+    wanted = read_sweep(file, vehicle)
     told, runs = in_child(_checked, (wanted, out, part, dry_run))
     count = workers or os.cpu_count() or 1
     if runs is not None:

@@ -64,12 +64,12 @@ def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
     return analyse(read_swept(results[0]), results[1])
 
 
-def _task(run: tuple[Path, int]) -> RunTask:
+def _task(run: tuple[Path, int, str | None]) -> RunTask:
     """Look in a child process whether all is there to do a run again."""
     from resim.batch.repeat import task_of
     from resim.batch.swept import read_swept
 
-    return task_of(read_swept(run[0]), run[1])
+    return task_of(read_swept(run[0]), run[1], run[2])
 
 
 @sweep_app.command("repeat")
@@ -79,6 +79,9 @@ def repeat_run(
     out: Annotated[
         Path, typer.Option(help="Folder for its traces and report; an earlier result there is replaced.")
     ],
+    vehicle: Annotated[
+        str | None, typer.Option(metavar="MODEL", help="Another vehicle model of the EGO than the sweep's.")
+    ] = None,
 ) -> None:
     """Do one run of a sweep again, compare it with its row in the table, and write what `resim run` writes of it.
 
@@ -91,7 +94,7 @@ def repeat_run(
 
     check_output(out)
     swept = read_swept(folder)
-    task = in_child(_task, (folder, run))
+    task = in_child(_task, (folder, run, vehicle))
     differ = repeat(swept, task)
     lost = write_traces(task, out)
     say(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")

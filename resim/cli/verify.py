@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from resim.cli.app import BadVerdictError, app
+from resim.cli.app import BadVerdictError, Vehicle, app
 from resim.cli.runs import register
 from resim.cli.terminal import say, visible
 from resim.core.errors import InputError, ResimError
@@ -67,6 +67,7 @@ def verify(
             metavar="LABEL", help="Take recordings, too, that this other build drove (or: unknown)."
         ),
     ] = None,
+    vehicle: Vehicle = "kinematic",
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores, if not given.")] = None,
     replay: Annotated[
         Path | None,
@@ -96,7 +97,14 @@ def verify(
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
     check_output(out, VERIFICATION)
     call = Call(
-        build, against, perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ())
+        build,
+        against,
+        perception,
+        tuple(settings or ()),
+        seeds,
+        tuple(vary or ()),
+        tuple(driven_by or ()),
+        vehicle,
     )
     _verify(in_child(_asked, (suite, call, out)), out, count)
 

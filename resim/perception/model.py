@@ -10,6 +10,7 @@ is was settled the pooled latency of speed ago.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from itertools import pairwise
 from pathlib import Path
@@ -340,6 +341,11 @@ class PerceptionModel(_Part):
     ego: Localisation = Localisation()
     validity: Validity = Validity()
     training: Training | None = None
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of all its values, whatever file they came from."""
+        return hashlib.sha256(self.model_dump_json(by_alias=True).encode()).hexdigest()
 
     @property
     def pooled(self) -> Objects:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from functools import cached_property
+
 import numpy as np
 
 from resim.core.geometry import Floats, from_frame, to_frame, wrap_angle
@@ -20,6 +24,8 @@ class Recorded:
     the EGO's frame, so that an EGO that drives otherwise sees objects as far off.
     """
 
+    shown = outside = 0
+
     def __init__(self, gt: Tracks, sd: Tracks, *, ego: str, senses_ego: bool) -> None:
         true = gt.at(sd.t)
         common = [i for i in sd.ids.tolist() if i != ego and i in set(gt.ids.tolist())]
@@ -37,6 +43,14 @@ class Recorded:
         )
         if not senses_ego:
             self.own = np.zeros_like(self.own)
+
+    @cached_property
+    def hash(self) -> str:
+        """Of what is shown, and of the errors that it has."""
+        told = hashlib.sha256(json.dumps(self.row).encode())
+        for column in (self.t, self.off, self.length, self.width, self.own):
+            told.update(np.ascontiguousarray(column).tobytes())
+        return told.hexdigest()
 
     def reset(self, rng: np.random.Generator) -> None:
         """Nothing is drawn."""

@@ -33,7 +33,7 @@ class Sensor:
     """
 
     def __init__(self, model: PerceptionModel) -> None:
-        self.model = model
+        self.model, self.hash = model, model.hash
         sets, own = [model.pooled, *model.maneuvers.values()], list(model.maneuvers)
         set_of = np.array([own.index(m) + 1 if m in own else 0 for m in MANEUVERS])
         self._history = History(sets, set_of)
@@ -58,16 +58,16 @@ class Sensor:
         self._rows = Rows()
         for part in (self._history, self._errors, self._sight):
             part.clear()
-        self._perceived = self._outside = 0
+        self._shown_so_far = self._outside = 0
 
     @property
-    def perceived(self) -> int:
+    def shown(self) -> int:
         """Samples of objects on the lists so far."""
-        return self._perceived
+        return self._shown_so_far
 
     @property
     def outside(self) -> int:
-        """How many of `perceived` lie outside of what the model was trained for (`validity`)."""
+        """How many of `shown` lie outside of what the model was trained for (`validity`)."""
         return self._outside
 
     def perceive(self, world: World) -> Perceived:
@@ -146,7 +146,7 @@ class Sensor:
             sight.edges, sight.tables.table(self._step), sight.state, sight.reach, sight.opening,
             self._limits, table, who,
         )  # fmt: skip
-        self._perceived += count
+        self._shown_so_far += count
         self._outside += beyond
         if self.model.id_switch > 0.0:
             self._switch(random[IDENTITY], who[:count])

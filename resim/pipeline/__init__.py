@@ -3,7 +3,7 @@
 from resim.pipeline.assessed import Assessed, How
 from resim.pipeline.assessments import assess_folder, assess_recording, assess_resimulation
 from resim.pipeline.maps import MapCheck, check_map, refuse_flaws
-from resim.pipeline.perceived import PerceivedRun, Perceiving, end_error
+from resim.pipeline.perceived import Perceiving, end_error
 from resim.pipeline.recordings import (
     check_codes,
     examined,
@@ -13,23 +13,24 @@ from resim.pipeline.recordings import (
 )
 from resim.pipeline.result import (
     Basis,
-    Branch,
     Options,
+    PreparedRecording,
     Resimulation,
-    perceived_frame,
+    of_seed,
+    pipeline_step,
 )
 from resim.pipeline.run import STAGES, map_name, resimulate
+from resim.pipeline.tables import perceived_frame
 
 __all__ = [
     "STAGES",
     "Assessed",
     "Basis",
-    "Branch",
     "How",
     "MapCheck",
     "Options",
-    "PerceivedRun",
     "Perceiving",
+    "PreparedRecording",
     "Resimulation",
     "assess_folder",
     "assess_recording",
@@ -40,7 +41,9 @@ __all__ = [
     "examined",
     "finding_line",
     "map_name",
+    "of_seed",
     "perceived_frame",
+    "pipeline_step",
     "refuse_findings",
     "refuse_flaws",
     "repair_recording",

@@ -23,13 +23,15 @@ from resim.pipeline.blocks import Block, assess_block, functioning_of, measured_
 from resim.pipeline.doubts import doubts
 from resim.pipeline.notes import misfits
 from resim.pipeline.recordings import examined, finding_lines
-from resim.pipeline.result import Resimulation, finding_of
+from resim.pipeline.report import finding_of
+from resim.pipeline.result import Resimulation
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.pipeline.run_blocks import RunTables, blocks_of_run, described_runs, failures_of, model_runs
+from resim.pipeline.tables import answers_frame, plans_frame, tracks_frame
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
-from resim.sim.run import Run, why_not_whole
+from resim.sim.case import SimulatedDrive
 
 BLOCKS = ("GT", "SD", "rGT", "rSD")
 """What is assessed, in the order of the tables."""
@@ -74,8 +76,8 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
 
 def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
     """Assess a re-simulation: GT, SD, rGT, rSD; with `model` and criteria its runs with a perception model as well."""
-    tables = RunTables(result.tracks_frame(), result.answers_frame(), result.plans_frame())
-    report = result.report()
+    tables = RunTables(tracks_frame(result), answers_frame(result), plans_frame(result))
+    report = result.report
     blocks = blocks_of_run(result.scenarios(), tables, report)
     failures = failures_of(report, blocks)
     found = _assessed(
@@ -85,17 +87,16 @@ def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) 
     return replace(found, model=runs, misfits=tuple(result.misfits.values()))
 
 
-def assess_run(
-    run: Run, scenario: Scenario, network: RoadNetwork, how: How, doubts: Doubts = WHOLE
+def assess_drive(
+    drive: SimulatedDrive, scenario: Scenario, network: RoadNetwork, how: How, doubts: Doubts = WHOLE
 ) -> Assessment:
     """Assess one simulation by the scenario that describes it. doubts: of the measurement that its traffic is of."""
-    t = np.array([p.t for p in run.perceived])
-    hits = tuple((c.t, c.id) for c in run.collisions)
-    counts = [len(p.ids) for p in run.perceived]
-    ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in run.perceived)])
+    t = np.array([p.t for p in drive.perceived])
+    hits = tuple((c.t, c.id) for c in drive.collisions)
+    counts = [len(p.ids) for p in drive.perceived]
+    ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in drive.perceived)])
     functioning = functioning_of(np.repeat(t, counts), ids, t, t, 0.0)
-    flaw = why_not_whole(run.end, run.failure, float(run.truth.t[-1]))
-    block = Block(scenario, run.plans, functioning, hits, flaw, doubts.simulated(scenario.ego.id))
+    block = Block(scenario, drive.plans, functioning, hits, drive.flaw, doubts.simulated(scenario.ego.id))
     return assess_block(block, network, how)
 
 

@@ -11,14 +11,14 @@ from resim.core.opened import UNKNOWN
 from resim.ingest import Recording
 from resim.pipeline.assessed import How
 from resim.pipeline.assessments import assess_resimulation
-from resim.pipeline.outcomes import outcomes, parted, perceived_outcome
+from resim.pipeline.outcomes import outcomes, parted, seed_outcome
 from resim.pipeline.perceived import Perceiving
 from resim.pipeline.recordings import finding_lines
-from resim.pipeline.result import Options, Resimulation
+from resim.pipeline.result import Options, Resimulation, of_seed
 from resim.pipeline.run import resimulate
 from resim.pipeline.verify import COMPARED, has_plans
 from resim.sim.adfunction import Build
-from resim.sim.run import Run
+from resim.sim.case import SimulatedDrive
 from resim.verification.outcome import Outcome
 from resim.verification.paired import Pair, pair
 
@@ -56,6 +56,10 @@ class Compared:
                 "before": [p.reactions[0] for p in self.pairs],
                 "now": [p.reactions[1] for p in self.pairs],
             },
+            "cases": {
+                when: {name: drive.case.hash for name, drive in result.drives.items()}
+                for when, result in (("before", self.old), ("now", self.new))
+            },
             "pairs": [asdict(p) for p in self.pairs],
             "notes": [n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNKNOWN)],
         }
@@ -78,15 +82,15 @@ def compare_builds(
     how = How(criteria=criteria, only=COMPARED, path="plan" if planned else "state")
     each = [_runs(result, how) for result in results]
     pairs = []
-    for seed, (one, run) in each[0].items():
+    for seed, (one, drive) in each[0].items():
         two, other = each[1][seed]
-        pairs.append(pair(seed, one, two, parted(run.truth, other.truth, recording.ego)))
+        pairs.append(pair(seed, one, two, parted(drive.truth, other.truth, recording.ego)))
     return Compared(results[0], results[1], tuple(pairs))
 
 
-def _runs(result: Resimulation, how: How) -> dict[int | None, tuple[Outcome, Run]]:
-    """What each run on GT came to, by seed, None for that without a perception model."""
+def _runs(result: Resimulation, how: How) -> dict[int | None, tuple[Outcome, SimulatedDrive]]:
+    """What each drive on GT came to, by seed, None for that without a perception model."""
     if result.perceiving is None:
         found = outcomes(result, assess_resimulation(result, how))
-        return {None: (found["rGT"], result.branches["GT"].run)}
-    return {p.seed: (perceived_outcome(p, result, how), p.run) for p in result.perceived_runs}
+        return {None: (found["rGT"], result.drives["rGT"])}
+    return {seed: (seed_outcome(result, seed, how), result.drives[of_seed(seed)]) for seed in result.seeds}

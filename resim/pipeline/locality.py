@@ -12,7 +12,7 @@ from resim.assess.assessment import Assessment
 from resim.core.errors import ResimError
 from resim.perception.sensor import Sensor
 from resim.pipeline.assessed import How
-from resim.pipeline.outcomes import perceived_outcome
+from resim.pipeline.outcomes import seed_outcome
 from resim.pipeline.result import Resimulation
 from resim.pipeline.run import run_on_gt
 from resim.variation import PARAMETERS, vary
@@ -36,7 +36,8 @@ def validity(
 
     def flips(amount: float) -> tuple[str, ...]:
         scenario = vary(result.described["GT"], result.network, whom, parameter, amount)
-        return _unlike(replace(result, described={**result.described, "GT": scenario}), measured, how)
+        prepared = replace(result.prepared, described={**result.described, "GT": scenario})
+        return _unlike(replace(result, prepared=prepared), measured, how)
 
     if at_once := flips(0.0):
         raise ResimError(f"simulated on GT, {', '.join(at_once)} is not as measured without any change")
@@ -48,12 +49,12 @@ def validity(
 def _unlike(result: Resimulation, measured: Mapping[str, Kpi], how: How) -> tuple[str, ...]:
     """Which criteria come out otherwise when GT's scenario is simulated: by most of the seeds, in a tie the first."""
     seen = result.perceiving
-    runs = [run_on_gt(result)] if seen is None else [
-        run_on_gt(result, perception=Sensor(seen.model), seed=seed) for seed in seen.seeds[:SEEDS]
-    ]  # fmt: skip
-    if any(run.run.failure for run in runs):
+    bare = Resimulation(result.prepared, result.build, result.options)
+    for seed in (0,) if seen is None else seen.seeds[:SEEDS]:
+        bare = run_on_gt(bare, perception=None if seen is None else Sensor(seen.model), seed=seed)
+    if any(drive.failure for drive in bare.drives.values()):
         return (FAILED,)
-    each = [perceived_outcome(run, result, how).kpis for run in runs]
+    each = [seed_outcome(bare, seed, how).kpis for seed in bare.seeds]
     out = []
     for name, kpi in measured.items():
         found = Counter(kpis[name].outcome if name in kpis else "INVALID" for kpis in each)

@@ -13,15 +13,16 @@ from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors
 from resim.ingest import Recording
 from resim.pipeline.maps import MapCheck
-from resim.pipeline.perceived import PerceivedRun, Perceiving
+from resim.pipeline.perceived import Perceiving
 from resim.pipeline.recordings import by_code, finding_lines
-from resim.pipeline.result import Basis, Branch, drove
+from resim.pipeline.result import Basis, Resimulation, drove
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build
+from resim.sim.case import SimulatedDrive
 
 LABEL_ONLY = "without build_hash it is not known whether this code did, and the verdict is for the label only"
 OF_BUILD = (LABEL_ONLY, UNKNOWN)
@@ -34,42 +35,32 @@ HEADING = 0.2
 """Mean difference [rad] between measured heading and direction of motion that is worth a look."""
 
 
-def notes(
-    recording: Recording,
-    build: Build,
-    checked: MapCheck,
-    measured: Mapping[Basis, Tracks],
-    described: Mapping[Basis, Scenario],
-    branches: Mapping[Basis, Branch],
-    errors: Mapping[str, Errors],
-    off: Mapping[str, str],
-) -> Iterator[str]:
-    """Give one line for each thing that qualifies the results. off: what `misfits` found."""
+def notes(result: Resimulation) -> Iterator[str]:
+    """Give one line for each thing that qualifies the results."""
+    recording, build, measured, off = result.recording, result.build, result.measured, result.misfits
     yield from finding_lines(recording.findings)
     yield from _repaired(recording)
-    yield from _map(checked, measured)
+    yield from _map(result.prepared.checked, measured)
     yield from _who_drove(recording, build)
     if opened := build.opened.note():
         yield f"{build.label}: {opened}"
-    yield from _plausible(recording, checked.network, measured["GT"], errors)
-    for basis, scenario in described.items():
+    yield from _plausible(recording, result.network, measured["GT"], result.errors)
+    for basis, scenario in result.described.items():
         yield from _described(basis, measured[basis], scenario)
         yield from _of(off, basis)
-    for basis, branch in branches.items():
-        yield from _of(off, f"r{basis}")
-        if branch.run.end in ("collision", "off_road"):
-            yield f"r{basis} ended at t = {branch.run.truth.t[-1]:.2f} s: {branch.run.end.replace('_', ' ')}"
-        if branch.run.failure:
-            yield f"r{basis}: AD function failed: {branch.run.failure}"
+    for source, drive in result.simulated().items():
+        yield from _of(off, source)
+        if drive.end in ("collision", "off_road"):
+            yield f"{source} ended at t = {drive.truth.t[-1]:.2f} s: {drive.end.replace('_', ' ')}"
+        if drive.failure:
+            yield f"{source}: AD function failed: {drive.failure}"
     if "SD" in measured:
-        yield from _sensed(recording, measured, errors)
+        yield from _sensed(recording, measured, result.errors)
 
 
-def perception_notes(perceiving: Perceiving | None, runs: Sequence[PerceivedRun]) -> Iterator[str]:
-    """Give what qualifies the runs with a perception model."""
-    if perceiving is None:
-        return
-    outside, shown = sum(p.outside for p in runs), sum(p.shown for p in runs)
+def perception_notes(perceiving: Perceiving, drives: Sequence[SimulatedDrive]) -> Iterator[str]:
+    """Give what qualifies the drives with a perception model."""
+    outside, shown = sum(d.outside for d in drives), sum(d.shown for d in drives)
     if outside:
         yield (
             f"perception model {perceiving.model.name!r}: {outside} of {shown} perceived states lie outside of what it "
@@ -77,8 +68,8 @@ def perception_notes(perceiving: Perceiving | None, runs: Sequence[PerceivedRun]
         )
     words = {"collision": "ended by a collision", "off_road": "left the road", "function_failed": "failed"}
     for end, what in words.items():
-        if count := sum(p.run.end == end for p in runs):
-            yield f"perception model {perceiving.model.name!r}: {count} of {len(runs)} runs {what}"
+        if count := sum(d.end == end for d in drives):
+            yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs {what}"
 
 
 def _repaired(recording: Recording) -> Iterator[str]:

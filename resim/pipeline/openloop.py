@@ -9,12 +9,8 @@ from resim.core.geometry import Floats, wrap_angle
 from resim.perception.recorded import Recorded
 from resim.pipeline.outcomes import PARTED
 from resim.pipeline.result import Resimulation, drove
-from resim.pipeline.run import measured_tracks
-from resim.road.sumo import sumo_net
 from resim.sim.adfunction import EgoState
-from resim.sim.dynamics import Kinematic
-from resim.sim.loop import simulate
-from resim.sim.run import Run
+from resim.sim.case import SimulatedDrive
 from resim.verification.tolerance import Tolerances
 from resim.verification.vehicle import Function, OpenLoop
 
@@ -33,15 +29,15 @@ def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoop | None:
     """
     if result.build.needs_truth:
         return None
-    run = _answers(result)
-    away = _departures(run)
-    if run.failure or not len(away):
+    drive = _answers(result)
+    away = _departures(drive)
+    if drive.failure or not len(away):
         return None
     size = np.abs(away[:, 1:])
     error: dict[str, float | None] = dict(zip(("d", "v", "heading"), size.max(axis=0).tolist(), strict=True))
     beyond = tuple(tolerances.beyond("vehicle", {"ego": error}))
     off = [size[:, ("d", "v", "heading").index(e.quantity)] > e.limit for e in beyond]
-    planned = _planned_otherwise(result.recording.plan, run)
+    planned = _planned_otherwise(result.recording.plan, drive)
     return OpenLoop(
         error=error,
         beyond=beyond,
@@ -52,35 +48,32 @@ def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoop | None:
     )
 
 
-def _answers(result: Resimulation) -> Run:
-    """The run whose EGO goes as measured. Recorded errors are taken against the description, as it is what is run."""
+def _answers(result: Resimulation) -> SimulatedDrive:
+    """The drive whose EGO goes as measured. Recorded errors are taken against the description, as it is what is run."""
     recording, scenario, options = result.recording, result.described["GT"], result.options
-    sd, shown = measured_tracks(recording).get("SD"), None
+    sd, shown = result.prepared.whole.get("SD"), None
     if sd is not None:
         driven = scenario.tracks(result.network, sd.t).joined()
         shown = Recorded(driven, sd, ego=recording.ego, senses_ego=recording.senses_ego)
-    return simulate(
-        scenario, result.network, sumo_net(result.network).path, result.build, step=options.step,
-        relaxation=options.relaxation, seed=options.seed, perception=shown, stop_at_collision=False, moved=False,
-    )  # fmt: skip
+    return options.case(scenario, result.network, result.build, perception=shown, open_loop=True).drive()
 
 
-def _departures(run: Run) -> Floats:
+def _departures(drive: SimulatedDrive) -> Floats:
     """Of windows of HORIZON (K, 4): begin [s], and distance [m], speed [m/s] and heading [rad] of drive less model.
 
     Up to the first collision, which moves a vehicle otherwise than its actuators.
     """
-    truth, model = run.truth, Kinematic()
+    truth, model = drive.truth, drive.case.vehicle
     assert truth.a is not None
     assert truth.yaw_rate is not None
     step = float(truth.t[1] - truth.t[0])
     many, every = round(HORIZON / step), max(1, round(STRIDE / step))
-    last = run.collisions[0].t if run.collisions else np.inf
+    last = drive.collisions[0].t if drive.collisions else np.inf
     columns = (truth.x, truth.y, truth.heading, truth.v, truth.a, truth.yaw_rate)
     states = np.stack([column[0] for column in columns], axis=1)
     out = []
     for begin in range(0, len(states) - many, every):
-        commands, end = run.commands[begin : begin + many], begin + many
+        commands, end = drive.commands[begin : begin + many], begin + many
         if truth.t[end] >= last or not np.isfinite(commands).all():
             break
         state = model.settle(EgoState(*states[begin].tolist()))
@@ -100,16 +93,16 @@ def _function(result: Resimulation, planned: float | None) -> Function:
     return "is the build that drove" if same and recording.sd is not None else "unknown"
 
 
-def _planned_otherwise(recorded: pd.DataFrame | None, run: Run) -> float | None:
+def _planned_otherwise(recorded: pd.DataFrame | None, drive: SimulatedDrive) -> float | None:
     """For how long [s] the plans are others than those recorded, by `PARTED`; None where there are none to compare."""
-    if recorded is None or len(run.plans) < 2:
+    if recorded is None or len(drive.plans) < 2:
         return None
-    made = np.array([t for t, _ in run.plans])
+    made = np.array([t for t, _ in drive.plans])
     cycle, off = float(np.median(np.diff(made))), []
     for when, plan in recorded.groupby("t"):
         t = float(when)  # type: ignore[arg-type]
         k = int(np.abs(made - t).argmin())
-        own = run.plans[k][1]
+        own = drive.plans[k][1]
         there = plan[(plan.t_plan >= own[0, 0]) & (plan.t_plan <= min(own[-1, 0], t + AHEAD))]
         if abs(made[k] - t) <= 0.5 * cycle + 1e-6 and len(there):
             x, y, v = (np.interp(there.t_plan, own[:, 0], own[:, n]) for n in (1, 2, 3))

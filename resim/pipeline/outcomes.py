@@ -12,12 +12,11 @@ from resim.assess.assessment import Assessment
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, TO_ROWS, Errors
 from resim.pipeline.assessed import Assessed, How
-from resim.pipeline.assessments import assess_run
-from resim.pipeline.perceived import PerceivedRun
+from resim.pipeline.assessments import assess_drive
 from resim.pipeline.reaction import ego_tracks
-from resim.pipeline.result import Resimulation
+from resim.pipeline.result import Resimulation, of_seed, pipeline_step
 from resim.road.opendrive import RoadNetwork
-from resim.sim.run import Run
+from resim.sim.case import SimulatedDrive
 from resim.verification.outcome import COMFORT, Kpi, Outcome, Rms
 
 PARTED = {"d": 0.5, "v": 0.5}
@@ -27,36 +26,40 @@ PARTED = {"d": 0.5, "v": 0.5}
 def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
     """Give what GT, SD, rGT and rSD came to, as far as they are there."""
     driven, ego, out = result.driven(), result.ego, {}
-    runs = {f"r{basis}": branch.run for basis, branch in result.branches.items()}
+    drives = result.simulated()
     if "SD" in result.described:
         driven["SD"] = ego_tracks(result.described["SD"], result.network)
     for name, assessment in assessed.blocks.items():
         if (tracks := driven.get(name)) is not None:
-            out[name] = outcome(assessment, tracks, result.network, ego, runs.get(name))
+            out[name] = outcome(assessment, tracks, result.network, ego, drives.get(name))
     if "GT" in out:
         out["GT"] = replace(out["GT"], reaction_spread=result.reaction_spread)
-    return out | {name: _nothing(run) for name, run in runs.items() if name not in out}
+    return out | {name: _nothing(drive) for name, drive in drives.items() if name not in out}
 
 
-def perceived_outcome(p: PerceivedRun, result: Resimulation, how: How) -> Outcome:
-    """Give what a run on GT came to: the EGO as it drove, the traffic as GT's scenario has it."""
-    if p.refit is None:
-        return _nothing(p.run)
-    made = replace(p.refit, objects=result.described["GT"].objects)
-    assessment = assess_run(p.run, made, result.network, how, result.doubts["GT"])
-    errors = None if p.pipe is None else p.pipe.rms(EGO_ROW)
-    found = outcome(assessment, ego_tracks(p.refit, result.network), result.network, result.ego, p.run)
+def seed_outcome(result: Resimulation, seed: int, how: How) -> Outcome:
+    """Give what a drive on GT (`run_on_gt`) came to: the EGO as it drove, the traffic as GT's scenario has it."""
+    source = of_seed(seed)
+    drive, refit, pipe = (
+        result.drives[source], result.refits.get(source), result.errors.get(pipeline_step(source)),
+    )  # fmt: skip
+    if refit is None:
+        return _nothing(drive)
+    made = replace(refit, objects=result.described["GT"].objects)
+    assessment = assess_drive(drive, made, result.network, how, result.prepared.doubts["GT"])
+    errors = None if pipe is None else pipe.rms(EGO_ROW)
+    found = outcome(assessment, ego_tracks(refit, result.network), result.network, result.ego, drive)
     return replace(found, errors=errors)
 
 
-def _nothing(run: Run) -> Outcome:
-    """A run that ended before there was anything to judge."""
+def _nothing(drive: SimulatedDrive) -> Outcome:
+    """A drive that ended before there was anything to judge."""
     comfort = dict.fromkeys(COMFORT)
-    return Outcome({}, (), None, None, comfort, bool(run.collisions), run.end, run.failure)
+    return Outcome({}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure)
 
 
 def outcome(
-    assessment: Assessment, tracks: Tracks, network: RoadNetwork, ego: str, run: Run | None
+    assessment: Assessment, tracks: Tracks, network: RoadNetwork, ego: str, drive: SimulatedDrive | None
 ) -> Outcome:
     """Give what one drive came to. tracks: with accelerations."""
     kpis = {
@@ -70,8 +73,8 @@ def outcome(
         risk=_worst(assessment, "risk"),
         comfort={name: _largest(assessment, name, way) for name, way in COMFORT.items()},
         collision=bool(assessment.contacts),
-        end="" if run is None else run.end,
-        failure="" if run is None else run.failure,
+        end="" if drive is None else drive.end,
+        failure="" if drive is None else drive.failure,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,15 +21,20 @@ from resim.ingest import Recording
 from resim.pipeline.doubts import doubts
 from resim.pipeline.maps import check_map, refuse_flaws
 from resim.pipeline.notes import misfits, notes, perception_notes
-from resim.pipeline.perceived import PerceivedRun, Perceiving
-from resim.pipeline.result import Basis, Branch, Options, Resimulation, scenarios_of, tracks_of
+from resim.pipeline.perceived import Perceiving
+from resim.pipeline.result import (
+    Basis,
+    Options,
+    PreparedRecording,
+    Resimulation,
+    of_seed,
+    pipeline_step,
+)
 from resim.road.opendrive import RoadNetwork
-from resim.road.sumo import SumoNet, sumo_net
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build
-from resim.sim.dynamics import VehicleModel
-from resim.sim.loop import simulate
-from resim.sim.perception import Ideal, Perception
+from resim.sim.case import SimulatedDrive
+from resim.sim.perception import Perception
 
 FAR = 10_000.0
 """Distance [m] of an EGO from the roads beyond which there is nothing to simulate."""
@@ -72,7 +77,6 @@ def resimulate(
     build: Build,
     options: Options = Options(),
     *,
-    model: VehicleModel | None = None,
     perceiving: Perceiving | None = None,
     accept: Collection[str] = (),
     progress: Progress = lambda stage: None,
@@ -83,86 +87,91 @@ def resimulate(
     which to go on; InputError for any other.
     """
     clock = _Clock(progress)
-    with clock.stage("map"):
-        checked = check_map(recording.map)
-        network, net = checked.network, checked.net
-        refuse_flaws(network, checked.flaws, accept)
-    whole = measured_tracks(recording)
-    for tracks in whole.values():
-        _refuse_far(recording, tracks, network)
-    measured = {basis: _split(recording, tracks) for basis, tracks in whole.items()}
-    described: dict[Basis, Scenario] = {}
-    for basis in measured:
-        if basis == "GT" or basis in options.bases:
-            with clock.stage(f"fit {basis}"):
-                described[basis] = _describe(measured[basis], recording, network, basis)
-                _refuse_absurd(recording, described[basis], network, basis)
-    branches: dict[Basis, Branch] = {}
+    prepared = prepare(recording, options.bases, accept, clock)
+    result = Resimulation(prepared, build, options)
     for basis in options.bases:
-        if basis in measured:
-            branches[basis] = _branch(
-                basis,
-                described[basis],
-                recording,
-                build,
-                network,
-                net,
-                options,
-                model,
-                clock,
-            )
+        if basis in prepared.measured:
+            result = _simulated(result, basis, clock)
     with clock.stage("errors"):
-        errors = _errors(recording, branches, whole, measured, described, network)
-        positions = {source: tracks.to_frame() for source, tracks in tracks_of(measured, branches).items()}
-        off = misfits(scenarios_of(described, branches), positions, network)
-    result = Resimulation(
-        recording=recording,
-        build=build,
-        options=options,
-        network=network,
-        measured=measured,
-        described=described,
-        branches=branches,
-        errors=errors,
-        warnings=tuple(notes(recording, build, checked, measured, described, branches, errors, off)),
+        result = replace(result, errors=_errors(result), misfits=_misfits(result))
+    result = replace(
+        result,
+        warnings=tuple(notes(result)),
         times=clock.times,
         hashes={
             "build": build.hash,
             "map": file_hash(recording.map),
-            "net": net.hash,
+            "net": prepared.checked.net.hash,
             **_recording_hashes(recording),
         },
-        doubts={
-            basis: doubts(recording, basis, tracks, described.get(basis), network)
-            for basis, tracks in whole.items()
-        },
-        misfits=off,
     )
     if perceiving is None:
         return result
     with clock.stage("run GT+M"):
-        return with_seeds(result, perceiving, list(perceived_runs(result, perceiving, model=model)))
+        *_, last = over_seeds(result, perceiving)
+        return with_notes(last, perceiving)
 
 
-def perceived_runs(
-    result: Resimulation, perceiving: Perceiving, *, model: VehicleModel | None = None
-) -> Iterator[PerceivedRun]:
-    """Run the GT of a re-simulation with a perception model, once a seed, each when it is asked for."""
+def prepare(
+    recording: Recording, bases: Collection[Basis], accept: Collection[str] = (), clock: _Clock | None = None
+) -> PreparedRecording:
+    """Look over the map, and describe what was measured: GT, and SD where it is asked for."""
+    clock = clock or _Clock(lambda stage: None)
+    with clock.stage("map"):
+        checked = check_map(recording.map)
+        refuse_flaws(checked.network, checked.flaws, accept)
+    whole = measured_tracks(recording)
+    for tracks in whole.values():
+        _refuse_far(recording, tracks, checked.network)
+    measured = {basis: _split(recording, tracks) for basis, tracks in whole.items()}
+    described: dict[Basis, Scenario] = {}
+    for basis in measured:
+        if basis == "GT" or basis in bases:
+            with clock.stage(f"fit {basis}"):
+                described[basis] = _describe(measured[basis], recording, checked.network, basis)
+                _refuse_absurd(recording, described[basis], checked.network, basis)
+    found = {
+        basis: doubts(recording, basis, tracks, described.get(basis), checked.network)
+        for basis, tracks in whole.items()
+    }
+    return PreparedRecording(recording, checked, whole, measured, described, found)
+
+
+def _simulated(result: Resimulation, basis: Basis, clock: _Clock) -> Resimulation:
+    """Add rGT or rSD: the drive, and what describes it."""
+    source, scenario, options = f"r{basis}", result.described[basis], result.options
+    with clock.stage(f"run {basis}"):
+        case = options.case(scenario, result.network, result.build)
+        drive = case.drive(window=options.gui)
+    with clock.stage(f"fit {source}"):
+        refits = {**result.refits}
+        if _is_describable(drive):
+            refits[source] = _describe(drive.truth, result.recording, result.network, source, scenario)
+    return replace(result, drives={**result.drives, source: drive}, refits=refits)
+
+
+def _is_describable(drive: SimulatedDrive) -> bool:
+    """Whether a drive lasted long enough for splines."""
+    return int(drive.truth.valid[0].sum()) >= 2
+
+
+def over_seeds(result: Resimulation, perceiving: Perceiving) -> Iterator[Resimulation]:
+    """Run GT with a perception model, seed after seed, each when it is asked for; with all before it."""
     from resim.perception.sensor import Sensor
 
     sensor = Sensor(perceiving.model)
     for seed in perceiving.seeds:
-        one = run_on_gt(result, perception=sensor, seed=seed, model=model)
-        yield replace(one, outside=sensor.outside, shown=sensor.perceived)
+        result = run_on_gt(result, perception=sensor, seed=seed)
+        yield result
 
 
-def with_seeds(result: Resimulation, perceiving: Perceiving, runs: Sequence[PerceivedRun]) -> Resimulation:
-    """Give the re-simulation with what runs with a perception model gave. perceiving: with the seeds of these runs."""
+def with_notes(result: Resimulation, perceiving: Perceiving) -> Resimulation:
+    """Give the re-simulation with what qualifies its drives with a perception model. perceiving: with their seeds."""
+    drives = [result.drives[of_seed(seed)] for seed in perceiving.seeds]
     return replace(
         result,
         perceiving=perceiving,
-        perceived_runs=tuple(runs),
-        warnings=(*result.warnings, *perception_notes(perceiving, runs)),
+        warnings=(*result.warnings, *perception_notes(perceiving, drives)),
         hashes={**result.hashes, "perception": perceiving.hash},
     )
 
@@ -262,91 +271,50 @@ def map_name(road: Path) -> str:
     return road.name if re.fullmatch(r"[\w.-]+\.xodr", road.name, re.ASCII) else "map.xodr"
 
 
-def _branch(
-    basis: Basis,
-    scenario: Scenario,
-    recording: Recording,
-    build: Build,
-    network: RoadNetwork,
-    net: SumoNet,
-    options: Options,
-    model: VehicleModel | None,
-    clock: _Clock,
-) -> Branch:
-    with clock.stage(f"run {basis}"):
-        run = simulate(
-            scenario, network, net.path, build, step=options.step, relaxation=options.relaxation, seed=options.seed,
-            model=model, stop_at_collision=options.stop_at_collision, gui=options.gui,
-        )  # fmt: skip
-    with clock.stage(f"fit r{basis}"):
-        enough = run.truth.valid[0].sum() >= 2
-        refit = _describe(run.truth, recording, network, f"r{basis}", scenario) if enough else None
-    return Branch(run, refit)
+def run_on_gt(result: Resimulation, *, perception: Perception | None = None, seed: int = 0) -> Resimulation:
+    """Add a drive on GT with a perception (None: ideal), as rGT+M with its seed; its pipeline error is the EGO's.
+
+    What describes it is the EGO alone: traffic is that of rGT, and its fit with it.
+    """
+    recording, network, source = result.recording, result.network, of_seed(seed)
+    case = result.options.case(
+        result.described["GT"], network, result.build, perception=perception, seed=seed
+    )
+    drive = case.drive()
+    refits, errors = {**result.refits}, {**result.errors}
+    if _is_describable(drive):
+        refits[source] = _describe(drive.truth.select([recording.ego]), recording, network, source)
+        errors[pipeline_step(source)] = fidelity.pipeline_error(
+            refits[source], result.prepared.whole["GT"], network
+        )
+    return replace(result, drives={**result.drives, source: drive}, refits=refits, errors=errors)
 
 
-def run_on_gt(
-    result: Resimulation,
-    *,
-    perception: Perception | None = None,
-    seed: int = 0,
-    model: VehicleModel | None = None,
-) -> PerceivedRun:
-    """Run the GT of a re-simulation once more, with a perception (None: ideal)."""
-    recording, network = result.recording, result.network
-    gt = _ego_window(recording.gt, recording.ego, recording.name)
-    return _perceived_run(
-        perception or Ideal(), seed, result.described["GT"], recording, gt, result.build, network,
-        sumo_net(network), result.options, model,
-    )  # fmt: skip
-
-
-def _perceived_run(
-    perception: Perception,
-    seed: int,
-    scenario: Scenario,
-    recording: Recording,
-    gt: Tracks,
-    build: Build,
-    network: RoadNetwork,
-    net: SumoNet,
-    options: Options,
-    model: VehicleModel | None,
-) -> PerceivedRun:
-    """Run with a perception, and describe the EGO alone: traffic is that of rGT, and its fit with it."""
-    begin = time.perf_counter()
-    run = simulate(
-        scenario, network, net.path, build, step=options.step, relaxation=options.relaxation, seed=seed,
-        perception=perception, model=model, stop_at_collision=options.stop_at_collision,
-    )  # fmt: skip
-    refit = pipe = None
-    if run.truth.valid[0].sum() >= 2:
-        refit = _describe(run.truth.select([recording.ego]), recording, network, f"rGT+M{seed}")
-        pipe = fidelity.pipeline_error(refit, gt, network)
-    return PerceivedRun(seed, run, refit, pipe, time=time.perf_counter() - begin)
-
-
-def _errors(
-    recording: Recording,
-    branches: Mapping[Basis, Branch],
-    whole: Mapping[Basis, Tracks],
-    measured: Mapping[Basis, Tracks],
-    described: Mapping[Basis, Scenario],
-    network: RoadNetwork,
-) -> dict[str, Errors]:
+def _errors(result: Resimulation) -> dict[str, Errors]:
+    """Of every step between what was measured, described and simulated, in the order of STEPS."""
     out: dict[str, Errors] = {}
+    recording, network, whole = result.recording, result.network, result.prepared.whole
     if "SD" in whole:
         out["S"] = fidelity.sensor_error(whole["GT"], whole["SD"], ego=recording.ego)
         if not recording.senses_ego:
             for column in (out["S"].x, out["S"].y, out["S"].v, out["S"].heading):
                 column[0] = np.nan  # the ground truth stands in for it: no error was measured
-    for basis, scenario in described.items():
-        out[f"FIT_{basis}"] = fidelity.fit_error(scenario, measured[basis], network)
-    for basis, b in branches.items():
-        out[f"SIM_{basis}"] = fidelity.simulation_error(b.run.truth, described[basis], network)
-        if b.refit is not None:
-            out[f"FIT_r{basis}"] = fidelity.fit_error(b.refit, b.run.truth, network)
-            out[f"PIPE_{basis}"] = fidelity.pipeline_error(b.refit, whole["GT"], network)
+    for basis, scenario in result.described.items():
+        out[f"FIT_{basis}"] = fidelity.fit_error(scenario, result.measured[basis], network)
+    for source, drive in result.simulated().items():
+        out[f"SIM_{source.removeprefix('r')}"] = fidelity.simulation_error(
+            drive.truth, drive.case.scenario, network
+        )
+        if (refit := result.refits.get(source)) is not None:
+            out[f"FIT_{source}"] = fidelity.fit_error(refit, drive.truth, network)
+            out[pipeline_step(source)] = fidelity.pipeline_error(refit, whole["GT"], network)
     return {step: out[step] for step in STEPS if step in out}
+
+
+def _misfits(result: Resimulation) -> dict[str, str]:
+    """What `misfits` says of every source that is described."""
+    positions = {source: tracks.to_frame() for source, tracks in result.tracks().items()}
+    return misfits(result.scenarios(), positions, result.network)
 
 
 def _recording_hashes(recording: Recording) -> dict[str, str]:

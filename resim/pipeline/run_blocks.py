@@ -16,7 +16,7 @@ from resim.pipeline.blocks import Block, assess_block, listed, measured_function
 from resim.pipeline.model_runs import MODEL, ModelRuns
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, describe
-from resim.sim.run import why_not_whole
+from resim.sim.case import why_not_whole
 
 
 @dataclass(frozen=True, eq=False)

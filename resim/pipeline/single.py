@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from resim import fidelity
@@ -12,10 +12,11 @@ from resim.ingest import Recording
 from resim.perception.model import PerceptionModel
 from resim.perception.sensor import Sensor
 from resim.pipeline.assessed import How
-from resim.pipeline.outcomes import perceived_outcome
+from resim.pipeline.outcomes import seed_outcome
 from resim.pipeline.perceived import difference, end_error
-from resim.pipeline.result import Options, Resimulation
-from resim.pipeline.run import resimulate, run_on_gt
+from resim.pipeline.reaction import ego_tracks
+from resim.pipeline.result import Options, PreparedRecording, Resimulation, of_seed, pipeline_step
+from resim.pipeline.run import prepare, run_on_gt
 from resim.pipeline.verify import COMPARED
 from resim.sim.adfunction import Build
 from resim.verification.outcome import COMFORT, Outcome
@@ -28,56 +29,58 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A recording, described and ready to be simulated again and again. measured: what the EGO did, and when it braked.
+    """A recording, ready to be simulated again and again, and what all runs of a sweep are judged by.
 
-    criteria: that every run is judged by.
+    decision, reaction: what the EGO did in the measured drive, and when [s] it first braked.
     """
 
-    result: Resimulation
+    recording: PreparedRecording
     decision: list[str]
     reaction: float | None
     criteria: Criteria
 
 
-def prepare(recording: Recording, build: Build, criteria: Criteria, accept: Collection[str] = ()) -> Prepared:
-    """Describe what was measured, once for all runs. build: any; each run names its own."""
-    result = resimulate(recording, build, Options(bases=()), accept=accept)
-    driven = result.driven()["GT"]
-    assert driven is not None
-    decision = fidelity.decision(driven, result.network, ego=result.ego)
-    return Prepared(result, decision, fidelity.reaction_time(driven, ego=result.ego), criteria)
+def prepare_sweep(recording: Recording, criteria: Criteria, accept: Collection[str] = ()) -> Prepared:
+    """Describe what was measured, once for all runs."""
+    prepared, ego = prepare(recording, (), accept), recording.ego
+    driven = ego_tracks(prepared.described["GT"], prepared.network)
+    decision = fidelity.decision(driven, prepared.network, ego=ego)
+    return Prepared(prepared, decision, fidelity.reaction_time(driven, ego=ego), criteria)
 
 
-def run_once(prepared: Prepared, build: Build, model: PerceptionModel | None, seed: int) -> Row:
+def run_once(
+    prepared: Prepared, build: Build, model: PerceptionModel | None, seed: int, options: Options = Options()
+) -> Row:
     """Simulate once and give what it came to: one value a column, None where there is none.
 
     Times in s, errors in m, m/s and rad; `reaction_difference` and `same_decision` are against the measured drive.
     """
-    result = replace(prepared.result, build=build)
-    p = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
-    how = How(criteria=prepared.criteria, only=COMPARED, rate=RATE)
-    found = perceived_outcome(p, result, how)
+    result = Resimulation(prepared.recording, build, options)
+    result = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
+    drive, source = result.drives[of_seed(seed)], of_seed(seed)
+    found = seed_outcome(result, seed, How(criteria=prepared.criteria, only=COMPARED, rate=RATE))
     row: Row = {
-        "end": p.run.end,
-        "failure": p.run.failure or None,
+        "end": drive.end,
+        "failure": drive.failure or None,
         "decision": ", ".join(found.decision),
         "same_decision": found.decision == prepared.decision,
         "reaction": found.reaction,
         "reaction_difference": difference(found.reaction, prepared.reaction),
         "collision": found.collision,
         "risk": found.risk,
-        "end_position_error": end_error(p.run.end, p.pipe),
+        "end_position_error": end_error(drive, result.errors.get(pipeline_step(source))),
+        "case": drive.case.hash,
     }
     errors = found.errors or dict.fromkeys(["d", "v", "heading"])
     row |= {f"pipeline_{name}": value for name, value in errors.items()}
     row |= {name: found.comfort[name] for name in COMFORT}
     row |= _judged(found, prepared.criteria)
-    return _without_values(row) if p.run.failure else row
+    return _without_values(row) if drive.failure else row
 
 
 def _without_values(row: Row) -> Row:
     """The row of a run that failed: what it did until then says nothing of what it would have come to."""
-    said = ("end", "failure", "decision", "verdict")
+    said = ("end", "failure", "decision", "verdict", "case")
     return {
         name: value if name in said or name.startswith("kpi ") or (name == "collision" and value) else None
         for name, value in row.items()

@@ -30,6 +30,7 @@ from resim.pipeline.suite import (
     refuse_changed,
 )
 from resim.sim.adfunction import freeze_build
+from resim.sim.dynamics import Kinematic, vehicle_model
 
 Indices = NDArray[Any]
 Row = Mapping[str, Any]
@@ -95,7 +96,7 @@ class Sweep(Strict):
     """A sweep with its recordings found, by name.
 
     frozen: builds, model and criteria as they were when the sweep was read, by the names that its file has for them.
-    hashes: of the recordings' content at that time.
+    hashes: of the recordings' content at that time. vehicle: the model that moves the EGO.
     """
 
     path: Path
@@ -103,6 +104,7 @@ class Sweep(Strict):
     folders: dict[str, Path]
     frozen: dict[str, Frozen] = Field(default_factory=dict)
     hashes: dict[str, str] = Field(default_factory=dict)
+    vehicle: str = Kinematic.name
 
     @property
     def perception(self) -> Frozen | None:
@@ -115,8 +117,9 @@ class Sweep(Strict):
         return self.frozen[self.file.criteria]
 
 
-def read_sweep(path: Path) -> Sweep:
-    """Read a sweep and find its recordings. Raises InputError naming every fault."""
+def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
+    """Read a sweep and find its recordings. Raises InputError naming every fault, ResimError for an unknown vehicle."""
+    vehicle_model(vehicle)
     file = read_strict(path, SweepFile, EXAMPLE)
     if bool(file.recording) == (file.suite is not None):
         raise InputError(path, "names both or neither of recording and suite", "Name one of them.")
@@ -143,7 +146,7 @@ def read_sweep(path: Path) -> Sweep:
     hashes = {name: content_hash(folder) for name, folder in folders.items()}
     for name, digest in pinned.items():
         refuse_changed(folders[name], digest)
-    return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes)
+    return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes, vehicle=vehicle)
 
 
 def _count(file: SweepFile, recordings: int) -> int:

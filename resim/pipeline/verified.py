@@ -72,6 +72,7 @@ class Verified:
             "errors": self.errors,
             "recorded": None if self.recorded is None else _comparison(self.recorded),
             "driven": None if self.driven is None else _driven(self.driven),
+            "cases": {name: drive.case.hash for name, drive in self.result.drives.items()},
             "validity": [asdict(v) for v in self.validity],
             "findings": list(finding_lines(self.result.recording.findings)),
             "notes": list(self.notes),

@@ -16,10 +16,10 @@ from resim.pipeline.assessed import How
 from resim.pipeline.assessments import assess_resimulation
 from resim.pipeline.locality import critical, validity
 from resim.pipeline.openloop import open_loop
-from resim.pipeline.outcomes import outcomes, perceived_outcome, rms
-from resim.pipeline.perceived import PerceivedRun, Perceiving
+from resim.pipeline.outcomes import outcomes, rms, seed_outcome
+from resim.pipeline.perceived import Perceiving
 from resim.pipeline.result import Options, Resimulation, drove
-from resim.pipeline.run import measured_tracks, perceived_runs, resimulate, run_on_gt, with_seeds
+from resim.pipeline.run import over_seeds, resimulate, run_on_gt, with_notes
 from resim.pipeline.verified import Verified
 from resim.sim.adfunction import Build
 from resim.verification.cause import Cause, cause
@@ -48,19 +48,15 @@ class Demands:
     agreement: float = 0.9
     vary: tuple[str, ...] = ()
 
-    def how(self, result: Resimulation, more: Collection[PerceivedRun] = ()) -> How:
-        """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source.
-
-        more: runs beside those of the re-simulation.
-        """
-        planned = result.recording.plan is not None and has_plans(result) and all(p.run.plans for p in more)
+    def how(self, result: Resimulation) -> How:
+        """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source."""
+        planned = result.recording.plan is not None and has_plans(result)
         return How(criteria=self.criteria, only=COMPARED, path="plan" if planned else "state")
 
 
 def has_plans(result: Resimulation) -> bool:
-    """Say whether the function gave plans in every run; else drives can be compared by the EGO's state alone."""
-    runs = [b.run for b in result.branches.values()] + [p.run for p in result.perceived_runs]
-    return all(run.plans for run in runs)
+    """Say whether the function gave plans in every drive; else drives can be compared by the EGO's state alone."""
+    return all(drive.plans for drive in result.drives.values())
 
 
 def may_verify(recording: Recording | Settings, build: Build, driven_by: tuple[str, ...]) -> bool:
@@ -90,15 +86,16 @@ def verify_recording(
             f"{recording.folder or recording.name}: has no sensor data, so basis SD has nothing to run"
         )
     result = resimulate(recording, build, options, accept=accept)
-    first, every = _first(result, perceiving)
-    how = demands.how(result, first)
+    every = iter(()) if perceiving is None else over_seeds(result, perceiving)
+    first = next(every, result)
+    how = demands.how(first)
     assessed = assess_resimulation(result, how)
     found, errors = outcomes(result, assessed), rms(result.errors)
     judged = _judged(found, errors, demands)
     seeds: dict[int, Outcome] = {}
     if perceiving is not None:
         result, seeds, judged["rGT+M"] = _over_seeds(
-            result, perceiving, every, found["GT"], errors, demands, how
+            perceiving, chain([first], every), found["GT"], errors, demands, how
         )
     recorded = None
     if any(j.verdict == "not verified" for j in judged.values()):
@@ -140,34 +137,22 @@ def _judged(found: Mapping[str, Outcome], errors: Rms, demands: Demands) -> dict
     }
 
 
-def _first(
-    result: Resimulation, perceiving: Perceiving | None
-) -> tuple[tuple[PerceivedRun, ...], Iterator[PerceivedRun]]:
-    """The run with the first seed, and the runs with each, one after the other."""
-    if perceiving is None:
-        return (), iter(())
-    runs = perceived_runs(result, perceiving)
-    first = next(runs)
-    return (first,), chain([first], runs)
-
-
 def _over_seeds(
-    result: Resimulation, perceiving: Perceiving, every: Iterator[PerceivedRun], measured: Outcome, errors: Rms,
-    demands: Demands, how: How,
+    perceiving: Perceiving, every: Iterator[Resimulation], measured: Outcome, errors: Rms, demands: Demands,
+    how: How,
 ) -> tuple[Resimulation, dict[int, Outcome], Judged]:  # fmt: skip
-    """Run seed after seed until the test of their share has ended."""
+    """Take seed after seed until the test of their share has ended."""
     test = SequentialTest(demands.agreement, len(perceiving.seeds))
-    runs: list[PerceivedRun] = []
     seeds: dict[int, Outcome] = {}
     beside: list[Comparison] = []
-    for run in every:
-        runs.append(run)
-        seeds[run.seed] = perceived_outcome(run, result, how)
-        beside.append(compare("rGT+M", measured, seeds[run.seed], errors, demands.tolerances))
+    for result in every:
+        seed = result.seeds[-1]
+        seeds[seed] = seed_outcome(result, seed, how)
+        beside.append(compare("rGT+M", measured, seeds[seed], errors, demands.tolerances))
         judged = Judged("rGT+M", tuple(beside), test)
         if judged.verdict != "undecided":
             break
-    return with_seeds(result, replace(perceiving, seeds=tuple(seeds)), runs), seeds, judged
+    return with_notes(result, replace(perceiving, seeds=tuple(seeds))), seeds, judged
 
 
 def _driven_otherwise(driven: OpenLoop | None) -> Iterator[str]:
@@ -180,9 +165,9 @@ def _as_recorded(
     result: Resimulation, measured: Outcome, errors: Rms, demands: Demands, how: How
 ) -> Comparison | None:
     """The run on GT that shows the function what was recorded as perceived; None where nothing was, or for oracles."""
-    recording, whole = result.recording, measured_tracks(result.recording)
+    recording, whole = result.recording, result.prepared.whole
     if "SD" not in whole or result.build.needs_truth:
         return None
     shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
-    run = run_on_gt(result, perception=shown)
-    return compare("rGT+M", measured, perceived_outcome(run, result, how), errors, demands.tolerances)
+    again = run_on_gt(Resimulation(result.prepared, result.build, result.options), perception=shown)
+    return compare("rGT+M", measured, seed_outcome(again, 0, how), errors, demands.tolerances)

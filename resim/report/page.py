@@ -94,7 +94,8 @@ def _header(look: View) -> Markup:
         ("map", report["map"]),
         (
             "basis",
-            " and ".join(result.branches) + ("" if result.recording.sd is not None else " (no sensor data)"),
+            " and ".join(name.removeprefix("r") for name in result.simulated())
+            + ("" if result.recording.sd is not None else " (no sensor data)"),
         ),
         ("EGO", f"{look.ego}, with {len(objects)} traffic object{'' if len(objects) == 1 else 's'}"),
         (
@@ -147,7 +148,7 @@ def _key(look: View) -> Markup:
             for i in look.shown
             if i in here
         ]
-    if look.result.perceived_runs:
+    if look.result.seeds:
         entries.append(sample("EGO rGT+M, with the perception model", SEEDS))
     if look.others:
         entries.append(sample(f"{len(look.others)} other TOs", OTHERS))
@@ -168,7 +169,7 @@ def _road(look: View) -> Markup:
     if (figure := distance_figure(look)) is not None:
         title = "Distance of the re-simulation from the drive"
         note = "PIPE_X = JSCEN of rX − GT; ribbon: mean ± std"
-        if look.result.perceived_runs:
+        if look.result.seeds:
             note += (
                 "; with the perception model (+M): median and whole range of the seeds, beside rGT without"
             )

@@ -10,6 +10,7 @@ from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
+from resim.pipeline import pipeline_step
 from resim.report.lanes import Box, clip, lane_traces
 from resim.report.markup import Markup
 from resim.report.plots import fade, joined, line, style
@@ -58,10 +59,10 @@ def lateral_figure(view: View) -> go.Figure:
 
 def distance_figure(view: View) -> go.Figure | None:
     """Draw the distance of each basis' re-simulation from the drive over time, with its ribbon; and with a model."""
-    steps = [s for s in (f"PIPE_{basis}" for basis in view.result.branches) if s in view.result.errors]
+    steps = [s for s in map(pipeline_step, view.result.simulated()) if s in view.result.errors]
     if not steps:
         return None
-    seen = any(p.pipe is not None for p in view.result.perceived_runs)
+    seen = any(pipeline_step(source) in view.result.errors for source in view.result.perceived())
     figure = make_subplots(rows=1, cols=len(steps) + seen, shared_yaxes=True, horizontal_spacing=0.03)
     for column, step in enumerate(steps, start=1):
         error_panel(figure, view, step, "d", {"row": 1, "col": column})

@@ -8,6 +8,7 @@ from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats
 from resim.fidelity import BRAKING, EGO_ROW
+from resim.pipeline import pipeline_step
 from resim.report.markup import Markup, html, join
 from resim.report.outcome import end_words
 from resim.report.plots import FAINT, dots, fade, joined, line, number, sample, style, to_html
@@ -51,8 +52,8 @@ def _key(look: View) -> Markup:
 
 
 def _outside(look: View) -> str:
-    runs = look.result.perceived_runs
-    outside, shown = sum(p.outside for p in runs), sum(p.shown for p in runs)
+    drives = look.result.perceived().values()
+    outside, shown = sum(d.outside for d in drives), sum(d.shown for d in drives)
     if not outside:
         return ""
     return (
@@ -64,7 +65,7 @@ def _outside(look: View) -> str:
 def drive_figure(look: View) -> go.Figure:
     """Draw speed and acceleration over time, a thin line for each seed."""
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.56, 0.44])
-    own = [p.run.truth.select([look.ego]) for p in look.result.perceived_runs]
+    own = [drive.truth.select([look.ego]) for drive in look.result.perceived().values()]
     for row, quantity in enumerate(("v", "a"), start=1):
         x, y = joined([look.since(truth.t) for truth in own], [getattr(truth, quantity)[0] for truth in own])
         figure.add_trace(line(x, y, color=fade(SEEDS, 0.35), name="rGT+M", width=1.0), row=row, col=1)
@@ -110,7 +111,8 @@ def _reactions(figure: go.Figure, look: View) -> None:
 
 def seeds_panel(figure: go.Figure, look: View, cell: dict[str, int]) -> None:
     """Draw the pipeline error's distance of the EGO over time: median and range of the seeds, and rGT without model."""
-    pipes = [p.pipe for p in look.result.perceived_runs if p.pipe is not None]
+    steps = map(pipeline_step, look.result.perceived())
+    pipes = [look.result.errors[step] for step in steps if step in look.result.errors]
     every = np.stack([pipe.d[EGO_ROW][0] for pipe in pipes])  # all at the times of GT
     there = np.isfinite(every).any(axis=0)
     t = look.since(pipes[0].t[there])

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from resim.fidelity import QUANTITIES, STATISTICS, STEPS, SUMS
-from resim.pipeline import Branch
+from resim.pipeline.report import provenance as run_provenance
 from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
+from resim.sim.case import SimulatedDrive
 
 DIGITS: Mapping[str, int] = {"d": 3, "v": 3, "heading": 4}
 NONE = Markup('<span class="none">–</span>')
@@ -110,15 +111,15 @@ def perceived(view: View) -> Markup:
     """Give what the AD function was shown in each run."""
     rows = [
         row
-        for basis, branch in view.result.branches.items()
-        for row in _perceived_rows(view, f"r{basis}", branch)
+        for source, drive in view.result.simulated().items()
+        for row in _perceived_rows(view, source, drive)
     ]
     return table(["run", "object", "seen from", "to", "in cycles", "d mean [m]", "d max [m]", "Δv mean [m/s]"],
                  rows, "sums")  # fmt: skip
 
 
-def _perceived_rows(view: View, run: str, branch: Branch) -> Iterable[list[str]]:
-    seen = [p for p in branch.run.perceived if p.t >= view.start - 1e-6]
+def _perceived_rows(view: View, run: str, drive: SimulatedDrive) -> Iterable[list[str]]:
+    seen = [p for p in drive.perceived if p.t >= view.start - 1e-6]
     counts = [len(p.ids) for p in seen]
     if not seen:
         yield [run, "no cycle", *[NONE] * 6]
@@ -137,7 +138,7 @@ def _perceived_rows(view: View, run: str, branch: Branch) -> Iterable[list[str]]
         if not at:
             yield [run, view.label(name), "never", *[NONE] * 5]
             continue
-        truth = branch.run.truth.at(np.array([p.t for p, _ in at]))
+        truth = drive.truth.at(np.array([p.t for p, _ in at]))
         n = truth.index(name)
         x, y = np.array([[axis[k] for axis in p.map_positions()] for p, k in at]).T
         apart = np.hypot(x - truth.x[n], y - truth.y[n])
@@ -176,7 +177,7 @@ def span_words(start: float, end: float) -> str:
 
 def provenance(view: View) -> Markup:
     """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
-    facts = {key: value for key, value in view.result.provenance().items() if key != "times"}
+    facts = {key: value for key, value in run_provenance(view.result).items() if key != "times"}
     if (seen := facts["perception"]) is not None:
         facts["perception"] = {**seen, "seeds": [s["seed"] for s in seen["seeds"]]}
     rows = [[key, html("<code>{}</code>", value)] for key, value in _flat(facts)]

@@ -154,7 +154,7 @@ def view(result: Resimulation) -> View:
     x, y = first.x[n, first.valid[n]], first.y[n, first.valid[n]]
     heading = float(first.heading[n, first.valid[n]][0])
     travelled = np.hypot(x[-1] - x[0], y[-1] - y[0])
-    report = result.report()
+    report = result.report
     path, on_lane = _path(result, tracks, first)
     lead = _lead(first, ego, report["reaction"].values(), path)
     return View(
@@ -196,7 +196,7 @@ def _focus(result: Resimulation, sources: Iterable[Tracks], lead: str | None) ->
         for name, value in zip(tracks.ids.tolist(), least.tolist(), strict=True):
             closest[name] = min(value, closest.get(name, np.inf))
     closest.pop(result.ego, None)
-    struck = {c.id for branch in result.branches.values() for c in branch.run.collisions}
+    struck = {c.id for drive in result.simulated().values() for c in drive.collisions}
     order = sorted(closest, key=lambda name: (name not in struck, name != lead, closest[name]))
     return tuple(order[:MOST_IN_FOCUS])
 

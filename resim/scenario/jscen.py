@@ -226,16 +226,7 @@ def _polynomials(segments: Sequence[_Segment]) -> PPoly:
 
 def write_jscen(scenario: Scenario, path: Path) -> None:
     """Write a JSCEN file of version 0.10, whole or not at all; InputError for what the format cannot hold."""
-    ego = _written(scenario.ego)
-    del ego["spawningTime"], ego["description"]
-    data = {
-        "map": scenario.map,
-        "description": scenario.description,
-        "environment": dict(scenario.environment),
-        "objectPool": {"vehicles": [_written(o) for o in scenario.objects], "ego": ego},
-        "duration": scenario.duration,
-        "fileVersion": {"major": VERSION[0], "minor": VERSION[1]},
-    }
+    data = jscen(scenario)
     try:
         JscenFile.model_validate(data)
     except ValidationError as e:
@@ -243,6 +234,20 @@ def write_jscen(scenario: Scenario, path: Path) -> None:
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     beside.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     beside.replace(path)
+
+
+def jscen(scenario: Scenario) -> dict[str, Any]:
+    """Give what a JSCEN file of version 0.10 holds of a scenario."""
+    ego = _written(scenario.ego)
+    del ego["spawningTime"], ego["description"]
+    return {
+        "map": scenario.map,
+        "description": scenario.description,
+        "environment": dict(scenario.environment),
+        "objectPool": {"vehicles": [_written(o) for o in scenario.objects], "ego": ego},
+        "duration": scenario.duration,
+        "fileVersion": {"major": VERSION[0], "minor": VERSION[1]},
+    }
 
 
 def _written(member: ScenarioObject) -> dict[str, Any]:

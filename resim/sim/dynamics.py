@@ -9,9 +9,11 @@ vehicle models (Althoff, Würsching: CommonRoad: Vehicle Models, 2020), whose eq
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from resim.core.errors import ResimError
 from resim.sim.adfunction import EgoState
 
 
@@ -62,8 +64,9 @@ class VehicleState(NamedTuple):
 
 
 class VehicleModel(Protocol):
-    """Moves a vehicle."""
+    """Moves a vehicle. name: of the model, as `--vehicle` takes it."""
 
+    name: str
     vehicle: Vehicle
 
     def settle(self, state: EgoState) -> VehicleState:
@@ -97,6 +100,8 @@ def _limited(value: float, low: float, high: float) -> float:
 
 class Kinematic:
     """Kinematic single-track model: no tyre slip; speed and heading are those of the rear axle."""
+
+    name = "kinematic"
 
     def __init__(self, vehicle: Vehicle = Vehicle()) -> None:
         self.vehicle = vehicle
@@ -132,6 +137,7 @@ class Kinematic:
 class SingleTrack:
     """Dynamic single-track model with linear tyres and load transfer; kinematic below 5 m/s."""
 
+    name = "single-track"
     slow = 5.0  # m/s
 
     def __init__(self, vehicle: Vehicle = Vehicle()) -> None:
@@ -193,3 +199,14 @@ class SingleTrack:
         slide = car.friction / v * (front * front_slip + rear * rear_slip) - yaw_rate
         course = heading + slip
         return v * math.cos(course), v * math.sin(course), yaw_rate, a, slide, turn
+
+
+VEHICLES: Mapping[str, Callable[[], VehicleModel]] = {m.name: m for m in (Kinematic, SingleTrack)}
+"""What `--vehicle` takes."""
+
+
+def vehicle_model(name: str) -> VehicleModel:
+    """Give the vehicle model of this name. Raises ResimError where there is none."""
+    if name not in VEHICLES:
+        raise ResimError(f"there is no vehicle model {name!r}; there are: {', '.join(VEHICLES)}")
+    return VEHICLES[name]()

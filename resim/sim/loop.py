@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from array import array
 from pathlib import Path
 
@@ -13,19 +14,13 @@ from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
 from resim.core.opened import Opened
 from resim.core.tracks import Tracks
 from resim.core.watchdog import Watchdog
-from resim.road.opendrive import RoadNetwork
-from resim.scenario.scenario import Scenario
-from resim.sim.adfunction import Build, Command, EgoState, Placement, Setup
+from resim.sim.adfunction import Command, EgoState, Placement, Setup
+from resim.sim.case import Case, Collision, End, SimulatedDrive
 from resim.sim.driver import Driver, cycle_steps
-from resim.sim.dynamics import Kinematic, VehicleModel, VehicleState
+from resim.sim.dynamics import VehicleState
 from resim.sim.guide import Guide
-from resim.sim.perception import Ideal, Perception
-from resim.sim.run import Collision, End, Run
 from resim.sim.session import EGO, Session, from_sumo, open_session
 from resim.sim.traffic import Stage, staged
-
-RELAXATION = 3.0
-"""Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""
 
 _BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
@@ -33,46 +28,27 @@ _BLOCK = 100
 _FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
 
 
-def simulate(
-    scenario: Scenario,
-    network: RoadNetwork,
-    net: Path,
-    build: Build,
-    *,
-    step: float = 0.04,
-    relaxation: float = RELAXATION,
-    seed: int = 0,
-    perception: Perception | None = None,
-    model: VehicleModel | None = None,
-    stop_at_collision: bool = True,
-    gui: bool = False,
-    moved: bool = True,
-) -> Run:
-    """Drive the scenario with the build's AD function in closed loop.
-
-    net: the SUMO net of the scenario's map. step: s, whole milliseconds, of which the build's cycle time is
-    a multiple. perception: `Ideal` if none is given; model: `Kinematic`. moved: whether the answers move the EGO; else
-    it goes as the scenario says, and they are kept alone (open loop). Faults of the function end the run
-    (`Run.failure`); faults of the input raise ResimError.
-    """
-    cycle = cycle_steps(build, step)
-    session = open_session(net, step, gui=gui)
-    stage = staged(scenario, network, step, relaxation)
-    loop = _Loop(stage, session, perception or Ideal(), model or Kinematic(), moved=moved)
-    loop.perception.reset(np.random.default_rng(seed))
-    with Watchdog() as watchdog, build.factory.afresh(seed) as opened:
-        driver = Driver(build, watchdog)
+def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
+    """Drive a case in closed loop. net: the SUMO net of its map."""
+    begin = time.perf_counter()
+    cycle = cycle_steps(case.build, case.step)
+    session = open_session(net, case.step, gui=gui)
+    stage = staged(case.scenario, case.network, case.step, case.lead_in)
+    loop = _Loop(case, stage, session)
+    case.perception.reset(np.random.default_rng(case.seed))
+    with Watchdog() as watchdog, case.build.factory.afresh(case.seed) as opened:
+        driver = Driver(case.build, watchdog)
         try:
-            driver.reset(_setup(scenario, network, stage.plan, step * cycle, seed, build))
-            loop.run(driver, cycle, stop_at_collision)
+            driver.reset(_setup(case, stage.plan, case.step * cycle))
+            loop.run(driver, cycle)
         except FunctionError as e:
-            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}", stop_at_collision)
+            loop.failed(f"{case.build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}")
         try:
             driver.close()
         except FunctionError as e:
-            loop.failure = loop.failure or f"{build.label} on closing {e}"
+            loop.failure = loop.failure or f"{case.build.label} on closing {e}"
             loop.end = "function_failed" if loop.end == "duration" else loop.end
-    return loop.result(driver, seed)
+    return loop.result(driver, begin)
 
 
 def _remedy(opened: Opened) -> str:
@@ -81,9 +57,7 @@ def _remedy(opened: Opened) -> str:
     return f". {remedy}" if remedy else ""
 
 
-def _setup(
-    scenario: Scenario, network: RoadNetwork, plan: Guide, cycle: float, seed: int, build: Build
-) -> Setup:
+def _setup(case: Case, plan: Guide, cycle: float) -> Setup:
     step = float(plan.t[1] - plan.t[0])
 
     def recorded(t: float) -> EgoState:
@@ -91,26 +65,23 @@ def _setup(
 
     last = int(np.flatnonzero(plan.present[0])[-1])
     return Setup(
-        road=network,
+        road=case.network,
         start=plan.state(0, plan.begin),
         goal=(float(plan.x[0, last]), float(plan.y[0, last])),
-        length=scenario.ego.length,
-        width=scenario.ego.width,
+        length=case.scenario.ego.length,
+        width=case.scenario.ego.width,
         cycle=cycle,
-        seed=seed,
-        recorded=recorded if build.needs_truth else None,
+        seed=case.seed,
+        recorded=recorded if case.build.needs_truth else None,
     )
 
 
 class _Loop:
     """One run as it happens: the EGO's states and commands, what SUMO answered, and how it ended."""
 
-    def __init__(
-        self, stage: Stage, session: Session, perception: Perception, model: VehicleModel, *, moved: bool
-    ) -> None:
-        self.moved = moved
+    def __init__(self, case: Case, stage: Stage, session: Session) -> None:
+        self.case, self.session = case, session
         self.stage, self.plan, self.members = stage, stage.plan, stage.members
-        self.session, self.perception, self.model = session, perception, model
         self.steps = 0
         self.ego, self.said = array("d"), array("d")  # compact: what a step leaves behind slows the next ones
         self.commands: list[tuple[float, float]] = []
@@ -126,11 +97,12 @@ class _Loop:
         """Time [s] of the last step."""
         return float(self.plan.t[max(self.steps - 1, 0)])
 
-    def run(self, driver: Driver, cycle: int, stop_at_collision: bool) -> None:
+    def run(self, driver: Driver, cycle: int) -> None:
         """Take every step, from the lead-in's first to the end."""
         begin, last = self.plan.begin, len(self.plan.t) - 1
         dt = float(self.plan.t[1] - self.plan.t[0])
-        session, perceive, move = self.session, self.perception.perceive, self.model.step
+        case, session = self.case, self.session
+        perceive, move = case.perception.perceive, case.vehicle.step
         state: VehicleState | None = None
         answer: Command | Placement = Command(0.0, 0.0)
         ego = self.plan.state(0, 0)
@@ -143,10 +115,10 @@ class _Loop:
                     self.said.extend(session.advance(phase.commands[k - phase.first], ego))
                 self.ego.extend(ego)
                 self.steps = k + 1
-                if k - self.looked >= _BLOCK and self.look(stop_at_collision):
+                if k - self.looked >= _BLOCK and self.look():
                     return
-                if k == begin and self.moved:
-                    state = self.model.settle(ego)
+                if k == begin and not case.open_loop:
+                    state = case.vehicle.settle(ego)
                 if (k - begin) % cycle == 0:
                     answer = driver.step(perceive(phase.world(k, ego)), k >= begin)
                 if k == last:
@@ -158,19 +130,19 @@ class _Loop:
                 elif isinstance(answer, Placement):
                     self.commands.append((np.nan, np.nan))
                     ego = answer.state
-                    state = self.model.settle(ego)
+                    state = case.vehicle.settle(ego)
                 else:
                     self.commands.append((answer.acceleration, answer.curvature))
                     state = move(state, answer.acceleration, answer.curvature, dt)
                     ego = state.ego
-        self.look(stop_at_collision)
+        self.look()
 
-    def failed(self, why: str, stop_at_collision: bool) -> None:
+    def failed(self, why: str) -> None:
         """End the run with the function's failure, unless it had ended before."""
-        if not self.look(stop_at_collision):
+        if not self.look():
             self.end, self.failure = "function_failed", why
 
-    def look(self, stop_at_collision: bool) -> bool:
+    def look(self) -> bool:
         """Look at the steps since the last look; say whether the run ended in one, and if so forget what came after."""
         first, self.looked = self.looked, self.steps
         if first >= self.steps:
@@ -181,7 +153,7 @@ class _Loop:
         off = np.flatnonzero(~self.stage.surface.holds(x, y))
         ends = [(int(off[0]), "off_road")] if len(off) else []
         struck = hit.any(axis=0)
-        if stop_at_collision and struck.any():
+        if self.case.stop_at_collision and struck.any():
             ends.append((int(np.argmax(struck)), "collision"))
         stop = min(ends)[0] if ends else len(steps) - 1
         known = {c.id for c in self.collisions}
@@ -207,8 +179,8 @@ class _Loop:
             hit &= boxes_overlap(x, y, heading, length[0], width[0], *others)
         return hit
 
-    def result(self, driver: Driver, seed: int) -> Run:
-        """Put together what the run gave, and check that SUMO did as it was told."""
+    def result(self, driver: Driver, began: float) -> SimulatedDrive:
+        """Put together what the drive gave, and check that SUMO did as it was told. began: s of the process's clock."""
         kept = slice(self.plan.begin, max(self.steps, self.plan.begin + 1))
         t, motion = self.plan.t[kept], self.motion(kept)
         read = self.readings()[:, :, kept]
@@ -223,7 +195,8 @@ class _Loop:
         commands = np.full((len(t), 2), np.nan)
         given = self.commands[: len(t)]
         commands[: len(given)] = np.array(given).reshape(-1, 2)
-        return Run(
+        return SimulatedDrive(
+            case=self.case,
             truth=truth,
             perceived=tuple(p for p in driver.seen if p.t <= t[-1]),
             commands=commands,
@@ -231,8 +204,10 @@ class _Loop:
             collisions=tuple(self.collisions),
             end=self.end,
             failure=self.failure,
-            seed=seed,
             control_error=control_error,
+            shown=self.case.perception.shown,
+            outside=self.case.perception.outside,
+            time=time.perf_counter() - began,
         )
 
     def motion(self, kept: slice) -> Floats:

@@ -33,6 +33,18 @@ class World(NamedTuple):
 class Perception(Protocol):
     """Turns the truth into what the AD function perceives; keeps its own history between calls."""
 
+    @property
+    def hash(self) -> str:
+        """Of all that it follows from."""
+
+    @property
+    def shown(self) -> int:
+        """Samples of objects on the lists since `reset`."""
+
+    @property
+    def outside(self) -> int:
+        """How many of them lie outside of what the perception was trained for."""
+
     def reset(self, rng: np.random.Generator) -> None:
         """Forget the last run; every random draw of the next comes from `rng`."""
 
@@ -42,6 +54,9 @@ class Perception(Protocol):
 
 class Ideal:
     """Sees every object as it is."""
+
+    hash = "ideal"
+    shown = outside = 0
 
     def reset(self, rng: np.random.Generator) -> None:
         """Nothing to forget."""

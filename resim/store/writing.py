@@ -66,16 +66,18 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 def write_resimulation(result: Resimulation, folder: Path) -> None:
     """Write report.json, tracks, answers and plans, the JSCEN files with their map, run.json."""
     from resim.pipeline import map_name
+    from resim.pipeline.report import provenance
+    from resim.pipeline.tables import answers_frame, plans_frame, tracks_frame
     from resim.scenario.jscen import write_jscen
 
     shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
     for name, scenario in result.scenarios().items():
         write_jscen(scenario, folder / f"{name}.jscen.json")
-    write_parquet(result.tracks_frame(), folder / "tracks.parquet")
-    write_parquet(result.answers_frame(), folder / "answers.parquet")
-    write_parquet(result.plans_frame(), folder / "plans.parquet")
-    write_json(result.report(), folder / "report.json")
-    write_json(result.provenance(), folder / RUN.mark)
+    write_parquet(tracks_frame(result), folder / "tracks.parquet")
+    write_parquet(answers_frame(result), folder / "answers.parquet")
+    write_parquet(plans_frame(result), folder / "plans.parquet")
+    write_json(result.report, folder / "report.json")
+    write_json(provenance(result), folder / RUN.mark)
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:

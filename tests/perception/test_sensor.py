@@ -24,8 +24,9 @@ from perception.worlds import (
 
 from resim.perception.model import MANEUVERS, PerceptionModel, read_model
 from resim.perception.sensor import Sensor
-from resim.sim.loop import simulate
+from resim.sim.case import Case
 from resim.sim.perception import Ideal, Perception, World
+from resim.sim.sumo import Sumo
 
 
 @pytest.mark.parametrize(
@@ -95,7 +96,7 @@ def test_samples_outside_of_the_models_range_are_counted() -> None:
     def count(**validity: tuple[float, float]) -> tuple[int, int]:
         sensor = Sensor(model(validity=validity, field_of_view={"range": 100.0}))
         look(sensor, lambda t: (place, 0.0, 10.0), steps(7.96), standing)
-        return sensor.outside, sensor.perceived
+        return sensor.outside, sensor.shown
 
     assert count() == (0, 400)
     assert count(range=(20.0, 200.0)) == (200, 400)
@@ -105,14 +106,10 @@ def test_samples_outside_of_the_models_range_are_counted() -> None:
 
 def test_in_the_loop(described: Any, network: Any, net: Any, build: Any) -> None:
     def drive(perception: Perception | None, seed: int = 0) -> Any:
-        return simulate(
-            described("cut_in_brake"),
-            network,
-            net.path,
-            build("highway_pilot"),
-            perception=perception,
-            seed=seed,
-        )
+        shown = perception or Ideal()
+        return Case(
+            described("cut_in_brake"), network, build("highway_pilot"), Sumo(), shown, seed=seed
+        ).drive()
 
     ideal, none = drive(None), drive(Sensor(read_model(MODELS / "none.json")))
     assert ideal.truth.x.tobytes() == none.truth.x.tobytes()
@@ -123,7 +120,7 @@ def test_in_the_loop(described: Any, network: Any, net: Any, build: Any) -> None
     one, two = drive(sensor, 3), drive(sensor, 3)
     assert as_bytes(list(one.perceived)) == as_bytes(list(two.perceived))
     assert one.failure == ""
-    assert 0 <= sensor.outside < sensor.perceived
+    assert 0 <= sensor.outside < sensor.shown
 
 
 def first_braking(run: Any) -> float:

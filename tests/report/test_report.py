@@ -14,6 +14,7 @@ from resim.core.tracks import Tracks
 from resim.ingest import Recording, read_recording
 from resim.perception.model import read_model
 from resim.pipeline import How, Options, Perceiving, Resimulation, assess_resimulation, resimulate
+from resim.pipeline.report import provenance
 from resim.report import write_report
 from resim.sim.adfunction import load_build
 
@@ -104,7 +105,7 @@ def test_every_figure_has_its_own_id(cut_in_html: str) -> None:
 
 
 def test_says_what_the_report_says(cut_in: Resimulation, cut_in_html: str) -> None:
-    text, report = Page(cut_in_html).text, cut_in.report()
+    text, report = Page(cut_in_html).text, cut_in.report
     for run in ("rGT", "rSD"):
         change = report["reaction_difference"][run]
         assert f"{abs(change):.2f} s {'later' if change > 0 else 'earlier'}" in text
@@ -192,9 +193,9 @@ def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float,
         f'name = "odd"\nversion = "1"\nfactory = "faulty_for_report:Faulty"\n[parameters]\nat = {at}\n'
     )
     result = resimulate(recording("rear_end"), load_build(build), perceiving=Perceiving(NONE, (0, 1)))
-    found = result.report()["perception"]
+    found = result.report["perception"]
     assert found["same_decision"] == 0
-    for one, told in zip(found["seeds"], result.provenance()["perception"]["seeds"], strict=True):
+    for one, told in zip(found["seeds"], provenance(result)["perception"]["seeds"], strict=True):
         assert "lost <the> lane" in one["failure"] == told["failure"]
         assert one["end_position_error"] is None
     text = Page(html(result, tmp_path)).text
@@ -207,17 +208,17 @@ def test_a_perception_model_stands_beside_the_runs_without(cut_in: Resimulation,
     model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
     seen = Perceiving(model, (0, 1, 2))
     result = resimulate(recording("cut_in_brake"), load_build(PILOT), perceiving=seen)
-    source, seeds = html(result, tmp_path), result.report()["perception"]["seeds"]
+    source, seeds = html(result, tmp_path), result.report["perception"]["seeds"]
     table = source[source.index('<table class="outcome">') :].partition("</table>")[0]
     assert re.findall(r'scope="col">(.*?)</th>', table) == ["", "GT", "rGT", "rSD", "rGT+M"]
     late = sorted(s["reaction_difference"] for s in seeds)
     assert f"median <b>{late[1]:.2f} s</b> ({late[0]:.2f} to {late[2]:.2f})".replace("-", "−") in table
     off = sorted(s["end_position_error"] for s in seeds)
     assert f"median <b>{off[1]:.2f} m</b> ({off[0]:.2f} to {off[2]:.2f})" in table
-    assert f"{cut_in.report()['end_position_error']['rGT']:.2f} m" in table
+    assert f"{cut_in.report['end_position_error']['rGT']:.2f} m" in table
     assert f"{off[1]:.2f} at the end" in source
-    slower = [dataclasses.replace(p, time=9.87654) for p in result.perceived_runs]
-    assert html(dataclasses.replace(result, perceived_runs=tuple(slower)), tmp_path) == source
+    slower = {name: dataclasses.replace(drive, time=9.87654) for name, drive in result.drives.items()}
+    assert html(dataclasses.replace(result, drives=slower), tmp_path) == source
 
 
 def test_collision_ends_the_run_and_is_said(tmp_path: Path) -> None:
@@ -236,7 +237,7 @@ def test_collision_ends_the_run_and_is_said(tmp_path: Path) -> None:
         existence_probability=None,
     )
     result = resimulate(near, load_build(ROOT / "adfunc" / "builds" / "constant_velocity-1.0.toml"))
-    assert result.report()["end"]["rGT"] == "collision"
+    assert result.report["end"]["rGT"] == "collision"
     text = Page(html(result, tmp_path)).text
     assert "up to its end at" in text
     assert "TO at " in text

@@ -12,8 +12,8 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import RoadPosition, Scenario, ScenarioObject
 from resim.sim.adfunction import Build, load_build
-from resim.sim.loop import simulate
-from resim.sim.run import Run
+from resim.sim.case import Case, SimulatedDrive
+from resim.sim.sumo import Sumo
 
 Member = Callable[..., ScenarioObject]
 LANE = 3.5
@@ -40,12 +40,12 @@ def member() -> Member:
 
 
 @pytest.fixture
-def drive(network: RoadNetwork, net: SumoNet) -> Callable[..., Run]:
+def drive(network: RoadNetwork, net: SumoNet) -> Callable[..., SimulatedDrive]:
     """Simulate EGO and objects with a build, as long as the EGO's trace."""
 
-    def run(build: Build, ego: ScenarioObject, *objects: ScenarioObject, **options: Any) -> Run:
+    def run(build: Build, ego: ScenarioObject, *objects: ScenarioObject, **options: Any) -> SimulatedDrive:
         scenario = Scenario("proving_ground.xodr", float(ego.v.x[-1] - ego.v.x[0]), ego, objects)
-        return simulate(scenario, network, net.path, build, **options)
+        return Case(scenario, network, build, Sumo(), **options).drive()
 
     return run
 

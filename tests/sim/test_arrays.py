@@ -14,9 +14,9 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.sim.adfunction import Build
-from resim.sim.loop import simulate
-from resim.sim.perception import Perception
-from resim.sim.run import Run
+from resim.sim.case import Case, SimulatedDrive
+from resim.sim.perception import Ideal, Perception
+from resim.sim.sumo import Sumo
 
 Make = Callable[..., Build]
 Member = Callable[..., ScenarioObject]
@@ -36,15 +36,17 @@ return Command(0.0, 0.0)"""
 
 
 @pytest.fixture
-def run(member: Member, network: RoadNetwork, net: SumoNet) -> Callable[[Build, Perception | None], Run]:
+def run(
+    member: Member, network: RoadNetwork, net: SumoNet
+) -> Callable[[Build, Perception | None], SimulatedDrive]:
     """Simulate the EGO behind a slower car, the same scenario each time."""
     scenario = Scenario("m", 2.0, member("e", 300.0, 20.0), (member("1", 340.0, 15.0), member("2", 280.0)))
-    return lambda build, perception: simulate(scenario, network, net.path, build, perception=perception)
+    return lambda build, perception: Case(scenario, network, build, Sumo(), perception or Ideal()).drive()
 
 
 @pytest.mark.parametrize("period", [None, 0.0, 0.2])
 def test_a_function_changes_neither_records_nor_what_it_sees_next(
-    run: Callable[..., Run], function: Make, period: float | None
+    run: Callable[..., SimulatedDrive], function: Make, period: float | None
 ) -> None:
     sensor = None if period is None else Sensor(read_model(MODEL, (f"update.period={period}",)))
     before, spoilt = run(function(), sensor), run(function(SPOILS), sensor)
@@ -58,7 +60,7 @@ def test_a_function_changes_neither_records_nor_what_it_sees_next(
 
 
 def test_each_plan_is_kept_though_the_function_uses_one_array(
-    run: Callable[..., Run], function: Make
+    run: Callable[..., SimulatedDrive], function: Make
 ) -> None:
     step = """import numpy as np
 if not hasattr(self, "plan"): self.plan = np.zeros((3, 4))
@@ -69,7 +71,9 @@ return Command(0.0, 0.0, self.plan)"""
     assert len(plans) == 51
 
 
-def test_a_command_is_what_it_was_when_it_was_given(run: Callable[..., Run], function: Make) -> None:
+def test_a_command_is_what_it_was_when_it_was_given(
+    run: Callable[..., SimulatedDrive], function: Make
+) -> None:
     step = """class Later(Command):
     said = 0
     @property
@@ -86,18 +90,20 @@ return Later(0.0, 0.0)"""
 
 @pytest.mark.parametrize("plan", ["np.ma.masked_array(np.ones((3, 4)), mask=True)", "np.ones((3, 4), dtype=complex)",
                                   "np.ones((2, 3, 4))", "np.array([[1e308, np.inf, 0, 0]])"])  # fmt: skip
-def test_a_plan_of_what_are_no_numbers_fails(run: Callable[..., Run], function: Make, plan: str) -> None:
+def test_a_plan_of_what_are_no_numbers_fails(
+    run: Callable[..., SimulatedDrive], function: Make, plan: str
+) -> None:
     found = run(function(f"import numpy as np\nreturn Command(0.0, 0.0, {plan})"), None)
     assert "answered the plan" in found.failure
 
 
-def test_a_plan_of_large_numbers_is_one(run: Callable[..., Run], function: Make) -> None:
+def test_a_plan_of_large_numbers_is_one(run: Callable[..., SimulatedDrive], function: Make) -> None:
     found = run(function("import numpy as np\nreturn Command(0.0, 0.0, np.full((2, 4), 9e8))"), None)
     assert np.all(found.plans[0][1] == 9e8)
 
 
 def test_a_parameter_that_is_changed_is_whole_again_in_the_next_run(
-    run: Callable[..., Run], function: Make
+    run: Callable[..., SimulatedDrive], function: Make
 ) -> None:
     step = "self.gains.append(-1.0)\nself.deep['a'][0] -= 1.0\nreturn Command(self.gains[0] + len(self.gains), 0.0)"
     build = function(step, parameters="gains = [0.0]\ndeep = {a = [1.0]}")
@@ -107,7 +113,7 @@ def test_a_parameter_that_is_changed_is_whole_again_in_the_next_run(
 
 
 def test_a_failure_names_the_file_that_the_build_does_not_list(
-    run: Callable[..., Run], function: Make
+    run: Callable[..., SimulatedDrive], function: Make
 ) -> None:
     build = function("from pathlib import Path\nreturn (Path(__file__).parent / 'w.json').read_text()")
     (build.path.parent / "w.json").write_text("1")

@@ -17,10 +17,10 @@ from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.sim import driver
 from resim.sim.adfunction import Build, load_build
-from resim.sim.loop import simulate
-from resim.sim.run import Run
+from resim.sim.case import Case, SimulatedDrive
+from resim.sim.sumo import Sumo
 
-Drive = Callable[..., Run]
+Drive = Callable[..., SimulatedDrive]
 Make = Callable[..., Build]
 Member = Callable[..., ScenarioObject]
 ROOT = Path(__file__).parents[2]
@@ -207,8 +207,8 @@ def test_a_function_cannot_change_what_others_see(
     with_care = function(
         "try: perceived.length[:] = 500.0\nexcept ValueError: pass\nreturn Command(0.0, 0.0)"
     )
-    simulate(scenario, network, net.path, with_care, stop_at_collision=False)
-    run = simulate(scenario, network, net.path, function(), stop_at_collision=False)
+    Case(scenario, network, with_care, Sumo(), stop_at_collision=False).drive()
+    run = Case(scenario, network, function(), Sumo(), stop_at_collision=False).drive()
     assert run.perceived[0].length.tolist() == [4.7]
 
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from resim.sim.adfunction import load_build
-from resim.sim.run import Run
+from resim.sim.case import SimulatedDrive
 
-Drive = Callable[..., Run]
+Drive = Callable[..., SimulatedDrive]
 SOURCE = """import decimal, locale, os, random, sys, types, warnings
 import numpy as np
 import helper

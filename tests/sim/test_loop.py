@@ -17,19 +17,19 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.sim.adfunction import Build
-from resim.sim.dynamics import SingleTrack
-from resim.sim.loop import simulate
-from resim.sim.run import Run
+from resim.sim.case import Case, SimulatedDrive
+from resim.sim.dynamics import Kinematic, SingleTrack
+from resim.sim.sumo import Sumo
 
 ROOT = Path(__file__).parents[2]
-Drive = Callable[..., Run]
+Drive = Callable[..., SimulatedDrive]
 Make = Callable[..., Build]
 Member = Callable[..., ScenarioObject]
 Builds = Callable[[str], Build]
 Described = Callable[..., Scenario]
 
 
-def bytes_of(run: Run) -> tuple[bytes, ...]:
+def bytes_of(run: SimulatedDrive) -> tuple[bytes, ...]:
     truth = run.truth
     columns = (truth.t, truth.x, truth.y, truth.heading, truth.v, truth.a, truth.yaw_rate, run.commands)
     plans = [plan for _, plan in run.plans]
@@ -77,7 +77,7 @@ def test_replay_gives_the_scenario_back(
     described: Described, network: RoadNetwork, net: SumoNet, build: Builds, name: str, basis: str
 ) -> None:
     scenario = described(name, basis)
-    run = simulate(scenario, network, net.path, build("replay"), stop_at_collision=False)
+    run = Case(scenario, network, build("replay"), Sumo(), stop_at_collision=False).drive()
     wanted = scenario.tracks(network, run.truth.t)
     assert run.end == "duration"
     assert run.control_error <= 1e-6
@@ -93,7 +93,7 @@ def test_follow_trace_shows_what_the_vehicle_model_costs(
     described: Described, network: RoadNetwork, net: SumoNet, build: Builds, model: SingleTrack | None
 ) -> None:
     scenario = described("cut_in_brake")
-    run = simulate(scenario, network, net.path, build("follow_trace"), model=model)
+    run = Case(scenario, network, build("follow_trace"), Sumo(), vehicle=model or Kinematic()).drive()
     wanted = scenario.tracks(network, run.truth.t)
     off = np.hypot(run.truth.x - wanted.x, run.truth.y - wanted.y)[0]
     assert 0.0 < off.mean() < 0.05
@@ -111,7 +111,7 @@ def test_the_ego_starts_where_it_was_measured(
     model: SingleTrack | None,
 ) -> None:
     scenario = described("cut_in_brake")
-    run = simulate(scenario, network, net.path, build(name), model=model)
+    run = Case(scenario, network, build(name), Sumo(), vehicle=model or Kinematic()).drive()
     start = scenario.tracks(network, [scenario.ego.spawn_time])
     assert math.hypot(run.truth.x[0, 0] - start.x[0, 0], run.truth.y[0, 0] - start.y[0, 0]) < 1e-3
     assert abs(run.truth.v[0, 0] - start.v[0, 0]) < 1e-3
@@ -207,7 +207,7 @@ def test_a_function_with_a_cycle_of_its_own_is_held_in_between(
     drive: Drive, function: Make, member: Member, relaxation: float
 ) -> None:
     own = function("return Command(perceived.t, 0.0)", top="cycle_time = 0.2")
-    run = drive(own, member("e", 300.0, 20.0), relaxation=relaxation)
+    run = drive(own, member("e", 300.0, 20.0), lead_in=relaxation)
     np.testing.assert_allclose([p.t for p in run.perceived], 0.2 * np.arange(21), atol=1e-9)
     np.testing.assert_allclose(run.commands[:10, 0], [0.0] * 5 + [0.2] * 5, atol=1e-9)
 
@@ -244,7 +244,7 @@ def test_other_steps_end_with_the_scenario_too(
 def test_the_lead_in_may_have_any_length(
     drive: Drive, build: Builds, member: Member, relaxation: float
 ) -> None:
-    run = drive(build("highway_pilot"), member("e", 300.0, 20.0), member("1", 350.0), relaxation=relaxation)
+    run = drive(build("highway_pilot"), member("e", 300.0, 20.0), member("1", 350.0), lead_in=relaxation)
     assert run.end == "duration"
     assert run.truth.t[0] == 0.0
     assert run.truth.x[0, 0] == pytest.approx(300.0, abs=1e-6)
@@ -320,10 +320,10 @@ def test_the_same_input_gives_the_same_bytes_also_after_another_run(
     described: Described, network: RoadNetwork, net: SumoNet, build: Builds
 ) -> None:
     scenario = described("cut_in_brake")
-    one = simulate(scenario, network, net.path, build("highway_pilot"), seed=4)
-    simulate(described("overtake"), network, net.path, build("idm"))
-    simulate(scenario, network, net.path, build("highway_pilot"), step=0.02)
-    two = simulate(scenario, network, net.path, build("highway_pilot"), seed=4)
+    one = Case(scenario, network, build("highway_pilot"), Sumo(), seed=4).drive()
+    Case(described("overtake"), network, build("idm"), Sumo()).drive()
+    Case(scenario, network, build("highway_pilot"), Sumo(), step=0.02).drive()
+    two = Case(scenario, network, build("highway_pilot"), Sumo(), seed=4).drive()
     assert bytes_of(one) == bytes_of(two)
 
 
@@ -337,19 +337,20 @@ from resim.ingest import read_recording
 from resim.road.opendrive import load
 from resim.scenario.scenario import describe
 from resim.sim.adfunction import load_build
-from resim.sim.loop import simulate
+from resim.sim.case import Case
+from resim.sim.sumo import Sumo
 import numpy as np
 root = Path({str(ROOT)!r})
 recording, network = read_recording(root / "scenarios/cut_in_brake"), load(root / "networks/proving_ground.xodr")
 scenario = describe(recording.gt, network, ego="ego", map_name="proving_ground.xodr")
-run = simulate(scenario, network, Path({str(net.path)!r}), load_build(root / "adfunc/builds/highway_pilot-1.0.toml"))
+run = Case(scenario, network, load_build(root / "adfunc/builds/highway_pilot-1.0.toml"), Sumo()).drive()
 t = run.truth
 columns = (t.t, t.x, t.y, t.heading, t.v, t.a, t.yaw_rate, run.commands, *(p for _, p in run.plans))
 print(hashlib.sha256(b"".join(np.ascontiguousarray(c).tobytes() for c in columns)).hexdigest())
 """
     import hashlib
 
-    run = simulate(described("cut_in_brake"), network, net.path, build("highway_pilot"))
+    run = Case(described("cut_in_brake"), network, build("highway_pilot"), Sumo()).drive()
     fresh = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
@@ -372,7 +373,7 @@ def test_setup_says_what_the_function_may_know(
         "assert setup.road.has_lane('1', -2, 300.0)"
     )
     run = drive(function(reset=check, top="cycle_time = 0.08"), member("e", 300.0, 20.0), seed=7)
-    assert (run.failure, run.seed) == ("", 7)
+    assert (run.failure, run.case.seed) == ("", 7)
 
 
 def test_the_record_is_for_oracles_only(drive: Drive, function: Make, member: Member) -> None:
@@ -401,6 +402,8 @@ def test_a_seed_reaches_the_perception(drive: Drive, function: Make, member: Mem
     from resim.sim.perception import Ideal, World
 
     class Noisy(Ideal):
+        hash, shown, outside = "own", 0, 0
+
         def reset(self, rng: np.random.Generator) -> None:
             self.rng = rng
 
@@ -427,4 +430,4 @@ def test_replay_of_a_published_file_goes_as_far_as_its_trace(
 ) -> None:
     """Version 0.9 gives the trace's last time as the duration, and its traces start a little after zero."""
     scenario = Scenario("m", 4.0, member("e", 300.0, 20.0, start=0.5, end=4.0), ())
-    assert simulate(scenario, network, net.path, build("replay")).end == "duration"
+    assert Case(scenario, network, build("replay"), Sumo()).drive().end == "duration"

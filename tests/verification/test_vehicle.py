@@ -19,8 +19,10 @@ from resim.pipeline.verify import Demands, verify_recording
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.sim.adfunction import load_build
+from resim.sim.case import Case
 from resim.sim.dynamics import Kinematic, Vehicle, VehicleModel, VehicleState
-from resim.sim.loop import simulate
+from resim.sim.perception import Ideal
+from resim.sim.sumo import Sumo
 from resim.verification.tolerance import Tolerances
 
 CRITERIA = ROOT / "scenarios" / "criteria" / "highway.toml"
@@ -71,11 +73,11 @@ def driven(network: RoadNetwork, net: SumoNet) -> Drive:
                 NEIGHBOURS[name],
                 load_build(ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"),
             )
-            run = simulate(
-                tool.stage(wanted, network), network, net.path, build, step=tool.STEP, seed=wanted.seed,
-                perception=tool.Sensor(wanted.sensor) if sees else None, model=VEHICLES[vehicle](),
-                stop_at_collision=False,
-            )  # fmt: skip
+            run = Case(
+                tool.stage(wanted, network), network, build, Sumo(),
+                tool.Sensor(wanted.sensor) if sees else Ideal(), VEHICLES[vehicle](), step=tool.STEP,
+                seed=wanted.seed, stop_at_collision=False,
+            ).drive()  # fmt: skip
             made[name, vehicle, sees] = Recording(
                 name=name, map=tool.MAP, ego="ego", gt=tool.referenced(run.truth, wanted.seed), gt_rate=25.0,
                 sd=tool.sensed(run), sd_rate=25.0, sd_gt_id=run.truth.ids, build=build.label, build_hash=build.hash,

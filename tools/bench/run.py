@@ -26,9 +26,10 @@ from resim.road.path import lane_path
 from resim.road.sumo import sumo_net
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build, load_build
+from resim.sim.case import Case
 from resim.sim.guide import guide
-from resim.sim.loop import simulate
 from resim.sim.session import Session, open_session, to_sumo
+from resim.sim.sumo import Sumo
 
 ROOT = Path(__file__).parents[2]
 STEP = 0.04
@@ -89,7 +90,7 @@ def compare(
         begin = time.perf_counter()
         bare(session, placements)
         middle = time.perf_counter()
-        run = simulate(scenario, network, net, build, step=STEP)
+        run = Case(scenario, network, build, Sumo(), step=STEP).drive()
         times.append((middle - begin, time.perf_counter() - middle))
         assert run.end == "duration", run.end
     low = np.median(times[1:], axis=0)

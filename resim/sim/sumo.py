@@ -1,0 +1,23 @@
+"""SUMO as an engine: libsumo in this process, sumo-gui for a window."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from functools import cached_property
+
+from resim.road.sumo import sumo_net
+from resim.sim.case import Case, SimulatedDrive
+from resim.sim.loop import drive
+
+
+class Sumo:
+    """Traffic objects on their traces in SUMO, the EGO in closed loop with the case's function."""
+
+    @cached_property
+    def name(self) -> str:
+        """The name, and the version of SUMO."""
+        return f"sumo {importlib.metadata.version('eclipse-sumo')}"
+
+    def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
+        """Drive a case (`resim.sim.engine.Engine`)."""
+        return drive(case, sumo_net(case.network).path, gui=window)
