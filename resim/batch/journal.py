@@ -17,7 +17,7 @@ from typing import Any
 from resim.core.errors import InputError
 
 REMEDY = "Take the line away: its run is then done again."
-_TEXTS, _FLAGS = ("end", "failure", "decision", "verdict"), ("same_decision", "collision")
+_TEXTS, _FLAGS = ("end", "failure", "decision", "verdict", "case"), ("same_decision", "collision")
 """Columns of a row that hold no numbers; criteria have others, told by their names (`resim.pipeline.single`)."""
 
 _LARGEST = 1e300

@@ -13,11 +13,11 @@ import pandas as pd
 from resim.assess.criteria import freeze_criteria, read_criteria
 from resim.batch.child import Failure
 from resim.batch.runs import RunTask, run, swept_model, with_values
-from resim.batch.suites import versions
 from resim.batch.swept import Swept
 from resim.batch.workers import run_all
 from resim.core.errors import InputError, ResimError
 from resim.core.frozen import Frozen
+from resim.core.provenance import versions
 from resim.perception.model import freeze_model
 from resim.pipeline import How, Options, Perceiving, assess_resimulation, examined, resimulate
 from resim.pipeline.suite import content_hash

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from resim.batch.asked import Asked
-from resim.batch.suites import CASES, REPORTS, versions
+from resim.batch.suites import CASES, REPORTS
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
+from resim.core.provenance import versions
 from resim.report import junit, write_verification_page
 from resim.store import VERIFICATION, json_text, whole_file
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import resim
 from resim.batch.asked import Asked, tasks
 from resim.batch.child import Failure
 from resim.batch.journal import checksum
@@ -18,14 +15,13 @@ from resim.batch.tasks import Task, report, reports_of, run
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
 from resim.core.files import read_file
+from resim.core.provenance import versions
 from resim.store import json_text, whole_file, write_json
 from resim.verification.summary import summary
 
 SCHEMA = "resim-verification-1"
 CASES, REPORTS = "cases", "reports"
 """Folders in the results: what each recording gave, and the re-simulation reports of those to look at."""
-LOOKS = ("report", "cli")
-"""Parts of resim that no result depends on."""
 LONGEST, LONGEST_SEED = 3600.0, 60.0
 """s of wall clock for one recording with all of its variations, and more for each seed that it may take."""
 
@@ -136,25 +132,8 @@ def _key(a: Asked, name: str) -> str:
     """What the result of a recording follows from."""
     told = a.model_dump(mode="json", exclude={"recordings", "wanted", "suite", "name", "limits", "reports"})
     told |= {"recording": a.recordings[name].model_dump(), "wanted": a.wanted.get(name)}
-    told |= {"versions": versions(), "code": _code()}
+    told |= {"versions": versions()}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
-
-
-def versions() -> dict[str, str]:
-    """Give the versions of all that a result depends on."""
-    names = ("numpy", "scipy", "pandas", "shapely", "numba", "libsumo", "eclipse-sumo")
-    return {"resim": resim.__version__, **{name: importlib.metadata.version(name) for name in names}}
-
-
-@cache
-def _code() -> str:
-    """The hash of resim's own source: a version under development changes without a new number."""
-    told = hashlib.sha256()
-    root = Path(resim.__file__).parent
-    for path in sorted(root.rglob("*")):
-        if path.suffix in (".py", ".json") and path.relative_to(root).parts[0] not in LOOKS:
-            told.update(path.read_bytes())
-    return told.hexdigest()
 
 
 def outcome_code(verification: Mapping[str, Any]) -> int:

@@ -18,11 +18,11 @@ from resim.assess.criteria import read_criteria
 from resim.batch import journal
 from resim.batch.child import Failure
 from resim.batch.runs import RunTask, Values, run, swept_model, with_values
-from resim.batch.suites import versions
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
 from resim.core.files import parse_json
 from resim.core.frozen import Frozen
+from resim.core.provenance import versions
 from resim.pipeline import Options
 from resim.pipeline.suite import relative
 from resim.pipeline.sweep import OUTCOMES, RUN, Sweep, boundaries, runs

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import resim
 from resim import fidelity
 from resim.core.finding import Finding
+from resim.core.provenance import versions
 from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS
 from resim.pipeline.perceived import difference, end_error, same_decision
 from resim.pipeline.reaction import ego_tracks
@@ -102,14 +101,9 @@ def _seed(result: Resimulation, seed: int, measured: float | None) -> dict[str, 
 
 def provenance(result: Resimulation) -> dict[str, Any]:
     """Give what run.json holds: versions, hashes, cases, seeds, times."""
-    packages = ("numpy", "scipy", "pandas", "shapely", "duckdb", "libsumo", "eclipse-sumo")
     options = result.options
     return {
-        "versions": {
-            "resim": resim.__version__,
-            "python": platform.python_version(),
-            **{p: importlib.metadata.version(p) for p in packages},
-        },
+        "versions": {**versions(), "python": platform.python_version()},
         "hashes": dict(result.hashes),
         "cases": {name: drive.case.hash for name, drive in result.drives.items()},
         "engine": options.engine.name,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import shutil
 from collections.abc import Iterator, Mapping
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import duckdb
 
-import resim
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
+from resim.core.provenance import versions
 from resim.store.folders import ASSESSMENT, CONVERSION, RUN
 
 if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
@@ -86,19 +85,15 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
 
     name = map_name(found.network.path).removesuffix(".xodr")
     shutil.copyfile(found.net.path, folder / f"{name}.net.xml")
-    versions = {p: importlib.metadata.version(p) for p in ("eclipse-sumo", "shapely", "numpy")}
-    write_json(
-        {"versions": {"resim": resim.__version__, **versions}, **found.report()}, folder / CONVERSION.mark
-    )
+    write_json({"versions": versions(), **found.report()}, folder / CONVERSION.mark)
 
 
 def write_assessment(found: Assessed, folder: Path, drive: Path) -> None:
     """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
-    versions = {p: importlib.metadata.version(p) for p in ("numpy", "numba", "scipy")}
     criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
     inputs = {**_drive_inputs(drive, found.name), "criteria": criteria}
     write_json(
-        {"versions": {"resim": resim.__version__, **versions}, "inputs": inputs, **found.to_json()},
+        {"versions": versions(), "inputs": inputs, **found.to_json()},
         folder / ASSESSMENT.mark,
     )
     write_parquet(found.kpi_frame(), folder / "kpis.parquet")

@@ -1,0 +1,33 @@
+"""What program made a result."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+from functools import cache
+from pathlib import Path
+
+import resim
+
+_PACKAGES = ("numpy", "scipy", "pandas", "shapely", "numba", "libsumo", "eclipse-sumo")
+
+
+def versions() -> dict[str, str]:
+    """Give the versions of all that a result depends on, resim's own source among them (`code_state`).
+
+    Results of the same versions and inputs are the same; others are neither resumed nor compared as if they were.
+    """
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"resim": resim.__version__, "code": code_state(), **packages}
+
+
+@cache
+def code_state() -> str:
+    """Give 16 digits of the hash of resim's source: a version under development changes without a new number."""
+    told = hashlib.sha256()
+    root = Path(resim.__file__).parent
+    for path in sorted(root.rglob("*")):
+        if path.suffix in (".py", ".json"):
+            told.update(path.relative_to(root).as_posix().encode())
+            told.update(path.read_bytes())
+    return told.hexdigest()[:16]
