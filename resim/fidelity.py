@@ -5,7 +5,6 @@ Errors are always later minus earlier, at equal times. Takes tracks and scenario
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
 from resim.core.tracks import Strings, Tracks, whole_id
 from resim.road.opendrive import RoadNetwork
-from resim.road.path import lane_path
 from resim.scenario.scenario import Scenario
 
 STEPS = ("S", "FIT_GT", "FIT_SD", "SIM_GT", "SIM_SD", "FIT_rGT", "FIT_rSD", "PIPE_GT", "PIPE_SD")
@@ -33,12 +31,6 @@ QUANTITIES: Mapping[str, str] = {"d": "m", "v": "m/s", "heading": "rad"}
 """What an error is measured in: distance, speed and heading difference, with their units."""
 
 STATISTICS = ("mean", "std", "min", "q25", "q50", "q75", "max")
-
-BRAKING = -0.5
-"""Acceleration [m/s²] below which the EGO has reacted (Section 5.3.2)."""
-
-TURNED = 0.3
-"""Heading [rad] against the lane from which on leaving it is turning off and not changing lane."""
 
 Statistics: TypeAlias = dict[str, float]
 
@@ -197,72 +189,6 @@ def _sums_of(
         }
         for name in QUANTITIES
     }
-
-
-def reaction_time(tracks: Tracks, *, ego: str) -> float | None:
-    """Give the first time [s] at which the EGO's acceleration is under -0.5 m/s², None where it never is.
-
-    tracks must have `a`: a scenario's, whose splines give it without noise, or a run's.
-    """
-    if tracks.a is None:
-        raise ValueError("reaction needs the acceleration: take a scenario's or a run's tracks")
-    braking = np.flatnonzero(tracks.a[tracks.index(ego)] < BRAKING)
-    return float(tracks.t[braking[0]]) if len(braking) else None
-
-
-def decision(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[str]:
-    """Give what the EGO did, in order of time, out of brake, lane_change_left and lane_change_right."""
-    return [name for _, name in events(tracks, network, ego=ego)]
-
-
-def events(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:
-    """Give when [s] the EGO did what (see `decision`), in order of time."""
-    found = lane_changes(tracks, network, ego=ego)
-    if (t := reaction_time(tracks, ego=ego)) is not None:
-        found.append((t, "brake"))
-    return sorted(found)
-
-
-def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:
-    """Give when [s] the EGO's centre entered another lane, and to which side."""
-    row = tracks.index(ego)
-    there = tracks.valid[row]
-    t, x, y, heading = (c[there] for c in (tracks.t, tracks.x[row], tracks.y[row], tracks.heading[row]))
-    out: list[tuple[float, str]] = []
-    k = 0
-    while k < len(t):
-        left = _leaves_lane(network, x[k:], y[k:], heading[k:])
-        if left is None:
-            break
-        step, side = left
-        if step and side:  # else it turned off, or starts beyond its lane's border, as where lanes overlap
-            out.append((float(t[k + step]), side))
-        k += max(step, 1)
-    return out
-
-
-def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> tuple[int, str] | None:
-    """The first sample beyond the border of the first sample's lane, and the side; "" where it turns off.
-
-    A lane change ends in another lane, oncoming or not, and runs along the one it leaves.
-    """
-    at = network.to_road(x[:1], y[:1], heading=heading[:1])
-    driven = float(np.hypot(np.diff(x), np.diff(y)).sum())
-    length = 100.0 * math.ceil(driven / 100.0 + 0.2)  # in such steps drives of one scenario share their path
-    path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
-    s, d = path.project(x, y)
-    beyond = np.flatnonzero(np.abs(d) > np.interp(s, path.s, path.half_width))
-    if not len(beyond):
-        return None
-    across = wrap_angle(heading[beyond] - np.interp(s[beyond], path.s, path.heading))
-    turned = np.abs(across) > TURNED
-    counts = beyond[turned | network.to_road(x[beyond], y[beyond]).on_road]
-    if not len(counts):
-        return None
-    first = int(counts[0])
-    if turned[np.searchsorted(beyond, first)]:
-        return first, ""
-    return first, "lane_change_left" if d[first] > 0.0 else "lane_change_right"
 
 
 def collisions(tracks: Tracks, *, ego: str) -> list[tuple[float, str]]:

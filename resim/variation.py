@@ -16,18 +16,13 @@ from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import lane_path
+from resim.scenario.maneuvers import VARIED_ACROSS, VARIED_BRAKING
 from resim.scenario.scenario import Scenario, describe
 
 STEP = 0.04
 """s between the samples that are changed."""
 BEHIND = 200.0
 """Length [m] of the lane before the object's start, and beyond its end, that its place is counted along."""
-LEAST_BRAKING = 0.5
-"""m/s²; an object that brakes less has no braking to change."""
-
-LEAST_ACROSS = 1.0
-"""m; an object that moves less across its lane changes none."""
-
 Changed = tuple[Floats, Floats]
 """Where an object is along and across its lane [m]."""
 
@@ -58,7 +53,7 @@ def _braking(t: Floats, s: Floats, d: Floats, amount: float) -> Changed:
     v = np.gradient(s, t, edge_order=2)
     a = np.gradient(v, t, edge_order=2)
     hardest = float(-a.min())
-    if hardest < LEAST_BRAKING:
+    if hardest < VARIED_BRAKING:
         raise ResimError(f"brakes at {max(hardest, 0.0):.2f} m/s² at most, so there is no braking to change")
     a = np.where(a < 0.0, a * max(1.0 + amount / hardest, 0.0), a)
     gained = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (a[1:] + a[:-1]))])
@@ -67,7 +62,7 @@ def _braking(t: Floats, s: Floats, d: Floats, amount: float) -> Changed:
 
 
 def _lane_change(t: Floats, s: Floats, d: Floats, amount: float) -> Changed:
-    if np.ptp(d) < LEAST_ACROSS:
+    if np.ptp(d) < VARIED_ACROSS:
         raise ResimError("keeps its place across the lane, so there is no lane change to move in time")
     return s, np.interp(t - amount, t, d)
 

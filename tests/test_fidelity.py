@@ -15,6 +15,7 @@ from resim.fidelity import EGO_ROW, SUMS, TO_ROWS
 from resim.ingest import Recording
 from resim.pipeline import Options, Resimulation, resimulate
 from resim.road.opendrive import RoadNetwork
+from resim.scenario import maneuvers
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build
 
@@ -171,10 +172,10 @@ def test_the_reaction_is_the_first_braking_that_is_more_than_half_a_metre_per_se
     t = np.arange(0.0, 6.0, 0.01)
     a = np.where(t < 2.0, 0.3, np.where(t < 3.0, -0.5, np.where(t < 4.0, -0.6, 1.0)))
     ego = replace(tracks(t, o=(0.0, 0.0, 0.0, 10.0), e=(0.0, 0.0, 0.0, 10.0)), a=np.stack([0.0 * a - 9.0, a]))
-    assert fidelity.reaction_time(ego, ego="e") == pytest.approx(3.0, abs=0.011)
-    assert fidelity.reaction_time(replace(ego, a=np.abs(ego.a)), ego="e") is None  # type: ignore[arg-type]
+    assert maneuvers.reaction_time(ego, ego="e") == pytest.approx(3.0, abs=0.011)
+    assert maneuvers.reaction_time(replace(ego, a=np.abs(ego.a)), ego="e") is None  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="acceleration"):
-        fidelity.reaction_time(replace(ego, a=None), ego="e")
+        maneuvers.reaction_time(replace(ego, a=None), ego="e")
 
 
 def test_the_reaction_of_a_fitted_drive_is_that_of_the_drive(network: RoadNetwork) -> None:
@@ -187,7 +188,7 @@ def test_the_reaction_of_a_fitted_drive_is_that_of_the_drive(network: RoadNetwor
     measured = tracks(t, e=(x, y, 0.0, 20.0 - since**2 / 2.0))
     scenario = describe(measured, network, ego="e", map_name="m")
     splines = scenario.tracks(network, np.arange(0.0, scenario.duration, 0.01))
-    assert fidelity.reaction_time(splines, ego="e") == pytest.approx(2.5, abs=0.25)
+    assert maneuvers.reaction_time(splines, ego="e") == pytest.approx(2.5, abs=0.25)
 
 
 def swerving(lanes: list[int], x0: float = 200.0) -> Tracks:
@@ -218,9 +219,9 @@ def test_lane_changes_are_told_by_side_in_their_order(
     network: RoadNetwork, lanes: list[int], expected: list[str]
 ) -> None:
     drive = swerving(lanes)
-    changes = fidelity.lane_changes(drive, network, ego="e")
+    changes = maneuvers.lane_changes(drive, network, ego="e")
     assert [name for _, name in changes] == expected
-    assert fidelity.decision(drive, network, ego="e") == expected
+    assert maneuvers.decision(drive, network, ego="e") == expected
     for k, (t, _) in enumerate(changes):
         assert t == pytest.approx(4.0 * k + 2.0, abs=0.05)  # the centre enters the other lane
 
@@ -229,8 +230,8 @@ def test_within_the_lane_is_no_lane_change(network: RoadNetwork) -> None:
     t = np.arange(0.0, 8.0, 0.04)
     near = tracks(t, e=(200.0 + 20.0 * t, -5.25 + 1.7 * np.sin(t), 0.0, 20.0))
     over = tracks(t, e=(200.0 + 20.0 * t, -5.25 + 1.8 * np.sin(t), 0.0, 20.0))
-    assert fidelity.decision(near, network, ego="e") == []
-    assert fidelity.decision(over, network, ego="e")[:2] == ["lane_change_left", "lane_change_right"]
+    assert maneuvers.decision(near, network, ego="e") == []
+    assert maneuvers.decision(over, network, ego="e")[:2] == ["lane_change_left", "lane_change_right"]
 
 
 def test_a_lane_change_on_a_bend_is_told_from_the_bend(network: RoadNetwork) -> None:
@@ -241,14 +242,14 @@ def test_a_lane_change_on_a_bend_is_told_from_the_bend(network: RoadNetwork) -> 
         x, y = (np.where(u < 0.5, a, b) for a, b in zip(
             network.to_xy("2", lane[0], s, 0.0), network.to_xy("2", lane[1], s, 0.0), strict=True))  # fmt: skip
         drive = tracks(0.1 * np.arange(300), e=(x, y, network.lane_heading("2", lane[0], s), 20.0))
-        assert fidelity.decision(drive, network, ego="e") == expected
+        assert maneuvers.decision(drive, network, ego="e") == expected
 
 
 def test_decisions_stand_in_the_order_of_time(network: RoadNetwork) -> None:
     drive = swerving([-2, -1])
     early, late = (np.where(drive.t > t, -2.0, 0.0) for t in (1.0, 3.0))
     for a, expected in ((early, ["brake", "lane_change_left"]), (late, ["lane_change_left", "brake"])):
-        assert fidelity.decision(replace(drive, a=np.stack([a, a])), network, ego="e") == expected
+        assert maneuvers.decision(replace(drive, a=np.stack([a, a])), network, ego="e") == expected
 
 
 def test_collisions_are_first_overlaps_of_boxes_with_the_ego() -> None:
@@ -273,13 +274,13 @@ def test_a_spline_knows_its_reaction(network: RoadNetwork, described: Callable[.
     t = np.arange(0.0, 3.0, 0.01)
     own = replace(scenario, ego=ego, objects=()).tracks(network, t)
     expected = 0.5 * math.asin(0.25)  # a = -2 sin 2t
-    assert fidelity.reaction_time(own, ego="ego") == pytest.approx(expected, abs=0.02)
+    assert maneuvers.reaction_time(own, ego="ego") == pytest.approx(expected, abs=0.02)
 
 
 def test_overtaking_through_the_oncoming_lane_is_a_lane_change(network: RoadNetwork) -> None:
     t = np.arange(0.0, 8.0, 0.04)
     y = LANE[-1] + 3.5 * np.clip((t - 2.0) / 3.0, 0.0, 1.0)
-    [(when, side)] = fidelity.lane_changes(tracks(t, e=(300.0 + 20.0 * t, y, 0.0, 20.0)), network, ego="e")
+    [(when, side)] = maneuvers.lane_changes(tracks(t, e=(300.0 + 20.0 * t, y, 0.0, 20.0)), network, ego="e")
     assert side == "lane_change_left"
     assert when == pytest.approx(3.5, abs=0.1)
 
@@ -294,4 +295,4 @@ def test_turning_off_is_no_lane_change(network: RoadNetwork) -> None:
     t = np.arange(0.0, 2.5, 0.04)
     turn = 0.6 * t
     x, y = 300.0 + 10.0 * np.sin(turn), LANE[-1] + 10.0 * (1.0 - np.cos(turn))
-    assert fidelity.lane_changes(tracks(t, e=(x, y, turn, 6.0)), network, ego="e") == []
+    assert maneuvers.lane_changes(tracks(t, e=(x, y, turn, 6.0)), network, ego="e") == []

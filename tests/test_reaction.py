@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from resim import fidelity
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
 from resim.ingest import Recording
 from resim.pipeline import Options, resimulate
 from resim.pipeline.reaction import ego_tracks, reaction_spread
 from resim.road.opendrive import RoadNetwork
+from resim.scenario import maneuvers
 from resim.scenario.scenario import Scenario, describe
 from resim.sim.adfunction import Build
 
@@ -44,7 +44,7 @@ def described(tracks: Tracks, network: RoadNetwork) -> Scenario:
 
 
 def braking(tracks: Tracks, network: RoadNetwork) -> float:
-    found = fidelity.reaction_time(ego_tracks(described(tracks, network), network), ego="ego")
+    found = maneuvers.reaction_time(ego_tracks(described(tracks, network), network), ego="ego")
     assert found is not None
     return found
 
@@ -55,7 +55,7 @@ def test_a_drive_measured_with_noise_brakes_when_the_same_drive_simulated_does(n
     for jerk, most in ((30.0, -5.0), (8.0, -3.0), (3.0, -1.5)):
         measured = np.median([braking(driven(jerk, most, 0.01, seed), network) for seed in SEEDS])
         alike.append(abs(measured - braking(driven(jerk, most), network)))
-        unlike.append(abs(measured - T[np.argmax(true_acceleration(T, jerk, most) < fidelity.BRAKING)]))
+        unlike.append(abs(measured - T[np.argmax(true_acceleration(T, jerk, most) < maneuvers.REACTED)]))
     assert max(alike) < 0.03
     assert max(unlike) > 0.07
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from validate_real import NGSIM, candidates
 
-from resim import fidelity
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.ingest import read_commonroad, write_recording
 from resim.road.opendrive import RoadNetwork, load
+from resim.scenario import maneuvers
 
 ROOT = Path(__file__).parents[1]
 SCENARIOS = tuple(name for name in NGSIM if "US101" in name)
@@ -41,7 +41,7 @@ def chosen(tracks: Tracks, network: RoadNetwork) -> list[str]:
 
 def _changes(tracks: Tracks, network: RoadNetwork, vehicle: str) -> bool:
     try:
-        return bool(fidelity.lane_changes(tracks, network, ego=vehicle))
+        return bool(maneuvers.lane_changes(tracks, network, ego=vehicle))
     except ResimError:  # it leaves the map
         return False
 

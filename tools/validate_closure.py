@@ -25,6 +25,7 @@ from resim.ingest import Recording, read_recording
 from resim.perception.model import read_model
 from resim.pipeline import Options, Perceiving, Resimulation, end_error, resimulate
 from resim.pipeline.reaction import ego_tracks
+from resim.scenario import maneuvers
 from resim.scenario.scenario import describe
 from resim.sim.adfunction import load_build
 from resim.sim.case import Case
@@ -132,8 +133,8 @@ def by_the_sensor(result: Resimulation, seeds: int) -> list[Seed]:
         refit = describe(own, result.network, ego=result.ego, map_name="proving_ground.xodr")
         off = end_error(run.end, fidelity.pipeline_error(refit, gt, result.network))
         driven = ego_tracks(refit, result.network)
-        same = fidelity.decision(driven, result.network, ego=result.ego) == report["decision"]["GT"]
-        reaction = fidelity.reaction_time(driven, ego=result.ego)
+        same = maneuvers.decision(driven, result.network, ego=result.ego) == report["decision"]["GT"]
+        reaction = maneuvers.reaction_time(driven, ego=result.ego)
         out.append((same, None if reaction is None else round(reaction - report["reaction"]["GT"], 9), off))
     return out
 

@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 from validate_real import NGSIM, candidates
 
-from resim import fidelity
 from resim.assess.drive import Path as EgoPath
 from resim.assess.drive import drive
 from resim.assess.risk import DEFAULTS, Parameters
@@ -28,6 +27,7 @@ from resim.core.tracks import Tracks
 from resim.ingest import read_commonroad
 from resim.pipeline.run import describe_recording
 from resim.road.opendrive import load
+from resim.scenario import maneuvers
 
 AROUND, EDGE, LEAST = 3.0, 0.3, 2.0
 """s before and after the change; s left out at the ends of a recorded track; least s of a scenario."""
@@ -79,7 +79,7 @@ def changes(data: Path, name: str) -> list[tuple[str, str, Tracks]]:
     out = []
     for vehicle, first, last in zip(tracks.ids.tolist(), *tracks.span(), strict=True):
         try:
-            found = fidelity.lane_changes(tracks, network, ego=vehicle)
+            found = maneuvers.lane_changes(tracks, network, ego=vehicle)
         except ResimError:
             continue
         for t, side in found:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from resim.core.geometry import Floats
 from resim.perception.kernel import HEADING, MANEUVER, V, X, Y, remember
 from resim.perception.model import Objects
-from resim.perception.world import BRAKING, LANE_CHANGE, maneuver
+from resim.scenario.maneuvers import SEEN_ACROSS, SEEN_BRAKING, momentary
 from resim.sim.perception import World
 
 _SAME = 1e-9
@@ -118,7 +118,7 @@ class History:
         position = world.position[new] + ago * (v * np.exp(1j * heading))
         past[X][:, new], past[Y][:, new] = position.real, position.imag
         past[V][:, new], past[HEADING][:, new] = v, heading
-        past[MANEUVER][:, new] = maneuver(heading - world.ego.heading, v, 0.0)
+        past[MANEUVER][:, new] = momentary(heading - world.ego.heading, v, 0.0)
 
     def regroup(self, world: World, kept: Rows, before: Rows, new: Rows) -> None:
         """Change the columns: those `before` go to `kept`, and `new` ones begin."""
@@ -136,8 +136,8 @@ class History:
             self._shift(world.t)
         self.t[self.end] = world.t
         remember(
-            self.past, self.end, world.position, world.heading, world.v, world.ego.heading, BRAKING * step,
-            LANE_CHANGE, self.unwrap,
+            self.past, self.end, world.position, world.heading, world.v, world.ego.heading, SEEN_BRAKING * step,
+            SEEN_ACROSS, self.unwrap,
         )  # fmt: skip
         self.end += 1
 

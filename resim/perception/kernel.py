@@ -58,7 +58,7 @@ def remember(samples, k, position, heading, v, ego_heading, braked, lane_change,
 
 @compiled
 def _maneuver(across, gained, braked, lane_change):
-    """`resim.perception.world.maneuver` of one object."""
+    """`resim.scenario.maneuvers.momentary` of one object."""
     if gained < braked:
         return BRAKES
     if across > lane_change:

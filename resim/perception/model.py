@@ -26,7 +26,6 @@ from resim.core.frozen import Frozen, freeze, thaw
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
 FEATURES = ("range", "bearing", "relative_speed", "acceleration")
-MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 
 Assumption = Literal["bias", "spread", "tails", "white", "together", "latency"]
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]

@@ -14,10 +14,11 @@ from resim.perception.clutter import Clutter
 from resim.perception.history import History
 from resim.perception.kernel import IDENTITY, Q, perceive
 from resim.perception.lists import Held, limits, with_false
-from resim.perception.model import MANEUVERS, PerceptionModel
+from resim.perception.model import PerceptionModel
 from resim.perception.own import OwnState, is_wrong
 from resim.perception.sight import Sight
 from resim.perception.wrong import Wrong
+from resim.scenario.maneuvers import MANEUVERS
 from resim.sim.adfunction import EgoState, Perceived
 from resim.sim.perception import World
 

@@ -1,4 +1,4 @@
-"""What the parameters of a perception model depend on: features, maneuver and occlusion of traffic objects.
+"""What the parameters of a perception model depend on: features and occlusion of traffic objects.
 
 Training and runtime both read them off the truth here, so that they mean the same. All arrays have one shape, of
 objects, or objects and times; the frame is the EGO's (x forward, y left of its box centre).
@@ -9,19 +9,9 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from resim.core.geometry import Floats
-from resim.perception.model import MANEUVERS
-
-BRAKING = -1.0
-"""Acceleration [m/s²] below which an object brakes."""
-LANE_CHANGE = 0.3
-"""Speed [m/s] across the EGO's heading above which an object changes lane."""
-
-_FOLLOW, _LEFT, _RIGHT, _BRAKES = (
-    MANEUVERS.index(name) for name in ("follow_lane", "lane_change_left", "lane_change_right", "braking")
-)
 
 
 class Moving(Protocol):
@@ -46,16 +36,6 @@ def features(
     out[..., 2] = along - ego.v
     out[..., 3] = a
     return out
-
-
-def maneuver(relative_heading: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.intp]:
-    """Give what objects do, as index into `MANEUVERS`: they brake, else change lane, else follow theirs.
-
-    relative_heading [rad]: against the EGO's. v [m/s], a [m/s²]: as in `features`.
-    """
-    across = np.asarray(v) * np.sin(relative_heading)
-    sideways = np.where(across > LANE_CHANGE, _LEFT, np.where(across < -LANE_CHANGE, _RIGHT, _FOLLOW))
-    return np.where(np.asarray(a) < BRAKING, _BRAKES, sideways)
 
 
 def occlusion(

@@ -16,6 +16,7 @@ from resim.pipeline.assessments import assess_drive
 from resim.pipeline.reaction import ego_tracks
 from resim.pipeline.result import Resimulation, of_seed, pipeline_step
 from resim.road.opendrive import RoadNetwork
+from resim.scenario import maneuvers
 from resim.sim.case import SimulatedDrive
 from resim.verification.outcome import COMFORT, Kpi, Outcome, Rms
 
@@ -68,8 +69,8 @@ def outcome(
     }
     return Outcome(
         kpis=kpis,
-        events=tuple(fidelity.events(tracks, network, ego=ego)),
-        reaction=fidelity.reaction_time(tracks, ego=ego),
+        events=tuple(maneuvers.events(tracks, network, ego=ego)),
+        reaction=maneuvers.reaction_time(tracks, ego=ego),
         risk=_worst(assessment, "risk"),
         comfort={name: _largest(assessment, name, way) for name, way in COMFORT.items()},
         collision=bool(assessment.contacts),

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from resim import fidelity
 from resim.core.geometry import unwrap_angle
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
+from resim.scenario import maneuvers
 from resim.scenario.fit import fit_trace
 from resim.scenario.scenario import Scenario
 
@@ -45,7 +45,7 @@ def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork)
     Who does not brake in a draw counts as braking at its end. Simulated drives have no noise to add to it.
     """
     drive = ego_tracks(described, network)
-    found = fidelity.reaction_time(drive, ego=described.ego.id)
+    found = maneuvers.reaction_time(drive, ego=described.ego.id)
     if found is None or found == drive.t[0]:
         return None
     own = measured.window(found - AROUND, found + AROUND).select([described.ego.id])
@@ -60,6 +60,6 @@ def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork)
         drawn = rng.choice([-1.0, 1.0]) * np.roll(off, rng.integers(len(off)))
         again = fit_trace(t, told.x + drawn.real, told.y + drawn.imag, heading, v).trace
         at = np.arange(t[0], t[-1], STEP)
-        braking = np.flatnonzero(again.v(at, 1) < fidelity.BRAKING)
+        braking = np.flatnonzero(again.v(at, 1) < maneuvers.REACTED)
         late[n] = (at[braking[0]] if len(braking) else t[-1]) - found
     return max(float(np.quantile(np.abs(late), USUAL)), STEP)

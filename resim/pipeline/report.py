@@ -15,14 +15,15 @@ from resim.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS
 from resim.pipeline.perceived import difference, end_error, same_decision
 from resim.pipeline.reaction import ego_tracks
 from resim.pipeline.result import Resimulation, drove, of_seed, pipeline_step
+from resim.scenario import maneuvers
 
 
 def report(result: Resimulation) -> dict[str, Any]:
     """Give what report.json holds; `Resimulation.report` keeps it."""
     simulated, driven, ego = result.simulated(), result.driven(), result.ego
-    reaction = {b: None if t is None else fidelity.reaction_time(t, ego=ego) for b, t in driven.items()}
+    reaction = {b: None if t is None else maneuvers.reaction_time(t, ego=ego) for b, t in driven.items()}
     decision = {
-        b: None if t is None else fidelity.decision(t, result.network, ego=ego) for b, t in driven.items()
+        b: None if t is None else maneuvers.decision(t, result.network, ego=ego) for b, t in driven.items()
     }
     hits = {name: fidelity.collisions(tracks, ego=ego) for name, tracks in result.tracks().items()}
     return {
@@ -82,10 +83,10 @@ def _seed(result: Resimulation, seed: int, measured: float | None) -> dict[str, 
         result.drives[source], result.refits.get(source), result.errors.get(pipeline_step(source)),
     )  # fmt: skip
     driven = None if refit is None else ego_tracks(refit, result.network)
-    reaction = None if driven is None else fidelity.reaction_time(driven, ego=ego)
+    reaction = None if driven is None else maneuvers.reaction_time(driven, ego=ego)
     return {
         "seed": seed,
-        "decision": [] if driven is None else fidelity.decision(driven, result.network, ego=ego),
+        "decision": [] if driven is None else maneuvers.decision(driven, result.network, ego=ego),
         "reaction": reaction,
         "reaction_difference": difference(reaction, measured),
         "errors": {"PIPE": None if pipe is None else pipe.statistics(EGO_ROW)},

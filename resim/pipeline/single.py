@@ -6,7 +6,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from resim import fidelity
 from resim.assess.criteria import Criteria, overall
 from resim.ingest import Recording
 from resim.perception.model import PerceptionModel
@@ -18,6 +17,7 @@ from resim.pipeline.reaction import ego_tracks
 from resim.pipeline.result import Options, PreparedRecording, Resimulation, of_seed, pipeline_step
 from resim.pipeline.run import prepare, run_on_gt
 from resim.pipeline.verify import COMPARED
+from resim.scenario import maneuvers
 from resim.sim.adfunction import Build
 from resim.verification.outcome import COMFORT, Outcome
 
@@ -44,8 +44,8 @@ def prepare_sweep(recording: Recording, criteria: Criteria, accept: Collection[s
     """Describe what was measured, once for all runs."""
     prepared, ego = prepare(recording, (), accept), recording.ego
     driven = ego_tracks(prepared.described["GT"], prepared.network)
-    decision = fidelity.decision(driven, prepared.network, ego=ego)
-    return Prepared(prepared, decision, fidelity.reaction_time(driven, ego=ego), criteria)
+    decision = maneuvers.decision(driven, prepared.network, ego=ego)
+    return Prepared(prepared, decision, maneuvers.reaction_time(driven, ego=ego), criteria)
 
 
 def run_once(

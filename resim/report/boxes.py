@@ -9,11 +9,12 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from resim.fidelity import BRAKING, QUANTITIES
+from resim.fidelity import QUANTITIES
 from resim.report.markup import html
 from resim.report.plots import FAINT, fade, line, style
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
+from resim.scenario.maneuvers import REACTED
 
 CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "GT": (("FIT", "FIT_GT"), ("SIM", "SIM_GT"), ("FIT_r", "FIT_rGT"), ("PIPE", "PIPE_GT")),
@@ -84,7 +85,7 @@ def reaction_figure(view: View) -> go.Figure:
         figure.add_trace(trace, row=1, col=1)
     for source in ("GT", "rGT", "rSD"):
         _draw_reaction(figure, view, source)
-    figure.add_hline(y=BRAKING, line={"color": FAINT, "width": 1, "dash": "dot"}, row=2, col=1)
+    figure.add_hline(y=REACTED, line={"color": FAINT, "width": 1, "dash": "dot"}, row=2, col=1)
     style(figure, 470.0, margin={"l": 62, "r": 14, "t": 58, "b": 44})
     figure.update_yaxes(title_text="v [m/s]", row=1)
     figure.update_yaxes(title_text="EGO a [m/s²]", row=2)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
-from resim.fidelity import BRAKING
 from resim.pipeline import Assessed, Resimulation
 from resim.report import assessment, seeds, tables
 from resim.report.boxes import box_figure, reaction_figure
@@ -17,6 +16,7 @@ from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
 from resim.report.view import OTHERS, SEEDS, View, view
+from resim.scenario.maneuvers import REACTED
 
 PRINT_WIDTH = 980
 """Width [px] that figures are laid out for on paper."""
@@ -218,7 +218,7 @@ def _reaction(look: View) -> Markup:
         said.append(text)
     return html("<p>{}.</p>", join(said, "; ")) + _figure(
         reaction_figure(look), "reaction-speed", "The EGO's speed and acceleration",
-        f"vertical: first acceleration below {number(BRAKING, 1)} m/s² (dotted), by the spline of the JSCEN fit, "
+        f"vertical: first acceleration below {number(REACTED, 1)} m/s² (dotted), by the spline of the JSCEN fit, "
         "in GT and simulations alike; ±: how far it is off in GT in two of three cases, by fits with other residuals"
         + (f"; green: {look.label(look.lead)} GT, ahead" if look.lead else ""),
     )  # fmt: skip

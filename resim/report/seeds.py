@@ -7,13 +7,14 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats
-from resim.fidelity import BRAKING, EGO_ROW
+from resim.fidelity import EGO_ROW
 from resim.pipeline import pipeline_step
 from resim.report.markup import Markup, html, join
 from resim.report.outcome import end_words
 from resim.report.plots import FAINT, dots, fade, joined, line, number, sample, style, to_html
 from resim.report.tables import NONE, decision_words, table
 from resim.report.view import SEEDS, View
+from resim.scenario.maneuvers import REACTED
 
 
 def section(look: View) -> Markup:
@@ -102,7 +103,7 @@ def _reactions(figure: go.Figure, look: View) -> None:
             figure.add_vline(x=at - look.start, line=look_of, row=row, col=1)
     times = np.array([s["reaction"] for s in look.report["perception"]["seeds"] if s["reaction"] is not None])
     if len(times):
-        level = np.full(len(times), BRAKING)
+        level = np.full(len(times), REACTED)
         marks = dots(
             look.since(times), level, color=SEEDS, name="first braking", hover="t = %{x:.2f} s", size=7.0
         )

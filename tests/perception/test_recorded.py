@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resim import fidelity
 from resim.core.geometry import from_frame
 from resim.core.tracks import Tracks
 from resim.ingest import read_recording
 from resim.perception.recorded import Recorded
 from resim.pipeline import Options, resimulate
 from resim.pipeline.run import measured_tracks, run_on_gt
+from resim.scenario import maneuvers
 from resim.sim.adfunction import EgoState, load_build
 from resim.sim.perception import World
 
@@ -87,6 +87,6 @@ def test_the_corner_case_shown_what_was_recorded_is_the_measured_drive() -> None
     shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
     again = run_on_gt(result, perception=shown)
     run, pipe = again.drives["rGT+M0"], again.errors["PIPE_GT+M0"]
-    assert fidelity.decision(run.truth, result.network, ego="ego") == ["brake"]
-    assert fidelity.reaction_time(run.truth, ego="ego") == pytest.approx(7.3, abs=0.05)
+    assert maneuvers.decision(run.truth, result.network, ego="ego") == ["brake"]
+    assert maneuvers.reaction_time(run.truth, ego="ego") == pytest.approx(7.3, abs=0.05)
     assert pipe.d[0][np.isfinite(pipe.d[0])][-1] < 0.1

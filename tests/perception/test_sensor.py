@@ -22,8 +22,9 @@ from perception.worlds import (
     world,
 )
 
-from resim.perception.model import MANEUVERS, PerceptionModel, read_model
+from resim.perception.model import PerceptionModel, read_model
 from resim.perception.sensor import Sensor
+from resim.scenario.maneuvers import MANEUVERS
 from resim.sim.case import Case
 from resim.sim.perception import Ideal, Perception, World
 from resim.sim.sumo import Sumo

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from perception.worlds import PLACES, column, look, model, ramp, standing, steps, world
 
-from resim.perception.model import FEATURES, MANEUVERS, QUANTITIES
+from resim.perception.model import FEATURES, QUANTITIES
 from resim.perception.sensor import Sensor
 from resim.perception.world import features
+from resim.scenario.maneuvers import MANEUVERS
 
 
 @pytest.mark.parametrize(

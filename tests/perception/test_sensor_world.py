@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from resim.core.geometry import box_corners
 from resim.perception.kernel import MANEUVER, V, remember
-from resim.perception.model import FEATURES, MANEUVERS
-from resim.perception.world import BRAKING, LANE_CHANGE, features, maneuver, occlusion
+from resim.perception.model import FEATURES
+from resim.perception.world import features, occlusion
+from resim.scenario.maneuvers import MANEUVERS, SEEN_ACROSS, SEEN_BRAKING, momentary
 from resim.sim.adfunction import EgoState
 
 BOX = st.tuples(
@@ -33,7 +34,7 @@ def test_features_take_objects_and_times_at_once() -> None:
 
 
 def test_maneuvers() -> None:
-    does = maneuver([0.0, 0.02, -0.02, 0.02, 0.005, 0.0], [20.0] * 6, [0.0, 0.0, 0.0, -1.1, 0.0, -0.9])
+    does = momentary([0.0, 0.02, -0.02, 0.02, 0.005, 0.0], [20.0] * 6, [0.0, 0.0, 0.0, -1.1, 0.0, -0.9])
     assert [MANEUVERS[k] for k in does] == [
         "follow_lane", "lane_change_left", "lane_change_right", "braking", "follow_lane", "follow_lane",
     ]  # fmt: skip
@@ -52,12 +53,12 @@ def test_the_kernel_means_the_same_by_a_maneuver(heading: float, v: float, a: fl
         np.array([heading]),
         np.array([v]),
         0.0,
-        BRAKING * dt,
-        LANE_CHANGE,
+        SEEN_BRAKING * dt,
+        SEEN_ACROSS,
         False,
     )
-    if abs(gained - BRAKING) > 1e-9:  # at the limit itself rounding decides
-        assert known[MANEUVER, 1, 0] == maneuver(heading, v, gained)
+    if abs(gained - SEEN_BRAKING) > 1e-9:  # at the limit itself rounding decides
+        assert known[MANEUVER, 1, 0] == momentary(heading, v, gained)
 
 
 def test_who_runs_no_model_loads_no_compiler() -> None:

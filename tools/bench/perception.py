@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from resim.perception.model import FEATURES, MANEUVERS, QUANTITIES, PerceptionModel
+from resim.perception.model import FEATURES, QUANTITIES, PerceptionModel
 from resim.perception.sensor import Sensor
+from resim.scenario.maneuvers import MANEUVERS
 from resim.sim.adfunction import EgoState
 from resim.sim.perception import Ideal, Perception, World
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from resim.core.geometry import Bools
-from resim.perception.model import MANEUVERS, Error, Errors, Estimate, Maneuver, Objects
+from resim.perception.model import Error, Errors, Estimate, Maneuver, Objects
 from resim.perception.training.clusters import certain
 from resim.perception.training.errors import (
     MEASURED,
@@ -19,6 +19,7 @@ from resim.perception.training.errors import (
 from resim.perception.training.estimates import error_estimates
 from resim.perception.training.residuals import Own
 from resim.perception.training.samples import Samples
+from resim.scenario.maneuvers import MANEUVERS
 
 SAMPLES, TRACKS = 300, 8
 """Fewest matched samples, and fewest tracks that they are of, from which a maneuver has errors of its own."""

@@ -16,7 +16,7 @@ from resim.perception.training.clusters import between_drives, by_drive, larger
 from resim.perception.training.errors import Fitted, ObjectErrors, sizes_of, with_spread
 from resim.perception.training.samples import Samples
 from resim.perception.training.whiten import whiten
-from resim.perception.world import BRAKING
+from resim.scenario.maneuvers import SEEN_BRAKING
 
 _D_LATE = 0.01  # s, step of a derivative
 EARLIER = (-0.3, -0.2, -0.1, 0.1, 0.2, 0.3)
@@ -96,7 +96,7 @@ def variables(samples: Samples, objects: ObjectErrors) -> dict[str, Floats]:
         **{name: features[..., k] for k, name in enumerate(FEATURES)},
         "speed": samples.speeds(late, objects.averaging.speed),
         "ego_speed": samples.ego[3],
-        "braking": np.where(features[..., 3] < BRAKING, 1.0, 0.0),
+        "braking": np.where(features[..., 3] < SEEN_BRAKING, 1.0, 0.0),
         "time": samples.t - begin[:, None],
     }
 
@@ -105,7 +105,7 @@ def _braking(samples: Samples, late: float) -> dict[str, Floats]:
     """Give who brakes (R, T) at other latencies: one that braking is taken for is wrong for braking itself."""
     times = {f"braking{by:+g}": late + by for by in EARLIER if late + by >= 0.0}
     return {
-        name: np.where(np.isfinite(a), np.where(a < BRAKING, 1.0, 0.0), np.nan)
+        name: np.where(np.isfinite(a), np.where(a < SEEN_BRAKING, 1.0, 0.0), np.nan)
         for name, a in ((name, samples.accelerations(time)) for name, time in times.items())
     }
 

@@ -15,7 +15,8 @@ from resim.perception.model import Averaging, Latency
 from resim.perception.training.drive import Drive
 from resim.perception.training.matching import Matching, paired
 from resim.perception.training.truth import HEADING, Truth, V
-from resim.perception.world import features, maneuver
+from resim.perception.world import features
+from resim.scenario.maneuvers import momentary
 
 LONGEST = 400
 """Samples in a row; a longer track is cut, and its parts are taken for independent."""
@@ -84,7 +85,7 @@ class Samples:
         known = np.isfinite(v)
         return np.where(
             known,
-            maneuver(
+            momentary(
                 np.where(known, heading - self.ego[2], 0.0), np.where(known, v, 0.0), np.where(known, a, 0.0)
             ),
             -1,

@@ -1,0 +1,119 @@
+"""What braking and a lane change are: the one definition, and every threshold by its name.
+
+A whole drive is told by where it went, on the road (`events`); what is seen of an object in one moment by its motion
+alone (`momentary`), as a sensor has no more. So a lane change is the crossing of a border in the one and speed
+across in the other, and each has thresholds of its own.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resim.core.geometry import Floats, wrap_angle
+from resim.core.tracks import Tracks
+from resim.road.opendrive import RoadNetwork
+from resim.road.path import lane_path
+
+REACTED = -0.5
+"""Acceleration [m/s²] of the EGO below which it has reacted (Wagner 2021, Section 5.3.2): that of splines, with little
+noise, so that the beginning of braking counts.
+"""
+SEEN_BRAKING = -1.0
+"""Acceleration [m/s²] of an object below which it brakes to a sensor: speed errors of a few 0.1 m/s over a second are
+not taken for braking (our choice; the models that ship were trained with it).
+"""
+SEEN_ACROSS = 0.3
+"""Speed [m/s] across the EGO's heading above which an object changes lane to a sensor: a lane of 3.5 m in 12 s (our
+choice; the models that ship were trained with it).
+"""
+VARIED_BRAKING = 0.5
+"""m/s²; an object that brakes less has no braking to be changed: as much as counts as the EGO's reaction."""
+VARIED_ACROSS = 1.0
+"""m; an object that moves less across its lane has no lane change to be moved in time (our choice: less than it takes
+to leave a lane, as some lane changes begin or end outside of the recording).
+"""
+TURNED_OFF = 0.3
+"""Heading [rad] against the lane from which on leaving it is turning off and not changing lane (our choice)."""
+
+MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
+"""What an object can be seen to do, in the order of `momentary`."""
+_FOLLOW, _LEFT, _RIGHT, _BRAKES = range(4)
+
+
+def momentary(relative_heading: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.intp]:
+    """Give what objects are seen to do, as index into `MANEUVERS`: they brake, else change lane, else follow theirs.
+
+    relative_heading [rad]: against the EGO's. v [m/s], a [m/s²]: over ground, along the object's heading.
+    """
+    across = np.asarray(v) * np.sin(relative_heading)
+    sideways = np.where(across > SEEN_ACROSS, _LEFT, np.where(across < -SEEN_ACROSS, _RIGHT, _FOLLOW))
+    return np.where(np.asarray(a) < SEEN_BRAKING, _BRAKES, sideways)
+
+
+def reaction_time(tracks: Tracks, *, ego: str) -> float | None:
+    """Give the first time [s] at which the EGO's acceleration is below REACTED, None where it never is.
+
+    tracks must have `a`: a scenario's, whose splines give it without noise, or a run's.
+    """
+    if tracks.a is None:
+        raise ValueError("reaction needs the acceleration: take a scenario's or a run's tracks")
+    braking = np.flatnonzero(tracks.a[tracks.index(ego)] < REACTED)
+    return float(tracks.t[braking[0]]) if len(braking) else None
+
+
+def decision(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[str]:
+    """Give what the EGO did, in order of time, out of brake, lane_change_left and lane_change_right."""
+    return [name for _, name in events(tracks, network, ego=ego)]
+
+
+def events(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:
+    """Give when [s] the EGO did what (see `decision`), in order of time."""
+    found = lane_changes(tracks, network, ego=ego)
+    if (t := reaction_time(tracks, ego=ego)) is not None:
+        found.append((t, "brake"))
+    return sorted(found)
+
+
+def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tuple[float, str]]:
+    """Give when [s] the EGO's centre entered another lane, and to which side."""
+    row = tracks.index(ego)
+    there = tracks.valid[row]
+    t, x, y, heading = (c[there] for c in (tracks.t, tracks.x[row], tracks.y[row], tracks.heading[row]))
+    out: list[tuple[float, str]] = []
+    k = 0
+    while k < len(t):
+        left = _leaves_lane(network, x[k:], y[k:], heading[k:])
+        if left is None:
+            break
+        step, side = left
+        if step and side:  # else it turned off, or starts beyond its lane's border, as where lanes overlap
+            out.append((float(t[k + step]), side))
+        k += max(step, 1)
+    return out
+
+
+def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> tuple[int, str] | None:
+    """The first sample beyond the border of the first sample's lane, and the side; "" where it turns off.
+
+    A lane change ends in another lane, oncoming or not, and runs along the one it leaves.
+    """
+    at = network.to_road(x[:1], y[:1], heading=heading[:1])
+    driven = float(np.hypot(np.diff(x), np.diff(y)).sum())
+    length = 100.0 * math.ceil(driven / 100.0 + 0.2)  # in such steps drives of one scenario share their path
+    path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
+    s, d = path.project(x, y)
+    beyond = np.flatnonzero(np.abs(d) > np.interp(s, path.s, path.half_width))
+    if not len(beyond):
+        return None
+    across = wrap_angle(heading[beyond] - np.interp(s[beyond], path.s, path.heading))
+    turned = np.abs(across) > TURNED_OFF
+    counts = beyond[turned | network.to_road(x[beyond], y[beyond]).on_road]
+    if not len(counts):
+        return None
+    first = int(counts[0])
+    if turned[np.searchsorted(beyond, first)]:
+        return first, ""
+    return first, "lane_change_left" if d[first] > 0.0 else "lane_change_right"
