@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from resim.core.errors import InputError
+from resim.core.files import plain_names
 from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
 
 GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
@@ -152,8 +153,10 @@ def _header(path: Path) -> list[str]:
 
 def _read_parquet(path: Path) -> pd.DataFrame:
     try:
-        with duckdb.connect() as db:
-            frame: pd.DataFrame = db.execute("SELECT * FROM read_parquet(?)", [str(path)]).df()
+        with duckdb.connect() as db, plain_names([path]) as names:
+            frame: pd.DataFrame = db.execute(
+                "SELECT * FROM read_parquet(?, hive_partitioning = false)", names
+            ).df()
     except duckdb.Error as e:
         raise InputError(
             path, f"is not a readable Parquet file ({str(e).splitlines()[0]})",

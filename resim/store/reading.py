@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import platform
 from collections import Counter
@@ -15,7 +14,7 @@ from typing import Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.files import parse_json, plain_names, read_file
 from resim.store.entry import KINDS, Entry, Input, Kind, Outcome, digest, kind_of
 
 JUDGED = ("PASS", "FAIL", "INVALID")
@@ -33,7 +32,7 @@ _COUNTS = """
 SELECT recording, build, count(*), count(*) FILTER (verdict = 'PASS'), count(*) FILTER (verdict = 'FAIL'),
   count(*) FILTER (verdict = 'INVALID'), count(*) FILTER (failure IS NOT NULL), count(*) FILTER (collision),
   avg(same_decision::DOUBLE), [{bad}]::BIGINT[]
-FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true))
+FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true, hive_partitioning = false))
 GROUP BY recording, build ORDER BY min(run)
 """
 _TYPES = {"verdict": "VARCHAR", "failure": "VARCHAR", "collision": "BOOLEAN", "same_decision": "BOOLEAN"}
@@ -160,10 +159,10 @@ def _swept(folder: Path, columns: Sequence[str], labels: Mapping[str, str]) -> I
     held = [f"{_quoted(c) if c in columns else 'NULL'}::{kind} AS {_quoted(c)}" for c, kind in _TYPES.items()]
     held += [f"{_quoted(c)}::VARCHAR AS {_quoted(c)}" for c in kpis]
     bad = ", ".join(f"count(*) FILTER ({_quoted(c)} <> 'PASS')" for c in kpis)
-    parts = glob.escape(str(folder / "runs")) + "/*.parquet"
+    parts = sorted((folder / "runs").glob("*.parquet"))
     try:
-        with duckdb.connect() as db:
-            rows = db.execute(_COUNTS.format(columns=", ".join(held), bad=bad), [parts]).fetchall()
+        with duckdb.connect() as db, plain_names(parts) as names:
+            rows = db.execute(_COUNTS.format(columns=", ".join(held), bad=bad), [names]).fetchall()
     except duckdb.Error as e:
         reason = str(e).splitlines()[0]
         raise InputError(folder / "runs", f"is not the table of a sweep ({reason})", REMEDY) from e

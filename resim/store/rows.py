@@ -8,6 +8,7 @@ import duckdb
 import pandas as pd
 
 from resim.core.errors import InputError
+from resim.core.files import plain_names
 
 
 def read_rows(folder: Path) -> pd.DataFrame:
@@ -18,8 +19,8 @@ def read_rows(folder: Path) -> pd.DataFrame:
             folder / "runs", "holds no part-*.parquet", "Write it by `resim sweep ... --resume`."
         )
     try:
-        with duckdb.connect(config={"threads": 1}) as connection:
-            rows: pd.DataFrame = connection.read_parquet([str(part) for part in parts]).order("run").df()
+        with duckdb.connect(config={"threads": 1}) as connection, plain_names(parts) as names:
+            rows: pd.DataFrame = connection.read_parquet(names, hive_partitioning=False).order("run").df()
             return rows
     except duckdb.Error as e:
         problem = f"cannot be read: {str(e).splitlines()[0]}"
