@@ -62,18 +62,21 @@ def off_by(k: Sightings, *, walks: bool = False) -> tuple[float, float]:
         for values in (way, rest, _sum(0.25 * HARDEST * dt**2), np.unwrap(state[:, 2]))
     )
     moved = told + left
-    told = _late(told, moved)
-    loose = LEAST + hidden.real + NOISE * position_noise(t, place) * np.sqrt(2.0 / averaged) / over
+    late = _lateness(np.abs(told), np.abs(moved))
+    told, moved = told[late:], moved[: len(moved) - late]
+    loose = (
+        LEAST + hidden.real[: len(moved)] + NOISE * position_noise(t, place) * np.sqrt(2.0 / averaged) / over
+    )
     speed = np.maximum(np.abs(told), np.abs(moved))
     if walks:
         off = np.asarray(np.abs(moved) - np.abs(told), dtype=complex)
     else:
         told = np.where(np.abs(moved + told) < np.abs(moved - told), -told, told)
         off = (moved - told) * np.exp(-1j * np.angle(np.where(np.abs(told) > 0.0, told, moved)))
-    swing = 0.5 * k.size[0] * np.abs(turn)
+    swing = 0.5 * k.size[0] * np.abs(turn[: len(moved)])
     bad = np.abs(off.real) > loose + _usual(off.real, SPEED * speed)
     bad |= np.abs(off.imag) > loose + swing + _usual(off.imag, HEADING * speed)
-    cells = np.clip(np.arange(len(grid) - 1) - hop // 2, 0, len(bad) - 1)
+    cells = np.clip(np.arange(len(grid) - 1 - late) - hop // 2, 0, len(bad) - 1)
     total = _sum(np.where(_lasting(bad), off, 0.0)[cells] * CELL)
     along, across = float(np.ptp(total.real)), float(np.ptp(total.imag))
     turned = 1.0 if walks else np.sin(min(float(np.ptp(np.unwrap(state[:, 2]))), 0.5 * np.pi))
@@ -129,17 +132,16 @@ def _averaged(t: Floats, values: _Complex) -> tuple[_Complex, float]:
     return (sums[b] - sums[a]) / (b - a) + values[0], float(np.median(b - a))
 
 
-def _late(told: _Numbers, moved: _Numbers) -> _Numbers:
-    """What is told so much later that it explains most of the difference of speeds; as it is where nothing does."""
+def _lateness(told: _Numbers, moved: _Numbers) -> int:
+    """How many cells later speeds are told, where that explains most of their difference; else 0."""
 
-    def misfit(cells: int) -> float:
-        both = np.abs(told[cells:]) - np.abs(moved[: len(moved) - cells])
-        return float(np.sqrt(np.mean(both**2)))
+    def misfit(cells: int, late: int) -> float:
+        return float(np.sqrt(np.mean((told[late : late + cells] - moved[:cells]) ** 2)))
 
-    late = min(range(min(round(LATE / CELL), len(told) // 3) + 1), key=misfit)
-    if misfit(late) > EXPLAINS * misfit(0):
-        return told
-    return told[np.minimum(np.arange(len(told)) + late, len(told) - 1)]
+    most = min(round(LATE / CELL), len(told) // 3)
+    late = min(range(most + 1), key=lambda k: misfit(len(told) - most, k))
+    cells = len(told) - late
+    return late if misfit(cells, late) < EXPLAINS * misfit(cells, 0) else 0
 
 
 def _usual(off: Floats, most: Floats) -> Floats:

@@ -39,6 +39,7 @@ def doubts(
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
     found = (*absences(whom), *(() if whole is None else cut_off(Whom.of(whole, ego=recording.ego))))
     torn = list(_torn(recording, basis))
+    swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
     misfits = dict(_misfits(tracks, scenario, network))
     off: dict[str, tuple[float, float]] = {}
     sizes: dict[str, tuple[float, float]] = {}
@@ -47,6 +48,8 @@ def doubts(
         by = np.max([(every, every), *(off_by(k, walks=k.kind == PEDESTRIAN) for k in parts)], axis=0)
         off.update((who, (float(by[0]), float(by[1]))) for who in ids if by.any())
         turned = max(0.0 if k.kind == PEDESTRIAN else turned_by(k) for k in parts)
+        if swapped.intersection(ids):
+            turned = 0.5 * np.pi
         sizes.update(_larger(ids, parts, recording.sizes.get(name, {}), tracks, turned))
     lost = [
         _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
