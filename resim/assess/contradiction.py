@@ -41,8 +41,8 @@ FLICKER, OFTEN = 0.3, 0.95
 """Angle [rad] by which headings may be off their running median, but for the rest of this share of them."""
 MEDIAN = 5
 """Samples of a running median."""
-WORTH = 0.1
-"""Angle [rad] from which on a heading is in doubt."""
+WORTH, FAR = 0.1, 0.5
+"""Angle [rad] and distance [m] from which on a heading and a place are in doubt; splines are off as much at 0.9 g."""
 
 _Complex = NDArray[np.complex128]
 _Numbers = NDArray[Any]
@@ -79,6 +79,8 @@ def off_by(k: Sightings, *, walks: bool = False) -> tuple[float, float]:
     cells = np.clip(np.arange(len(grid) - 1 - late) - hop // 2, 0, len(bad) - 1)
     total = _sum(np.where(_lasting(bad), off, 0.0)[cells] * CELL)
     along, across = float(np.ptp(total.real)), float(np.ptp(total.imag))
+    if max(along, across) < FAR:
+        return 0.0, 0.0
     turned = 1.0 if walks else np.sin(min(float(np.ptp(np.unwrap(state[:, 2]))), 0.5 * np.pi))
     return along + turned * across, across + turned * along
 

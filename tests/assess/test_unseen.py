@@ -550,7 +550,8 @@ CONTRADICTIONS = {
 }  # fmt: skip
 WHOLE = {
     "brakes": lambda: braking(2.2), "is scraped": lambda: SCRAPED, "walks": walker,
-    "walks slowly": lambda: walker(0.95), "swerves": swerving, "stands across": across, "is lost ahead": lead_that_is_lost,
+    "walks slowly": lambda: walker(0.95), "swerves": swerving, "stands across": across,
+    "is lost ahead": lead_that_is_lost,
 }  # fmt: skip
 
 
