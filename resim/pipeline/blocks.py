@@ -73,11 +73,11 @@ def _larger(tracks: Tracks, doubts: Doubts) -> Tracks | None:
     names = [whole_id(name, known) for name in tracks.ids.tolist()]
     if not known.intersection(names):
         return None
-    off = np.array([doubts.off.get(name, 0.0) for name in names])
+    off = np.array([doubts.off.get(name, (0.0, 0.0)) for name in names])
     sizes = np.array([doubts.sizes.get(name, (0.0, 0.0)) for name in names])
     length, width = (
-        np.maximum(own, side) + 2.0 * off
-        for own, side in zip((tracks.length, tracks.width), sizes.T, strict=True)
+        np.maximum(own, side) + 2.0 * far
+        for own, side, far in zip((tracks.length, tracks.width), sizes.T, off.T, strict=True)
     )
     return replace(tracks, length=length, width=width)
 
