@@ -14,6 +14,7 @@ from resim.core.tracks import Tracks
 from resim.ingest import Recording
 from resim.ingest.identity import UNMATCHED
 from resim.pipeline.result import Basis
+from resim.pipeline.told import as_told
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
@@ -38,9 +39,12 @@ def doubts(
         for length, width in [given.get(i, (a, b))]
         if a > length + SIZE or b > width + SIZE
     }
-    found = absences(tracks, recording.incomplete.get(name), ego=recording.ego)
+    told = as_told(recording, basis, tracks)
+    found = (*absences(told.tracks, told.incomplete, ego=recording.ego), *told.gaps)
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
-    found += () if whole is None else tuple(cut_off(whole, ego=recording.ego))
+    found += (
+        () if whole is None else tuple(cut_off(as_told(recording, basis, whole).tracks, ego=recording.ego))
+    )
     off: dict[str, float] = {}
     for who, by in _torn(recording, basis):
         off[who] = off.get(who, 0.0) + by
@@ -51,7 +55,7 @@ def doubts(
         (*(replace(a, size=sizes.get(a.object, a.size)) for a in found), *lost),
         sizes,
         {who: by for who, by in off.items() if by <= FARTHEST},
-        renamed(tracks, ego=recording.ego),
+        renamed(told.tracks, ego=recording.ego),
     )
 
 
