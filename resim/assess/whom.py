@@ -78,6 +78,12 @@ class Whom:
         return any(self.apart(k, m) for n, k in enumerate(rest) for m in rest[:n])
 
 
+def successions(tracks: Tracks) -> list[tuple[str, str]]:
+    """Give which id goes on as which; tracks: without the EGO."""
+    ids = of_ids(tracks, None)
+    return [(ids[n].ids[0], ids[m].ids[0]) for n, m in _decided(_candidates(ids), len(ids))]
+
+
 def reaches(one: Floats, two: Floats, dt: Floats) -> Bools:
     """Say who can be in state two (m, 5) at dt (m,) [s] after state one, x, y, heading, vx, vy, at HARDEST.
 

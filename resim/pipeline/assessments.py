@@ -26,6 +26,7 @@ from resim.pipeline.recordings import examined, finding_lines
 from resim.pipeline.result import Resimulation, finding_of
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.pipeline.run_blocks import RunTables, blocks_of_run, described_runs, failures_of, model_runs
+from resim.pipeline.told import as_told
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
@@ -54,7 +55,7 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     described = describe_recording(recording, network)
     measured = measured_tracks(recording)
     plans, sd = plans_of(recording.plan), measured.get("SD")
-    seen = None if sd is None else sd.to_frame()
+    seen = None if sd is None else as_told(recording, "SD", sd).tracks.to_frame()
     functioning = measured_functioning(
         seen, plans, {f.code: f.value for f in recording.findings if not f.object}
     )

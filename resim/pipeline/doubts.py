@@ -18,6 +18,7 @@ from resim.core.tracks import Tracks
 from resim.ingest import Recording
 from resim.ingest.identity import UNMATCHED
 from resim.pipeline.result import Basis
+from resim.pipeline.told import as_told
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
@@ -35,9 +36,12 @@ def doubts(
     where nothing is. Where a trace is off its samples, or samples are off their track, nobody knows which is right.
     """
     name = basis.lower()
-    whom = Whom.of(tracks, recording.incomplete.get(name), ego=recording.ego)
+    told = as_told(recording, basis, tracks)
+    whom = Whom.of(told.tracks, told.incomplete, ego=recording.ego)
+    found = (*absences(whom), *told.gaps)
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
-    found = (*absences(whom), *(() if whole is None else cut_off(Whom.of(whole, ego=recording.ego))))
+    if whole is not None:
+        found += tuple(cut_off(Whom.of(as_told(recording, basis, whole).tracks, ego=recording.ego)))
     torn = list(_torn(recording, basis))
     swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
     misfits = dict(_misfits(tracks, scenario, network))
