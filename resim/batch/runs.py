@@ -52,7 +52,9 @@ def _prepared(
     folder: Path, digest: str, build: Frozen, criteria: Frozen, accept: tuple[str, ...]
 ) -> Prepared:
     refuse_changed(folder, digest)
-    return prepare(examined(folder, accept=accept), _build(build), read_criteria(criteria), accept)
+    prepared = prepare(examined(folder, accept=accept), _build(build), read_criteria(criteria), accept)
+    refuse_changed(folder, digest)  # nor was it, while it was read
+    return prepared
 
 
 @lru_cache(maxsize=32)

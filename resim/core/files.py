@@ -9,7 +9,7 @@ import os
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,14 @@ def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
+
+
+def check_hashes(folder: Path, hashes: Mapping[str, str], remedy: str) -> None:
+    """Raise InputError for the first file of a folder that has not the SHA-256 that it was written with."""
+    for name, digest in hashes.items():
+        if (found := file_hash(folder / name, remedy)) != digest:
+            problem = f"is not as it was written: its SHA-256 is {found[:12]}…, expected {str(digest)[:12]}…"
+            raise InputError(folder / name, problem, remedy)
 
 
 def refuse_undecodable(name: str | Path) -> None:

@@ -168,9 +168,9 @@ def _read_parquet(path: Path) -> pd.DataFrame:
             frame: pd.DataFrame = db.execute(
                 "SELECT * FROM read_parquet(?, hive_partitioning = false)", names
             ).df()
-    except duckdb.Error as e:
+    except Exception as e:  # what DuckDB raises for damaged bytes is not always its own
         raise InputError(
-            path, f"is not a readable Parquet file ({str(e).splitlines()[0]})",
+            path, f"is not a readable Parquet file ({' '.join(str(e).splitlines()[:1])})",
             "The file may be truncated: write it again, or hand in CSV.",
         ) from e  # fmt: skip
     frame.index = pd.RangeIndex(1, len(frame) + 1)

@@ -12,7 +12,7 @@ import pandas as pd
 from resim.assess.assessment import Assessment
 from resim.assess.unseen import WHOLE, Doubts
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.files import check_hashes, parse_json, read_file
 from resim.core.finding import Finding
 from resim.fidelity import collisions
 from resim.ingest import Recording
@@ -101,8 +101,12 @@ def assess_run(
 
 
 def _assess_results(folder: Path, how: How) -> Assessed:
-    report = folder / "report.json"
+    report, mark = folder / "report.json", folder / "run.json"
     remedy = "Run it again."
+    try:
+        check_hashes(folder, parse_json(read_file(mark, remedy), mark, remedy)["files"], remedy)
+    except (KeyError, TypeError, AttributeError) as e:
+        raise InputError(mark, "is not what `resim run` writes", remedy) from e
     try:
         written = parse_json(read_file(report, remedy), report, remedy)
         road, name = folder / map_name(Path(str(written["map"]))), str(written["recording"])

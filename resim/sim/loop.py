@@ -13,7 +13,7 @@ from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
 from resim.core.opened import Opened
 from resim.core.tracks import Tracks
 from resim.core.watchdog import Watchdog
-from resim.road.opendrive import RoadNetwork
+from resim.road.opendrive import RoadNetwork, lent
 from resim.scenario.scenario import Scenario
 from resim.sim.adfunction import Build, Command, EgoState, Placement, Setup
 from resim.sim.driver import Driver, cycle_steps
@@ -60,10 +60,12 @@ def simulate(
     stage = staged(scenario, network, step, relaxation)
     loop = _Loop(stage, session, perception or Ideal(), model or Kinematic(), moved=moved)
     loop.perception.reset(np.random.default_rng(seed))
-    with Watchdog() as watchdog, build.factory.afresh(seed) as opened:
+    with (
+        lent(network, build.path) as road, Watchdog() as watchdog, build.factory.afresh(seed) as opened,
+    ):  # fmt: skip
         driver = Driver(build, watchdog)
         try:
-            driver.reset(_setup(scenario, network, stage.plan, step * cycle, seed, build))
+            driver.reset(_setup(scenario, road, stage.plan, step * cycle, seed, build))
             loop.run(driver, cycle, stop_at_collision)
         except FunctionError as e:
             loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}", stop_at_collision)
@@ -82,7 +84,7 @@ def _remedy(opened: Opened) -> str:
 
 
 def _setup(
-    scenario: Scenario, network: RoadNetwork, plan: Guide, cycle: float, seed: int, build: Build
+    scenario: Scenario, road: RoadNetwork, plan: Guide, cycle: float, seed: int, build: Build
 ) -> Setup:
     step = float(plan.t[1] - plan.t[0])
 
@@ -91,7 +93,7 @@ def _setup(
 
     last = int(np.flatnonzero(plan.present[0])[-1])
     return Setup(
-        road=network,
+        road=road,
         start=plan.state(0, plan.begin),
         goal=(float(plan.x[0, last]), float(plan.y[0, last])),
         length=scenario.ego.length,

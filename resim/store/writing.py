@@ -13,7 +13,7 @@ import duckdb
 
 import resim
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.files import file_hash, parse_json, read_file
 from resim.store.folders import ASSESSMENT, CONVERSION, RUN
 
 if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
@@ -64,7 +64,7 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:
-    """Write report.json, tracks, answers and plans, the JSCEN files with their map, run.json."""
+    """Write report.json, tracks, answers and plans, the JSCEN files with their map, and run.json with their hashes."""
     from resim.pipeline import map_name
     from resim.scenario.jscen import write_jscen
 
@@ -75,7 +75,8 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
     write_parquet(result.answers_frame(), folder / "answers.parquet")
     write_parquet(result.plans_frame(), folder / "plans.parquet")
     write_json(result.report(), folder / "report.json")
-    write_json(result.provenance(), folder / RUN.mark)
+    files = {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()}
+    write_json({**result.provenance(), "files": files}, folder / RUN.mark)
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:

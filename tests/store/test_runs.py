@@ -74,10 +74,26 @@ def test_the_rows_of_a_sweep_are_those_of_its_folder_whatever_its_name(
     part = tmp_path / "all" / "o1" / "sweep" / "runs" / "part-00000.parquet"
     duckdb.sql(f"SELECT * REPLACE ('PASS' AS verdict) FROM '{part}'").write_parquet(f"{part}.new")
     Path(f"{part}.new").replace(part)
-    assert set(read_rows(folder)["verdict"]) == {"FAIL"}
+    hashes = json.loads((folder / "manifest.json").read_text())["files"]
+    assert set(read_rows(folder, hashes)["verdict"]) == {"FAIL"}
     code, out, _ = call("runs", "add", folder)
     assert code == 0
     assert "sweep 'late': FAIL (0/2)" in out
+
+
+@pytest.mark.parametrize(
+    "name", ["tracks.parquet", "answers.parquet", "plans.parquet", "report.json", "GT.jscen.json"]
+)
+def test_results_of_which_a_bit_is_another_are_not_assessed(
+    call: Call, made: Path, tmp_path: Path, name: str
+) -> None:
+    folder = shutil.copytree(made / "run", tmp_path / "run")
+    whole = (folder / name).read_bytes()
+    (folder / name).write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    code, out, error = call("assess", folder)
+    assert (code, out) == (2, "")
+    assert f"{folder / name}: is not as it was written: its SHA-256 is " in error
+    assert error.endswith("Run it again.\n")
 
 
 def test_folders_are_added_all_or_none(call: Call, made: Path, tmp_path: Path) -> None:
