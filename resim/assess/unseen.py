@@ -14,8 +14,8 @@ A row that lacks no position is a sighting all the same: it bounds where the obj
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,11 @@ from resim.assess.edges import Seen
 from resim.assess.sightings import SAME, Sightings
 from resim.assess.whom import GAP, Whom
 from resim.core.geometry import Bools, Floats
+from resim.core.tracks import Tracks
 
+NEARER = 2.0
+"""Distance [m] by which another EGO has to be nearer to somebody who has left than the measured one."""
+LEFT = "not seen there by the measured EGO, and this EGO is nearer"
 BETWEEN = 0.2
 """Longest time [s] from one sample of an object to the next that the drive may begin or end in."""
 
@@ -66,13 +70,15 @@ class Absence:
 class Doubts:
     """What a source leaves open. absences: who is not known when; sizes: of objects whose size or heading is in doubt
     length and width [m] of a box that holds them; off: of those whose place is, how far [m] they can be off along their
-    heading, and across; same: ids that can be one object, one after the other.
+    heading, and across; same: ids that can be one object, one after the other. excused: who is not seen as seeing ends
+    there, for an EGO that drives as the measured one.
     """
 
     absences: tuple[Absence, ...] = ()
     sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     off: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     same: tuple[tuple[str, ...], ...] = ()
+    excused: tuple[Absence, ...] = ()
 
     def one(self, name: str) -> tuple[str, ...]:
         """Give the ids that can be the same object as this one, it among them."""
@@ -81,7 +87,14 @@ class Doubts:
     def simulated(self, ego: str) -> Doubts:
         """Give what is left open where this is simulated: where the EGO is, is known there."""
         absent = tuple(a for a in self.absences if a.object != ego)
-        return Doubts(absent, self.sizes, {name: d for name, d in self.off.items() if name != ego}, self.same)
+        return replace(self, absences=absent, off={name: d for name, d in self.off.items() if name != ego})
+
+    def beside(self, own: Tracks, measured: Tracks) -> Doubts:
+        """Give what is left open for an EGO that drives as `own`, and not as `measured`, tracks of the EGO alone.
+
+        Who is excused is absent while that EGO is nearer to where it would be, going straight on, by NEARER.
+        """
+        return replace(self, absences=(*self.absences, *_nearer(self.excused, own, measured)), excused=())
 
     def to_json(self) -> dict[str, Any]:
         """Give what report.json holds of it."""
@@ -92,6 +105,7 @@ class Doubts:
             "sizes": sizes,
             "off": {name: list(by) for name, by in self.off.items()},
             "same": same,
+            "excused": [a.to_json() for a in self.excused],
         }
 
     @classmethod
@@ -100,21 +114,40 @@ class Doubts:
         sizes = {str(name): (float(a), float(b)) for name, (a, b) in data["sizes"].items()}
         off = {str(name): (float(a), float(b)) for name, (a, b) in data["off"].items()}
         same = tuple(tuple(map(str, ids)) for ids in data["same"])
-        return cls(tuple(map(Absence.from_json, data["absences"])), sizes, off, same)
+        absent, excused = (tuple(map(Absence.from_json, data[name])) for name in ("absences", "excused"))
+        return cls(absent, sizes, off, same, excused)
 
 
 WHOLE = Doubts()
 """Of a source that leaves nothing open."""
 
 
-def absences(whom: Whom) -> tuple[Absence, ...]:
-    """Give who is absent when, by object, then by time.
+def absences(whom: Whom) -> tuple[tuple[Absence, ...], tuple[Absence, ...]]:
+    """Give who is absent when, by object, then by time; and who is excused, as seeing ends where it is.
 
     The EGO is where its samples are farther apart than GAP, or where it has rows before its first sample or after its
     last.
     """
     seen = Seen.of(whom)
-    return (*_of_ego(whom.ego, seen.slack), *(a for k in whom.others for a in _of_object(k, seen)))
+    found = [told for k in whom.others for told in _of_object(k, seen)]
+    absent = (*_of_ego(whom.ego, seen.slack), *(a for a, excused in found if not excused))
+    return absent, tuple(a for a, excused in found if excused)
+
+
+def _nearer(excused: Sequence[Absence], own: Tracks, measured: Tracks) -> Iterator[Absence]:
+    """Those, as long as the EGO of `own` is nearer to where they would be than that of `measured`."""
+    for a in excused:
+        if not len(a.t):
+            continue
+        last = np.clip(np.searchsorted(a.t, own.t + SAME) - 1, 0, len(a.t) - 1)  # seen last, or else first
+        x, y, _, vx, vy = a.state[last].T
+        place = np.stack([x, y]) + np.stack([vx, vy]) * (own.t - a.t[last])
+        far, as_measured = (np.hypot(place[0] - e.x[0], place[1] - e.y[0]) for e in (own, measured))
+        there = (own.t >= a.start - SAME) & (own.t <= a.end + SAME)
+        near = there & ~(far >= as_measured - NEARER)
+        edges = np.flatnonzero(np.diff([False, *near, False]))
+        for first, after in zip(edges[::2], edges[1::2], strict=True):
+            yield replace(a, start=float(own.t[first]), end=float(own.t[after - 1]), why=LEFT)
 
 
 def cut_off(whom: Whom) -> Iterator[Absence]:
@@ -149,37 +182,48 @@ def _of_ego(k: Sightings, slack: float) -> Iterator[Absence]:
         yield _absent(k, float(whole[-1]), float(rows.max()))
 
 
-def _of_object(k: Sightings, seen: Seen) -> Iterator[Absence]:
+def _of_object(k: Sightings, seen: Seen) -> Iterator[tuple[Absence, bool]]:
+    """When it is absent, and whether it is excused."""
     if not len(k.t):  # nobody knows where it is
-        yield _absent(k, float(k.blind.min()), float(k.blind.max()))
+        yield _absent(k, float(k.blind.min()), float(k.blind.max())), False
         return
     start, stop = float(k.t[0]), float(k.t[-1])
-    between = min(k.step, BETWEEN) - SAME
-    if start - seen.whom.start > max(between, SAME) and not _comes_or_goes(k, seen, -1):
-        start = seen.whom.start
-    if seen.whom.end - stop > max(between, SAME) and not _comes_or_goes(k, seen, 1):
-        stop = seen.whom.end
+    between = max(min(k.step, BETWEEN) - SAME, SAME)
+    if start - seen.whom.start > between:
+        if _comes_or_goes(k, seen, -1):
+            yield _absent(k, seen.whom.start, start), True
+        else:
+            start = seen.whom.start
+    if seen.whom.end - stop > between:
+        if _comes_or_goes(k, seen, 1):
+            yield _absent(k, stop, seen.whom.end), True
+        else:
+            stop = seen.whom.end
     whole = k.t[k.usable]
     if len(whole) < 2:  # no trace can be driven
-        yield _absent(k, start, stop)
+        yield _absent(k, start, stop), False
         return
-    unknown = [start < whole[0] - SAME, *~_driven(k, seen), stop > whole[-1] + SAME]
+    driven, left = _driven(k, seen)
+    for j in np.flatnonzero(left):
+        yield _absent(k, float(whole[j]), float(whole[j + 1])), True
+    unknown = [start < whole[0] - SAME, *~(driven | left), stop > whole[-1] + SAME]
     t = np.array([start, *whole, stop])
     edges = np.flatnonzero(np.diff([False, *unknown, False]))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        yield _absent(k, float(t[a]), float(t[b]))
+        yield _absent(k, float(t[a]), float(t[b])), False
 
 
-def _driven(k: Sightings, seen: Seen) -> Bools:
-    """Between which whole samples (n - 1,) its trace is driven on, or it has left and come back."""
+def _driven(k: Sightings, seen: Seen) -> tuple[Bools, Bools]:
+    """Between which whole samples (n - 1,) its trace is driven on, and between which it has left and come back."""
     t, part = k.t[k.usable], k.part[k.usable]
     traced = np.bincount(part, minlength=len(k.ids)) > 1
     dt, one = np.diff(t), np.diff(part) == 0
     slack = max(seen.slack, 2.0 * k.step)
-    out = np.where(one, dt <= GAP + SAME, (dt <= slack) & traced[part[:-1]] & traced[part[1:]])
+    out = np.asarray(np.where(one, dt <= GAP + SAME, (dt <= slack) & traced[part[:-1]] & traced[part[1:]]))
+    left = np.zeros(len(out), dtype=bool)
     for j in np.flatnonzero(~out & one):
-        out[j] = seen.at_edge(k, float(t[j]), 1) and seen.at_edge(k, float(t[j + 1]), -1)
-    return np.asarray(out)
+        left[j] = seen.at_edge(k, float(t[j]), 1) and seen.at_edge(k, float(t[j + 1]), -1)
+    return out, left
 
 
 def _comes_or_goes(k: Sightings, seen: Seen, way: int) -> bool:

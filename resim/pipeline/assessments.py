@@ -87,16 +87,21 @@ def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) 
 
 
 def assess_run(
-    run: Run, scenario: Scenario, network: RoadNetwork, how: How, doubts: Doubts = WHOLE
+    run: Run,
+    scenario: Scenario,
+    network: RoadNetwork,
+    how: How,
+    doubts: Doubts = WHOLE,
+    measured: Scenario | None = None,
 ) -> Assessment:
-    """Assess one simulation by the scenario that describes it. doubts: of the measurement that its traffic is of."""
+    """Assess one simulation by the scenario that describes it. doubts, measured: of what its traffic is of."""
     t = np.array([p.t for p in run.perceived])
     hits = tuple((c.t, c.id) for c in run.collisions)
     counts = [len(p.ids) for p in run.perceived]
     ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in run.perceived)])
     functioning = functioning_of(np.repeat(t, counts), ids, t, t, 0.0)
     flaw = why_not_whole(run.end, run.failure, float(run.truth.t[-1]))
-    block = Block(scenario, run.plans, functioning, hits, flaw, doubts.simulated(scenario.ego.id))
+    block = Block(scenario, run.plans, functioning, hits, flaw, doubts.simulated(scenario.ego.id), measured)
     return assess_block(block, network, how)
 
 

@@ -38,7 +38,8 @@ def doubts(
     name = basis.lower()
     told = as_told(recording, basis, tracks)
     whom = Whom.of(told.tracks, told.incomplete, ego=recording.ego)
-    found = (*absences(whom), *told.gaps)
+    absent, excused = absences(whom)
+    found = (*absent, *told.gaps)
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
     if whole is not None:
         found += tuple(cut_off(Whom.of(as_told(recording, basis, whole).tracks, ego=recording.ego)))
@@ -63,6 +64,7 @@ def doubts(
         sizes,
         {who: by for who, by in off.items() if max(by) <= FARTHEST},
         whom.same,
+        tuple(replace(a, size=sizes.get(a.object, a.size)) for a in excused),
     )
 
 

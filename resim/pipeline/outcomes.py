@@ -43,7 +43,8 @@ def perceived_outcome(p: PerceivedRun, result: Resimulation, how: How) -> Outcom
     if p.refit is None:
         return _nothing(p.run)
     made = replace(p.refit, objects=result.described["GT"].objects)
-    assessment = assess_run(p.run, made, result.network, how, result.doubts["GT"])
+    gt = result.described["GT"]
+    assessment = assess_run(p.run, made, result.network, how, result.doubts["GT"], gt)
     errors = None if p.pipe is None else p.pipe.rms(EGO_ROW)
     found = outcome(assessment, ego_tracks(p.refit, result.network), result.network, result.ego, p.run)
     return replace(found, errors=errors)

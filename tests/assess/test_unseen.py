@@ -189,7 +189,7 @@ def test_who_is_lost_with_others_at_one_moment_is_lost_by_the_sensor():
     """Three side by side; the EGO ends short of the line at which they were lost."""
     abreast = [rows(str(k), 340.0 + V * T, -5.25 + 3.5 * k, V) for k in range(3)]
     drive = pd.concat([ego()[ego().t < 5.9], *(car[car.t < 4.0] for car in abreast)])
-    found = absences(Whom.of(Tracks.from_frame(drive), ego="ego"))
+    found = absences(Whom.of(Tracks.from_frame(drive), ego="ego"))[0]
     assert [a.object for a in found] == ["0", "1", "2"]
 
 
@@ -272,7 +272,7 @@ def test_the_reach_in_the_middle_is_a_sixteenth_of_what_it_would_be_free_to_end(
 def test_absences_survive_their_file():
     car = standing()
     tracks = Tracks.from_frame(pd.concat([ego(), away(3.0)(car)]))
-    (one,) = absences(Whom.of(tracks, without_speed(car[car.t == 5.0]), ego="ego"))
+    (one,) = absences(Whom.of(tracks, without_speed(car[car.t == 5.0]), ego="ego"))[0]
     again = Absence.from_json(one.to_json())
     assert (again.object, again.start, again.end, again.why) == (one.object, one.start, one.end, one.why)
     assert np.array_equal(again.t, one.t)
@@ -422,7 +422,7 @@ def test_a_place_that_is_repeated_while_he_drives_is_none(judge):
     assert judge(ego(), held)["no collision"].outcome == "INVALID"
     tracks = Tracks.from_frame(pd.concat([ego(), held]))
     before = tracks.valid.copy()
-    assert absences(Whom.of(tracks, ego="ego"))
+    assert absences(Whom.of(tracks, ego="ego"))[0]
     assert np.array_equal(tracks.valid, before)  # what is looked at stays as it is
 
 
