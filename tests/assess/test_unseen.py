@@ -639,6 +639,7 @@ HONEST = {
     "a car that reverses, with a speed above 0": lambda: [
         rows("1", 420.0 - 2.0 * T, -8.75, 2.0),
     ],
+    "beside the EGO, in lists out of phase": lambda: [rows("1", 300.0 + V * T, -7.75, V).iloc[2::3]],
     "a speed that is 3 % off": lambda: [rows("1", 340.0 + V * T, -8.75, 1.03 * V)],
     "two pedestrians side by side who both change ids": lambda: [
         *under(walks_along("1", -11.0), ("1", 0, 4), ("3", 4, 9.1)),
