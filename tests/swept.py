@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -91,6 +92,15 @@ def _write(
     write_json(held, folder / "sweep.json")
     more = {"runs": len(rows), **told, "columns": list(rows.columns)}
     write_json({"schema": "resim-sweep-1", **held, **more}, folder / "manifest.json")
+    state_hashes(folder)
+
+
+def state_hashes(folder: Path) -> None:
+    """Have manifest.json of a sweep state the hashes of its table as it is."""
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    parts = sorted((folder / "runs").glob("part-*.parquet"))
+    manifest["files"] = {f"runs/{p.name}": hashlib.sha256(p.read_bytes()).hexdigest() for p in parts}
+    write_json(manifest, folder / "manifest.json")
 
 
 def _outcomes(x: np.ndarray[Any, np.dtype[np.float64]], failed: int) -> dict[str, Any]:

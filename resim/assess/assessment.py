@@ -11,7 +11,7 @@ import numpy as np
 from resim.assess.criteria import Criteria, Outcome, Verdict, judge, overall
 from resim.assess.criticality import Measure, State
 from resim.assess.criticality.measure import States
-from resim.assess.doubt import as_one, doubted, resized
+from resim.assess.doubt import doubted, resized
 from resim.assess.drive import Drive
 from resim.assess.objectifications import OBJECTIFICATIONS, Kind, Subject, scene_of
 from resim.assess.risk import Risk
@@ -196,7 +196,6 @@ def assess(
             again, _ = larger.judged(c.measure, c.side, c.limit)
             found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts)
         found = doubted(found, c, asked[c.measure], measure, subject, doubts, seen)
-        found = as_one(found, c, measure, subject, doubts.same)
         if flaw and found.outcome == "PASS" and not subject.contacts:
             found = replace(found, outcome="INVALID", reason=flaw)
         verdicts[c.name] = found

@@ -22,6 +22,7 @@ from resim.core.frozen import Copy, Frozen, thaw
 from resim.core.geometry import Bools, Floats
 from resim.core.plugin import freeze_code, load_named
 from resim.core.watchdog import Watchdog
+from resim.road.opendrive import lent
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
@@ -189,10 +190,10 @@ def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification
     def of(subject: Subject) -> Measure:
         drive = subject.drive
         try:
-            with function.afresh() as opened, Watchdog() as watchdog:
-                given = watchdog.call(
-                    MEASURE_LIMIT, lambda: function.load()(deepcopy(drive), subject.network)
-                )
+            with (
+                lent(subject.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
+            ):  # fmt: skip
+                given = watchdog.call(MEASURE_LIMIT, lambda: function.load()(deepcopy(drive), road))
         except ChangedError:
             raise
         except FunctionError as e:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -142,30 +142,39 @@ def doubted(
     doubts: Doubts,
     seen: Ahead,
 ) -> Verdict:
-    """Give a verdict, INVALID in place of PASS where somebody who is absent can have broken the criterion.
+    """Give a verdict, INVALID in place of PASS where somebody can have broken the criterion.
 
-    It can be broken where the measure can be beyond its limit, at worst, in scenes that, with those in which it is,
-    last as long as the criterion says.
+    It can be broken where an object, under whatever ids, is beyond the limit, or can be at worst where it is absent, in
+    scenes that last together as long as the criterion says.
     """
     drive = subject.drive
-    can: dict[str, list[tuple[Absence, Bools]]] = {}
     if verdict.outcome != "PASS":
         return verdict
     within = criterion.within(drive.t)
+    alone = measure.value.ndim == 1
+    can: dict[tuple[str, ...], list[tuple[Absence, Bools]]] = (
+        {} if alone else {ids: [] for ids in doubts.same}
+    )
     for absence in doubts.absences:
         if absence.object == str(drive.own.ids[0]):
             if _overlaps(absence, criterion, drive.t):
                 return _invalid(verdict, measure, criterion, absence)
         elif not asked.alone:
-            whose = "" if measure.value.ndim == 1 else absence.object
+            whose = () if alone else doubts.one(absence.object)
             possible = within & _possible(absence, criterion, asked.name, measure, subject, seen)
             can.setdefault(whose, []).append((absence, possible))
     for whose, found in can.items():
-        possible = np.any([p for _, p in found], axis=0)
-        broken = within & _broken(whose, criterion, measure, drive.ids)
-        times = np.array([longest(possible | broken, drive.t)])
-        if possible.any() and criterion.lasts(times, drive.t).any():
-            return _invalid(verdict, measure, criterion, next(a for a, p in found if p.any()))
+        broken = within & _broken(whose, criterion, measure, subject)
+        lasted = longest(_lasting(broken, whose, subject), drive.t)
+        if len(whose) > 1 and criterion.lasts(np.array([lasted]), drive.t).any():
+            limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
+            who = f"objects {', '.join(whose[:5])} can be one, seen under one id after the other"
+            return replace(verdict, outcome="INVALID", reason=f"{who}: {limit} for {lasted:.1f} s")
+        possible = np.any([broken, *(p for _, p in found)], axis=0)
+        lasted = longest(_lasting(possible, whose, subject), drive.t)
+        first = next((a for a, p in found if p.any()), None)
+        if first is not None and criterion.lasts(np.array([lasted]), drive.t).any():
+            return _invalid(verdict, measure, criterion, first)
     return verdict
 
 
@@ -195,12 +204,26 @@ def _possible(
     return out
 
 
-def _broken(whose: str, criterion: Criterion, measure: Measure, ids: tuple[str, ...]) -> Bools:
-    """In which scenes (S,) the limit is broken: by an object, its parts among it, or in the whole scene ("")."""
+def _own(whose: tuple[str, ...], subject: Subject) -> Bools:
+    """Which ids (N,) of the drive are an object's, or its parts'."""
+    return np.array([whole_id(name, set(whose)) in whose for name in subject.drive.ids], dtype=bool)
+
+
+def _broken(whose: tuple[str, ...], criterion: Criterion, measure: Measure, subject: Subject) -> Bools:
+    """In which scenes (S,) the limit is broken: by an object under any of its ids, or in the whole scene (())."""
     bad = criterion.badness(measure.value) > 0.0
-    if bad.ndim == 1:
+    return bad if bad.ndim == 1 else np.asarray(bad[:, _own(whose, subject)].any(axis=1))
+
+
+def _lasting(bad: Bools, whose: tuple[str, ...], subject: Subject) -> Bools:
+    """The scenes (S,) that are bad, and those between two that are, in which an object has none of its ids."""
+    there = np.flatnonzero(subject.drive.present[:, _own(whose, subject)].any(axis=1))
+    if len(whose) < 2 or not len(there):
         return bad
-    return np.asarray(bad[:, [whole_id(name, {whose}) == whose for name in ids]].any(axis=1))
+    at = np.searchsorted(there, np.arange(len(bad)))
+    between = (at > 0) & (at < len(there))
+    before, after = there[np.maximum(at - 1, 0)], there[np.minimum(at, len(there) - 1)]
+    return bad | (between & bad[before] & bad[after])
 
 
 def _invalid(verdict: Verdict, measure: Measure, criterion: Criterion, absence: Absence) -> Verdict:
@@ -214,32 +237,6 @@ def told(absence: Absence) -> str:
     return f"object {absence.object} from {absence.start:.2f} to {absence.end:.2f} s: {absence.why}"
 
 
-def as_one(
-    verdict: Verdict, criterion: Criterion, measure: Measure, subject: Subject, same: Sequence[Sequence[str]]
-) -> Verdict:
-    """Give a verdict, INVALID in place of PASS where ids that can be one object break the limit for long together."""
-    drive = subject.drive
-    if verdict.outcome != "PASS" or measure.value.ndim == 1:
-        return verdict
-    bad = (criterion.badness(measure.value) > 0.0) & criterion.within(drive.t)[:, None]
-    for ids in same:
-        own = np.array([whole_id(name, set(ids)) in ids for name in drive.ids])
-        there, broken = (np.asarray(what[:, own].any(axis=1)) for what in (drive.present, bad))
-        if not broken.any():
-            continue
-        seen = np.flatnonzero(there)
-        at = np.searchsorted(seen, np.arange(len(there)))
-        after, before = seen[np.minimum(at, len(seen) - 1)], seen[np.maximum(at - 1, 0)]
-        between = ~there & (at > 0) & (at < len(seen))
-        lasted = longest(broken | (between & broken[before] & broken[after]), drive.t)
-        if criterion.lasts(np.array([lasted]), drive.t).any():
-            limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-            who = f"objects {', '.join(ids[:5])} can be one, seen under one id after the other"
-            reason = f"{who}: {limit} for {lasted:.1f} s"
-            return replace(verdict, outcome="INVALID", reason=reason)
-    return verdict
-
-
 def resized(verdict: Verdict, larger: Verdict, doubts: Doubts) -> Verdict:
     """Give a verdict, INVALID in place of PASS where it does not pass with boxes that hold all that they may fill."""
     if verdict.outcome != "PASS" or larger.outcome == "PASS":
@@ -249,7 +246,7 @@ def resized(verdict: Verdict, larger: Verdict, doubts: Doubts) -> Verdict:
         sizes = (f"{name} (up to {a:.2f} x {b:.2f} m)" for name, (a, b) in list(doubts.sizes.items())[:5])
         why.append(f"size in doubt: {', '.join(sizes)}")
     if doubts.off:
-        worst = sorted(doubts.off.items(), key=lambda found: -found[1])[:5]
+        worst = sorted(((who, max(d)) for who, d in doubts.off.items()), key=lambda found: -found[1])[:5]
         why.append(f"place in doubt: {', '.join(f'{name} (by {d:.2f} m)' for name, d in worst)}")
     reason = f"{'; '.join(why)}; with boxes as large as that: {larger.outcome}, {larger.reason}"
     return replace(verdict, outcome="INVALID", reason=reason)

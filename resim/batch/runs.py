@@ -51,7 +51,9 @@ def run(task: RunTask) -> dict[str, Any]:
 @lru_cache(maxsize=32)
 def _prepared(folder: Path, digest: str, criteria: Frozen, accept: tuple[str, ...]) -> Prepared:
     refuse_changed(folder, digest)
-    return prepare_sweep(examined(folder, accept=accept), read_criteria(criteria), accept)
+    prepared = prepare_sweep(examined(folder, accept=accept), read_criteria(criteria), accept)
+    refuse_changed(folder, digest)  # nor was it, while it was read
+    return prepared
 
 
 @lru_cache(maxsize=32)

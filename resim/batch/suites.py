@@ -14,7 +14,7 @@ from resim.batch.journal import checksum
 from resim.batch.tasks import Task, report, reports_of, run
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
-from resim.core.files import read_file
+from resim.core.files import file_hash, read_file
 from resim.core.provenance import versions
 from resim.store import json_text, whole_file, write_json
 from resim.verification.summary import summary
@@ -37,17 +37,19 @@ def verify(
     workers: int,
     tell: Told = lambda name, verdict, kept: None,
     damaged: Callable[[Path], None] = lambda path: None,
+    unreported: Callable[[str, str], None] = lambda name, reason: None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Give what verification.json holds, and the traces for the page by recording.
 
     base: folder that the paths in `a` are from. out: folder of the results, in which each recording's result is kept as
     soon as it is there, and taken from if it was made from the same; None keeps nothing. damaged: hears of the file
-    of a result that is not as it was written; it is made again.
+    of a result that is not as it was written; it is made again. unreported: hears whose report cannot be made, and why.
     """
     todo, kept = tasks(a, base, None if out is None else out / REPORTS), {}
     keys = {name: _key(a, name) for name in todo}
     if out is not None:
         kept = {n: case for n in todo if (case := _kept(out, n, keys[n], damaged)) is not None}
+        _remove_reports(out, kept)
         for name, case in kept.items():
             tell(name, case["entry"]["verdict"], True)
     missing = [name for name in todo if name not in kept]
@@ -58,33 +60,55 @@ def verify(
         name = missing[k]
         found[name] = _case(result, todo[name], a.recordings[name].path)
         if out is not None and found[name]["entry"]["verdict"] != "error":
-            with whole_file(out / CASES / f"{name}.json", (".json",)) as path:
-                write_json(_sealed({"key": keys[name], **found[name]}), path)
+            _keep(out, name, keys[name], found[name])
         tell(name, found[name]["entry"]["verdict"], False)
     recordings = [{"name": n, **_source(a, n), **found[n]["entry"]} for n in todo]
     told = summary(recordings, a.limits if a.against is not None else None)
     chosen = told["worst"][: a.reports]
-    for r in recordings:
-        names = reports_of(r["name"], builds=a.against is not None) if r["name"] in chosen else []
-        r["reports"] = [f"{REPORTS}/{name}" for name in names]
+    lost: dict[str, str] = {}
     if out is not None:
-        _write_reports(recordings, out, [todo[name] for name in chosen], {*missing}, workers)
+        lost = _write_reports(out, [todo[name] for name in chosen], found, keys, workers)
+        for name, reason in sorted(lost.items()):
+            unreported(name, reason)
+    for r in recordings:
+        linked = r["name"] in chosen and r["name"] not in lost
+        names = reports_of(r["name"], builds=a.against is not None) if linked else []
+        r["reports"] = [f"{REPORTS}/{name}" for name in names]
     whole = {"schema": SCHEMA, "versions": versions(), "inputs": a.model_dump(mode="json"), "summary": told}
     return {**whole, "recordings": recordings}, {n: found[n]["traces"] for n in todo}
 
 
 def _write_reports(
-    recordings: list[dict[str, Any]], out: Path, chosen: list[Task], fresh: set[str], workers: int
-) -> None:
-    """Write the reports of the chosen recordings that are fresh or have none yet."""
-    by_name = {r["name"]: r for r in recordings}
-    todo = [
-        task
-        for task in chosen
-        if task.name in fresh or not all((out / path).is_file() for path in by_name[task.name]["reports"])
-    ]
-    for _ in run_all(report, todo, workers=workers, time_limit=LONGEST):
-        pass
+    out: Path, chosen: list[Task], found: dict[str, dict[str, Any]], keys: dict[str, str], workers: int
+) -> dict[str, str]:
+    """Write the reports of the chosen recordings that have none of this result; give why any could not be made."""
+    todo = [task for task in chosen if not _reports(out, found[task.name])]
+    lost = {}
+    for k, result in run_all(report, todo, workers=workers, time_limit=LONGEST):
+        name = todo[k].name
+        if isinstance(result, Failure):
+            lost[name] = result.reason
+        else:
+            found[name] = {**found[name], "reports": result}
+            _keep(out, name, keys[name], found[name])
+    return lost
+
+
+def _reports(out: Path, case: dict[str, Any]) -> list[str]:
+    """The names of the reports that were written of this result, if they are there as they were written."""
+    try:
+        hashes = {name: file_hash(out / REPORTS / name) for name in case.get("reports", {})}
+    except InputError:
+        return []
+    return [*hashes] if hashes == case.get("reports") else []
+
+
+def _remove_reports(out: Path, kept: dict[str, dict[str, Any]]) -> None:
+    """Take away all reports but those of the results that are kept: they are of something else."""
+    of_these = {name for case in kept.values() for name in _reports(out, case)}
+    for path in (out / REPORTS).glob("*.html"):
+        if path.name not in of_these:
+            path.unlink()
 
 
 def _case(result: dict[str, Any] | Failure, task: Task, place: str) -> dict[str, Any]:
@@ -101,6 +125,12 @@ def _source(a: Asked, name: str) -> dict[str, Any]:
     return {"folder": file.path, "hash": file.hash}
 
 
+def _keep(out: Path, name: str, key: str, case: dict[str, Any]) -> None:
+    """Write what was found for a recording, and from which inputs."""
+    with whole_file(out / CASES / f"{name}.json", (".json",)) as path:
+        write_json(_sealed({"key": key, **case}), path)
+
+
 def _sealed(case: dict[str, Any]) -> dict[str, Any]:
     """The case as it is read again, with its checksum."""
     read: dict[str, Any] = json.loads(json_text(case))
@@ -108,9 +138,8 @@ def _sealed(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def _sum(case: dict[str, Any]) -> str:
-    """The checksum of all that a case says but itself."""
-    told = {name: value for name, value in case.items() if name != "checksum"}
-    return checksum(json.dumps(told, sort_keys=True).encode()).decode()
+    """The checksum of all that a case says."""
+    return checksum(json.dumps(case, sort_keys=True).encode()).decode()
 
 
 def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> dict[str, Any] | None:
@@ -120,8 +149,8 @@ def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> di
         return None
     try:
         case: dict[str, Any] = json.loads(read_file(path, ""))
-        if case["checksum"] == _sum(case):
-            return case if case["key"] == key else None
+        if case.pop("checksum") == _sum(case):
+            return case if case.pop("key") == key else None
     except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
     damaged(path)

@@ -20,7 +20,7 @@ from resim.batch.child import Failure
 from resim.batch.runs import RunTask, Values, run, swept_model, with_values
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
-from resim.core.files import parse_json
+from resim.core.files import file_hash, parse_json
 from resim.core.frozen import Frozen
 from resim.core.provenance import versions
 from resim.pipeline import Options
@@ -286,13 +286,14 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
     failed = int(found["failure"].notna().sum())
     whole = pd.concat([every, found.drop(columns="time")], axis=1)
     (out / "runs").mkdir(exist_ok=True)
-    for first in range(0, len(whole), PART):
-        with whole_file(out / "runs" / f"part-{first // PART:05d}.parquet", (".parquet",)) as path:
+    parts = {f"runs/part-{first // PART:05d}.parquet": first for first in range(0, len(whole), PART)}
+    for name, first in parts.items():
+        with whole_file(out / name, (".parquet",)) as path:
             write_parquet(whole.iloc[first : first + PART], path)
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
     held = parse_json((out / "sweep.json").read_bytes(), out / "sweep.json")
-    counts = {"runs": len(whole), "failed": failed}
+    counts = {"runs": len(whole), "failed": failed, "files": {name: file_hash(out / name) for name in parts}}
     grown = {"boundaries": boundaries(sweep, rows)} if adaptive else {}
     with whole_file(out / "manifest.json", (".json",)) as path:
         write_json(

@@ -86,14 +86,15 @@ def read_swept(folder: Path) -> Swept:
             raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
         parameters = tuple(Parameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
         columns, count = list(manifest["columns"]), int(manifest["runs"])
+        hashes: dict[str, str] = {str(name): str(told) for name, told in manifest["files"].items()}
         _check_boundaries(manifest, len(parameters))
         begun = folder / "sweep.json"
         held = parse_json(read_file(begun, resume), begun, resume)
         if _without_paths(manifest, held) != _without_paths(held, held):
             raise InputError(path, "does not say what sweep.json says", resume)
-    except (ValueError, KeyError, TypeError, ValidationError) as e:
+    except (ValueError, KeyError, TypeError, AttributeError, ValidationError) as e:
         raise InputError(path, "is not what `resim sweep` writes", resume) from e
-    rows = read_rows(folder)
+    rows = read_rows(folder, hashes)
     if len(rows) != count or rows["run"].nunique() != count:
         raise InputError(folder / "runs", f"holds {len(rows)} runs, expected {count}", resume)
     if lost := [name for name in columns if name not in rows]:

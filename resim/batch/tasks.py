@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from resim.assess.criteria import read_criteria
+from resim.core.files import file_hash
 from resim.core.frozen import Frozen
 from resim.core.tracks import Tracks
 from resim.ingest import Recording
@@ -69,10 +72,18 @@ class Task:
 def run(task: Task) -> dict[str, Any]:
     """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
     begin = time.perf_counter()
-    refuse_changed(task.folder, task.hash)
-    recording = examined(task.folder, accept=task.accept)
-    out = _verify(task, recording) if task.against is None else _compare(task, recording)
+    with _unchanged(task):
+        recording = examined(task.folder, accept=task.accept)
+        out = _verify(task, recording) if task.against is None else _compare(task, recording)
     return {**out, "time": time.perf_counter() - begin}
+
+
+@contextmanager
+def _unchanged(task: Task) -> Iterator[None]:
+    """Raise InputError where the recording is not the one of the task, before or after it was read."""
+    refuse_changed(task.folder, task.hash)
+    yield
+    refuse_changed(task.folder, task.hash)
 
 
 def _verify(task: Task, recording: Recording) -> dict[str, Any]:
@@ -99,13 +110,22 @@ def reports_of(name: str, *, builds: bool) -> list[str]:
     return [f"{name}.{which}.html" for which in BUILDS] if builds else [f"{name}.html"]
 
 
-def report(task: Task) -> None:
-    """Re-simulate the recording once more, and write its reports into `task.reports`."""
+def report(task: Task) -> dict[str, str]:
+    """Re-simulate the recording once more, and write its reports into `task.reports`; give their hashes by name."""
     assert task.reports is not None
+    pages = reports_of(task.name, builds=task.against is not None)
+    with ExitStack() as stack:
+        files = [stack.enter_context(whole_file(task.reports / name)) for name in pages]
+        with _unchanged(task):
+            _write_reports(task, files)
+        return {name: file_hash(file) for name, file in zip(pages, files, strict=True)}
+
+
+def _write_reports(task: Task, files: Sequence[Path]) -> None:
     recording, how = examined(task.folder, accept=task.accept), How(criteria=read_criteria(task.criteria))
     builds = [task.build] if task.against is None else [task.against, task.build]
     bases: tuple[Basis, ...] = task.bases if task.against is None else ("GT",)
-    for name, build in zip(reports_of(task.name, builds=len(builds) > 1), builds, strict=True):
+    for file, build in zip(files, builds, strict=True):
         result = resimulate(
             recording,
             load_build(build),
@@ -113,8 +133,7 @@ def report(task: Task) -> None:
             perceiving=_perceiving(replace(task, seeds=task.seeds[:REPORTED])),
             accept=task.accept,
         )
-        with whole_file(task.reports / name) as path:
-            write_report(result, assess_resimulation(result, how), path)
+        write_report(result, assess_resimulation(result, how), file)
 
 
 def _perceiving(task: Task) -> Perceiving | None:

@@ -21,7 +21,7 @@ CODES: Mapping[str, Code] = {
     "MISSING_VALUES": Code(
         "warning",
         "rows without a position, heading or speed cannot be used",
-        "interpolate the values like a gap, marked; rows in longer gaps are left out",
+        "interpolate the values like a gap, marked; in longer gaps they stay empty",
     ),
     "MISSING_SAMPLES": Code(
         "note", "the track is interpolated over the hole", "fill the hole along the track, marked"
@@ -68,7 +68,7 @@ CODES: Mapping[str, Code] = {
     "TRACK_BROKEN": Code(
         "warning",
         "the object vanishes and another one appears in its place, at its speed",
-        "give both parts one id",
+        "give both parts one id, where they are surely one",
     ),
     "POSITION_JUMP": Code(
         "error", "the object moves farther in one step than it can: the fit bends through the jump"

@@ -11,6 +11,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, app
 from resim.cli.terminal import say
+from resim.ingest.tables import FILLED, JOINED, PARTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +19,13 @@ if TYPE_CHECKING:
     from resim.core.finding import Finding
     from resim.repair import Done, Repaired
 
+JUDGED = {
+    **dict.fromkeys(FILLED, "judged as not seen"),
+    JOINED: "judged as a gap",
+    PARTED: "judged as two that nobody saw come or go",
+    "SIZE_CHANGES": "judged with all sizes told",
+}
+"""What a repair leaves open, by code: assessments say INVALID where it matters. Other repairs follow a known rule."""
 MOST_LINES = 5
 """Findings of one code and source that are printed; the rest is counted."""
 
@@ -109,7 +117,8 @@ def _print_one(finding: Finding) -> None:
 def _print_repaired(repaired: Repaired) -> None:
     say("")
     for done in repaired.done:
-        say(f"repaired {done.code}  {done.source}: {_amount(done)}")
+        doubt = f"; {JUDGED[done.code]}" if done.code in JUDGED else ""
+        say(f"repaired {done.code}  {done.source}: {_amount(done)}{doubt}")
     if not repaired.done:
         say("repaired nothing")
     say("")

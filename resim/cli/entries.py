@@ -101,8 +101,9 @@ def print_entry(entry: Entry) -> None:
     for page in ("report.html", "verification.html", "assessment.html"):
         if (entry.folder / page).is_file():
             told["page"] = str(entry.folder / page)
-    if (rows := _table(entry)) is not None:
-        told["rows"] = f"duckdb.sql({json.dumps(f'select * from {_literal(rows)}')}).df()"
+    if (rows := _table(entry)) is not None and not set("*?[") & set(str(entry.folder)):  # patterns to DuckDB
+        query = f"select * from read_parquet({_literal(rows)}, hive_partitioning = false)"
+        told["rows"] = f"duckdb.sql({json.dumps(query)}).df()"
     for name, text in told.items():
         out.print(f"{name:8} {text}", highlight=False, soft_wrap=True)
     inputs = Table("input", "name", "SHA-256", "path", title="what went in")

@@ -136,7 +136,15 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
     with locked(out, "resim verify"):
         begin(out, wanted)
         with _progress(len(wanted.recordings)) as tell:
-            found, traces = verify(wanted, out, out, workers=workers, tell=tell, damaged=_tell_damaged)
+            found, traces = verify(
+                wanted,
+                out,
+                out,
+                workers=workers,
+                tell=tell,
+                damaged=_tell_damaged,
+                unreported=_tell_unreported,
+            )
         write(out, found, traces)
     print_verification(found)
     say("")
@@ -147,6 +155,10 @@ def _verify(wanted: Asked, out: Path, workers: int) -> None:
 
 def _tell_damaged(path: Path) -> None:
     say(f"{path} is not as `resim verify` wrote it: its recording is run again", err=True)
+
+
+def _tell_unreported(name: str, reason: str) -> None:
+    say(f"{name}: there is no report of its re-simulation: {reason}", err=True)
 
 
 def _replay(path: Path, workers: int) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import stat
+import tempfile
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +38,14 @@ def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
 
 
+def check_hashes(folder: Path, hashes: Mapping[str, str], remedy: str) -> None:
+    """Raise InputError for the first file of a folder that has not the SHA-256 that it was written with."""
+    for name, digest in hashes.items():
+        if (found := file_hash(folder / name, remedy)) != digest:
+            problem = f"is not as it was written: its SHA-256 is {found[:12]}…, expected {str(digest)[:12]}…"
+            raise InputError(folder / name, problem, remedy)
+
+
 def refuse_undecodable(name: str | Path) -> None:
     """Raise InputError for a name of a file or folder whose bytes are no UTF-8: no result could state it."""
     try:
@@ -61,6 +71,19 @@ def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
     except ValueError as e:  # a name with a zero byte
         raise InputError(path, f"cannot be read ({e})", remedy) from e
+
+
+@contextlib.contextmanager
+def plain_names(paths: Sequence[Path]) -> Iterator[list[str]]:
+    """Give other names of the same files, as long as the context lasts: DuckDB reads what names say.
+
+    To it `a[1]`, `a*` and `a?` are patterns, under which it reads other folders, and `width=2` is a column.
+    """
+    with tempfile.TemporaryDirectory(prefix="resim-") as folder:
+        links = [Path(folder) / f"{n}{path.suffix}" for n, path in enumerate(paths)]
+        for link, path in zip(links, paths, strict=True):
+            link.symlink_to(path.absolute())
+        yield [str(link) for link in links]
 
 
 def parse_toml(raw: bytes, path: Path, remedy: str = "") -> dict[str, Any]:

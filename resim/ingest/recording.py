@@ -32,7 +32,8 @@ class Recording:
     environment: JSCEN terms. provenance: free text. repair_marks: for "gt" and "sd", where anything was repaired, (N,
     T) "" or the codes of the findings that were, spaces between. findings: what is known to be wrong with it, worst
     first. incomplete: for "gt" and "sd" the rows that lack a value and are in no track, sizes: the largest length and
-    width [m] that rows give an object, both by the names of `sd_by_gt`.
+    width [m] that rows give an object, or gave it before a repair, repairs: the rows that were repaired, and whether
+    the sample was filled (column `filled`: nobody saw it so), all by the names of `sd_by_gt`.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     incomplete: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    repairs: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     @property
     def repaired(self) -> dict[str, dict[str, int]]:

@@ -15,7 +15,7 @@ from resim.core.tracks import Strings, Tracks
 from resim.ingest.identity import UNMATCHED
 from resim.ingest.recording import Recording, sample_rate
 from resim.ingest.settings import Environment, Settings
-from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED, VALUES, check_complete, check_times
+from resim.ingest.tables import EXISTENCE, FILLED, GT_ID, REPAIRED, TOLD, VALUES, check_complete, check_times
 
 LONGEST = 14_400.0
 """Largest time [s] from a table's first sample to its last."""
@@ -92,6 +92,7 @@ def recording_of(tables: Tables, *, lenient: bool = False) -> Recording:
         repair_marks={name: found for name, found in marks.items() if found is not None},
         incomplete={name: table[~_complete(table)] for name, table in named.items()},
         sizes={name: _largest(table) for name, table in named.items()},
+        repairs={name: _repairs(table) for name, table in named.items() if REPAIRED in table},
     )  # fmt: skip
 
 
@@ -147,9 +148,22 @@ def _names(frame: pd.DataFrame, gt: Tracks) -> list[str]:
 
 
 def _largest(frame: pd.DataFrame) -> dict[str, tuple[float, float]]:
-    """The largest length and width [m] that rows give each object."""
-    largest = frame.groupby("id", sort=False)[["length", "width"]].max()
+    """The largest length and width [m] that rows give each object, or gave it before a repair."""
+    sides = {c: frame[c] if told not in frame else frame[[c, told]].max(axis=1) for c, told in TOLD.items()}
+    largest = pd.DataFrame(sides).groupby(frame["id"], sort=False)[list(TOLD)].max()
     return {str(name): (float(a), float(b)) for name, a, b in largest.itertuples()}
+
+
+def _repairs(frame: pd.DataFrame) -> pd.DataFrame:
+    """The repaired rows that lack no value, but for those filled where another row of the object was seen."""
+    rows = frame[_complete(frame)]
+    codes = rows[REPAIRED].str.split()
+    filled = codes.map(lambda own: not set(FILLED).isdisjoint(own)).to_numpy(bool)
+    keys = pd.MultiIndex.from_frame(rows[["t", "id"]])
+    seen = keys.isin(keys[~filled])
+    keep = (rows[REPAIRED] != "").to_numpy() & ~(filled & seen)
+    out: pd.DataFrame = rows[keep].assign(filled=filled[keep])
+    return out
 
 
 def _check_extent(path: Path, frame: pd.DataFrame) -> None:

@@ -13,9 +13,21 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from resim.core.errors import InputError
+from resim.core.files import plain_names
 from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
 
 GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
+TOLD = {"length": "told_length", "width": "told_width"}
+"""Columns of the largest size [m] that a row had before a repair gave it another."""
+FILLED = (
+    "MISSING_VALUES", "MISSING_SAMPLES", "GAP", "OUTLIER", "REPEATED_SAMPLES", "ACCELERATION", "YAW_RATE",
+    "SPEED_DISAGREES", "HEADING_DISAGREES",
+)  # fmt: skip
+"""Marks of samples that a repair made, or half of them: nobody saw them so."""
+JOINED = "TRACK_BROKEN"
+"""Mark of samples that a repair took for those of an object with another id."""
+PARTED = "ID_REUSED"
+"""Mark of samples that a repair took for those of an object of its own."""
 TEXT = ("id", "kind", GT_ID, REPAIRED)
 VALUES = ("x", "y", "heading", "v")
 """Columns in which a sample may be missing a value; `resim.check` reports it, a recording refuses it."""
@@ -34,12 +46,12 @@ def read_track_table(path: Path) -> pd.DataFrame:
     """Give the rows of a track table as they stand, indexed by their row number in the file.
 
     The columns are `core.tracks.COLUMNS` and, where the file has them, OPTIONAL_COLUMNS, `gt_id` ("" for
-    none), `existence_probability` and `repaired` ("" or the codes of the findings repaired, spaces between);
-    other columns are left out. A CSV row's number is its line (the header is line 1), a Parquet row's its
+    none), `existence_probability`, `repaired` ("" or the codes of the findings repaired, spaces between) and
+    TOLD; other columns are left out. A CSV row's number is its line (the header is line 1), a Parquet row's its
     place from 1. Rows may repeat or run back in time, and VALUES may be NaN. Raises InputError for whatever
     cannot be read at all, a size or kind that is none, or a probability beyond 0 to 1.
     """
-    optional = (*OPTIONAL_COLUMNS, EXISTENCE, GT_ID, REPAIRED)
+    optional = (*OPTIONAL_COLUMNS, EXISTENCE, GT_ID, REPAIRED, *TOLD.values())
     frame = read_table(path, required=COLUMNS, optional=optional, missing=VALUES)
     _check_terms(path, frame)
     return frame
@@ -152,11 +164,13 @@ def _header(path: Path) -> list[str]:
 
 def _read_parquet(path: Path) -> pd.DataFrame:
     try:
-        with duckdb.connect() as db:
-            frame: pd.DataFrame = db.execute("SELECT * FROM read_parquet(?)", [str(path)]).df()
-    except duckdb.Error as e:
+        with duckdb.connect() as db, plain_names([path]) as names:
+            frame: pd.DataFrame = db.execute(
+                "SELECT * FROM read_parquet(?, hive_partitioning = false)", names
+            ).df()
+    except Exception as e:  # what DuckDB raises for damaged bytes is not always its own
         raise InputError(
-            path, f"is not a readable Parquet file ({str(e).splitlines()[0]})",
+            path, f"is not a readable Parquet file ({' '.join(str(e).splitlines()[:1])})",
             "The file may be truncated: write it again, or hand in CSV.",
         ) from e  # fmt: skip
     frame.index = pd.RangeIndex(1, len(frame) + 1)

@@ -12,7 +12,7 @@ import pandas as pd
 from resim.assess.assessment import Assessment
 from resim.assess.unseen import WHOLE, Doubts
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.files import check_hashes, parse_json, read_file
 from resim.core.finding import Finding
 from resim.fidelity import collisions
 from resim.ingest import Recording
@@ -28,6 +28,7 @@ from resim.pipeline.result import Resimulation
 from resim.pipeline.run import describe_recording, map_name, measured_tracks
 from resim.pipeline.run_blocks import RunTables, blocks_of_run, described_runs, failures_of, model_runs
 from resim.pipeline.tables import answers_frame, plans_frame, tracks_frame
+from resim.pipeline.told import as_told
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
@@ -56,7 +57,7 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     described = describe_recording(recording, network)
     measured = measured_tracks(recording)
     plans, sd = plans_of(recording.plan), measured.get("SD")
-    seen = None if sd is None else sd.to_frame()
+    seen = None if sd is None else as_told(recording, "SD", sd).tracks.to_frame()
     functioning = measured_functioning(
         seen, plans, {f.code: f.value for f in recording.findings if not f.object}
     )
@@ -88,21 +89,31 @@ def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) 
 
 
 def assess_drive(
-    drive: SimulatedDrive, scenario: Scenario, network: RoadNetwork, how: How, doubts: Doubts = WHOLE
+    drive: SimulatedDrive,
+    scenario: Scenario,
+    network: RoadNetwork,
+    how: How,
+    doubts: Doubts = WHOLE,
+    measured: Scenario | None = None,
 ) -> Assessment:
-    """Assess one simulation by the scenario that describes it. doubts: of the measurement that its traffic is of."""
+    """Assess one simulation by the scenario that describes it. doubts, measured: of what its traffic is of."""
     t = np.array([p.t for p in drive.perceived])
     hits = tuple((c.t, c.id) for c in drive.collisions)
     counts = [len(p.ids) for p in drive.perceived]
     ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in drive.perceived)])
     functioning = functioning_of(np.repeat(t, counts), ids, t, t, 0.0)
-    block = Block(scenario, drive.plans, functioning, hits, drive.flaw, doubts.simulated(scenario.ego.id))
+    left = doubts.simulated(scenario.ego.id)
+    block = Block(scenario, drive.plans, functioning, hits, drive.flaw, left, measured)
     return assess_block(block, network, how)
 
 
 def _assess_results(folder: Path, how: How) -> Assessed:
-    report = folder / "report.json"
+    report, mark = folder / "report.json", folder / "run.json"
     remedy = "Run it again."
+    try:
+        check_hashes(folder, parse_json(read_file(mark, remedy), mark, remedy)["files"], remedy)
+    except (KeyError, TypeError, AttributeError) as e:
+        raise InputError(mark, "is not what `resim run` writes", remedy) from e
     try:
         written = parse_json(read_file(report, remedy), report, remedy)
         road, name = folder / map_name(Path(str(written["map"]))), str(written["recording"])

@@ -29,7 +29,10 @@ DELAY = "CLOCK_OFFSET"
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What one block is assessed from. collisions: when [s] and with whom; flaw: why it cannot be judged, or ""."""
+    """What one block is assessed from. collisions: when [s] and with whom; flaw: why it cannot be judged, or "".
+
+    measured: of a simulated drive, what its traffic is of.
+    """
 
     scenario: Scenario
     plans: Plans
@@ -37,14 +40,18 @@ class Block:
     collisions: tuple[tuple[float, str], ...]
     flaw: str = ""
     doubts: Doubts = WHOLE
+    measured: Scenario | None = None
 
 
 def assess_block(block: Block, network: RoadNetwork, how: How) -> Assessment:
     """Assess one block at times `how.rate` a second, and look for collisions FINE times a second."""
-    scenario = block.scenario
+    scenario, doubts = block.scenario, block.doubts
     often, seldom = _times(scenario, FINE), _times(scenario, how.rate)
     t = np.union1d(often, seldom)
     every = scenario.tracks(network, t)
+    if block.measured is not None and doubts.excused:
+        own = every.samples(np.searchsorted(t, seldom)).select([scenario.ego.id])
+        doubts = doubts.beside(own, replace(block.measured, objects=()).tracks(network, seldom))
 
     def subject(every: Tracks) -> Subject:
         made = drive(
@@ -56,13 +63,13 @@ def assess_block(block: Block, network: RoadNetwork, how: How) -> Assessment:
         own = () if how.criteria is None else how.criteria.own
         return Subject(made, network, how.parameters, block.functioning, hits, own)
 
-    larger = _larger(every, block.doubts)
+    larger = _larger(every, doubts)
     return assess(
         subject(every),
         how.criteria,
         block.flaw,
         how.only,
-        block.doubts,
+        doubts,
         None if larger is None else subject(larger),
     )
 
@@ -73,11 +80,11 @@ def _larger(tracks: Tracks, doubts: Doubts) -> Tracks | None:
     names = [whole_id(name, known) for name in tracks.ids.tolist()]
     if not known.intersection(names):
         return None
-    off = np.array([doubts.off.get(name, 0.0) for name in names])
+    off = np.array([doubts.off.get(name, (0.0, 0.0)) for name in names])
     sizes = np.array([doubts.sizes.get(name, (0.0, 0.0)) for name in names])
     length, width = (
-        np.maximum(own, side) + 2.0 * off
-        for own, side in zip((tracks.length, tracks.width), sizes.T, strict=True)
+        np.maximum(own, side) + 2.0 * far
+        for own, side, far in zip((tracks.length, tracks.width), sizes.T, off.T, strict=True)
     )
     return replace(tracks, length=length, width=width)
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from resim.assess.unseen import Absence, Doubts, absences, cut_off, renamed
+from resim.assess.contradiction import off_by, size_turned, turned_by
+from resim.assess.sightings import Sightings
+from resim.assess.unseen import Absence, Doubts, absences, cut_off
+from resim.assess.whom import Whom
 from resim.check import TORN
 from resim.check.bodies import SIZE
+from resim.check.tracks import PEDESTRIAN
 from resim.core.tracks import Tracks
 from resim.ingest import Recording
 from resim.ingest.identity import UNMATCHED
 from resim.pipeline.result import Basis
+from resim.pipeline.told import as_told
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
@@ -31,28 +36,67 @@ def doubts(
     where nothing is. Where a trace is off its samples, or samples are off their track, nobody knows which is right.
     """
     name = basis.lower()
-    given = {i: (float(tracks.length[n]), float(tracks.width[n])) for n, i in enumerate(tracks.ids.tolist())}
-    sizes = {
-        i: (max(a, length), max(b, width))
-        for i, (a, b) in recording.sizes.get(name, {}).items()
-        for length, width in [given.get(i, (a, b))]
-        if a > length + SIZE or b > width + SIZE
-    }
-    found = absences(tracks, recording.incomplete.get(name), ego=recording.ego)
+    told = as_told(recording, basis, tracks)
+    whom = Whom.of(told.tracks, told.incomplete, ego=recording.ego)
+    absent, excused = absences(whom)
+    found = (*absent, *told.gaps)
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
-    found += () if whole is None else tuple(cut_off(whole, ego=recording.ego))
-    off: dict[str, float] = {}
-    for who, by in _torn(recording, basis):
-        off[who] = off.get(who, 0.0) + by
-    for who, by in _misfits(tracks, scenario, network):
-        off[who] = max(off.get(who, 0.0), by)
-    lost = [_lost(tracks, who, by) for who, by in off.items() if by > FARTHEST and who in tracks.ids]
+    if whole is not None:
+        found += tuple(cut_off(Whom.of(as_told(recording, basis, whole).tracks, ego=recording.ego)))
+    torn = list(_torn(recording, basis))
+    swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
+    misfits = dict(_misfits(tracks, scenario, network))
+    off: dict[str, tuple[float, float]] = {}
+    sizes: dict[str, tuple[float, float]] = {}
+    for ids, parts in _bodies(whom):
+        every = max(sum(far for who, far in torn if who in ids), *(misfits.get(who, 0.0) for who in ids))
+        by = np.max([(every, every), *(off_by(k, walks=k.kind == PEDESTRIAN) for k in parts)], axis=0)
+        off.update((who, (float(by[0]), float(by[1]))) for who in ids if by.any())
+        turned = max(0.0 if k.kind == PEDESTRIAN else turned_by(k) for k in parts)
+        if swapped.intersection(ids):
+            turned = 0.5 * np.pi
+        sizes.update(_larger(ids, parts, recording.sizes.get(name, {}), tracks, turned))
+    lost = [
+        _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
+    ]
     return Doubts(
         (*(replace(a, size=sizes.get(a.object, a.size)) for a in found), *lost),
         sizes,
-        {who: by for who, by in off.items() if by <= FARTHEST},
-        renamed(tracks, ego=recording.ego),
+        {who: by for who, by in off.items() if max(by) <= FARTHEST},
+        whom.same,
+        tuple(replace(a, size=sizes.get(a.object, a.size)) for a in excused),
     )
+
+
+def _bodies(whom: Whom) -> Iterator[tuple[tuple[str, ...], list[Sightings]]]:
+    """The ids that can be one object, and what is known of it."""
+    every = (whom.ego, *whom.others)
+    together = {name: ids for ids in whom.same for name in ids}
+    for ids in dict.fromkeys(together.get(k.ids[0], k.ids) for k in every):
+        yield ids, [k for k in every if k.ids[0] in ids]
+
+
+def _larger(
+    ids: tuple[str, ...],
+    parts: list[Sightings],
+    told: Mapping[str, tuple[float, float]],
+    tracks: Tracks,
+    turned: float,
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """The size [m] that an object can have, under those of its ids that have a smaller one.
+
+    told: the largest that rows give an id; turned: rad, by how much its heading can be off.
+    """
+    length, width = np.max([*(k.size for k in parts), *(told[i] for i in ids if i in told)], axis=0).tolist()
+    for who in ids:
+        n = np.flatnonzero(tracks.ids == who)
+        own = (
+            (float(tracks.length[n[0]]), float(tracks.width[n[0]]))
+            if len(n)
+            else told.get(who, (length, width))
+        )
+        if turned or length > own[0] + SIZE or width > own[1] + SIZE:
+            yield who, size_turned((max(length, own[0]), max(width, own[1])), turned)
 
 
 def _lost(tracks: Tracks, name: str, off: float) -> Absence:

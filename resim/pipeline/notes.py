@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from resim.assess.unseen import GAP
+from resim.assess.whom import GAP
 from resim.core.opened import UNKNOWN
 from resim.core.tracks import Tracks
 from resim.fidelity import EGO_ROW, Errors

@@ -40,14 +40,14 @@ def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
 
 def seed_outcome(result: Resimulation, seed: int, how: How) -> Outcome:
     """Give what a drive on GT (`run_on_gt`) came to: the EGO as it drove, the traffic as GT's scenario has it."""
-    source = of_seed(seed)
+    source, gt = of_seed(seed), result.described["GT"]
     drive, refit, pipe = (
         result.drives[source], result.refits.get(source), result.errors.get(pipeline_step(source)),
     )  # fmt: skip
     if refit is None:
         return _nothing(drive)
-    made = replace(refit, objects=result.described["GT"].objects)
-    assessment = assess_drive(drive, made, result.network, how, result.prepared.doubts["GT"])
+    made = replace(refit, objects=gt.objects)
+    assessment = assess_drive(drive, made, result.network, how, result.prepared.doubts["GT"], gt)
     errors = None if pipe is None else pipe.rms(EGO_ROW)
     found = outcome(assessment, ego_tracks(refit, result.network), result.network, result.ego, drive)
     return replace(found, errors=errors)

@@ -12,7 +12,7 @@ import numpy as np
 import resim
 from resim.assess.risk.fitting import AHEAD, LEAST, Points, Refit, refit
 from resim.assess.risk.prediction import Entry, Fitted, Motion, PredictionSet, Walking, prediction
-from resim.assess.unseen import GAP
+from resim.assess.whom import GAP
 from resim.check import examine
 from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from resim import fidelity
-from resim.assess.unseen import GAP
+from resim.assess.whom import GAP
 from resim.core.errors import ResimError
 from resim.core.files import file_hash
 from resim.core.tracks import Tracks

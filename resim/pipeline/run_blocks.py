@@ -76,7 +76,7 @@ def blocks_of_run(
             flaw = why_not_whole(report["end"][name], report["failure"].get(name) or "", last)
             out[name] = Block(
                 scenarios[name], plans_of(plans[plans.source == name]), functioning, hits[name], flaw,
-                open_[name[1:]].simulated(scenarios[name].ego.id),
+                open_[name[1:]].simulated(scenarios[name].ego.id), scenarios[name[1:]],
             )  # fmt: skip
     return out
 
@@ -109,6 +109,7 @@ def _model_block(gt: Block, tables: RunTables, seed: Mapping[str, Any], network:
         listed(tables.tracks[tables.tracks.source == f"perceived_{source}"], t, t, 0.0),
         tuple((float(h["t"]), str(h["id"])) for h in seed["collisions"]),
         why_not_whole(seed["end"], seed["failure"] or "", float(rows.t.max())), gt.doubts.simulated(ego),
+        gt.scenario,
     )  # fmt: skip
 
 

@@ -65,6 +65,8 @@ ONE_BY_ONE = ("ID_REUSED", "ID_SWITCH")
 """Codes of which the first in time is repaired, and the rest is looked at anew."""
 LESS = 0.7
 """Part of its size down to which a finding has to come to count as repaired in part."""
+SOME = 1.0 - 1e-9
+"""The same for values that miss: those of rows at the ends of a track stay so."""
 MOST_ROUNDS = 200
 
 
@@ -157,7 +159,8 @@ def _failed(now: list[Finding], before: tuple[Finding, ...], after: tuple[Findin
     )
     out = []
     for finding in now:
-        stays = left.get(_key(finding), -1.0) > LESS * abs(finding.value)
+        less = SOME if finding.code == "MISSING_VALUES" else LESS
+        stays = left.get(_key(finding), -1.0) > less * abs(finding.value)
         harms = worse and any(f.object in (finding.object, "") or not finding.object for f in new)
         if stays or harms:
             out.append(finding)

@@ -13,7 +13,7 @@ from resim.check.tracks import Table, Track, table_of
 from resim.core.finding import Source
 from resim.core.geometry import Bools, unwrap_angle
 from resim.ingest import Tables
-from resim.ingest.tables import GT_ID, REPAIRED, VALUES
+from resim.ingest.tables import GT_ID, REPAIRED, TOLD, VALUES
 
 SOURCES: tuple[Source, ...] = ("gt", "sd")
 
@@ -80,6 +80,21 @@ def changed(frame: pd.DataFrame, rows: Bools, code: str, **values: ArrayLike) ->
         same = (out[column] == old) | (pd.isna(out[column]) & pd.isna(old))
         other |= ~same
     return marked(frame.assign(**out), other, code)
+
+
+def resized(frame: pd.DataFrame, rows: Bools, code: str, **values: ArrayLike) -> pd.DataFrame:
+    """Give the table with other sizes (K,) in these rows, as `changed`, and those that they had kept as told."""
+    after = changed(frame, rows, code, **values)
+    return kept(after, (after[list(TOLD)] != frame[list(TOLD)]).any(axis=1).to_numpy(), frame[list(TOLD)])
+
+
+def kept(frame: pd.DataFrame, rows: Bools, sides: pd.DataFrame) -> pd.DataFrame:
+    """Give the table with these sizes (K, 2) kept as told in these rows (K,), where none larger is."""
+    if not rows.any():
+        return frame
+    before = {name: frame[name].to_numpy(float) if name in frame else np.nan for name in TOLD.values()}
+    told = {name: np.fmax(before[name], np.where(rows, sides[side], np.nan)) for side, name in TOLD.items()}
+    return frame.assign(**told)
 
 
 def inserted(frame: pd.DataFrame, rows: pd.DataFrame, after: Iterable[int]) -> pd.DataFrame:

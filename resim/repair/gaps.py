@@ -12,7 +12,7 @@ from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import OPTIONAL_COLUMNS
 from resim.ingest import Tables
 from resim.ingest.tables import EXISTENCE, VALUES
-from resim.repair.frames import frame_of, inserted, marked, rows_of, table, track, with_frame
+from resim.repair.frames import changed, frame_of, inserted, rows_of, table, track, with_frame
 from resim.repair.settings import How
 
 SLOW = 0.5
@@ -53,7 +53,8 @@ def bridge(known: Track, t: Floats) -> tuple[Complex, Floats, Floats]:
 def filled(frame: pd.DataFrame, name: str, missing: Bools, code: str, max_gap: float) -> pd.DataFrame:
     """Give the table with the object's missing values interpolated and marked.
 
-    missing: (K, 4), of VALUES. Rows in gaps of more than max_gap [s], and at the ends of the track, are left out.
+    missing: (K, 4), of VALUES. In gaps of more than max_gap [s], and at the ends of the track, they are left empty:
+    that there is a row without them tells that somebody was there.
     """
     own = rows_of(frame, name)
     lost = own & missing.any(axis=1)
@@ -67,16 +68,12 @@ def filled(frame: pd.DataFrame, name: str, missing: Bools, code: str, max_gap: f
         inside = (k > 0) & (k < len(known))
         reach[inside] = known.t[k[inside]] - known.t[k[inside] - 1]
     keep = reach <= max_gap + TICK
-    where = np.flatnonzero(lost)
+    new = np.full((len(frame), len(VALUES)), np.nan)
     if keep.any():
-        rows = where[keep]
         at, heading, v = bridge(known, t[keep])
-        new = np.stack([at.real, at.imag, wrap_angle(heading), v], axis=1)
-        values = frame[list(VALUES)].to_numpy(float).copy()
-        values[rows] = np.where(missing[rows], new, values[rows])
-        frame = frame.assign(**{c: values[:, n] for n, c in enumerate(VALUES)})
-        frame = marked(frame, np.isin(np.arange(len(frame)), rows), code)
-    return frame.drop(frame.index[where[~keep]])
+        new[np.flatnonzero(lost)[keep]] = np.stack([at.real, at.imag, wrap_angle(heading), v], axis=1)
+    values = np.where(missing, new, frame[list(VALUES)].to_numpy(float))
+    return changed(frame, lost, code, **{c: values[:, n] for n, c in enumerate(VALUES)})
 
 
 def missing_values(tables: Tables, finding: Finding, how: How) -> Tables:

@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from resim.assess.whom import GAP, successions
 from resim.check.beside import NEAREST, beside
 from resim.core.finding import Finding
 from resim.core.geometry import Bools
+from resim.core.tracks import Tracks
 from resim.ingest import Tables
 from resim.ingest.tables import GT_ID
 from resim.repair.frames import (
     changed,
+    complete,
     frame_of,
     marked,
     new_id,
@@ -26,12 +29,18 @@ from resim.repair.settings import How
 
 
 def id_reused(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give the object from the end of the hole on an id of its own; in the SD, the GT object on which it lies."""
+    """Give the object from the end of the hole on an id of its own; in the SD, the GT object on which it lies.
+
+    The last row before the hole is marked, too: that the track ends there, only the repair says.
+    """
     tables = with_gt_id(tables)
     frame = frame_of(tables, finding.source)
     later = rows_of(frame, finding.object) & (
         frame["t"].to_numpy(float) > 0.5 * (finding.start + finding.end)
     )
+    before = rows_of(frame, finding.object) & ~later
+    last = before & (frame["t"].to_numpy(float) == frame.loc[before, "t"].max())
+    tables = with_frame(tables, finding.source, marked(frame, last, finding.code))
     name = new_id(tables, finding.object)
     tables = _renamed(tables, finding, later, name)
     if finding.source == "sd":
@@ -55,14 +64,14 @@ def id_switch(tables: Tables, finding: Finding, how: How) -> Tables:
 
 
 def track_broken(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give both parts one id: the first's, but the EGO keeps its own. What named the other part names the whole."""
+    """Give both parts the first's id, where judging takes them for one, too. What named the other names the whole."""
     first, other = finding.object, str(finding.details["other"])
-    tables = with_gt_id(tables)
+    given, tables = tables, with_gt_id(tables)
     frame = frame_of(tables, finding.source)
-    if finding.source == "gt" and other == tables.settings.ego:
-        first, other = other, first
     if not {first, other} <= set(frame["id"]) or _both_known(frame, first, other):
-        return tables
+        return given
+    if not _one(frame, first, other, tables.settings.ego):
+        return given
     tables = _renamed(tables, finding, rows_of(frame, other), first)
     if finding.source == "sd":
         return _one_gt_id(tables, finding.code)
@@ -72,6 +81,21 @@ def track_broken(tables: Tables, finding: Finding, how: How) -> Tables:
     return replace(
         tables, sd=changed(tables.sd, named, finding.code, gt_id=np.full(len(named), first, object))
     )
+
+
+def _one(frame: pd.DataFrame, first: str, other: str, ego: str) -> bool:
+    """Whether judging takes the one for the other, of all whose tracks begin or end about then; the EGO for nobody."""
+    names = frame[GT_ID].mask(frame[GT_ID] == "", frame["id"]) if GT_ID in frame else frame["id"]
+    own = frame[complete(frame) & (names != ego).to_numpy()].drop_duplicates(["t", "id"])
+    times = own.groupby("id", sort=False)["t"].agg(["min", "max"])
+    if not {first, other} <= set(times.index):
+        return False
+    spans = times.to_numpy(float)
+    at = times.index.get_indexer(pd.Index([first, other]))
+    about = (spans >= spans[at[0], 1] - GAP) & (spans <= spans[at[1], 0] + GAP)
+    near = times.index[about.any(axis=1)]
+    tracks = Tracks.from_frame(own[own["id"].isin(near)].sort_values("t", kind="stable"))
+    return (first, other) in successions(tracks)
 
 
 def _renamed(tables: Tables, finding: Finding, rows: Bools, name: str) -> Tables:

@@ -8,7 +8,8 @@ import pandas as pd
 from resim.check.bodies import SHAPELESS
 from resim.core.finding import Finding
 from resim.ingest import Tables
-from resim.repair.frames import changed, frame_of, marked, rows_of, with_frame
+from resim.ingest.tables import TOLD
+from resim.repair.frames import changed, frame_of, kept, marked, resized, rows_of, with_frame
 from resim.repair.settings import How
 
 
@@ -28,31 +29,39 @@ def time_backwards(tables: Tables, finding: Finding, how: How) -> Tables:
 
 
 def duplicate_samples(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give the first of the object's rows at each time; it is marked."""
+    """Give the first of the object's rows at each time; it is marked, and keeps the sizes that the others told."""
     frame = frame_of(tables, finding.source)
     own = rows_of(frame, finding.object)
     twice = own & frame.duplicated(["t", "id"], keep=False).to_numpy()
     again = own & frame.duplicated(["t", "id"]).to_numpy()
-    return with_frame(tables, finding.source, marked(frame, twice, finding.code)[~again])
+    sides = frame[list(TOLD)]
+    largest = sides.groupby([frame["t"], frame["id"]], sort=False).transform("max")
+    larger = twice & (largest > sides).any(axis=1).to_numpy()
+    frame = kept(marked(frame, twice, finding.code), larger, largest)
+    return with_frame(tables, finding.source, frame[~again])
 
 
 def size_changes(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give all rows of the object its median length and width and its most frequent kind."""
+    """Give all rows of the object its median length and width and its most frequent kind; what they told is kept."""
     frame = frame_of(tables, finding.source)
     own = rows_of(frame, finding.object)
     values = {c: np.where(own, _middle(frame.loc[own, c]), frame[c]) for c in ("length", "width")}
     kind = frame.loc[own, "kind"].value_counts(sort=True).index[0]
     values["kind"] = np.where(own, kind, frame["kind"])
-    return with_frame(tables, finding.source, changed(frame, own, finding.code, **values))
+    return with_frame(tables, finding.source, resized(frame, own, finding.code, **values))
 
 
 def size_swapped(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give the object, or every object that is wider than long, its width for its length."""
+    """Give the object, or every object that is wider than long, its width for its length.
+
+    Where most are, length and width are surely swapped; of a single object what was told is kept.
+    """
     frame = frame_of(tables, finding.source)
     wide = (frame["width"] > frame["length"]).to_numpy() & ~frame["kind"].isin(SHAPELESS).to_numpy()
     rows = rows_of(frame, finding.object) & wide
     values = {"length": frame["width"].to_numpy(), "width": frame["length"].to_numpy()}
-    return with_frame(tables, finding.source, changed(frame, rows, finding.code, **values))
+    swap = resized if finding.object else changed
+    return with_frame(tables, finding.source, swap(frame, rows, finding.code, **values))
 
 
 def _middle(values: pd.Series) -> float:

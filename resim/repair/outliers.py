@@ -31,7 +31,7 @@ REST = 1e-9
 
 
 def outlier(tables: Tables, finding: Finding, how: How) -> Tables:
-    """Give the object's track without the samples off it; interpolated, at its ends left out.
+    """Give the object's track without the samples off it; interpolated, at its ends left empty.
 
     The filter looks at what is left of the positions when the way that speed and heading tell is taken off.
     """

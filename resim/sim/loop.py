@@ -14,6 +14,7 @@ from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
 from resim.core.opened import Opened
 from resim.core.tracks import Tracks
 from resim.core.watchdog import Watchdog
+from resim.road.opendrive import RoadNetwork, lent
 from resim.sim.adfunction import Command, EgoState, Placement, Setup
 from resim.sim.case import Case, Collision, End, SimulatedDrive
 from resim.sim.driver import Driver, cycle_steps
@@ -30,23 +31,25 @@ _FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
 
 def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
     """Drive a case in closed loop. net: the SUMO net of its map."""
-    begin = time.perf_counter()
-    cycle = cycle_steps(case.build, case.step)
+    begin, build = time.perf_counter(), case.build
+    cycle = cycle_steps(build, case.step)
     session = open_session(net, case.step, gui=gui)
     stage = staged(case.scenario, case.network, case.step, case.lead_in)
     loop = _Loop(case, stage, session)
     case.perception.reset(np.random.default_rng(case.seed))
-    with Watchdog() as watchdog, case.build.factory.afresh(case.seed) as opened:
-        driver = Driver(case.build, watchdog)
+    with (
+        lent(case.network, build.path) as road, Watchdog() as watchdog, build.factory.afresh(case.seed) as opened,
+    ):  # fmt: skip
+        driver = Driver(build, watchdog)
         try:
-            driver.reset(_setup(case, stage.plan, case.step * cycle))
+            driver.reset(_setup(case, road, stage.plan, case.step * cycle))
             loop.run(driver, cycle)
         except FunctionError as e:
-            loop.failed(f"{case.build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}")
+            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}")
         try:
             driver.close()
         except FunctionError as e:
-            loop.failure = loop.failure or f"{case.build.label} on closing {e}"
+            loop.failure = loop.failure or f"{build.label} on closing {e}"
             loop.end = "function_failed" if loop.end == "duration" else loop.end
     return loop.result(driver, begin)
 
@@ -57,7 +60,7 @@ def _remedy(opened: Opened) -> str:
     return f". {remedy}" if remedy else ""
 
 
-def _setup(case: Case, plan: Guide, cycle: float) -> Setup:
+def _setup(case: Case, road: RoadNetwork, plan: Guide, cycle: float) -> Setup:
     step = float(plan.t[1] - plan.t[0])
 
     def recorded(t: float) -> EgoState:
@@ -65,7 +68,7 @@ def _setup(case: Case, plan: Guide, cycle: float) -> Setup:
 
     last = int(np.flatnonzero(plan.present[0])[-1])
     return Setup(
-        road=case.network,
+        road=road,
         start=plan.state(0, plan.begin),
         goal=(float(plan.x[0, last]), float(plan.y[0, last])),
         length=case.scenario.ego.length,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import platform
 from collections import Counter
@@ -15,8 +14,9 @@ from typing import Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.files import parse_json, plain_names, read_file
 from resim.store.entry import KINDS, Entry, Input, Kind, Outcome, digest, kind_of
+from resim.store.rows import check_table
 
 JUDGED = ("PASS", "FAIL", "INVALID")
 """Verdicts by criteria."""
@@ -33,7 +33,7 @@ _COUNTS = """
 SELECT recording, build, count(*), count(*) FILTER (verdict = 'PASS'), count(*) FILTER (verdict = 'FAIL'),
   count(*) FILTER (verdict = 'INVALID'), count(*) FILTER (failure IS NOT NULL), count(*) FILTER (collision),
   avg(same_decision::DOUBLE), [{bad}]::BIGINT[]
-FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true))
+FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true, hive_partitioning = false))
 GROUP BY recording, build ORDER BY min(run)
 """
 _TYPES = {"verdict": "VARCHAR", "failure": "VARCHAR", "collision": "BOOLEAN", "same_decision": "BOOLEAN"}
@@ -137,7 +137,7 @@ def _sweep(folder: Path) -> _Found:
     for role in ("criteria", "perception"):
         if (file := told[role]) is not None:
             inputs.append(_input(folder, role, Path(file["path"]).stem, file))
-    outcomes = tuple(_swept(folder, manifest["columns"], labels))
+    outcomes = tuple(_swept(folder, manifest, labels))
     counts = {
         name: sum(getattr(o, of) or 0 for o in outcomes)
         for name, of in zip((*JUDGED, FAILED), ("passes", "fails", "invalids", "failures"), strict=True)
@@ -154,18 +154,19 @@ _READERS: dict[Kind, Callable[[Path], _Found]] = {
 }
 
 
-def _swept(folder: Path, columns: Sequence[str], labels: Mapping[str, str]) -> Iterator[Outcome]:
+def _swept(folder: Path, manifest: Json, labels: Mapping[str, str]) -> Iterator[Outcome]:
     """Outcomes of a sweep by recording and build, in its order; a table in which all runs failed has few columns."""
+    columns: Sequence[str] = manifest["columns"]
     kpis = [c for c in columns if c.startswith(_KPI)]
     held = [f"{_quoted(c) if c in columns else 'NULL'}::{kind} AS {_quoted(c)}" for c, kind in _TYPES.items()]
     held += [f"{_quoted(c)}::VARCHAR AS {_quoted(c)}" for c in kpis]
     bad = ", ".join(f"count(*) FILTER ({_quoted(c)} <> 'PASS')" for c in kpis)
-    parts = glob.escape(str(folder / "runs")) + "/*.parquet"
+    parts = check_table(folder, manifest["files"])
     try:
-        with duckdb.connect() as db:
-            rows = db.execute(_COUNTS.format(columns=", ".join(held), bad=bad), [parts]).fetchall()
-    except duckdb.Error as e:
-        reason = str(e).splitlines()[0]
+        with duckdb.connect() as db, plain_names(parts) as names:
+            rows = db.execute(_COUNTS.format(columns=", ".join(held), bad=bad), [names]).fetchall()
+    except Exception as e:  # what DuckDB raises for damaged bytes is not always its own
+        reason = " ".join(str(e).splitlines()[:1])
         raise InputError(folder / "runs", f"is not the table of a sweep ({reason})", REMEDY) from e
     for recording, build, runs, passes, fails, invalids, failures, collisions, same, lost in rows:
         several = {"PASS": passes, "FAIL": fails, "INVALID": invalids, FAILED: failures}

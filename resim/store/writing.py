@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.files import file_hash, parse_json, read_file
 from resim.core.provenance import versions
 from resim.store.folders import ASSESSMENT, CONVERSION, RUN
 
@@ -63,7 +63,7 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:
-    """Write report.json, tracks, answers and plans, the JSCEN files with their map, run.json."""
+    """Write report.json, tracks, answers and plans, the JSCEN files with their map, and run.json with their hashes."""
     from resim.pipeline import map_name
     from resim.pipeline.report import provenance
     from resim.pipeline.tables import answers_frame, plans_frame, tracks_frame
@@ -76,7 +76,8 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
     write_parquet(answers_frame(result), folder / "answers.parquet")
     write_parquet(plans_frame(result), folder / "plans.parquet")
     write_json(result.report, folder / "report.json")
-    write_json(provenance(result), folder / RUN.mark)
+    files = {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()}
+    write_json({**provenance(result), "files": files}, folder / RUN.mark)
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:

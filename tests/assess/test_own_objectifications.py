@@ -130,3 +130,19 @@ def test_it_knows_nothing_of_the_drives_before(tmp_path, state):
     drive = SimpleNamespace(t=np.arange(3.0), present=np.ones((3, 1), dtype=bool))
     values = [mine.of(SimpleNamespace(drive=drive, network=None)).value.tolist() for _ in range(3)]
     assert values[0] == values[1] == values[2]
+
+
+MAPPER = """import numpy as np
+
+
+def beside(drive, network):
+    network.roads.clear()
+    return np.zeros(len(drive.t))
+"""
+
+
+def test_one_that_changes_the_map_is_named(judged):
+    code, out, err = judged(MAPPER)
+    assert code == 1
+    assert "mine.toml: the code changed roads[" in err.replace("\n", "")
+    assert "PASS" not in out

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 from conftest import ROOT
@@ -140,3 +141,52 @@ def test_a_trace_that_is_off_is_told_alike_by_run_and_assess(call, tmp_path):
     assert (tmp_path / "again" / "assessment.json").read_bytes() == (
         tmp_path / "out" / "assessment.json"
     ).read_bytes()
+
+
+BRAKES = """
+from resim.sim.adfunction import Command
+
+class F:
+    def reset(self, setup): pass
+    def step(self, seen): return Command(-3.0 if seen.ego.v > 2.0 else 0.0, 0.0)
+    def close(self): pass
+"""
+
+
+def out_of_sight(folder, *, behind):
+    """Three vehicles that leave the EGO, which brakes, ahead of it, or come from behind it; seen up to 60 m from it."""
+    t = np.round(np.arange(0.0, 10.01, 0.04), 9)
+    v = np.full(len(t), 20.0) if behind else np.clip(20.0 - 4.0 * (t - 2.0), 8.0, 20.0)
+    x = 200.0 + np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (v[1:] + v[:-1]))])
+    tracks = [pd.DataFrame({"t": t, "id": "ego", "x": x, "y": -5.25, "v": v})]
+    for k, (name, y) in enumerate((("c", -5.25), ("F", -1.75), ("G", -8.75))):
+        own = (60.0 - 3.0 * k + 30.0 * t) if behind else (240.0 + k + 16.0 * t)
+        track = pd.DataFrame({"t": t, "id": name, "x": own, "y": y, "v": 30.0 if behind else 16.0})
+        tracks.append(track[np.abs(own - x) < 60.0])
+    folder.mkdir()
+    gt = pd.concat(tracks).assign(heading=0.0, length=4.7, width=1.9, kind="car").sort_values("t")
+    gt.to_csv(folder / "gt.csv", index=False)
+    road = ROOT / "networks" / "proving_ground.xodr"
+    (folder / "recording.toml").write_text(f'name = "n"\nmap = "{road}"\nego = "ego"\n')
+    return folder
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_who_left_the_measured_ego_is_not_gone_for_one_that_drives_otherwise(call, tmp_path, behind):
+    folder = out_of_sight(tmp_path / "n", behind=behind)
+    (tmp_path / "f.py").write_text(BRAKES)
+    (tmp_path / "brakes.toml").write_text('name = "b"\nversion = "1"\nfactory = "f:F"\n')
+    builds = ROOT / "adfunc" / "builds"
+    other = tmp_path / "brakes.toml" if behind else builds / "constant_velocity-1.0.toml"
+    verdicts = {}
+    for name, build in (("same", builds / "replay-1.0.toml"), ("other", other)):
+        out = tmp_path / name
+        call("run", folder, "--build", build, "--out", out, "--basis", "gt", "--criteria", TRAFFIC)
+        found = assessment(out)
+        assert found["GT"]["criteria"]["no collision"]["verdict"] == "PASS"
+        verdicts[name] = found["rGT"]["criteria"]["no collision"]
+        call("assess", out, "--criteria", TRAFFIC, "--out", tmp_path / f"{name} again")
+        assert assessment(tmp_path / f"{name} again")["rGT"] == found["rGT"]
+    assert verdicts["same"]["verdict"] == "PASS"
+    assert verdicts["other"]["verdict"] == "INVALID"
+    assert "not seen there by the measured EGO, and this EGO is nearer" in verdicts["other"]["reason"]

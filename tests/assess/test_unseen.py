@@ -10,6 +10,7 @@ from conftest import ROOT
 from resim.assess.criteria import read_criteria
 from resim.assess.reach import MOST, Reach
 from resim.assess.unseen import Absence, absences
+from resim.assess.whom import Whom
 from resim.check import CODES
 from resim.core.tracks import Tracks
 from resim.pipeline import How, assess_recording, examined
@@ -188,7 +189,7 @@ def test_who_is_lost_with_others_at_one_moment_is_lost_by_the_sensor():
     """Three side by side; the EGO ends short of the line at which they were lost."""
     abreast = [rows(str(k), 340.0 + V * T, -5.25 + 3.5 * k, V) for k in range(3)]
     drive = pd.concat([ego()[ego().t < 5.9], *(car[car.t < 4.0] for car in abreast)])
-    found = absences(Tracks.from_frame(drive), None, ego="ego")
+    found = absences(Whom.of(Tracks.from_frame(drive), ego="ego"))[0]
     assert [a.object for a in found] == ["0", "1", "2"]
 
 
@@ -271,7 +272,7 @@ def test_the_reach_in_the_middle_is_a_sixteenth_of_what_it_would_be_free_to_end(
 def test_absences_survive_their_file():
     car = standing()
     tracks = Tracks.from_frame(pd.concat([ego(), away(3.0)(car)]))
-    (one,) = absences(tracks, without_speed(car[car.t == 5.0]), ego="ego")
+    (one,) = absences(Whom.of(tracks, without_speed(car[car.t == 5.0]), ego="ego"))[0]
     again = Absence.from_json(one.to_json())
     assert (again.object, again.start, again.end, again.why) == (one.object, one.start, one.end, one.why)
     assert np.array_equal(again.t, one.t)
@@ -421,7 +422,7 @@ def test_a_place_that_is_repeated_while_he_drives_is_none(judge):
     assert judge(ego(), held)["no collision"].outcome == "INVALID"
     tracks = Tracks.from_frame(pd.concat([ego(), held]))
     before = tracks.valid.copy()
-    assert absences(tracks, None, ego="ego")
+    assert absences(Whom.of(tracks, ego="ego"))[0]
     assert np.array_equal(tracks.valid, before)  # what is looked at stays as it is
 
 
@@ -447,3 +448,211 @@ def test_an_object_under_two_ids_breaks_a_limit_as_one(judge, tmp_path, pause):
     found = judge(ego(), lead[T < 4.5], lead.assign(id="2")[4.5 + pause < T], criteria=criteria)["gap"]
     assert found.outcome == "INVALID"
     assert "objects 1, 2 can be one" in found.reason
+
+
+def lead_that_is_lost(start=3.0):
+    """Who is 55 m ahead and a little faster, and would be hit after he brakes to a stop from `start` [s] on."""
+    return braking(start).assign(x=lambda car: car.x + 15.0 + 0.01 * V * T, v=lambda car: car.v + 0.01 * V)
+
+
+def under(car, *spans):
+    """Seen from one time to the next under one id after the other: (id, from, to) [s]."""
+    return [car[(start <= car.t) & (car.t < end)].assign(id=name) for name, start, end in spans]
+
+
+def aside(car, by, *at):
+    return car.assign(y=car.y + sum(np.where(when <= car.t, by, 0.0) for when in at))
+
+
+def seam():
+    """Two pass the seam of two cameras at 470 m; at that place a slow lead is lost, and stops."""
+    slow = rows("1", 450.0 + 5.0 * np.minimum(T, 4.5), v=np.where(T < 4.5, 5.0, 0.0))
+    others = [
+        rows(n, 470.0 + V * (T - at), -5.25 + y, V) for n, at, y in (("2", 1.5, 13.0), ("3", 3.0, 17.0))
+    ]
+    for car, at in zip(others, (1.5, 3.0), strict=True):
+        car["id"] = np.where(at < T, car["id"] + "b", car["id"])
+    return [slow[T <= 4.0], *others]
+
+
+def held(car, since, *columns, noise=0.0):
+    """Places that stay as they were, but for noise [m], while all else goes on."""
+    rng = np.random.default_rng(1)
+    fixed = {
+        c: car[c].mask(car.t > since).ffill() + (car.t > since) * noise * rng.normal(size=len(T))
+        for c in columns
+    }
+    return car.assign(**fixed)
+
+
+def walker(speed=1.5):
+    return rows(
+        "1",
+        400.0,
+        -5.25 + speed * (T - 4.7),
+        speed,
+        heading=np.pi / 2,
+        length=0.5,
+        width=0.5,
+        kind="pedestrian",
+    )
+
+
+def across(**columns):
+    """A truck that stands beside the EGO's lane and reaches into it."""
+    truck = rows("1", 400.0, 0.0, length=12.0, width=2.5, kind="truck")
+    return truck.assign(**{"heading": np.pi / 2, **columns})
+
+
+def swerving():
+    """Oncoming; swerves into the EGO's lane."""
+    tau = np.clip((T - 2.0) / 2.0, 0.0, 1.0)
+    y, vy = 1.75 - 7.0 * tau**2 * (3.0 - 2.0 * tau), -21.0 * tau * (1.0 - tau)
+    return rows("1", 490.0 - V * T, y, np.hypot(V, vy), heading=np.arctan2(vy, -V))
+
+
+SCRAPED = rows("1", 360.0 + 8.0 * T, -5.25 + 2.2, 8.0, width=2.6)
+ONE_OBJECT = {
+    "another under two ids shows no range": lambda: [
+        lead_that_is_lost()[T < 2.0],
+        *under(rows("2", 357.0 + 1.02 * V * T, -1.75, 1.02 * V), ("2", 0, 3.6), ("2b", 3.6, 9.1)),
+    ],
+    "his own ids before pauses show no range": lambda: under(
+        lead_that_is_lost(5.0), ("a", 0.0, 0.4), ("b", 1.6, 2.0), ("c", 3.2, 3.7)
+    ),
+    "jumps where ids change add up": lambda: under(
+        aside(braking(2.2), 0.9, 1.2, 1.8, 2.3), ("1", 0, 1.2), ("2", 1.2, 1.8), ("3", 1.8, 2.3), ("4", 2.3, 9.1)
+    ),
+    "a jump is that of the next id as well": lambda: under(
+        aside(braking(2.2), 1.97, 2.0), ("1", 0, 2.5), ("2", 2.5, 9.1)
+    ),
+    "so is a size": lambda: under(
+        SCRAPED.assign(width=np.where(T < 4.0, 2.6, 1.9)), ("1", 0, 4.0), ("2", 4.0, 9.1)
+    ),
+    "rows that stay where they were are no leaving": lambda: [
+        held(lead_that_is_lost(), 2.0, "x")[T < 2.6],
+        *(rows(n, 357.0 + V * T, y, V) for n, y in (("2", -1.75), ("3", 1.75))),
+    ],
+}  # fmt: skip
+CONTRADICTIONS = {
+    "frozen but for 1 mm, walking": lambda: held(walker(), 1.0, "x", "y", noise=1e-3),
+    "frozen but for 3 cm, walking": lambda: held(walker(), 1.0, "x", "y", noise=0.03),
+    "frozen, walking slowly": lambda: held(walker(0.95), 1.0, "x", "y"),
+    "frozen but for 2 cm, oncoming": lambda: held(swerving(), 1.6, "x", "y", noise=0.02),
+    "frozen aside, by the heading he swerves": lambda: held(swerving(), 1.6, "y"),
+    "driven on while by its speed it brakes": lambda: braking(2.2).assign(x=340.0 + V * T),
+    "heading leaps": lambda: across(heading=np.where(T < 2.0, np.pi / 2, 0.0)),
+    "heading flickers": lambda: across(heading=np.where(np.arange(len(T)) % 12 > 0, 0.0, np.pi / 2)),
+    "turns on the spot": lambda: across(heading=np.clip(np.pi / 2 - 0.7 * (T - 1.0), 0.0, np.pi / 2)),
+    "length and width exchanged": lambda: across(length=2.5, width=12.0),
+}  # fmt: skip
+WHOLE = {
+    "brakes": lambda: braking(2.2), "is scraped": lambda: SCRAPED, "walks": walker,
+    "walks slowly": lambda: walker(0.95), "swerves": swerving, "stands across": across,
+    "is lost ahead": lead_that_is_lost,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("who", WHOLE)
+def test_all_of_these_are_hit(judge, who):
+    assert judge(ego(), WHOLE[who]())["no collision"].outcome == "FAIL"
+
+
+@pytest.mark.parametrize("how", ONE_OBJECT)
+def test_ids_that_are_one_object_are_judged_as_one(judge, how):
+    assert judge(ego(), *ONE_OBJECT[how]())["no collision"].outcome == "INVALID"
+
+
+def test_ids_that_change_at_a_seam_show_no_edge(judge):
+    drive = [table[table.t < 8.45] for table in (ego(), *seam())]  # the EGO itself does not come past it
+    assert judge(*drive)["no collision"].outcome == "INVALID"
+
+
+@pytest.mark.parametrize("how", CONTRADICTIONS)
+def test_whose_columns_contradict_each_other_is_in_doubt(judge, how):
+    found = judge(ego(), CONTRADICTIONS[how]())["no collision"]
+    assert found.outcome == "INVALID"
+    assert "in doubt" in found.reason or "off its positions" in found.reason
+
+
+def test_an_ego_whose_place_is_held_while_it_drives_passes_nothing(judge):
+    assert judge(held(ego(), 2.0, "x", noise=1e-3), braking(2.2))["no collision"].outcome == "INVALID"
+
+
+IDS = {
+    "and lost": [("1", 0.0, 1.6), ("2", 1.6, 2.1)],
+    "first seen late": [("1", 1.2, 1.7), ("2", 1.7, 3.3)],
+    "a new one each sample": [(str(n), when - 0.01, when + 0.01) for n, when in enumerate(T)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", IDS)
+def test_what_is_seen_under_all_ids_and_not_seen_lasts_together(judge, how):
+    """9 m behind a lead for 3.3 s: 0.54 s headway are not to be kept for 3 s."""
+    drive, lead = ego()[T < 3.3], rows("1", 313.7 + V * T, v=V)[T < 3.3]
+    criterion = "time headway"
+    assert judge(drive, lead)[criterion].outcome == "FAIL"
+    assert judge(drive, *under(lead, *IDS[how]))[criterion].outcome == "INVALID"
+
+
+def noisy(car, sigma=0.05, heading=0.0):
+    rng = np.random.default_rng(7)
+    return car.assign(
+        x=car.x + sigma * rng.normal(size=len(car)), y=car.y + sigma * rng.normal(size=len(car)),
+        heading=car.heading + heading * rng.normal(size=len(car)),
+    )  # fmt: skip
+
+
+def turning_truck():
+    """Turns right onto another road at 2 m/s, 20 m beside the EGO's lane."""
+    angle = np.clip(0.1 * T, 0.0, np.pi / 2)
+    return rows(
+        "1",
+        380.0 + 20.0 * np.sin(angle),
+        -40.0 - 20.0 * (1.0 - np.cos(angle)),
+        2.0,
+        heading=-angle,
+        length=12.0,
+    )
+
+
+def late_speed():
+    """Brakes in the next lane; a filter tells its speed 0.6 s late."""
+    car = braking(2.2).assign(y=-8.75)
+    return car.assign(v=np.interp(T - 0.6, T, car.v))
+
+
+def walks_along(name, y):
+    return rows(name, 330.0 + 1.3 * T, y, 1.3, length=0.5, width=0.5, kind="pedestrian")
+
+
+HONEST = {
+    "noise of 5 cm": lambda: [noisy(rows("1", 340.0 + V * T, -8.75, V))],
+    "an id that changes": lambda: under(noisy(rows("1", 340.0 + V * T, -8.75, V), 0.03), ("1", 0, 4), ("2", 4, 9.1)),
+    "brakes beside": lambda: [noisy(braking(2.2).assign(y=-8.75))],
+    "a speed that is told late": lambda: [late_speed()],
+    "a truck that turns": lambda: [turning_truck()],
+    "a pedestrian who stands": lambda: [
+        noisy(rows("1", 400.0, -8.75, length=0.5, width=0.5, kind="pedestrian"), 0.02, heading=2.0)
+    ],
+    "a car that stands, with a noisy heading": lambda: [noisy(standing_beside(), 0.02, heading=0.05)],
+    "a car that reverses, with a speed above 0": lambda: [
+        rows("1", 420.0 - 2.0 * T, -8.75, 2.0),
+    ],
+    "beside the EGO, in lists out of phase": lambda: [rows("1", 300.0 + V * T, -7.75, V).iloc[2::3]],
+    "a speed that is 3 % off": lambda: [rows("1", 340.0 + V * T, -8.75, 1.03 * V)],
+    "two pedestrians side by side who both change ids": lambda: [
+        *under(walks_along("1", -11.0), ("1", 0, 4), ("3", 4, 9.1)),
+        *under(walks_along("2", -11.7), ("2", 0, 4), ("4", 4, 9.1)),
+    ],
+    "leaves the range after two others": lambda: [
+        car[car.x - 300.0 - V * T < 80.0]
+        for car in (rows(str(n), 340.0 + 5.0 * n + 26.0 * T, y, 26.0) for n, y in ((1, -5.25), (2, -8.75), (3, -1.75)))
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", HONEST)
+def test_honest_tables_stay_pass(judge, how):
+    found = judge(ego(), *HONEST[how]())
+    assert {name: v.outcome for name, v in found.items() if v.outcome != "PASS"} == {}

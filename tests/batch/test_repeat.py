@@ -11,6 +11,7 @@ from pathlib import Path
 import duckdb
 import pytest
 from conftest import ROOT
+from swept import state_hashes
 
 from resim.store import write_parquet
 
@@ -82,6 +83,7 @@ def test_what_differs_is_named(swept: Path, call: Call) -> None:
     rows = duckdb.sql(f"select * from '{part}'").df()
     rows.loc[rows.run == 1, ["risk", "decision"]] = 0.5, "swerve"
     write_parquet(rows, part)
+    state_hashes(Path("out"))
     code, _, error = call("sweep", "repeat", "out", 1, "--out", "again")
     assert code == 1
     assert "run 1 is not the same" in error

@@ -230,6 +230,82 @@ def test_killed_and_repeated_it_gives_the_bytes_of_an_undisturbed_one_with_any_n
     assert (killed / "verification.json").read_bytes() == (whole / "verification.json").read_bytes()
 
 
+BRAKING = """from resim.sim.adfunction import Command
+
+class Own:
+    def __init__(self, a): self.a = a
+    def reset(self, setup): pass
+    def step(self, perceived): return Command(self.a, 0.0)
+    def close(self): pass
+"""
+
+
+class StoppedError(Exception):
+    """As if the process had been killed there."""
+
+
+def braking(folder: Path, a: float) -> Path:
+    """Write a build that brakes [m/s²] all the time, which the measured drive did not."""
+    (folder / "own.py").write_text(BRAKING)
+    path = folder / f"own{a:g}.toml"
+    path.write_text(f'name = "own"\nversion = "{-a:g}"\nfactory = "own:Own"\n[parameters]\na = {a!r}\n')
+    return path
+
+
+def reported(
+    path: Path, build: Path, out: Path, tell: Callable[..., None] = lambda *told: None
+) -> dict[str, Any]:
+    """Verify a suite driven by anybody; give the entries, with the `lost` reports."""
+    out.mkdir(exist_ok=True)
+    wanted = asked(
+        read_suite(path), Wanted(build, driven_by=("constant_velocity-1.0", "highway_pilot-1.0")), out
+    )
+    lost: dict[str, str] = {}
+    found, _ = verify(wanted, out, out, workers=1, tell=tell, unreported=lost.__setitem__)
+    return {"lost": lost, **{r["name"]: r for r in found["recordings"]}}
+
+
+def test_a_report_is_of_the_result_that_links_it_whenever_it_was_stopped(
+    suite: WriteSuite, tmp_path: Path
+) -> None:
+    path, out = suite(SCENARIOS / "rear_end", more='bases = ["GT"]'), tmp_path / "out"
+    soft, hard = braking(tmp_path, -1.0), braking(tmp_path, -6.0)
+    page = out / reported(path, soft, out)["rear_end"]["reports"][0]
+    before = page.read_bytes()
+
+    def stop(*told: object) -> None:
+        raise StoppedError
+
+    with pytest.raises(StoppedError):
+        reported(path, hard, out, stop)
+    assert list((out / "cases").glob("*.json"))  # the result is there, its report not yet
+    assert not page.exists()  # and the other one leads nobody astray
+    assert reported(path, hard, out)["rear_end"]["reports"] == ["reports/rear_end.html"]
+    whole = page.read_bytes()
+    assert b"own-6" in whole
+    assert b"own-6" not in before
+    page.write_bytes(before)
+    reported(path, hard, out)
+    assert b"own-6" in page.read_bytes()
+
+
+def test_a_report_of_a_recording_that_has_changed_since_is_not_made_and_it_is_said(
+    suite: WriteSuite, tmp_path: Path
+) -> None:
+    drive, out = copied(SCENARIOS / "rear_end", tmp_path / "rear_end"), tmp_path / "out"
+    path = suite(drive, more='bases = ["GT"]')
+
+    def change(*told: object) -> None:
+        with (drive / "recording.toml").open("a") as settings:
+            settings.write("# another byte\n")
+
+    found = reported(path, braking(tmp_path, -1.0), out, change)
+    assert found["rear_end"]["verdict"] == "not verified"
+    assert found["rear_end"]["reports"] == []
+    assert not list((out / "reports").glob("*"))
+    assert "its content has the hash" in found["lost"]["rear_end"]
+
+
 def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
     call: Call, suite: WriteSuite, tmp_path: Path
 ) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,6 +44,27 @@ def test_parquet_gives_the_same_as_csv(make: Make) -> None:
     parquet(folder, "gt")
     (folder / "gt.csv").unlink()
     assert read_recording(folder).gt.to_frame().equals(expected)
+
+
+ODD = ["drive[1]", "drive*", "drive?", "width=1.6", "v=20", "id=7", "a\\[1]", "**", "[", "{a,b}", "~", "it's"]
+"""Names of folders that mean something to DuckDB."""
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_parquet_is_read_from_the_folder_of_that_name_and_means_what_it_says(
+    make: Make, tmp_path: Path, name: str
+) -> None:
+    folder = make()
+    expected = read_recording(folder).gt.to_frame()
+    parquet(folder, "gt")
+    (folder / "gt.csv").unlink()
+    for decoy in ("drive1", "drives", "a"):
+        shutil.copytree(folder, tmp_path / "all" / decoy / "one")
+        other = duckdb.sql(f"SELECT * REPLACE (x + 60 AS x) FROM '{folder}/gt.parquet'")
+        other.write_parquet(str(tmp_path / "all" / decoy / "one" / "gt.parquet"))
+    named = shutil.copytree(folder, tmp_path / "all" / name / "one")
+    shutil.copyfile(folder / "../road.xodr", tmp_path / "all" / name / "road.xodr")
+    assert read_recording(named).gt.to_frame().equals(expected)
 
 
 def test_optional_columns_may_have_gaps(make: Make) -> None:

@@ -14,6 +14,8 @@ from hostile import HOSTILE, harmless, poisoned
 from lxml import html
 from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
 
+from resim.batch.swept import read_swept
+from resim.core.errors import InputError
 from resim.report.sweep import write_sweep_page
 
 SPEED, AHEAD, GAP = (p.name for p in THREE)
@@ -221,7 +223,7 @@ def test_the_file_may_be_named(call: Call, tmp_path: Path) -> None:
     [
         ("sweep.json", "holds no sweep"),
         ("manifest.json", "is not finished, 0 runs are there so far"),
-        ("runs/part-00000.parquet", "holds no part-*.parquet"),
+        ("runs/part-00000.parquet", "cannot be read"),
     ],
 )
 def test_what_is_not_finished_is_refused(call: Call, tmp_path: Path, lost: str, told: str) -> None:
@@ -232,6 +234,18 @@ def test_what_is_not_finished_is_refused(call: Call, tmp_path: Path, lost: str, 
     assert error.count("\n") == 1
     assert told in error
     assert lost == "sweep.json" or "--resume" in error
+
+
+def test_no_bit_of_the_table_may_be_another(tmp_path: Path) -> None:
+    write_swept(tmp_path / "swept")
+    part = tmp_path / "swept" / "runs" / "part-00000.parquet"
+    whole = part.read_bytes()
+    for at in range(0, len(whole), len(whole) // 100):
+        part.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
+        with pytest.raises(InputError, match=r"part-00000\.parquet: is not as it was written.* --resume"):
+            read_swept(tmp_path / "swept")
+    part.write_bytes(whole)
+    assert len(read_swept(tmp_path / "swept").rows) == 495
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from resim.core.errors import ChangedError
+from resim.road.opendrive import RoadNetwork
 from resim.sim.adfunction import load_build
 from resim.sim.case import SimulatedDrive
 
@@ -141,3 +143,68 @@ def _nothing_left_in_logging() -> object:
 
     yield
     vars(logging).pop("left", None)
+
+
+MAP = """import numpy as np
+from resim.sim.adfunction import Command
+
+class Own:
+    def reset(self, setup):
+        road = setup.road
+        self.seen = len(road.roads)
+        {deed}
+    def step(self, perceived): return Command(0.0, 0.0)
+    def close(self): pass
+"""
+DEEDS = {
+    "takes roads away": ("road.roads.clear()", "changed roads["),
+    "has only the road that it needs": ("del road.roads[list(road.roads)[-1]]", "changed roads["),
+    "takes lanes away": (
+        "road.roads['1'].sections[0].lanes.clear()",
+        "changed roads['1'].sections[0].lanes[",
+    ),
+    "changes a road": ("object.__setattr__(road.roads['1'], 'types', ())", "changed roads['1'].types"),
+    "names a road otherwise": ("road.roads['x'] = road.roads.pop(list(road.roads)[-1])", "changed roads["),
+    "has another limit": ("vars(road)['speed_limit'] = lambda *a: np.full(9, 99.0)", "changed speed_limit"),
+    "has other tables": ("object.__setattr__(road, '_lanes', None)", "changed _lanes"),
+    "has another index": ("object.__setattr__(road._index, 'lines', None)", "changed _index.lines"),
+}
+
+
+@pytest.mark.parametrize("what", DEEDS)
+def test_who_changes_the_map_is_named_and_neither_the_judge_nor_the_next_run_sees_it(
+    what: str, network: RoadNetwork, drive: Drive, member: Callable[..., object], tmp_path: Path
+) -> None:
+    deed, said = DEEDS[what]
+    file = tmp_path / "mapper.toml"
+    file.write_text('name = "mapper"\nversion = "1"\nfactory = "mapper:Own"\n')
+    (tmp_path / "mapper.py").write_text(MAP.format(deed=deed))
+    network.to_road([0.0], [0.0])  # all tables are there before
+    roads, lanes = [*network.roads], [*network.roads["1"].sections[0].lanes]
+    before, limit = {**vars(network)}, network.speed_limit("1", -2, 10.0)
+    build = load_build(file)
+    for _ in range(2):  # the second run is given the whole map again
+        with pytest.raises(ChangedError) as caught:
+            drive(build, member("ego", 10.0))
+        assert str(caught.value).startswith(f"{file}: the code {said}")
+    assert [*network.roads] == roads
+    assert [*network.roads["1"].sections[0].lanes] == lanes
+    assert network.roads["1"].types or what != "changes a road"
+    assert vars(network) == before
+    assert network._index.lines is network._lines
+    assert np.array_equal(network.speed_limit("1", -2, 10.0), limit, equal_nan=True)
+
+
+def test_all_runs_are_given_the_same_map(
+    drive: Drive, member: Callable[..., object], network: RoadNetwork, tmp_path: Path
+) -> None:
+    file = tmp_path / "looker.toml"
+    file.write_text('name = "looker"\nversion = "1"\nfactory = "looker:Own"\n')
+    deed = "road.to_road([1e4], [1e4])\n        with open(%r, 'a') as f: f.write(f'{id(road)} ')"
+    (tmp_path / "looker.py").write_text(MAP.replace("{deed}", deed % str(tmp_path / "seen")))
+    build = load_build(file)
+    for _ in range(2):
+        assert not drive(build, member("ego", 10.0)).failure
+    first, second = (tmp_path / "seen").read_text().split()
+    assert first == second  # what the function keeps by the map serves its next run
+    assert int(first) != id(network)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from swept import state_hashes
 
 from resim.core.errors import InputError
 from resim.pipeline.suite import content_hash
@@ -87,6 +88,7 @@ def test_a_sweep_all_of_whose_runs_failed_is_told(made: Path, tmp_path: Path, na
     )
     write_parquet(rows, folder / "runs" / "part-00000.parquet")
     (folder / "manifest.json").write_text(json.dumps({**manifest, "columns": list(rows)}))
+    state_hashes(folder)
     found = read_entry(folder)
     assert found.verdict == "failed"
     assert found.counts == {"PASS": 0, "FAIL": 0, "INVALID": 0, "failed": 2}
@@ -131,8 +133,8 @@ def test_how_long_it_took_is_nothing_that_tells_results_apart(made: Path, tmp_pa
         (lambda f: (f / "manifest.json").unlink(), r"holds a sweep that is not finished\. Finish it with `resim sweep"),
         (lambda f: (f / "manifest.json").write_text("[1]"), r"manifest\.json: is not what resim writes"),
         (lambda f: (f / "manifest.json").write_text("{"), r"manifest\.json: is not JSON"),
-        (lambda f: shutil.rmtree(f / "runs"), r"runs: is not the table of a sweep"),
-        (lambda f: (f / "runs" / "part-00000.parquet").write_text("x"), r"runs: is not the table of a sweep"),
+        (lambda f: shutil.rmtree(f / "runs"), r"part-00000\.parquet: cannot be read"),
+        (lambda f: (f / "runs" / "part-00000.parquet").write_text("x"), r"part-00000\.parquet: is not as it was wri"),
         (lambda f: shutil.rmtree(f), r"is no folder\. Give one that `resim run`"),
     ],
 )  # fmt: skip

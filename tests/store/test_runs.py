@@ -8,10 +8,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import duckdb
 import pytest
 
 from resim.core.errors import InputError
 from resim.store import RUN, SWEEP, remove_results
+from resim.store.rows import read_rows
 
 ROOT = Path(__file__).parents[2]
 Call = Callable[..., tuple[int, str, str]]
@@ -53,7 +55,7 @@ def test_results_of_every_kind_are_added_listed_and_shown(call: Call, made: Path
     assert sweep["table"] == f"{made}/sweep/runs/*.parquet"
     code, out, _ = call("runs", "show", str(sweep["id"])[:6])
     assert code == 0
-    assert f"select * from '{made}/sweep/runs/*.parquet'" in out
+    assert f"select * from read_parquet('{made}/sweep/runs/*.parquet', hive_partitioning = false)" in out
     assert "2: 0 PASS, 2 FAIL, 0" in out
     told = json.loads(call("runs", "show", made / "run", "--json")[1])
     assert [o["source"] for o in told["outcomes"]] == ["GT", "SD", "rGT", "rSD"]
@@ -61,6 +63,37 @@ def test_results_of_every_kind_are_added_listed_and_shown(call: Call, made: Path
     code, _, error = call("runs", "list", "--verdict", "bad")
     assert code == 2
     assert "--verdict: there is no 'bad'. There are: PASS, FAIL, INVALID, failed, verified" in error
+
+
+@pytest.mark.parametrize("name", ["o[1]", "collision=false/verdict=PASS", "o*"])
+def test_the_rows_of_a_sweep_are_those_of_its_folder_whatever_its_name(
+    call: Call, made: Path, tmp_path: Path, name: str
+) -> None:
+    folder = shutil.copytree(made / "sweep", tmp_path / "all" / name / "sweep")
+    shutil.copytree(made / "sweep", tmp_path / "all" / "o1" / "sweep")
+    part = tmp_path / "all" / "o1" / "sweep" / "runs" / "part-00000.parquet"
+    duckdb.sql(f"SELECT * REPLACE ('PASS' AS verdict) FROM '{part}'").write_parquet(f"{part}.new")
+    Path(f"{part}.new").replace(part)
+    hashes = json.loads((folder / "manifest.json").read_text())["files"]
+    assert set(read_rows(folder, hashes)["verdict"]) == {"FAIL"}
+    code, out, _ = call("runs", "add", folder)
+    assert code == 0
+    assert "sweep 'late': FAIL (0/2)" in out
+
+
+@pytest.mark.parametrize(
+    "name", ["tracks.parquet", "answers.parquet", "plans.parquet", "report.json", "GT.jscen.json"]
+)
+def test_results_of_which_a_bit_is_another_are_not_assessed(
+    call: Call, made: Path, tmp_path: Path, name: str
+) -> None:
+    folder = shutil.copytree(made / "run", tmp_path / "run")
+    whole = (folder / name).read_bytes()
+    (folder / name).write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    code, out, error = call("assess", folder)
+    assert (code, out) == (2, "")
+    assert f"{folder / name}: is not as it was written: its SHA-256 is " in error
+    assert error.endswith("Run it again.\n")
 
 
 def test_folders_are_added_all_or_none(call: Call, made: Path, tmp_path: Path) -> None:
