@@ -36,10 +36,25 @@ FIELDS = {
     "*/cases/*.json:time": "how long it took",
     "*/times.parquet:time*": "how long it took",
     "*/journal/*.jsonl:*": "in the order in which runs ended; the rows are compared in their tables",
+    "*.json:*versions.*": "the program's code state, and one list of packages for all results",
+    "*/run.json:cases": "hashes of the cases are new",
+    "*:entry.cases": "hashes of the cases are new",
+    "*:recordings[[]*].cases": "hashes of the cases are new",
+    "*/manifest.json:columns*": "the hash of the case is a new column",
+    "*.parquet:<columns>": "the hash of the case is a new column; the others are compared",
+    "*/run.json:engine": "new",
+    "*/run.json:vehicle": "new",
+    "*:inputs.vehicle": "new",
 }
 """What may be there in one only, or differ: "file:path.of.field", with * and ?, to the reason."""
 TEXTS: dict[str, str] = {}
 """Texts of OLD to those of NEW that stand for them."""
+LINES = re.compile(
+    r"((versions|cases|files): \S+|<hash>|\d+\.\d+\.\d+|engine|vehicle|sumo \d+\.\d+\.\d+|kinematic|single-track"
+    r"|(Run|\. Made) with resim [^,]*, (code|numpy.*)|, numpy .*)"
+    r'|\s*<property name="version\.\w[\w-]*" value="[^"]*"/>'
+)
+"""Lines of pages and of JUnit that may be there in one only: versions, and what FIELDS lists."""
 
 SUITE = """name = "small"
 criteria = "../scenarios/criteria/highway.toml"
@@ -285,8 +300,10 @@ def of_values(a: Any, b: Any, path: str) -> Iterator[Difference]:
 
 def of_tables(a: pd.DataFrame, b: pd.DataFrame) -> Iterator[Difference]:
     """Differences of two tables: rows, columns, and the first cell of each column that differs."""
-    if len(a) != len(b) or list(a.columns) != list(b.columns):
-        yield "", f"{len(a)} rows of {list(a.columns)}", f"{len(b)} rows of {list(b.columns)}"
+    if len(a) != len(b):
+        yield "", f"{len(a)} rows", f"{len(b)} rows"
+    if list(a.columns) != list(b.columns):
+        yield "<columns>", list(a.columns), list(b.columns)
     for column in (c for c in a.columns if c in b.columns and len(a) == len(b)):
         mine, other = (f[column].map(repr) for f in (a, b))
         if a[column].dtype != b[column].dtype:
@@ -296,8 +313,9 @@ def of_tables(a: pd.DataFrame, b: pd.DataFrame) -> Iterator[Difference]:
 
 
 def of_lines(a: Sequence[str], b: Sequence[str], what: str) -> Iterator[Difference]:
-    """Differences of two texts, line by line."""
-    for n, (mine, other) in enumerate(itertools.zip_longest(a, b, fillvalue="<none>")):
+    """Differences of two texts, line by line, but for LINES that are in one only."""
+    kept = [[line for line in text if not LINES.fullmatch(line)] for text in (a, b)]
+    for n, (mine, other) in enumerate(itertools.zip_longest(*kept, fillvalue="<none>")):
         if mine != other:
             yield f"{what}[{n}]", mine, other
 
