@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from functools import cached_property
+from functools import cache
 
 from resim.road.sumo import sumo_net
 from resim.sim.case import Case, SimulatedDrive
@@ -13,11 +13,16 @@ from resim.sim.loop import drive
 class Sumo:
     """Traffic objects on their traces in SUMO, the EGO in closed loop with the case's function."""
 
-    @cached_property
+    @property
     def name(self) -> str:
         """The name, and the version of SUMO."""
-        return f"sumo {importlib.metadata.version('eclipse-sumo')}"
+        return f"sumo {_version()}"
 
     def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
         """Drive a case (`resim.sim.engine.Engine`)."""
         return drive(case, sumo_net(case.network).path, gui=window)
+
+
+@cache
+def _version() -> str:
+    return importlib.metadata.version("eclipse-sumo")
