@@ -110,3 +110,26 @@ def test_a_run_that_is_not_there(swept: Path, call: Call) -> None:
     assert code == 2
     assert "has no run 4" in error
     assert "0 to 3" in error
+
+
+def test_a_sweep_with_another_vehicle_is_another_sweep(made: Path, call: Call, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, _, error = call("sweep", made / "sweep.toml", "--out", out, "--vehicle", "single-track")
+    assert (code, error) == (0, "")
+    assert json.loads((out / "manifest.json").read_text())["inputs"]["vehicle"] == "single-track"
+    cases = [
+        duckdb.sql(f"select \"case\" from '{folder}/runs/*.parquet' order by run").fetchall()
+        for folder in (made / "out", out)
+    ]
+    assert len({case for each in cases for case in each}) == len(cases[0]) + len(cases[1])
+    code, _, error = call("sweep", made / "sweep.toml", "--out", out, "--resume")
+    assert code == 2
+    assert "vehicle is not what it was when the sweep began" in error
+    assert call("sweep", "repeat", out, "0", "--out", tmp_path / "same")[0] == 0
+    assert json.loads((tmp_path / "same" / "run.json").read_text())["vehicle"] == "single-track"
+    code, _, error = call("sweep", "repeat", out, "0", "--out", tmp_path / "other", "--vehicle", "kinematic")
+    assert code == 1
+    assert "case '" in error
+    code, _, error = call("sweep", "repeat", out, "0", "--out", tmp_path / "none", "--vehicle", "boat")
+    assert code == 2
+    assert "there is no vehicle model 'boat'; there are: kinematic, single-track" in error

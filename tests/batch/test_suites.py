@@ -436,3 +436,19 @@ def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
         assert "this name is no UTF-8" in error, order
     assert not out.exists()
     assert not (tmp_path / "new.toml").exists()
+
+
+def test_a_vehicle_model_is_recorded_and_its_results_are_its_own(
+    call: Call, suite: WriteSuite, tmp_path: Path
+) -> None:
+    out, told = tmp_path / "out", {}
+    for vehicle in ("kinematic", "single-track", "kinematic"):
+        call("verify", suite(OVERTAKE), "--build", PILOT, "--out", out, "--vehicle", vehicle)
+        found = result(out)
+        assert found["inputs"]["vehicle"] == vehicle
+        told.setdefault(vehicle, []).append(found["recordings"][0]["cases"])
+    assert told["kinematic"][0] == told["kinematic"][1]
+    assert told["kinematic"][0]["rGT"] != told["single-track"][0]["rGT"]
+    code, _, error = call("verify", suite(OVERTAKE), "--build", PILOT, "--out", out, "--vehicle", "boat")
+    assert code == 2
+    assert "there is no vehicle model 'boat'" in error
