@@ -102,6 +102,12 @@ def thaw(frozen: Frozen, again: Callable[[Path], Frozen] = freeze_file) -> Copy:
     return found
 
 
+def find_copy(beginning: str) -> Copy | None:
+    """Give the copy whose hash begins so; None where there is none."""
+    found = next(cache_folder("inputs").glob(f"{beginning}*"), None)
+    return None if found is None else _read(found.name)
+
+
 def _digest(raw: bytes, index: bytes) -> str:
     return hashlib.sha256(raw + b"\0" + index if index else raw).hexdigest()
 
