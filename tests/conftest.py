@@ -67,6 +67,20 @@ def set_constant(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None
     integrity._OURS.intersection_update(allowed)
 
 
+@pytest.fixture
+def ends() -> Iterator[None]:
+    """Let a test fail that waits for ever, as for the other end of a pipe."""
+
+    def ring(number: int, frame: object) -> None:
+        raise AssertionError("it waits for ever")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(30)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _nets_in_a_cache_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
