@@ -11,8 +11,9 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from resim.core.errors import InputError
 
@@ -36,7 +37,7 @@ def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
             raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
 
 
-def open_file(path: Path, remedy: str) -> BinaryIO:
+def open_file(path: Path, remedy: str) -> BufferedReader:
     """Open a file of any size to read its bytes; `remedy` is for its errors. Raises InputError for what is no file."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):

@@ -1,7 +1,7 @@
 """Whether a user's code changed the program that judges it: functions, classes and constants of resim, numpy's top.
 
-What is there before the first such code runs in a process is right, for as long as the process lives; whoever changes it
-and whenever, by garbage that is cleared away or a thread between two runs, the next look tells.
+What is there before the first such code runs in a process is right as long as the process lives. The next look tells
+what changed, whenever that was: also between two runs, by a thread or by `__del__`.
 
 A check, no wall: what runs in a process can hide from it. It finds what code replaces by mistake or for convenience.
 """
@@ -85,7 +85,7 @@ def begin(path: Path) -> None:
 
 
 def check() -> None:
-    """Raise ChangedError where something is not as it was, now or at an earlier look, of the file whose code ran last."""
+    """Raise ChangedError where something is not as it was, now or at an earlier look; it names whose code ran last."""
     if not _found:
         _found.extend(_changed())
     if _found:

@@ -27,7 +27,8 @@ class Opened:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
     path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
-    copy. modules: those that the code makes itself. Entering and leaving it raise ChangedError where code changed resim.
+    copy. modules: those that the code makes itself. Entering and leaving it raise ChangedError where such code changed
+    resim.
     """
 
     def __init__(self, path: Path, folder: Path, names: frozenset[str], modules: OwnModules) -> None:

@@ -1,4 +1,4 @@
-"""What a process that user's code starts by `spawn` or `forkserver` runs first, in place of the `__main__` of its parent.
+"""What a process that user's code starts by `spawn` or `forkserver` runs first, as the `__main__` of its parent.
 
 With it, that process finds the user's modules in their frozen copy.
 """

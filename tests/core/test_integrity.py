@@ -75,7 +75,9 @@ def own(tmp_path: Path) -> Callable[[str], Path]:
     def write(deed: str, top: str = "", name: str = "own") -> Path:
         methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
         body = textwrap.indent(deed, " " * 8)
-        (tmp_path / f"{name}.py").write_text(f"{top}\nclass Own:\n    def __init__(self):\n{body}\n{methods}\n")
+        (tmp_path / f"{name}.py").write_text(
+            f"{top}\nclass Own:\n    def __init__(self):\n{body}\n{methods}\n"
+        )
         path = tmp_path / f"{name}.toml"
         path.write_text(f'name = "own"\nversion = "1"\nfactory = "{name}:Own"\n')
         return path
@@ -135,7 +137,9 @@ def test_another_module_in_the_place_of_one_of_resim_is_told(own: Callable[..., 
 
 
 def test_a_module_that_was_loaded_again_covers_no_change_of_the_first(own: Callable[..., Path]) -> None:
-    again = "import sys; sys.modules.pop(m.__name__); import resim.assess.assessment; sys.modules[m.__name__] = m"
+    again = (
+        "import sys; sys.modules.pop(m.__name__); import resim.assess.assessment; sys.modules[m.__name__] = m"
+    )
     assert "assessment.judge" in made(own(f"import resim.assess.assessment as m; {again}; m.judge = print"))
 
 

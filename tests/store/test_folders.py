@@ -67,7 +67,7 @@ def test_a_pipe_is_no_result_and_is_not_waited_for(tmp_path: Path) -> None:
 def test_a_pipe_among_results_is_not_waited_for_by_who_registers_them(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"times": {}, "perception": {}}')
     os.mkfifo(tmp_path / "report.json")
-    with pytest.raises(InputError, match="report.json: cannot be read"):
+    with pytest.raises(InputError, match=r"report.json: cannot be read"):
         digest(tmp_path, "run")
 
 
