@@ -3,12 +3,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from resim import cli
+from resim.core import integrity
 from resim.ingest import Recording, read_recording
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.sumo import SumoNet, sumo_net
@@ -49,6 +51,34 @@ def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> 
         return code, *capfd.readouterr()
 
     return run
+
+
+@pytest.fixture
+def set_constant(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Set a constant of a module of resim while a user's code runs in this process, who would be blamed for it."""
+    allowed = set(integrity._OURS)
+
+    def change(module: ModuleType, name: str, value: object) -> None:
+        integrity._OURS.add((module.__name__, name))
+        monkeypatch.setattr(module, name, value)
+
+    yield change
+    monkeypatch.undo()
+    integrity._OURS.intersection_update(allowed)
+
+
+@pytest.fixture
+def ends() -> Iterator[None]:
+    """Let a test fail that waits for ever, as for the other end of a pipe."""
+
+    def ring(number: int, frame: object) -> None:
+        raise AssertionError("it waits for ever")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(30)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture(scope="session", autouse=True)

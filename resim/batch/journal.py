@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any
 
 from resim.core.errors import InputError
+from resim.core.files import open_file
 
 REMEDY = "Take the line away: its run is then done again."
 _TEXTS, _FLAGS = ("end", "failure", "decision", "verdict", "case"), ("same_decision", "collision")
@@ -31,6 +32,8 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_file():
+            raise InputError(path, "is no file, expected the journal of a sweep", "Take it away.")
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
@@ -83,7 +86,7 @@ def entries(
     known: dict[int, int] = {}
     columns: frozenset[str] | None = None
     for path in sorted(folder.glob("*.jsonl")):
-        with path.open("rb") as file:
+        with open_file(path, "Take it away.") as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith(b"\n"):
                     continue

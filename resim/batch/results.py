@@ -21,7 +21,7 @@ def begin(out: Path, a: Asked) -> None:
     """Make the folder, or go on in it: say in it what is asked for, and take away what is of other recordings."""
     told = json_text({"versions": versions(), "inputs": a.model_dump(mode="json")})
     mark = out / VERIFICATION.mark
-    if not mark.is_file() or mark.read_text(encoding="utf-8") != told:
+    if not mark.is_file() or read_file(mark, "Take it away.") != told.encode():
         for name in ("verification.json", "verification.html", "junit.xml"):  # they are of something else
             (out / name).unlink(missing_ok=True)
     _write(mark, told)

@@ -20,7 +20,7 @@ from resim.batch.child import Failure
 from resim.batch.runs import RunTask, Values, run, swept_model, with_values
 from resim.batch.workers import run_all
 from resim.core.errors import InputError
-from resim.core.files import file_hash, parse_json
+from resim.core.files import file_hash, parse_json, read_file
 from resim.core.frozen import Frozen
 from resim.core.provenance import versions
 from resim.pipeline import Options
@@ -80,7 +80,7 @@ def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
         )
     remedy = "Restore it, or begin anew with another --out."
     try:
-        held = parse_json(path.read_bytes(), path, remedy)
+        held = parse_json(read_file(path, remedy), path, remedy)
         differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(path, "is not what `resim sweep` writes", remedy) from e
@@ -292,7 +292,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
             write_parquet(whole.iloc[first : first + PART], path)
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
-    held = parse_json((out / "sweep.json").read_bytes(), out / "sweep.json")
+    held = parse_json(read_file(out / "sweep.json", ""), out / "sweep.json")
     counts = {"runs": len(whole), "failed": failed, "files": {name: file_hash(out / name) for name in parts}}
     grown = {"boundaries": boundaries(sweep, rows)} if adaptive else {}
     with whole_file(out / "manifest.json", (".json",)) as path:

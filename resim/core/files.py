@@ -11,6 +11,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,19 @@ def cache_folder(name: str) -> Path:
 
 def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
     """Give the SHA-256 of a file of any size; `remedy` is for its errors. Raises InputError for what is no file."""
+    with open_file(path, remedy) as file:
+        try:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as e:
+            raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
+
+
+def open_file(path: Path, remedy: str) -> BufferedReader:
+    """Open a file of any size to read its bytes; `remedy` is for its errors. Raises InputError for what is no file."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise InputError(path, "cannot be read (it is no file)", remedy)
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return path.open("rb")
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
 

@@ -19,13 +19,15 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from resim.core.errors import InputError
-from resim.core.files import cache_folder, read_file
+from resim.core.files import cache_folder, file_hash, read_file
 
 _ITSELF, _INDEX, _HOME = "input", "files.json", "home"
 _UP = "_"
 """Stands for a folder above the file itself, where a name begins with "../"."""
 _NEW = "new-"
 """How the names of folders begin in which copies are made, and cleared away."""
+_OPENED = os.O_RDONLY | os.O_NONBLOCK
+"""How files are opened to be locked: without waiting for the other end of what is a pipe."""
 KEPT = 30 * 24 * 3600.0
 """Time [s] without use after which a copy is cleared away."""
 _locked: dict[tuple[Path, int], int] = {}
@@ -64,7 +66,7 @@ def freeze(
     """
     sources, data = sources or {}, data or {}
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in sources.items()}
-    digests |= {name: _file_digest(file) for name, file in data.items()}
+    digests |= {name: file_hash(file) for name, file in data.items()}
     index = json.dumps(digests, sort_keys=True).encode() if digests else b""
     frozen = Frozen(path, _digest(raw, index))
     if _read(frozen.hash) is None:
@@ -102,16 +104,14 @@ def thaw(frozen: Frozen, again: Callable[[Path], Frozen] = freeze_file) -> Copy:
     return found
 
 
+def find_copy(beginning: str) -> Copy | None:
+    """Give the copy whose hash begins so; None where there is none."""
+    found = next(cache_folder("inputs").glob(f"{beginning}*"), None)
+    return None if found is None else _read(found.name)
+
+
 def _digest(raw: bytes, index: bytes) -> str:
     return hashlib.sha256(raw + b"\0" + index if index else raw).hexdigest()
-
-
-def _file_digest(file: Path) -> str:
-    try:
-        with file.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as e:
-        raise InputError(file, f"cannot be read ({e.strerror})") from e
 
 
 def _read(digest: str) -> Copy | None:
@@ -119,15 +119,15 @@ def _read(digest: str) -> Copy | None:
     root = cache_folder("inputs") / digest
     _lock(root)
     try:
-        raw, index = (root / _ITSELF).read_bytes(), (root / _INDEX).read_bytes()
+        raw, index = read_file(root / _ITSELF, ""), read_file(root / _INDEX, "")
         if _digest(raw, index) != digest:
             return None
         digests: dict[str, str] = json.loads(index) if index else {}
         home = root / _HOME / _within(digests)
-        sources = {name: (home / name).read_bytes() for name in digests if name.endswith(".py")}
+        sources = {name: read_file(home / name, "") for name in digests if name.endswith(".py")}
         held = {name: hashlib.sha256(content).hexdigest() for name, content in sources.items()}
-        held |= {name: _file_digest(home / name) for name in digests if name not in sources}
-    except (OSError, InputError):
+        held |= {name: file_hash(home / name) for name in digests if name not in sources}
+    except InputError:
         return None
     return Copy(raw, home, sources, frozenset(digests)) if held == digests else None
 
@@ -170,7 +170,7 @@ def _lock(root: Path) -> None:
     file = root / _ITSELF
     with suppress(OSError):
         while (root, file.stat().st_ino) not in _locked:
-            held = os.open(file, os.O_RDONLY)
+            held = os.open(file, _OPENED)
             fcntl.flock(held, fcntl.LOCK_SH)
             _locked[root, os.fstat(held).st_ino] = held  # it may be cleared away by now: then it is not there
         os.utime(file)
@@ -189,7 +189,7 @@ def _clear(store: Path) -> None:
 
 def _clear_copy(root: Path) -> None:
     """Clear a copy away unless it is in use. Raises OSError where it is."""
-    file = os.open(root / _ITSELF, os.O_RDONLY)
+    file = os.open(root / _ITSELF, _OPENED)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if _is_old(root / _ITSELF):  # still, now that nobody else can lock it

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from resim.core import integrity
-from resim.core.errors import ChangedError
 from resim.core.modules import OwnModules
 
 UNKNOWN = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
@@ -28,7 +27,8 @@ class Opened:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
     path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
-    copy. modules: those that the code makes itself. Leaving it raises ChangedError where the code changed resim.
+    copy. modules: those that the code makes itself. Entering and leaving it raise ChangedError where such code changed
+    resim.
     """
 
     def __init__(self, path: Path, folder: Path, names: frozenset[str], modules: OwnModules) -> None:
@@ -50,7 +50,7 @@ class Opened:
 
     def __enter__(self) -> Opened:
         if not _watching:
-            integrity.remember()
+            integrity.begin(self.path)
         self._modules.__enter__()
         _watching.append(self)
         return self
@@ -58,13 +58,8 @@ class Opened:
     def __exit__(self, *error: object) -> None:
         _watching.pop()
         self._modules.__exit__(*error)
-        if _watching:
-            return
-        if changed := integrity.changed():
-            raise ChangedError(
-                f"{self.path}: the code changed {', '.join(changed[:3])}, which it is judged with. "
-                "Leave resim, numpy and Python as they are."
-            )
+        if not _watching:
+            integrity.check()
 
     def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         """Note the files that an event of Python's audit names."""

@@ -20,7 +20,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from resim.core.errors import ChangedError, FunctionError, InputError, StopError
-from resim.core.frozen import Copy, Frozen, freeze
+from resim.core.frozen import Copy, Frozen, find_copy, freeze
 from resim.core.imports import is_own, options, own_data, own_sources
 from resim.core.modules import OwnModules
 from resim.core.opened import Opened
@@ -73,7 +73,7 @@ class Named:
     """A callable of a user's code. opened: unlisted files beside the user's file that its runs opened, all together."""
 
     def __init__(self, frozen: Frozen, copy: Copy, named: str) -> None:
-        private = f"_resim_{frozen.hash[:16]}"
+        private = f"{_PRIVATE}{frozen.hash[:16]}"
         if private not in _spaces:
             _spaces[private] = _Space(private, copy)
         self._space = _spaces[private]
@@ -162,10 +162,6 @@ class _Space:
 
     def load(self, name: str, package: str | None = None) -> ModuleType:
         """Import a module by the name that it has for the user."""
-        if self.name not in sys.modules:
-            root = ModuleType(self.name, "Modules of a user's file.")
-            root.__path__ = [str(self.copy.folder)]
-            sys.modules[self.name] = root
         with _installed_path():
             return importlib.import_module(
                 self._private(name), None if package is None else self._private(package)
@@ -198,7 +194,7 @@ class _Space:
         folder, names = self.copy.folder / place, self.copy.names
         file = next((option for option in options(place) if option in names), None)
         if file is None:
-            if not any(each.startswith(f"{place}/") for each in names):
+            if place and not any(each.startswith(f"{place}/") for each in names):
                 return None
             spec = importlib.machinery.ModuleSpec(name, None, is_package=True)
             spec.submodule_search_locations = [str(folder)]
@@ -269,8 +265,12 @@ class _Finder(importlib.abc.MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        space = _spaces.get(fullname.partition(".")[0])
-        return None if space is None else space.spec(fullname)
+        top = fullname.partition(".")[0]
+        if top not in _spaces and top.startswith(_PRIVATE):  # in a process that user's code started
+            copy = find_copy(top.removeprefix(_PRIVATE))
+            if copy is not None:
+                _spaces[top] = _Space(top, copy)
+        return _spaces[top].spec(fullname) if top in _spaces else None
 
 
 @contextmanager
@@ -286,5 +286,7 @@ def _installed_path() -> Iterator[None]:
 
 _PATH = tuple(sys.path)
 """Where installed modules are."""
+_PRIVATE = "_resim_"
+"""How the names of all spaces begin; the hash of the user's file follows."""
 _spaces: dict[str, _Space] = {}
 sys.meta_path.insert(0, _Finder())

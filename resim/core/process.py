@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import decimal
 import locale
+import multiprocessing
 import os
 import signal
 import sys
@@ -74,6 +75,10 @@ _SETTINGS: Mapping[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
     "recursion": (sys.getrecursionlimit, sys.setrecursionlimit),
     "warnings": (lambda: ([*warnings.filters], warnings.showwarning), _set_warnings),
     "environment": (lambda: dict(os.environ), _set_environment),
+    "start of processes": (
+        lambda: multiprocessing.get_start_method(allow_none=True),
+        lambda method: multiprocessing.set_start_method(method, force=True),
+    ),
     "decimals": (
         lambda: decimal.getcontext().prec,
         lambda digits: setattr(decimal.getcontext(), "prec", digits),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json
+from resim.core.files import parse_json, read_file
 from resim.store.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, Results
 
 Kind = Literal["run", "assessment", "verification", "sweep"]
@@ -132,18 +132,22 @@ def digest(folder: Path, kind: Kind) -> str:
     return told.hexdigest()
 
 
+def _read(path: Path) -> bytes:
+    return read_file(path, "Take it away, and make the results again.")
+
+
 def _run_content(folder: Path) -> Iterator[bytes]:
-    run: dict[str, Any] = parse_json((folder / "run.json").read_bytes(), folder / "run.json")
+    run: dict[str, Any] = parse_json(_read(folder / "run.json"), folder / "run.json")
     del run["times"]
     for seed in (run["perception"] or {}).get("seeds", []):
         del seed["time"]
     yield json.dumps(run, sort_keys=True).encode()
-    yield (folder / "report.json").read_bytes()
-    yield (folder / "assessment.json").read_bytes()
+    yield _read(folder / "report.json")
+    yield _read(folder / "assessment.json")
 
 
 def _sweep_content(folder: Path) -> Iterator[bytes]:
-    yield (folder / "manifest.json").read_bytes()
+    yield _read(folder / "manifest.json")
     for part in sorted((folder / "runs").glob("*.parquet")):
         yield f"{part.name} {part.stat().st_size}\n".encode()
 
@@ -151,6 +155,6 @@ def _sweep_content(folder: Path) -> Iterator[bytes]:
 _CONTENT: dict[Kind, Callable[[Path], Iterator[bytes]]] = {
     "run": _run_content,
     "sweep": _sweep_content,
-    "verification": lambda folder: iter([(folder / "verification.json").read_bytes()]),
-    "assessment": lambda folder: iter([(folder / "assessment.json").read_bytes()]),
+    "verification": lambda folder: iter([_read(folder / "verification.json")]),
+    "assessment": lambda folder: iter([_read(folder / "assessment.json")]),
 }

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json
+from resim.core.files import parse_json, read_file
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ def check_output(folder: Path, kind: Results = RUN) -> None:
 
 def _is_result(mark: Path) -> bool:
     try:
-        return "resim" in parse_json(mark.read_bytes(), mark)["versions"]
-    except (OSError, InputError, KeyError, TypeError):
+        return "resim" in parse_json(read_file(mark, ""), mark)["versions"]
+    except (InputError, KeyError, TypeError):
         return False
 
 

@@ -107,8 +107,8 @@ def test_what_is_wrong_with_it_is_told_and_nothing_is_written(judged, tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
-def test_one_that_never_returns_is_told_by_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(criteria, "MEASURE_LIMIT", 0.1)  # a minute
+def test_one_that_never_returns_is_told_by_name(tmp_path, set_constant):
+    set_constant(criteria, "MEASURE_LIMIT", 0.1)  # a minute
     (tmp_path / "my_measures.py").write_text("def beside(drive, network):\n    while True: pass\n")
     (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=3.0))
     own = criteria.read_criteria(tmp_path / "mine.toml").own[0]

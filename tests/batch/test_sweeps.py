@@ -223,6 +223,16 @@ def test_two_commands_do_not_write_one_journal(tmp_path: Path) -> None:
     assert len(list(journal.read(tmp_path))) == 1
 
 
+@pytest.mark.usefixtures("ends")
+def test_a_pipe_in_the_place_of_a_journal_is_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "1-of-1.jsonl"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="is no file"):
+        journal.Journal(path)
+    with pytest.raises(InputError, match="is no file"):
+        list(journal.read(tmp_path))
+
+
 def test_a_damaged_journal_is_told_of(undisturbed: tuple[Path, Path], call: Call) -> None:
     path, out = undisturbed
     copy = out.with_name("damaged")

@@ -9,12 +9,27 @@ from pathlib import Path
 
 import pytest
 from batch import slow_start
-from batch.deeds import act, call, leave_the_folder, linger, load, order, start_others
+from batch.deeds import act, call, doubled, leave_the_folder, linger, load, order, start_others
 
 from resim.batch import workers
 from resim.batch.child import Failure
 from resim.batch.workers import _end_own, in_child, run_all
 from resim.core.errors import FunctionError
+
+POOL = """import multiprocessing
+import helper
+
+def act(x):
+    return helper.double(x)
+
+class Own:
+    def reset(self, setup): pass
+    def step(self, perceived): pass
+    def close(self): pass
+    def doubled(self, x):
+        with multiprocessing.get_context("{method}").Pool(1) as pool:
+            return pool.apply_async(act, [x]).get(20.0)
+"""
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -141,6 +156,15 @@ def test_what_a_process_started_holds_nothing_up_and_ends_with_it(tmp_path: Path
     while not all(map(is_gone, others)):
         assert time.monotonic() < begin + 60.0
         time.sleep(0.05)
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+def test_a_pool_of_a_function_finds_its_modules_whatever_the_start_method(
+    tmp_path: Path, write_build: Callable[..., Path], method: str
+) -> None:
+    path = write_build(POOL.format(method=method))
+    path.with_name("helper.py").write_text("def double(x): return 2 * x\n")
+    assert dict(run_all(doubled, [str(path)] * 2, workers=1, time_limit=60.0)) == {0: 42, 1: 42}
 
 
 def is_gone(process: int) -> bool:

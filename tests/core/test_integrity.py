@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import textwrap
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,12 +36,35 @@ CHANGES = {
     "Python": ("import builtins; builtins.max = min", "builtins.max"),
 }  # fmt: skip
 
+PATCH = """
+import sys, threading, types, weakref
+import resim.assess.assessment as m
+def patch(_=None):
+    m.judge = print
+class Late:
+    def __del__(self):
+        patch()
+def wait():
+    sys.gap.wait()
+    patch()
+"""
+GAPS = {
+    "garbage": "self.late = Late()",
+    "a weak reference": "sys.kept = weakref.ref(self, patch)",
+    "a thread": "sys.gap = threading.Event(); threading.Thread(target=wait).start()",
+}
+
 HARMLESS = """
+import builtins, gettext, multiprocessing
+gettext.install("x")
+builtins.profile = lambda f: f
+multiprocessing.set_start_method("fork")
 import resim.fidelity, resim.assess.criticality, numpy.polynomial, json
 from resim.core.geometry import wrap_angle
 from resim.assess.risk import DEFAULTS
 class Mine(dict): pass
 numpy.seterr(all="ignore")
+numpy.typeDict = {}
 """
 
 
@@ -47,12 +72,14 @@ numpy.seterr(all="ignore")
 def own(tmp_path: Path) -> Callable[[str], Path]:
     """Write a build whose function does something when it is made."""
 
-    def write(deed: str, top: str = "") -> Path:
+    def write(deed: str, top: str = "", name: str = "own") -> Path:
         methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
         body = textwrap.indent(deed, " " * 8)
-        (tmp_path / "own.py").write_text(f"{top}\nclass Own:\n    def __init__(self):\n{body}\n{methods}\n")
-        path = tmp_path / "own.toml"
-        path.write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
+        (tmp_path / f"{name}.py").write_text(
+            f"{top}\nclass Own:\n    def __init__(self):\n{body}\n{methods}\n"
+        )
+        path = tmp_path / f"{name}.toml"
+        path.write_text(f'name = "own"\nversion = "1"\nfactory = "{name}:Own"\n')
         return path
 
     return write
@@ -64,12 +91,17 @@ def make(build: Build) -> object:
         return build.make()
 
 
-def made(path: Path) -> str:
-    """Make the function in a copy of this process; give what is said."""
+def made(*paths: Path) -> str:
+    """Make each function and drop it, in a copy of this process; give what is said."""
     mine, its = os.pipe()
     if not (child := os.fork()):
         try:
-            make(load_build(path))
+            for build in [load_build(path) for path in paths]:
+                make(build)
+                if (gap := getattr(sys, "gap", None)) is not None:
+                    gap.set()
+                    for thread in {*threading.enumerate()} - {threading.current_thread()}:
+                        thread.join(10.0)
             os.write(its, b"fine")
         except ResimError as e:
             os.write(its, str(e).encode())
@@ -89,27 +121,59 @@ def test_what_a_function_changes_of_the_program_is_named(own: Callable[..., Path
     assert name in said
 
 
+@pytest.mark.parametrize("deed", GAPS.values(), ids=GAPS)
+def test_what_changes_between_two_runs_is_told_of_the_code_that_ran_before(
+    own: Callable[..., Path], deed: str
+) -> None:
+    said = made(own(deed, PATCH), own("pass", name="honest"))
+    assert "own.toml: the code changed resim.assess.assessment.judge" in said
+
+
+def test_another_module_in_the_place_of_one_of_resim_is_told(own: Callable[..., Path]) -> None:
+    deed = "self.late = Late()"
+    put = "def patch(): sys.modules['resim.assess.assessment'] = types.ModuleType('resim.assess.assessment')"
+    said = made(own(deed, f"{PATCH}\n{put}"), own("pass", name="honest"))
+    assert "own.toml: the code changed sys.modules['resim.assess.assessment']" in said
+
+
+def test_a_module_that_was_loaded_again_covers_no_change_of_the_first(own: Callable[..., Path]) -> None:
+    again = (
+        "import sys; sys.modules.pop(m.__name__); import resim.assess.assessment; sys.modules[m.__name__] = m"
+    )
+    assert "assessment.judge" in made(own(f"import resim.assess.assessment as m; {again}; m.judge = print"))
+
+
+def test_a_measure_gets_no_method_of_its_own(own: Callable[..., Path]) -> None:
+    deed = "import resim.assess.objectifications as m; m.OBJECTIFICATIONS[0].__dict__['__call__'] = print"
+    assert "OBJECTIFICATIONS[0].__call__" in made(own(deed))
+
+
 def test_a_module_that_user_code_loads_is_remembered_as_it_was_loaded(own: Callable[..., Path]) -> None:
     lazy = "import sys; sys.modules.pop('resim.fidelity', None); import resim.fidelity as m"
     assert "fidelity.sensor_error" in made(own(f"{lazy}; m.sensor_error = print"))
 
 
 def test_what_any_function_may_do_changes_nothing(own: Callable[..., Path]) -> None:
-    assert made(own("pass", HARMLESS)) == "fine"
+    path = own("pass", HARMLESS)
+    assert made(path, path) == "fine"
 
 
+@pytest.mark.parametrize(("when", "basis"), [("m.judge = kept", "gt"), ("self.late = Late()", "both")])
 def test_a_function_that_rewrites_the_judge_has_failed(
-    call: Call, own: Callable[..., Path], tmp_path: Path
+    call: Call, own: Callable[..., Path], tmp_path: Path, when: str, basis: str
 ) -> None:
     deed = """
 import dataclasses
 import resim.assess.assessment as m
 def kept(*a, judge=m.judge, **k):
     return dataclasses.replace(judge(*a, **k), outcome="PASS", reason="kept")
-m.judge = kept
+class Late:
+    def __del__(self):
+        if m.judge.__module__ == m.__name__: m.judge = kept
 """
+    deed += when
     drive, criteria = ROOT / "scenarios" / "rear_end", ROOT / "scenarios" / "criteria" / "highway.toml"
-    arguments = ["--build", own(deed), "--out", tmp_path / "o", "--criteria", criteria, "--basis", "gt"]
+    arguments = ["--build", own(deed), "--out", tmp_path / "o", "--criteria", criteria, "--basis", basis]
     code, out, err = call("run", drive, *arguments)
     assert code == 1
     assert "PASS" not in out

@@ -49,6 +49,16 @@ def written(path: Path) -> Frozen:
     return freeze_file(path)
 
 
+@pytest.mark.usefixtures("ends")
+@pytest.mark.parametrize("name", ["input", "files.json"])
+def test_a_copy_with_a_pipe_in_it_is_made_again(store: Path, tmp_path: Path, name: str) -> None:
+    frozen = written(tmp_path / "a")
+    (store / frozen.hash / name).unlink()
+    os.mkfifo(store / frozen.hash / name)
+    assert written(tmp_path / "a") == frozen
+    assert thaw(frozen).raw == b"a"
+
+
 def test_copies_that_nobody_has_used_for_30_days_are_cleared_away(store: Path, tmp_path: Path) -> None:
     running = {name: command(tmp_path / name) for name in ("old", "recent", "running")}
     copies = {}

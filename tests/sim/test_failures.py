@@ -98,9 +98,9 @@ def test_a_fault_in_a_step_ends_the_run_with_its_reason(
 @pytest.mark.parametrize(("reset", "why"), [("raise OSError('none')", "raised OSError: none"),
                                             (NEVER, "did not answer"), (STUBBORN, "did not answer")])  # fmt: skip
 def test_a_fault_in_reset_ends_the_run(
-    drive: Drive, function: Make, member: Member, monkeypatch: pytest.MonkeyPatch, reset: str, why: str
+    drive: Drive, function: Make, member: Member, set_constant: Callable[..., None], reset: str, why: str
 ) -> None:
-    monkeypatch.setattr(driver, "_RESET_LIMIT", 0.2)  # a minute
+    set_constant(driver, "_RESET_LIMIT", 0.2)  # a minute
     run = drive(function(reset=reset), member("e", 300.0, 20.0), member("1", 340.0))
     assert run.end == "function_failed"
     assert why in run.failure

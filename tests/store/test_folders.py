@@ -25,6 +25,7 @@ from resim.store import (
     write_parquet,
     write_resimulation,
 )
+from resim.store.entry import digest
 
 
 def names(folder: Path) -> list[str]:
@@ -53,6 +54,21 @@ def test_what_is_nested_without_end_is_no_result(tmp_path: Path) -> None:
     (tmp_path / RUN.mark).write_text("[" * 100_000)
     with pytest.raises(InputError, match="is not a results folder"):
         check_output(tmp_path)
+
+
+@pytest.mark.usefixtures("ends")
+def test_a_pipe_is_no_result_and_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / RUN.mark)
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(tmp_path)
+
+
+@pytest.mark.usefixtures("ends")
+def test_a_pipe_among_results_is_not_waited_for_by_who_registers_them(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text('{"times": {}, "perception": {}}')
+    os.mkfifo(tmp_path / "report.json")
+    with pytest.raises(InputError, match=r"report.json: cannot be read"):
+        digest(tmp_path, "run")
 
 
 def test_results_go_where_a_link_leads(tmp_path: Path) -> None:
