@@ -5,7 +5,7 @@ READY := .venv/ready
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test check validate bench clean
+.PHONY: demo test check docs validate bench clean
 
 demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
@@ -19,6 +19,10 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+
+docs: $(READY)
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env --write-all docs out/docs
+	@echo "the documentation: out/docs/index.html"
 
 # What takes too long for CI: the tables of docs/validation.md, each into out/validate. Real recordings are read from DATA.
 DATA ?= ../shared/data

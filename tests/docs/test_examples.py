@@ -1,0 +1,107 @@
+"""The examples on the pages work as they stand."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pages
+import pytest
+from pages import DOCS, PAGES, ROOT
+
+from resim.ingest.settings import read_settings
+from resim.pipeline.suite import read_suite
+
+GUIDES = DOCS / "guides"
+RUN_HERE = {
+    "library.py",
+    "resimulate_both.py",
+    "my_pilot.py",
+    "my_pilot.toml",
+    "my_measures.py",
+    "recording.toml",
+    "mine.toml",
+}
+RUN_BY_THE_TUTORIAL = {"first.toml", "second.toml", "late.toml", "rows.py"}
+
+
+def example(page: Path, name: str) -> str:
+    return pages.named(page, name.rpartition(".")[2].replace("py", "python"))[name]
+
+
+def test_every_example_is_run() -> None:
+    every = {
+        name for page in PAGES for language in ("python", "toml") for name in pages.named(page, language)
+    }
+    assert every == RUN_HERE | RUN_BY_THE_TUTORIAL
+
+
+def test_the_library_example_prints_what_it_says() -> None:
+    said = example(ROOT / "README.md", "library.py")
+    done = subprocess.run([sys.executable, "-c", said], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (expected,) = re.findall(r"print\(.*\)  # (.*)", said)
+    assert done.stdout.strip() == expected
+
+
+def test_the_guides_library_example_runs() -> None:
+    said = example(GUIDES / "resimulate.md", "resimulate_both.py")
+    done = subprocess.run([sys.executable, "-c", said], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    errors = dict(line.split() for line in done.stdout.splitlines())
+    assert float(errors["SIM_GT"]) < 1e-9  # replay: every simulation error is zero
+    assert set(errors) == set(re.findall(r"`((?:S|FIT|SIM|PIPE)\w*)`", steps_table()))
+
+
+def steps_table() -> str:
+    return "\n".join(
+        row for row in pages.text(GUIDES / "resimulate.md").splitlines() if row.startswith("| `")
+    )
+
+
+def test_the_example_function_plugs_in(tmp_path: Path) -> None:
+    for name in ("my_pilot.py", "my_pilot.toml"):
+        (tmp_path / name).write_text(example(GUIDES / "function.md", name))
+    command = [sys.executable, "-m", "resim", "run", str(ROOT / "scenarios" / "rear_end")]
+    done = subprocess.run(
+        [*command, "--build", str(tmp_path / "my_pilot.toml"), "--out", str(tmp_path / "out")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["build"] == {"name": "my_pilot", "version": "0.1", "drove": False}
+    assert report["decision"]["rGT"] == ["brake"]
+
+
+def test_the_example_measure_is_judged(tmp_path: Path) -> None:
+    for name in ("my_measures.py", "mine.toml"):
+        (tmp_path / name).write_text(example(GUIDES / "measure.md", name))
+    command = [sys.executable, "-m", "resim", "assess", str(ROOT / "scenarios" / "overtake")]
+    done = subprocess.run(
+        [*command, "--criteria", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "out")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "out" / "assessment.json").read_text())
+    clear = found["criteria"]["keeps clear"]
+    assert (clear["verdict"], clear["unit"], clear["limit"]) == ("PASS", "m", 3.0)
+    assert clear["value"] == min(min(v) for v in found["measures"]["distance between centres"].values())
+
+
+def test_the_example_suite_and_recording_are_read(tmp_path: Path) -> None:
+    for name in ("scenarios", "adfunc", "networks"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "mine.toml").write_text(example(GUIDES / "verify.md", "mine.toml"))
+    assert len(read_suite(tmp_path / "mine.toml").folders) == 12
+    (tmp_path / "recording.toml").write_text(example(GUIDES / "recordings.md", "recording.toml"))
+    assert read_settings(tmp_path / "recording.toml").ego == "ego"
+
+
+def test_a_suite_is_not_good_for_fields_that_it_does_not_know(tmp_path: Path) -> None:
+    said = example(GUIDES / "verify.md", "mine.toml").replace("agreement", "agrement")
+    (tmp_path / "mine.toml").write_text(said)
+    with pytest.raises(Exception, match="agrement"):
+        read_suite(tmp_path / "mine.toml")

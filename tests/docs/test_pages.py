@@ -1,0 +1,160 @@
+"""What the pages say is there is there: files, links, commands, options, tables of columns and measures."""
+
+from __future__ import annotations
+
+import pkgutil
+import re
+from pathlib import Path
+
+import draw_layers
+import generated
+import pages
+import pytest
+import yaml
+from pages import DOCS, PAGES, ROOT
+
+from resim import __version__
+from resim.assess.objectifications import OBJECTIFICATIONS
+from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
+from resim.ingest.folder import PLAN_COLUMNS
+from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED
+
+NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
+WORKFLOW = DOCS / "examples" / "verify.yml"
+MADE = ("scenarios/training", "scenarios/us101")
+"""Folders that tools make."""
+
+
+def first_column(page: Path, after: str) -> list[str]:
+    """The code in the first column of the first table after a text."""
+    table = re.search(r"(?:^\|.*\n)+", pages.text(page).partition(after)[2], re.MULTILINE)
+    assert table is not None
+    return [name for row in table[0].splitlines() for name in re.findall(r"`([^`]+)`", row.split("|")[1])]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)]*))?\)", pages.text(page)):
+        to = (page.parent / target).resolve() if target else page
+        assert to.exists(), target
+        if anchor and to != DOCS / "reference" / "api.md" and to != DOCS / "reference" / "commands.md":
+            assert anchor in pages.anchors(to), (target, anchor)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_files_that_are_named_are_there(page: Path) -> None:
+    for path in re.findall(
+        r"(?<![\w/.])(?:scenarios|adfunc|networks|tools|resim|tests)/[\w./-]*\w", pages.text(page)
+    ):
+        assert (ROOT / path).exists() or path.startswith(MADE), path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_commands_are_taken_as_they_stand(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    for words in [] if page.stem == "validation" else pages.commands(page):  # it has loops of the shell
+        match words:
+            case ["resim", *rest]:
+                command, arguments = pages.command_of(rest)
+                command.make_context("resim", arguments)
+            case ["make", target]:
+                assert target in targets
+            case [program, *_]:
+                assert program in ("python", "ls"), words
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_code_that_is_named_is_there(page: Path) -> None:
+    for name in re.findall(r"`(resim(?:\.\w+)+)", pages.text(page)):
+        pkgutil.resolve_name(name)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_options_in_the_text_exist(page: Path) -> None:
+    for words in pages.inline(page):
+        command, _ = pages.command_of(words[1:])
+        known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {
+            "--help",
+            "--version",
+        }
+        assert {w.partition("=")[0] for w in words if w.startswith("--")} <= known, words
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda p: p.stem)
+def test_what_is_made_from_the_code_can_be_made(page: Path) -> None:
+    made = generated.fill(pages.text(page), page.relative_to(DOCS).with_suffix("").as_posix())
+    assert "{generated}" not in made.replace("`{generated} schema …`", "")
+
+
+def test_the_anchors_of_made_pages_are_there() -> None:
+    api, commands = (generated.PARTS[name]("") for name in ("api", "commands"))
+    for page in PAGES:
+        for name, anchor in re.findall(r"reference/(api|commands)\.md#([\w-]+)", pages.text(page)):
+            heads = re.findall(r"^## (.*)$", api if name == "api" else commands, re.MULTILINE)
+            assert anchor in {head.lower().replace(" ", "-") for head in heads}
+
+
+def test_the_index_leads_to_every_page() -> None:
+    linked = set(re.findall(r"\]\(([^)]+\.md)\)", pages.text(DOCS / "index.md")))
+    assert linked >= {p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")} - {"index.md"}
+
+
+def test_the_picture_of_the_layers_is_that_of_the_contracts() -> None:
+    said = "draw it again: python docs/draw_layers.py"
+    assert draw_layers.PICTURE.read_text() == draw_layers.picture(draw_layers.layers()), said
+
+
+def test_a_field_table_says_what_docstrings_say() -> None:
+    table = generated.schema("suite")
+    assert '| `bases` | list of `"GT"`, `"SD"` | `["GT", "SD"]` | what is re-simulated |' in table
+    assert (
+        "| `agreement` | number, ≥ 0.5, ≤ 0.99 | `0.9` | more than this share of the seeds must agree"
+        in table
+    )
+
+
+def test_the_measures_are_all_described() -> None:
+    assert first_column(DOCS / "guides" / "assess.md", "## Measures") == [o.name for o in OBJECTIFICATIONS]
+
+
+def test_the_columns_of_a_recording_are_all_described() -> None:
+    page = DOCS / "formats" / "recording.md"
+    every = [*COLUMNS, *reversed(OPTIONAL_COLUMNS), GT_ID, EXISTENCE, REPAIRED]
+    assert sorted(first_column(page, "## `gt` and `sd`")) == sorted(every)
+    assert first_column(page, "## `plan`") == list(PLAN_COLUMNS)
+    assert all(f"`{kind}`" in pages.text(page) for kind in KINDS)
+
+
+def test_the_index_of_tools_is_complete() -> None:
+    tools = ROOT / "tools"
+    there = {p.relative_to(tools).as_posix() for p in [*tools.glob("*.*"), *tools.glob("bench/*.py")]} - {
+        "README.md"
+    }
+    named = re.findall(r"^\| `([^`]+)`", pages.text(tools / "README.md"), re.MULTILINE)
+    assert sorted(named) == sorted(there | {"fuzzing/"})
+
+
+def test_the_example_workflow_runs_commands_that_exist() -> None:
+    steps = yaml.safe_load(WORKFLOW.read_text())["jobs"]["verify"]["steps"]
+    (run,) = (step["run"] for step in steps if step.get("run", "").startswith("resim "))
+    command, arguments = pages.command_of(run.split()[1:])
+    out = Path(command.make_context("verify", arguments).params["out"])
+    assert [step["with"]["path"] for step in steps if "path" in step.get("with", {})] == [
+        str(out / "junit.xml"),
+        str(out),
+    ]
+
+
+def test_the_readme_is_short() -> None:
+    assert (ROOT / "README.md").stat().st_size < 8000
+
+
+def test_the_citation_is_of_this_version() -> None:
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == __version__
+
+
+def test_nothing_is_installed_from_the_index_under_our_name() -> None:
+    """There, resim is somebody else's package."""
+    for path in [*PAGES, WORKFLOW, *(ROOT / "resim").rglob("*.py")]:
+        assert not re.search(r"pip install\s+(-\S+\s+)*['\"]?resim\b", path.read_text(encoding="utf-8")), path
