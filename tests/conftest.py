@@ -56,6 +56,7 @@ def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> 
 @pytest.fixture
 def set_constant(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Set a constant of a module of resim while a user's code runs in this process, who would be blamed for it."""
+    integrity.begin(Path(__file__))  # what is there now is right, not what a test sets
     allowed = set(integrity._OURS)
 
     def change(module: ModuleType, name: str, value: object) -> None:

@@ -107,13 +107,13 @@ def test_what_is_wrong_with_it_is_told_and_nothing_is_written(judged, tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
-def test_one_that_never_returns_is_told_by_name(tmp_path, set_constant):
+def test_one_that_never_returns_is_told_by_name(tmp_path, set_constant, network):
     set_constant(criteria, "MEASURE_LIMIT", 0.1)  # a minute
     (tmp_path / "my_measures.py").write_text("def beside(drive, network):\n    while True: pass\n")
     (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=3.0))
     own = criteria.read_criteria(tmp_path / "mine.toml").own[0]
     with pytest.raises(InputError, match=r"my_measures:beside did not answer within 0.1 s"):
-        own.of(SimpleNamespace(drive=None, network=None))
+        own.of(SimpleNamespace(drive=None, network=network))
 
 
 def test_one_that_takes_the_name_of_ours_is_refused(judged):
@@ -122,13 +122,13 @@ def test_one_that_takes_the_name_of_ours_is_refused(judged):
 
 
 @pytest.mark.parametrize("state", ["calls.append(1)", "random.random()"])
-def test_it_knows_nothing_of_the_drives_before(tmp_path, state):
+def test_it_knows_nothing_of_the_drives_before(tmp_path, state, network):
     module = f"import random\nimport numpy as np\n\ncalls = []\n\n\ndef beside(drive, network):\n    kept = {state}\n"
     (tmp_path / "my_measures.py").write_text(module + "    return np.full(3, kept or len(calls))\n")
     (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=1.0))
     (mine,) = read_criteria(tmp_path / "mine.toml").own
     drive = SimpleNamespace(t=np.arange(3.0), present=np.ones((3, 1), dtype=bool))
-    values = [mine.of(SimpleNamespace(drive=drive, network=None)).value.tolist() for _ in range(3)]
+    values = [mine.of(SimpleNamespace(drive=drive, network=network)).value.tolist() for _ in range(3)]
     assert values[0] == values[1] == values[2]
 
 
