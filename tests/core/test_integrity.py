@@ -169,7 +169,7 @@ def kept(*a, judge=m.judge, **k):
     return dataclasses.replace(judge(*a, **k), outcome="PASS", reason="kept")
 class Late:
     def __del__(self):
-        if m.judge.__module__ == m.__name__: m.judge = kept
+        if m.judge.__module__.startswith('resim.'): m.judge = kept
 """
     deed += when
     drive, criteria = ROOT / "scenarios" / "rear_end", ROOT / "scenarios" / "criteria" / "highway.toml"
