@@ -11,7 +11,6 @@ import typer
 
 from resim.cli.app import BadVerdictError, app
 from resim.cli.terminal import say
-from resim.ingest.tables import FILLED, JOINED, PARTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,13 +18,6 @@ if TYPE_CHECKING:
     from resim.core.finding import Finding
     from resim.repair import Done, Repaired
 
-JUDGED = {
-    **dict.fromkeys(FILLED, "judged as not seen"),
-    JOINED: "judged as a gap",
-    PARTED: "judged as two that nobody saw come or go",
-    "SIZE_CHANGES": "judged with all sizes told",
-}
-"""What a repair leaves open, by code: assessments say INVALID where it matters. Other repairs follow a known rule."""
 MOST_LINES = 5
 """Findings of one code and source that are printed; the rest is counted."""
 
@@ -115,6 +107,8 @@ def _print_one(finding: Finding) -> None:
 
 
 def _print_repaired(repaired: Repaired) -> None:
+    from resim.repair import JUDGED
+
     say("")
     for done in repaired.done:
         doubt = f"; {JUDGED[done.code]}" if done.code in JUDGED else ""

@@ -11,7 +11,7 @@ import pandas as pd
 from resim.check import examine
 from resim.core.finding import Finding, Source
 from resim.ingest import Tables
-from resim.ingest.tables import REPAIRED
+from resim.ingest.tables import FILLED, JOINED, PARTED, REPAIRED
 from resim.repair.clocks import clock_drift, clock_jump, clock_offset
 from resim.repair.frames import SOURCES, Count, counted, frame_of, numbered, with_frame
 from resim.repair.gaps import holes, missing_values
@@ -23,7 +23,7 @@ from resim.repair.settings import FILTERS, Filter, How
 from resim.repair.units import heading, mirrored_y, speed_unit
 from resim.road.opendrive import RoadNetwork
 
-__all__ = ["FILTERS", "Count", "Done", "Filter", "Repaired", "repair"]
+__all__ = ["FILTERS", "JUDGED", "Count", "Done", "Filter", "Repaired", "repair"]
 
 Repair = Callable[[Tables, Finding, How], Tables]
 
@@ -59,7 +59,14 @@ Jumps of a clock come before the order of rows, which nobody knows until they ar
 last, when the motion that they are interpolated from is right.
 """
 
-FILLED = ("MISSING_VALUES", "MISSING_SAMPLES")
+JUDGED = {
+    **dict.fromkeys(FILLED, "judged as not seen"),
+    JOINED: "judged as a gap",
+    PARTED: "judged as two that nobody saw come or go",
+    "SIZE_CHANGES": "judged with all sizes told",
+}
+"""What a repair leaves open, by code: assessments say INVALID where it matters. Other repairs follow a known rule."""
+WHOLE = ("MISSING_VALUES", "MISSING_SAMPLES")
 """Codes whose notes are repaired too: to be without holes is what is asked for."""
 ONE_BY_ONE = ("ID_REUSED", "ID_SWITCH")
 """Codes of which the first in time is repaired, and the rest is looked at anew."""
@@ -130,7 +137,7 @@ def _next(findings: tuple[Finding, ...], futile: Collection[tuple[str, ...]]) ->
     mine = [
         f for f in findings
         if f.repair and f.code in REPAIRS and _key(f) not in futile
-        and (f.severity != "note" or f.code in FILLED)
+        and (f.severity != "note" or f.code in WHOLE)
     ]  # fmt: skip
     order = list(REPAIRS)
     first = min((order.index(f.code) for f in mine), default=None)

@@ -17,7 +17,7 @@ from resim import __version__
 from resim.assess.objectifications import OBJECTIFICATIONS
 from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
 from resim.ingest.folder import PLAN_COLUMNS
-from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED
+from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
 
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 WORKFLOW = DOCS / "examples" / "verify.yml"
@@ -120,7 +120,7 @@ def test_the_measures_are_all_described() -> None:
 
 def test_the_columns_of_a_recording_are_all_described() -> None:
     page = DOCS / "formats" / "recording.md"
-    every = [*COLUMNS, *reversed(OPTIONAL_COLUMNS), GT_ID, EXISTENCE, REPAIRED]
+    every = [*COLUMNS, *reversed(OPTIONAL_COLUMNS), GT_ID, EXISTENCE, REPAIRED, *TOLD.values()]
     assert sorted(first_column(page, "## `gt` and `sd`")) == sorted(every)
     assert first_column(page, "## `plan`") == list(PLAN_COLUMNS)
     assert all(f"`{kind}`" in pages.text(page) for kind in KINDS)
