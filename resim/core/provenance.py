@@ -17,8 +17,13 @@ def versions() -> dict[str, str]:
 
     Results of the same versions and inputs are the same; others are neither resumed nor compared as if they were.
     """
-    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"resim": resim.__version__, "code": code_state(), **packages}
+    return {"resim": resim.__version__, "code": code_state(), **_packages()}
+
+
+@cache
+def _packages() -> dict[str, str]:
+    """Looked up once in a process: each takes about a millisecond."""
+    return {name: importlib.metadata.version(name) for name in _PACKAGES}
 
 
 @cache

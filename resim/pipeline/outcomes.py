@@ -14,7 +14,7 @@ from resim.fidelity import EGO_ROW, TO_ROWS, Errors
 from resim.pipeline.assessed import Assessed, How
 from resim.pipeline.assessments import assess_drive
 from resim.pipeline.reaction import ego_tracks
-from resim.pipeline.result import Resimulation, of_seed, pipeline_step
+from resim.pipeline.result import Resimulation
 from resim.road.opendrive import RoadNetwork
 from resim.scenario import maneuvers
 from resim.sim.case import SimulatedDrive
@@ -40,10 +40,7 @@ def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
 
 def seed_outcome(result: Resimulation, seed: int, how: How) -> Outcome:
     """Give what a drive on GT (`run_on_gt`) came to: the EGO as it drove, the traffic as GT's scenario has it."""
-    source, gt = of_seed(seed), result.described["GT"]
-    drive, refit, pipe = (
-        result.drives[source], result.refits.get(source), result.errors.get(pipeline_step(source)),
-    )  # fmt: skip
+    gt, (drive, refit, pipe) = result.described["GT"], result.of(seed)
     if refit is None:
         return _nothing(drive)
     made = replace(refit, objects=gt.objects)

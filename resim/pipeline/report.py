@@ -78,10 +78,7 @@ def _perception(
 
 def _seed(result: Resimulation, seed: int, measured: float | None) -> dict[str, Any]:
     """What one of these drives gave; measured: reaction [s] of the measured drive."""
-    source, ego = of_seed(seed), result.ego
-    drive, refit, pipe = (
-        result.drives[source], result.refits.get(source), result.errors.get(pipeline_step(source)),
-    )  # fmt: skip
+    ego, (drive, refit, pipe) = result.ego, result.of(seed)
     driven = None if refit is None else ego_tracks(refit, result.network)
     reaction = None if driven is None else maneuvers.reaction_time(driven, ego=ego)
     return {

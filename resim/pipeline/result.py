@@ -155,6 +155,11 @@ class Resimulation:
         """Of the drives with a perception model."""
         return tuple(drive.case.seed for drive in self.perceived().values())
 
+    def of(self, seed: int) -> tuple[SimulatedDrive, Scenario | None, Errors | None]:
+        """Give the drive with a perception model and this seed, what describes it, and its pipeline error, if any."""
+        source = of_seed(seed)
+        return self.drives[source], self.refits.get(source), self.errors.get(pipeline_step(source))
+
     def simulated(self) -> dict[str, SimulatedDrive]:
         """Give the drives without a perception model: rGT, rSD."""
         return {name: drive for name, drive in self.drives.items() if not name.startswith(MODEL)}

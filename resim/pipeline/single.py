@@ -14,7 +14,7 @@ from resim.pipeline.assessed import How
 from resim.pipeline.outcomes import seed_outcome
 from resim.pipeline.perceived import difference, end_error
 from resim.pipeline.reaction import ego_tracks
-from resim.pipeline.result import Options, PreparedRecording, Resimulation, of_seed, pipeline_step
+from resim.pipeline.result import Options, PreparedRecording, Resimulation
 from resim.pipeline.run import prepare, run_on_gt
 from resim.pipeline.verify import COMPARED
 from resim.scenario import maneuvers
@@ -57,7 +57,7 @@ def run_once(
     """
     result = Resimulation(prepared.recording, build, options)
     result = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
-    drive, source = result.drives[of_seed(seed)], of_seed(seed)
+    drive, _, pipe = result.of(seed)
     found = seed_outcome(result, seed, How(criteria=prepared.criteria, only=COMPARED, rate=RATE))
     row: Row = {
         "end": drive.end,
@@ -68,7 +68,7 @@ def run_once(
         "reaction_difference": difference(found.reaction, prepared.reaction),
         "collision": found.collision,
         "risk": found.risk,
-        "end_position_error": end_error(drive, result.errors.get(pipeline_step(source))),
+        "end_position_error": end_error(drive, pipe),
         "case": drive.case.hash,
     }
     errors = found.errors or dict.fromkeys(["d", "v", "heading"])

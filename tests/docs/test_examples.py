@@ -62,15 +62,24 @@ def steps_table() -> str:
     )
 
 
+def done(*words: object) -> None:
+    """Call `resim` as a user does, and see that all is well."""
+    command = [sys.executable, "-m", "resim", *map(str, words)]
+    called = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert called.returncode == 0, called.stderr
+
+
 def test_the_example_function_plugs_in(tmp_path: Path) -> None:
     for name in ("my_pilot.py", "my_pilot.toml"):
         (tmp_path / name).write_text(example(GUIDES / "function.md", name))
-    command = [sys.executable, "-m", "resim", "run", str(ROOT / "scenarios" / "rear_end")]
-    done = subprocess.run(
-        [*command, "--build", str(tmp_path / "my_pilot.toml"), "--out", str(tmp_path / "out")],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    done(
+        "run",
+        ROOT / "scenarios" / "rear_end",
+        "--build",
+        tmp_path / "my_pilot.toml",
+        "--out",
+        tmp_path / "out",
+    )
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["build"] == {"name": "my_pilot", "version": "0.1", "drove": False}
     assert report["decision"]["rGT"] == ["brake"]
@@ -79,12 +88,14 @@ def test_the_example_function_plugs_in(tmp_path: Path) -> None:
 def test_the_example_measure_is_judged(tmp_path: Path) -> None:
     for name in ("my_measures.py", "mine.toml"):
         (tmp_path / name).write_text(example(GUIDES / "measure.md", name))
-    command = [sys.executable, "-m", "resim", "assess", str(ROOT / "scenarios" / "overtake")]
-    done = subprocess.run(
-        [*command, "--criteria", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "out")],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    done(
+        "assess",
+        ROOT / "scenarios" / "overtake",
+        "--criteria",
+        tmp_path / "mine.toml",
+        "--out",
+        tmp_path / "out",
+    )
     found = json.loads((tmp_path / "out" / "assessment.json").read_text())
     clear = found["criteria"]["keeps clear"]
     assert (clear["verdict"], clear["unit"], clear["limit"]) == ("PASS", "m", 3.0)
