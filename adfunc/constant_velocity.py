@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from adfunc.lane_keeping import Lane
-from resim.sim.adfunction import Command, Perceived, Setup
+from resim.simulation.function.interface import Command, Perceived, Setup
 
 
 class ConstantVelocity:

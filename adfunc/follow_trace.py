@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from resim.sim.adfunction import Command, EgoState, Perceived, Setup
+from resim.simulation.function.interface import Command, EgoState, Perceived, Setup
 
 
 class FollowTrace:

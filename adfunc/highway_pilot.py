@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from adfunc.lane_keeping import Lane, Neighbour, in_corridor
 from resim.core.geometry import Floats
-from resim.sim.adfunction import Command, EgoState, Perceived, Setup
+from resim.simulation.function.interface import Command, EgoState, Perceived, Setup
 
 Mode = Literal["follow", "brake", "change"]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from adfunc.highway_pilot import HighwayPilot
 from adfunc.lane_keeping import Neighbour
-from resim.sim.adfunction import EgoState
+from resim.simulation.function.interface import EgoState
 
 
 class MirroredHighwayPilot(HighwayPilot):

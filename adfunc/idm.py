@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from adfunc.lane_keeping import Lane, in_corridor
-from resim.sim.adfunction import Command, Perceived, Setup
+from resim.simulation.function.interface import Command, Perceived, Setup
 
 
 class Idm:

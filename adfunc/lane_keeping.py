@@ -13,7 +13,7 @@ import numpy as np
 
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import Path, PathPoint, lane_path
-from resim.sim.adfunction import EgoState, Perceived
+from resim.simulation.function.interface import EgoState, Perceived
 
 AHEAD, BEHIND = 800.0, 350.0
 """How much of a lane to look up at a time [m]."""

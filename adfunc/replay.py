@@ -5,7 +5,7 @@ With it every simulation error must be zero; what is left is the pipeline's own 
 
 from __future__ import annotations
 
-from resim.sim.adfunction import Perceived, Placement, Setup
+from resim.simulation.function.interface import Perceived, Placement, Setup
 
 
 class Replay:

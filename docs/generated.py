@@ -17,29 +17,29 @@ from typing import Any
 import typer
 from pydantic import BaseModel
 
-import resim.assess.criticality
-import resim.assess.risk
 import resim.core.errors
 import resim.core.tracks
-import resim.ingest
+import resim.metrics.criticality
+import resim.metrics.risk
 import resim.perception.training
-import resim.pipeline
+import resim.recordings
+import resim.resimulation
 import resim.road.opendrive
 import resim.road.path
 import resim.scenario.jscen
 import resim.scenario.scenario
-import resim.sim.adfunction
-import resim.sim.case
-from resim.assess.criteria import _CriteriaFile
-from resim.assess.risk.prediction import PredictionSet
-from resim.check.codes import CODES
+import resim.simulation.case
+import resim.simulation.function.interface
 from resim.cli import app
-from resim.ingest.settings import Settings
+from resim.metrics.criteria import _CriteriaFile
+from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
-from resim.pipeline.suite import SuiteFile
-from resim.pipeline.sweep import SweepFile
+from resim.recordings.checks.codes import CODES
+from resim.recordings.settings import Settings
 from resim.scenario.jscen import JscenFile
-from resim.sim.adfunction import _BuildFile
+from resim.simulation.function.interface import _BuildFile
+from resim.sweep.file import SweepFile
+from resim.verification.suite import SuiteFile
 
 FILES: Mapping[str, type[BaseModel]] = {
     "recording": Settings, "jscen": JscenFile, "build": _BuildFile, "criteria": _CriteriaFile, "suite": SuiteFile,
@@ -48,17 +48,17 @@ FILES: Mapping[str, type[BaseModel]] = {
 """The model of each file that users write or read."""
 
 API = {
-    "Re-simulate": resim.pipeline,
-    "Cases and simulated drives": resim.sim.case,
-    "AD functions": resim.sim.adfunction,
-    "Recordings": resim.ingest,
+    "Re-simulate": resim.resimulation,
+    "Cases and simulated drives": resim.simulation.case,
+    "AD functions": resim.simulation.function.interface,
+    "Recordings": resim.recordings,
     "Tracks": resim.core.tracks,
     "Scenarios": resim.scenario.scenario,
     "JSCEN files": resim.scenario.jscen,
     "Roads": resim.road.opendrive,
     "Paths along lanes": resim.road.path,
-    "Criticality": resim.assess.criticality,
-    "Accident risk": resim.assess.risk,
+    "Criticality": resim.metrics.criticality,
+    "Accident risk": resim.metrics.risk,
     "Training of perception models": resim.perception.training,
     "Errors": resim.core.errors,
 }

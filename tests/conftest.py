@@ -10,12 +10,12 @@ from types import ModuleType
 import pytest
 
 from resim import cli
-from resim.core import integrity
-from resim.ingest import Recording, read_recording
+from resim.core.plugins import integrity
+from resim.recordings import Recording, read_recording
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.sumo import SumoNet, sumo_net
 from resim.scenario.scenario import Scenario, describe
-from resim.sim.adfunction import Build, load_build
+from resim.simulation.function.interface import Build, load_build
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT.parent / "shared" / "data"

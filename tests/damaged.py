@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from resim.core.errors import ResimError
-from resim.pipeline import refuse_flaws
+from resim.resimulation import refuse_flaws
 from resim.road.flaws import flaws
 from resim.road.opendrive import load
 from resim.road.sumo import sumo_net

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from resim.experiment.design import Parameter, Plan, design
-from resim.pipeline.sweep import Sweep, SweepFile, boundaries, check_plan, runs
-from resim.store import write_json, write_parquet
+from resim.results import write_json, write_parquet
+from resim.sweep.file import Sweep, SweepFile, boundaries, check_plan, runs
+from resim.sweep.plans.design import Parameter, Plan, design
 
 LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
 BIAS = Parameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=9)

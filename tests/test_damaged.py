@@ -14,16 +14,16 @@ import duckdb
 import pytest
 from damaged import DIGITS, DRIVE, GROUND, JSCEN, ROOT, convert, is_clear, places, written
 
-from resim.check import examine
 from resim.core.errors import InputError, ResimError
-from resim.ingest import read_recording, read_tables
-from resim.ingest.source import recording_of
-from resim.pipeline import Options, refuse_flaws, resimulate
+from resim.recordings import read_recording, read_tables
+from resim.recordings.checks import examine
+from resim.recordings.source import recording_of
+from resim.resimulation import Options, refuse_flaws, resimulate
 from resim.road.flaws import flaws
 from resim.road.opendrive import load
 from resim.road.sumo import sumo_net
 from resim.scenario.jscen import read_jscen
-from resim.sim.adfunction import load_build
+from resim.simulation.function.interface import load_build
 
 REPLAY = ROOT / "adfunc" / "builds" / "replay-1.0.toml"
 

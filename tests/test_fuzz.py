@@ -13,9 +13,9 @@ from damaged import DIGITS, DRIVE, GROUND, JSCEN, ROOT, convert, places, result_
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from resim.check import examine
-from resim.ingest import read_tables
-from resim.ingest.source import recording_of
+from resim.recordings import read_tables
+from resim.recordings.checks import examine
+from resim.recordings.source import recording_of
 from resim.road.opendrive import load
 from resim.scenario.jscen import read_jscen
 

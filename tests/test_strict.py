@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from resim.assess.criteria import read_criteria
 from resim.core.errors import InputError
-from resim.ingest.settings import read_settings
+from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
-from resim.pipeline.suite import read_suite
-from resim.pipeline.sweep import read_sweep
-from resim.sim.adfunction import load_build
+from resim.recordings.settings import read_settings
+from resim.simulation.function.interface import load_build
+from resim.sweep.file import read_sweep
+from resim.verification.suite import read_suite
 
 ROOT = Path(__file__).parents[1]
 MODEL = ROOT / "adfunc" / "perception" / "proving_ground.json"

@@ -8,10 +8,10 @@ import math
 import pytest
 from conftest import ROOT
 
-from resim.check.codes import found
 from resim.core.errors import InputError
-from resim.pipeline import examined, refuse_findings, resimulate
-from resim.sim.adfunction import load_build
+from resim.recordings.checks.codes import found
+from resim.resimulation import examined, refuse_findings, resimulate
+from resim.simulation.function.interface import load_build
 
 LANE = (
     '<lane id="-1" type="driving"><link>{links}</link><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'

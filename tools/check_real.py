@@ -18,9 +18,9 @@ from pathlib import Path
 from import_mcity import import_trial, trials
 from validate_real import NGSIM, candidates
 
-from resim.check import examine
 from resim.core.errors import ResimError
-from resim.ingest import Alignment, Tables, read_commonroad, read_highd, read_tables
+from resim.recordings import Alignment, Tables, read_commonroad, read_highd, read_tables
+from resim.recordings.checks import examine
 from resim.road.opendrive import load
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

@@ -29,8 +29,8 @@ from scipy.signal import savgol_filter
 from resim.core.errors import InputError, ResimError
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Strings, Tracks
-from resim.ingest import Recording, write_recording
-from resim.ingest.recording import sample_rate
+from resim.recordings import Recording, write_recording
+from resim.recordings.recording import sample_rate
 from resim.road.opendrive import RoadNetwork, load
 
 KIND = {"2": "car", "10": "pedestrian"}

@@ -16,7 +16,7 @@ import shapely
 from lxml import etree
 
 from resim.core.errors import ConversionError, ResimError
-from resim.pipeline import MapCheck, check_map
+from resim.resimulation import MapCheck, check_map
 from resim.road.opendrive import VEHICLE_LANES, load
 from resim.road.sumo import sumo_net
 from resim.road.sumo.netconvert import run_netconvert

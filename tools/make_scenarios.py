@@ -23,14 +23,14 @@ from virtual_sensor import STEP, Sensor
 
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
-from resim.ingest import Recording, write_recording
+from resim.recordings import Recording, write_recording
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.path import lane_path
 from resim.scenario.scenario import Scenario, describe
-from resim.sim.adfunction import EgoState, load_build
-from resim.sim.case import Case, SimulatedDrive
-from resim.sim.perception import Ideal
-from resim.sim.sumo import Sumo
+from resim.simulation.case import Case, SimulatedDrive
+from resim.simulation.function.interface import EgoState, load_build
+from resim.simulation.perception import Ideal
+from resim.simulation.sumo.engine import Sumo
 
 ROOT = Path(__file__).parents[1]
 MAP = ROOT / "networks" / "proving_ground.xodr"

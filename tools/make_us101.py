@@ -17,7 +17,7 @@ from validate_real import NGSIM, candidates
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
-from resim.ingest import read_commonroad, write_recording
+from resim.recordings import read_commonroad, write_recording
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario import maneuvers
 

@@ -26,10 +26,10 @@ import numpy as np
 import pandas as pd
 from repaired_plants import HEAD, Remains
 
-from resim.check import examine
 from resim.core.finding import Finding
 from resim.core.geometry import Floats, wrap_angle
-from resim.ingest import Tables, read_tables
+from resim.recordings import Tables, read_tables
+from resim.recordings.checks import examine
 from resim.road.opendrive import RoadNetwork, load
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

@@ -10,9 +10,9 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import wrap_angle
-from resim.ingest import Tables
-from resim.ingest.tables import REPAIRED
-from resim.repair import Repaired, repair
+from resim.recordings import Tables
+from resim.recordings.repairs import Repaired, repair
+from resim.recordings.tables import REPAIRED
 from resim.road.opendrive import RoadNetwork
 
 HEAD = " | ".join([

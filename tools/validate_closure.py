@@ -20,16 +20,15 @@ from drives import DRIVES
 from make_scenarios import ROOT, record
 from virtual_sensor import Sensor
 
-from resim import fidelity
-from resim.ingest import Recording, read_recording
 from resim.perception.model import read_model
-from resim.pipeline import Options, Perceiving, Resimulation, end_error, resimulate
-from resim.pipeline.reaction import ego_tracks
+from resim.recordings import Recording, read_recording
+from resim.resimulation import Options, Perceiving, Resimulation, end_error, fidelity, resimulate
+from resim.resimulation.reaction import ego_tracks
 from resim.scenario import maneuvers
 from resim.scenario.scenario import describe
-from resim.sim.adfunction import load_build
-from resim.sim.case import Case
-from resim.sim.sumo import Sumo
+from resim.simulation.case import Case
+from resim.simulation.function.interface import load_build
+from resim.simulation.sumo.engine import Sumo
 
 SHIPPED = ROOT / "adfunc" / "perception" / "proving_ground.json"
 BUILD = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from drives import DRIVES
 
-from resim.ingest import read_recording
-from resim.pipeline import resimulate
-from resim.sim.adfunction import load_build
+from resim.recordings import read_recording
+from resim.resimulation import resimulate
+from resim.simulation.function.interface import load_build
 
 ROOT = Path(__file__).parents[1]
 PUBLISHED = {

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from resim.assess import criticality as c
-from resim.assess.criticality import Pairs, State
-from resim.assess.criticality.motion import ctra
-from resim.assess.risk import DEFAULTS
 from resim.core.geometry import Floats
+from resim.metrics import criticality as c
+from resim.metrics.criticality import Pairs, State
+from resim.metrics.criticality.motion import ctra
+from resim.metrics.risk import DEFAULTS
 
 VERSION = "0.4.5"
 SIZE = (4.7, 1.9)

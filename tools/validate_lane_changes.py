@@ -17,15 +17,15 @@ import numpy as np
 import pandas as pd
 from validate_real import NGSIM, candidates
 
-from resim.assess.drive import Path as EgoPath
-from resim.assess.drive import drive
-from resim.assess.risk import DEFAULTS, Parameters
-from resim.assess.risk.prediction import prediction
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
-from resim.ingest import read_commonroad
-from resim.pipeline.run import describe_recording
+from resim.metrics.drive import Path as EgoPath
+from resim.metrics.drive import drive
+from resim.metrics.risk import DEFAULTS, Parameters
+from resim.metrics.risk.prediction import prediction
+from resim.recordings import read_commonroad
+from resim.resimulation.run import describe_recording
 from resim.road.opendrive import load
 from resim.scenario import maneuvers
 

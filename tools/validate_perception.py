@@ -21,10 +21,10 @@ import numpy as np
 from import_mcity import import_trial
 
 from resim.core.tracks import Tracks
-from resim.ingest import Recording
 from resim.perception.model import PerceptionModel, write_model
 from resim.perception.training import train
 from resim.perception.validation import Report, judge
+from resim.recordings import Recording
 from resim.road.opendrive import load
 
 NEAR = 6.0  # m

@@ -20,11 +20,11 @@ from lxml import etree
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
-from resim.ingest import Recording, read_commonroad
-from resim.pipeline import Options, resimulate
+from resim.recordings import Recording, read_commonroad
+from resim.resimulation import Options, resimulate
 from resim.road.opendrive import load
 from resim.scenario.fit import fit_trace
-from resim.sim.adfunction import load_build
+from resim.simulation.function.interface import load_build
 
 BUILDS = Path(__file__).parents[1] / "adfunc" / "builds"
 NGSIM = (

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from validate_real import candidates
 
-from resim.assess.drive import drive
-from resim.assess.risk import PUBLISHED, Parameters, Risk, Scenes, accident_risk
-from resim.assess.risk.ways import ways
-from resim.ingest import read_commonroad
-from resim.pipeline.run import describe_recording
+from resim.metrics.drive import drive
+from resim.metrics.risk import PUBLISHED, Parameters, Risk, Scenes, accident_risk
+from resim.metrics.risk.ways import ways
+from resim.recordings import read_commonroad
+from resim.resimulation.run import describe_recording
 from resim.road.opendrive import RoadNetwork, load
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from resim.ingest import Recording
 from resim.perception.model import FEATURES, Error, Errors, Fit, Latency, PerceptionModel, Response, Spread
 from resim.perception.training.drive import drive_of
 from resim.perception.training.errors import MEASURED, error_of, fit_objects
@@ -25,6 +24,7 @@ from resim.perception.training.fit import fit_of
 from resim.perception.training.maneuvers import fit_maneuvers
 from resim.perception.training.matching import match
 from resim.perception.training.samples import samples_of
+from resim.recordings import Recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from perception.generator import Beyond, make_recording

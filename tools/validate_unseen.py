@@ -12,9 +12,9 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from resim.assess.criteria import read_criteria
-from resim.check import CODES
-from resim.pipeline import How, assess_recording, examined
+from resim.metrics.criteria import read_criteria
+from resim.recordings.checks import CODES
+from resim.resimulation import How, assess_recording, examined
 
 CRITERIA = Path(__file__).parents[1] / "scenarios" / "criteria"
 REASONS = {

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import from_frame, to_frame, wrap_angle
-from resim.sim.adfunction import EgoState, Perceived
-from resim.sim.perception import World
+from resim.simulation.function.interface import EgoState, Perceived
+from resim.simulation.perception import World
 
 STEP = 0.04
 """s between two images of the sensors, and between two steps of the simulation."""

@@ -59,7 +59,7 @@ Accept = Annotated[
 Vehicle = Annotated[
     str, typer.Option(metavar="MODEL", help="Vehicle model of the EGO: kinematic or single-track.")
 ]
-"""Which model (`resim.sim.dynamics.VEHICLES`) moves the EGO."""
+"""Which model (`resim.simulation.dynamics.VEHICLES`) moves the EGO."""
 
 
 class BadVerdictError(Exception):

@@ -17,9 +17,9 @@ from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    from resim.assess.criteria import Criteria
-    from resim.core.frozen import Frozen
-    from resim.pipeline import Assessed
+    from resim.core.plugins.frozen import Frozen
+    from resim.metrics.criteria import Criteria
+    from resim.resimulation import Assessed
 
 CriteriaFile = Annotated[
     Path | None,
@@ -79,8 +79,8 @@ def assess(
 
     Ends with 1 where a criterion fails, or cannot be judged.
     """
-    from resim.batch.workers import in_child
-    from resim.store import ASSESSMENT, check_output, whole_folder
+    from resim.execution.workers import in_child
+    from resim.results import ASSESSMENT, check_output, whole_folder
 
     if out is not None:
         check_output(out, ASSESSMENT)
@@ -135,12 +135,12 @@ class Done:
 
 def _assess(task: tuple[_Asked, Path | None]) -> Done:
     """Do what is asked for in a child process, and write the results into the folder, if there is one."""
-    from resim.assess.risk import Parameters
-    from resim.assess.risk.prediction import named_prediction
     from resim.cli.verdicts import captured, print_findings, print_notes, print_verdicts, print_worst
-    from resim.pipeline import How, assess_folder
+    from resim.metrics.risk import Parameters
+    from resim.metrics.risk.prediction import named_prediction
     from resim.report import write_assessment_page
-    from resim.store import told_of, write_assessment
+    from resim.resimulation import How, assess_folder
+    from resim.results import told_of, write_assessment
 
     a, folder = task
     with contextlib.chdir("."):
@@ -164,14 +164,14 @@ def _assess(task: tuple[_Asked, Path | None]) -> Done:
 
 def frozen(path: Path | None) -> Frozen | None:
     """Give the criteria that the user asks for as they are now, if any."""
-    from resim.assess.criteria import freeze_criteria
+    from resim.metrics.criteria import freeze_criteria
 
     return None if path is None else freeze_criteria(path)
 
 
 def wanted(criteria: Frozen | None) -> Criteria | None:
     """Read the criteria, if any."""
-    from resim.assess.criteria import read_criteria
+    from resim.metrics.criteria import read_criteria
 
     return None if criteria is None else read_criteria(criteria)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from resim.core.finding import Finding
-    from resim.repair import Done, Repaired
+    from resim.recordings.repairs import Done, Repaired
 
 MOST_LINES = 5
 """Findings of one code and source that are printed; the rest is counted."""
@@ -42,10 +42,10 @@ def check(
 
     Ends with 1 where errors are found; with --fix, where errors are left. The recording itself is never touched.
     """
-    from resim.check import examine
     from resim.core.errors import InputError
-    from resim.ingest import read_tables
-    from resim.pipeline import repair_recording
+    from resim.recordings import read_tables
+    from resim.recordings.checks import examine
+    from resim.resimulation import repair_recording
     from resim.road.opendrive import load
 
     for name, value in (("--max-gap", max_gap), ("--outliers", outliers)):
@@ -107,7 +107,7 @@ def _print_one(finding: Finding) -> None:
 
 
 def _print_repaired(repaired: Repaired) -> None:
-    from resim.repair import JUDGED
+    from resim.recordings.repairs import JUDGED
 
     say("")
     for done in repaired.done:

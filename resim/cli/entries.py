@@ -11,12 +11,12 @@ from resim.cli.terminal import say, visible
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from resim.store.entry import Entry, Outcome
+    from resim.results.entry import Entry, Outcome
 
 
 def line(entry: Entry) -> str:
     """Give a result in a few words."""
-    from resim.store.catalog import SHORT
+    from resim.results.catalog import SHORT
 
     return f"{entry.id[:SHORT]} {entry.kind} {entry.name!r}: {_verdict(entry) or 'not judged'}"
 
@@ -48,7 +48,7 @@ def print_list(found: list[Entry]) -> None:
     from rich.table import Table
 
     from resim.cli.verdicts import console
-    from resim.store.catalog import SHORT
+    from resim.results.catalog import SHORT
 
     if not found:
         say("no results")

@@ -11,7 +11,7 @@ from resim.cli.app import app
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
-    from resim.ingest import Recording
+    from resim.recordings import Recording
 
 imports = typer.Typer(
     help="Turn a recording of another format into a recording folder.", no_args_is_help=True
@@ -44,7 +44,7 @@ def import_highd(
     ] = None,
 ) -> None:
     """Import from CSV of the highD family (highD, exiD, inD, rounD)."""
-    from resim.ingest import Alignment, read_highd
+    from resim.recordings import Alignment, read_highd
 
     pose = Alignment(*alignment) if alignment else None
     _write(read_highd(tracks, map=map_file, ego=ego, start=start, end=end, alignment=pose), out)
@@ -60,13 +60,13 @@ def import_commonroad(
     end: End = None,
 ) -> None:
     """Import from a CommonRoad scenario."""
-    from resim.ingest import read_commonroad
+    from resim.recordings import read_commonroad
 
     _write(read_commonroad(scenario, map=map_file, ego=ego, start=start, end=end), out)
 
 
 def _write(recording: Recording, out: Path) -> None:
-    from resim.ingest import write_recording
+    from resim.recordings import write_recording
     from resim.road.opendrive import load
 
     load(recording.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run

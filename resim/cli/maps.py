@@ -13,7 +13,7 @@ from resim.cli.terminal import say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from resim.pipeline import MapCheck
+    from resim.resimulation import MapCheck
     from resim.road.flaws import Flaw
     from resim.road.sumo import Conversion
 
@@ -29,7 +29,7 @@ MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="OpenDRIVE 1.4 to 1
 @maps.command("check")
 def check(path: MapFile) -> None:
     """Look a map over, convert it, and say where it is wrong or its SUMO net not exact."""
-    from resim.pipeline import check_map
+    from resim.resimulation import check_map
 
     found = check_map(path)
     _print_map(found)
@@ -46,9 +46,9 @@ def convert(
     accept: Accept = None,
 ) -> None:
     """Write the SUMO net of a map, and how exact each of its lanes is, as numbers and as a picture."""
-    from resim.pipeline import check_codes, check_map, refuse_flaws
     from resim.report import write_map_page
-    from resim.store import CONVERSION, check_output, whole_folder, write_conversion
+    from resim.resimulation import check_codes, check_map, refuse_flaws
+    from resim.results import CONVERSION, check_output, whole_folder, write_conversion
 
     check_codes(accept or [])
     check_output(out, CONVERSION)
@@ -73,10 +73,10 @@ def plot(
     """Draw a map: lanes with types and ids, junctions, and the errors of its SUMO net as colour."""
     from resim.core.errors import ConversionError, InputError
     from resim.report import write_map_page
+    from resim.results import whole_file
     from resim.road.flaws import flaws
     from resim.road.opendrive import load
     from resim.road.sumo import sumo_net
-    from resim.store import whole_file
 
     network = load(path)
     try:

@@ -35,9 +35,9 @@ def train(
     from resim.perception.model import write_model
     from resim.perception.training.train import train
     from resim.perception.validation import cross_validate
-    from resim.pipeline import examined
     from resim.report import write_perception_page
-    from resim.store import whole_file
+    from resim.resimulation import examined
+    from resim.results import whole_file
 
     if report is not None and len(recordings) < 2:
         raise InputError(

@@ -11,7 +11,7 @@ from resim.cli.app import Accept, assess_app
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
-    from resim.assess.risk.fitting import Refit
+    from resim.metrics.risk.fitting import Refit
 
 
 @assess_app.command("fit-prediction")
@@ -30,8 +30,8 @@ def fit_prediction(
 
     Kinds with under 50 scenes, 1 s apart, keep the published parameters.
     """
-    from resim.pipeline.predictions import refit_prediction
-    from resim.store import whole_file, write_json
+    from resim.resimulation.predictions import refit_prediction
+    from resim.results import whole_file, write_json
 
     with whole_file(out, (".json",)) as file:
         made = refit_prediction(recordings, name=out.stem, kinds=kind or (), accept=accept or ())

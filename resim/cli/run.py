@@ -21,10 +21,10 @@ from resim.core.errors import InputError, ResimError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from resim.core.frozen import Frozen
-    from resim.ingest import Recording
-    from resim.pipeline import Assessed, Options, Perceiving, Resimulation
-    from resim.sim.adfunction import Build
+    from resim.core.plugins.frozen import Frozen
+    from resim.recordings import Recording
+    from resim.resimulation import Assessed, Options, Perceiving, Resimulation
+    from resim.simulation.function.interface import Build
 
 
 class BasisChoice(StrEnum):
@@ -74,10 +74,10 @@ def run(
     Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged: in any of GT, SD,
     rGT and rSD, and in any seed of --perception.
     """
-    from resim.batch.workers import in_child
+    from resim.execution.workers import in_child
     from resim.perception.model import freeze_model
-    from resim.sim.adfunction import freeze_build
-    from resim.store import check_output, whole_folder
+    from resim.results import check_output, whole_folder
+    from resim.simulation.function.interface import freeze_build
 
     check_output(out)
     asked = _Asked(
@@ -131,10 +131,10 @@ class _Asked:
 def _resimulate(task: tuple[_Asked, Path]) -> Done:
     """Do what is asked for in a child process, and write the results into the folder."""
     from resim.cli.verdicts import captured
-    from resim.pipeline import Basis, How, Options, assess_resimulation, examined
     from resim.report import write_report
-    from resim.sim.adfunction import load_build
-    from resim.store import told_of, write_assessment, write_resimulation
+    from resim.resimulation import Basis, How, Options, assess_resimulation, examined
+    from resim.results import told_of, write_assessment, write_resimulation
+    from resim.simulation.function.interface import load_build
 
     a, folder = task
     with contextlib.chdir("."):
@@ -176,7 +176,7 @@ def _perceiving(
 ) -> Perceiving | None:
     """The perception model that the user asks for, if any."""
     from resim.perception.model import read_model
-    from resim.pipeline import Perceiving
+    from resim.resimulation import Perceiving
 
     if frozen is None:
         if settings:
@@ -193,7 +193,7 @@ def _with_progress(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from resim.pipeline import STAGES, resimulate
+    from resim.resimulation import STAGES, resimulate
 
     bases = [b for b in options.bases if b == "GT" or recording.sd is not None]
     stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s == "fit GT" or s[-2:] in bases]

@@ -15,8 +15,8 @@ from resim.cli.terminal import say, say_json
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
-    from resim.store.catalog import Catalog
-    from resim.store.entry import Entry
+    from resim.results.catalog import Catalog
+    from resim.results.entry import Entry
 
 runs = typer.Typer(
     help="Results of before: find, show, add and forget them in the catalog (RESIM_CATALOG).",
@@ -39,8 +39,8 @@ class KindChoice(StrEnum):
 
 def register(folder: Path) -> None:
     """Put finished results into the user's catalog; where that fails, one line says so and the job stays as it is."""
-    from resim.store.catalog import user_catalog
-    from resim.store.reading import read_entry
+    from resim.results.catalog import user_catalog
+    from resim.results.reading import read_entry
 
     try:
         if (catalog := user_catalog()) is not None:
@@ -67,7 +67,7 @@ def list_results(
     as_json: AsJson = False,
 ) -> None:
     """List results, the newest first, and say which folders are gone or hold something else since."""
-    from resim.store.reading import VERDICTS
+    from resim.results.reading import VERDICTS
 
     if verdict is not None and verdict.lower() not in {v.lower() for v in VERDICTS}:
         raise InputError("--verdict", f"there is no {verdict!r}", f"There are: {', '.join(VERDICTS)}.")
@@ -101,7 +101,7 @@ def add(
     ],
 ) -> None:
     """Put results that were made elsewhere, or before, into the catalog: all of them, or none."""
-    from resim.store.reading import read_entry
+    from resim.results.reading import read_entry
 
     catalog = _catalog()
     entries = [read_entry(folder) for folder in folders]
@@ -133,8 +133,8 @@ def rm(
 
 
 def _catalog() -> Catalog:
-    from resim.store.catalog import user_catalog
-    from resim.store.tables import VARIABLE
+    from resim.results.catalog import user_catalog
+    from resim.results.tables import VARIABLE
 
     if (catalog := user_catalog()) is None:
         raise InputError(VARIABLE, "says that there is no catalog", "Unset it, or name a file or database.")
@@ -161,7 +161,7 @@ def _confirmed(doomed: list[Entry]) -> bool:
 
 
 def _delete(entry: Entry) -> None:
-    from resim.store import remove_results
-    from resim.store.entry import KINDS
+    from resim.results import remove_results
+    from resim.results.entry import KINDS
 
     remove_results(entry.folder, KINDS[entry.kind][1])

@@ -25,10 +25,10 @@ def new(
     ],
 ) -> None:
     """Write a suite of all recordings in a folder, with the hashes of their content."""
-    from resim.batch.workers import in_child
-    from resim.ingest.settings import SETTINGS
-    from resim.pipeline.suite import new_suite, read_suite
-    from resim.store import whole_file
+    from resim.execution.workers import in_child
+    from resim.recordings.settings import SETTINGS
+    from resim.results import whole_file
+    from resim.verification.suite import new_suite, read_suite
 
     in_child(_read, criteria)  # a file that holds none is told of now
     found = sorted(path.parent for path in folder.rglob(SETTINGS)) if folder.is_dir() else []
@@ -49,6 +49,6 @@ def new(
 
 def _read(criteria: Path) -> None:
     """Read criteria in a child process, as they bring code."""
-    from resim.assess.criteria import read_criteria
+    from resim.metrics.criteria import read_criteria
 
     read_criteria(criteria)

@@ -19,8 +19,8 @@ from resim.core.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from resim.batch.sweeps import Tell
-    from resim.pipeline.sweep import Sweep
+    from resim.sweep.execution import Tell
+    from resim.sweep.file import Sweep
 
 
 @sweep_app.command("run")
@@ -48,11 +48,11 @@ def sweep(
     What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 1 where
     every run failed.
     """
-    from resim.batch import journal
-    from resim.batch.cluster import cluster
-    from resim.batch.sweeps import begin, compact, execute
-    from resim.batch.workers import in_child
-    from resim.pipeline.sweep import read_sweep
+    from resim.execution import journal
+    from resim.execution.cluster import cluster
+    from resim.execution.workers import in_child
+    from resim.sweep.execution import begin, compact, execute
+    from resim.sweep.file import read_sweep
 
     part = _shard(shard)
     wanted = read_sweep(file, vehicle)
@@ -91,7 +91,7 @@ def sweep(
 
 
 def _first_failure(out: Path) -> str:
-    from resim.batch import journal
+    from resim.execution import journal
 
     return next(str(e["row"]["failure"]) for e in journal.read(out / "journal") if e["run"] == 0)
 
@@ -105,7 +105,7 @@ def _checked(
     task: tuple[Sweep, Path, tuple[int, int], bool],
 ) -> tuple[dict[str, Any], pd.DataFrame | None]:
     """Check in a child process that the builds take what is swept; give the inputs, and the runs if they are wanted."""
-    from resim.batch.sweeps import inputs, table
+    from resim.sweep.execution import inputs, table
 
     sweep, out, part, wanted = task
     runs = table(sweep, part)
@@ -128,7 +128,7 @@ def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
 
 def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
     """Do a few runs, and say how long all of them take."""
-    from resim.batch.sweeps import sample
+    from resim.sweep.execution import sample
 
     if runs.empty:  # as of a shard more than there are runs
         say("0 runs")

@@ -12,7 +12,7 @@ from resim.cli.runs import register
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
-    from resim.batch.runs import RunTask
+    from resim.sweep.runs import RunTask
 
 
 @sweep_app.command("report")
@@ -27,11 +27,11 @@ def report(
 
     Writes a page and, with all numbers, a JSON file of the same name.
     """
-    from resim.batch.workers import in_child
     from resim.core.errors import InputError
-    from resim.pipeline.suite import relative
-    from resim.report.sweep import boundary_lines, overview_line, requirement_lines, write_sweep_page
-    from resim.store import whole_file, write_json
+    from resim.core.files import relative
+    from resim.execution.workers import in_child
+    from resim.results import whole_file, write_json
+    from resim.sweep.page import boundary_lines, overview_line, requirement_lines, write_sweep_page
 
     page = folder / "report.html" if out is None else out
     if page.suffix.lower() not in (".html", ".htm"):
@@ -58,16 +58,16 @@ def report(
 
 def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
     """Analyse a sweep in a child process, as its criteria bring code: its folder, and that from where commands run."""
-    from resim.batch.analysis import analyse
-    from resim.batch.swept import read_swept
+    from resim.sweep.analysis import analyse
+    from resim.sweep.result import read_swept
 
     return analyse(read_swept(results[0]), results[1])
 
 
 def _task(run: tuple[Path, int, str | None]) -> RunTask:
     """Look in a child process whether all is there to do a run again."""
-    from resim.batch.repeat import task_of
-    from resim.batch.swept import read_swept
+    from resim.sweep.repeat import task_of
+    from resim.sweep.result import read_swept
 
     return task_of(read_swept(run[0]), run[1], run[2])
 
@@ -87,10 +87,10 @@ def repeat_run(
 
     Ends with 1 where the run is not the same as in the sweep.
     """
-    from resim.batch.repeat import other_versions, repeat, write_traces
-    from resim.batch.swept import read_swept
-    from resim.batch.workers import in_child
-    from resim.store import check_output
+    from resim.execution.workers import in_child
+    from resim.results import check_output
+    from resim.sweep.repeat import other_versions, repeat, write_traces
+    from resim.sweep.result import read_swept
 
     check_output(out)
     swept = read_swept(folder)

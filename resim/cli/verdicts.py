@@ -15,9 +15,9 @@ from rich.text import Text
 from resim.cli.terminal import say, visible
 
 if TYPE_CHECKING:
-    from resim.assess.assessment import Worst
-    from resim.assess.criteria import Outcome, Verdict
-    from resim.pipeline import Assessed
+    from resim.metrics.assessment import Worst
+    from resim.metrics.criteria import Outcome, Verdict
+    from resim.resimulation import Assessed
 
 
 class _Screen(io.StringIO):
@@ -53,7 +53,7 @@ def console() -> Console:
 
 def print_worst(found: Assessed) -> None:
     """Print the worst of every objectification: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
-    from resim.assess.objectifications import KINDS
+    from resim.metrics.objectifications import KINDS
 
     table = Table(title=f"{found.name}: the worst of each objectification, when, and because of whom")
     table.add_column("objectification")
@@ -126,7 +126,7 @@ def _seeds(counts: Mapping[Outcome, int]) -> str:
 
 
 def _told(name: str, value: float, unit: str, t: float, whom: str) -> str:
-    from resim.assess.criteria import amount
+    from resim.metrics.criteria import amount
 
     size = f"{100.0 * value:.3g} %" if name == "risk" else amount(value, unit)
     return f"{size} at {t:.1f} s" + (f", {whom}" if whom else "")

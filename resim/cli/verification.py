@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from resim.cli.verdicts import console
-from resim.pipeline.notes import OF_BUILD
+from resim.resimulation.notes import OF_BUILD
 from resim.verification.summary import VERDICTS, namesakes
 
 Entry = Mapping[str, Any]

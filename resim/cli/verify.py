@@ -16,8 +16,8 @@ from resim.cli.terminal import say, visible
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
-    from resim.batch.asked import Asked, Call
-    from resim.batch.suites import Told
+    from resim.verification.execution import Told
+    from resim.verification.request import Asked, Call
 
 
 @app.command()
@@ -82,9 +82,9 @@ def verify(
     with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken or a
     function crashed.
     """
-    from resim.batch.asked import Call
-    from resim.batch.workers import in_child
-    from resim.store import VERIFICATION, check_output
+    from resim.execution.workers import in_child
+    from resim.results import VERIFICATION, check_output
+    from resim.verification.request import Call
 
     count = workers or os.cpu_count() or 1
     if replay is not None:
@@ -111,8 +111,8 @@ def verify(
 
 def _asked(task: tuple[Path, Call, Path]) -> Asked:
     """Read what is asked for in a child process, as builds and criteria bring code."""
-    from resim.batch.asked import asked, refuse_others
-    from resim.pipeline.suite import read_suite
+    from resim.verification.request import asked, refuse_others
+    from resim.verification.suite import read_suite
 
     suite, call, out = task
     wanted = asked(read_suite(suite), call, out)
@@ -122,16 +122,16 @@ def _asked(task: tuple[Path, Call, Path]) -> Asked:
 
 def _asked_again(task: tuple[dict[str, Any], Path]) -> Asked:
     """Read what was asked for before in a child process."""
-    from resim.batch.asked import asked_again
+    from resim.verification.request import asked_again
 
     return asked_again(*task)
 
 
 def _verify(wanted: Asked, out: Path, workers: int) -> None:
-    from resim.batch.results import begin, write
-    from resim.batch.suites import outcome_code, verify
     from resim.cli.verification import print_verification
-    from resim.store import locked
+    from resim.results import locked
+    from resim.verification.execution import outcome_code, verify
+    from resim.verification.folder import begin, write
 
     with locked(out, "resim verify"):
         begin(out, wanted)
@@ -162,10 +162,10 @@ def _tell_unreported(name: str, reason: str) -> None:
 
 
 def _replay(path: Path, workers: int) -> None:
-    from resim.batch.results import read
-    from resim.batch.suites import outcome_code, verify
-    from resim.batch.workers import in_child
-    from resim.store import json_text
+    from resim.execution.workers import in_child
+    from resim.results import json_text
+    from resim.verification.execution import outcome_code, verify
+    from resim.verification.folder import read
 
     before = read(path)
     wanted = in_child(_asked_again, (before["inputs"], path))

@@ -130,3 +130,13 @@ def _parsed(form: str, loads: Callable[[str], Any], raw: bytes, path: Path, reme
     if level:
         raise too_deep
     return found
+
+
+def joined(path: Path, name: str) -> Path:
+    """Give the path of what the file at `path` names."""
+    return Path(os.path.normpath(path.parent / name))
+
+
+def relative(path: Path, folder: Path) -> str:
+    """Give a path as seen from a folder, the same on every machine."""
+    return Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix()

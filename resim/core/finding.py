@@ -17,11 +17,11 @@ SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 class Finding:
     """One fault of a recording.
 
-    code: its kind (`resim.check.CODES`). source: the table it is in, "recording" where it lies between the two.
+    code: its kind, one of `recordings.checks.CODES`. source: the table it is in, "recording" where it is in both.
     object: its id there, "" where the whole table is concerned. start, end [s]: when, NaN where that has no
     meaning. value: how large, in `unit`. text: what was found, in one line with numbers. meaning: what it does
     to the result. repair: what a repair would do, "" where none is safe. details: the numbers and ids that this
-    repair needs, by name (`resim.repair`): SI units.
+    repair needs, by name (`resim.recordings.repairs`): SI units.
     """
 
     code: str

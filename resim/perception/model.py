@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
-from resim.core.frozen import Frozen, freeze, thaw
+from resim.core.plugins.frozen import Frozen, freeze, thaw
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""

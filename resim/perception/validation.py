@@ -16,13 +16,13 @@ from scipy.stats import wasserstein_distance
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import Strings
-from resim.ingest.recording import Recording
 from resim.perception.model import FalseObjects, PerceptionModel, Update
 from resim.perception.training import train
 from resim.perception.training.drive import Drive, drive_of
 from resim.perception.training.matching import match, paired
-from resim.sim.adfunction import EgoState
-from resim.sim.perception import World
+from resim.recordings.recording import Recording
+from resim.simulation.function.interface import EgoState
+from resim.simulation.perception import World
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading")
 UNITS = ("m", "m", "m/s", "rad")
@@ -119,7 +119,7 @@ def measured_errors(drives: Sequence[Drive]) -> list[Errors]:
 def model_errors(model: PerceptionModel, drive: Drive, seed: int) -> Errors:
     """Give what the model is off by over the same drive, in lists at the same times."""
     # compiles, or reads what it compiled: only when a model is run; reports import this module
-    from resim.perception.sensor import Sensor
+    from resim.perception.runtime.sensor import Sensor
 
     plain = model.model_copy(update={"update": Update(), "id_switch": 0.0, "false_objects": FalseObjects()})
     sensor = Sensor(plain)

@@ -9,11 +9,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from resim.fidelity import QUANTITIES
 from resim.report.markup import html
 from resim.report.plots import FAINT, fade, line, style
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
+from resim.resimulation.fidelity import QUANTITIES
 from resim.scenario.maneuvers import REACTED
 
 CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
-from resim.pipeline import Assessed, Resimulation
 from resim.report import assessment, seeds, tables
 from resim.report.boxes import box_figure, reaction_figure
 from resim.report.document import document
@@ -16,6 +15,7 @@ from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
 from resim.report.view import OTHERS, SEEDS, View, view
+from resim.resimulation import Assessed, Resimulation
 from resim.scenario.maneuvers import REACTED
 
 PRINT_WIDTH = 980

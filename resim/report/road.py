@@ -10,13 +10,13 @@ from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
-from resim.pipeline import pipeline_step
 from resim.report.lanes import Box, clip, lane_traces
 from resim.report.markup import Markup
 from resim.report.plots import fade, joined, line, style
 from resim.report.seeds import seeds_panel
 from resim.report.steps import FROM_ZERO, error_panel
 from resim.report.view import OTHERS, View
+from resim.resimulation import pipeline_step
 
 PLOT_WIDTH = 1120.0
 """Width [px] of a figure's plot area on a page of 1280 px."""

@@ -7,13 +7,13 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats
-from resim.fidelity import EGO_ROW
-from resim.pipeline import pipeline_step
 from resim.report.markup import Markup, html, join
 from resim.report.outcome import end_words
 from resim.report.plots import FAINT, dots, fade, joined, line, number, sample, style, to_html
 from resim.report.tables import NONE, decision_words, table
 from resim.report.view import SEEDS, View
+from resim.resimulation import pipeline_step
+from resim.resimulation.fidelity import EGO_ROW
 from resim.scenario.maneuvers import REACTED
 
 

@@ -10,10 +10,10 @@ from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, unwrap_angle
 from resim.core.tracks import Tracks
-from resim.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, Errors
 from resim.report.markup import Markup, html, join
 from resim.report.plots import FAINT, dots, fade, joined, lighten, line, number, style
 from resim.report.view import OTHERS, View
+from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, Errors
 
 SYMBOLS = {"d": "d", "v": "Δv", "heading": "Δheading"}
 COLUMNS = ("d", "v", "heading")

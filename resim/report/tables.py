@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from resim.fidelity import QUANTITIES, STATISTICS, STEPS, SUMS
-from resim.pipeline.report import provenance as run_provenance
 from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
-from resim.sim.case import SimulatedDrive
+from resim.resimulation.fidelity import QUANTITIES, STATISTICS, STEPS, SUMS
+from resim.resimulation.report import provenance as run_provenance
+from resim.simulation.case import SimulatedDrive
 
 DIGITS: Mapping[str, int] = {"d": 3, "v": 3, "heading": 4}
 NONE = Markup('<span class="none">–</span>')

@@ -12,8 +12,8 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, to_frame, unwrap_angle
 from resim.core.tracks import Tracks
-from resim.pipeline import Resimulation
 from resim.report.plots import clock_words
+from resim.resimulation import Resimulation
 from resim.road.opendrive import LaneShape
 from resim.road.path import Path, lane_path
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from resim.resimulation.outcome import Rms
 from resim.verification.compare import Comparison, Judged
-from resim.verification.outcome import Rms
 from resim.verification.tolerance import Excess, Tolerances
 from resim.verification.vehicle import OpenLoop
 

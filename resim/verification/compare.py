@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from resim.verification.outcome import Kpi, Outcome, Rms
+from resim.resimulation.outcome import Kpi, Outcome, Rms
 from resim.verification.sequential import ERROR, SequentialTest, Stop
 from resim.verification.share import Share
 from resim.verification.tolerance import Excess, Tolerances, excesses

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import bootstrap
 
 from resim.core.geometry import Floats
+from resim.resimulation.outcome import COMFORT, Kpi, Outcome
 from resim.verification.compare import kpi_text
-from resim.verification.outcome import COMFORT, Kpi, Outcome
 
 ENDED = "lasts to the end"
 """Stands among KPIs lost where the new build's run ended early and the old one's did not."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from resim.experiment.intervals import CONFIDENCE, wilson
+from resim.core.intervals import CONFIDENCE, wilson
 
 
 @dataclass(frozen=True)

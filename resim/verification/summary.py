@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from resim.verification.outcome import COMFORT
+from resim.resimulation.outcome import COMFORT
 from resim.verification.paired import Limits, difference
 
 VERDICTS = ("verified", "not verified", "undecided", "invalid", "error")

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from resim.verification.outcome import Rms
+from resim.resimulation.outcome import Rms
 
 
 class _Model(BaseModel):

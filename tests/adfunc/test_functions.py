@@ -12,10 +12,17 @@ from adfunc.highway_pilot import HighwayPilot, quintic, time_to_collision
 from adfunc.highway_pilot_mirrored import MirroredHighwayPilot
 from adfunc.idm import Idm
 from adfunc.lane_keeping import Lane, in_corridor
-from resim.ingest.settings import SETTINGS, read_settings
+from resim.recordings.settings import SETTINGS, read_settings
 from resim.road.opendrive import RoadNetwork
-from resim.sim.adfunction import AdFunction, Command, EgoState, Perceived, Setup, load_build
-from resim.sim.dynamics import Kinematic
+from resim.simulation.dynamics import Kinematic
+from resim.simulation.function.interface import (
+    AdFunction,
+    Command,
+    EgoState,
+    Perceived,
+    Setup,
+    load_build,
+)
 
 RIGHT, LEFT = -5.25, -1.75  # y of lanes -2 and -1 of road 1, along +x
 ROOT = Path(__file__).parents[2]

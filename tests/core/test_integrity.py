@@ -13,23 +13,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import resim.assess.assessment  # noqa: F401  as in every child
-from resim.core import process
+import resim.metrics.assessment  # noqa: F401  as in every child
 from resim.core.errors import ResimError
-from resim.sim.adfunction import Build, load_build
+from resim.core.plugins import process
+from resim.simulation.function.interface import Build, load_build
 
 ROOT = Path(__file__).parents[2]
 Call = Callable[..., tuple[int, str, str]]
 
 CHANGES = {
-    "a function": ("import resim.assess.assessment as m; m.judge = print", "resim.assess.assessment.judge"),
-    "its code": ("import resim.assess.criteria as m; m.judge.__code__ = (lambda *a: 1).__code__", "criteria.judge"),
-    "its defaults": ("import resim.assess.assessment as m; m.assess.__defaults__ = (None,) * 5", "assessment.assess"),
+    "a function": ("import resim.metrics.assessment as m; m.judge = print", "resim.metrics.assessment.judge"),
+    "its code": ("import resim.metrics.criteria as m; m.judge.__code__ = (lambda *a: 1).__code__", "criteria.judge"),
+    "its defaults": ("import resim.metrics.assessment as m; m.assess.__defaults__ = (None,) * 5", "assessment.assess"),
     "a method": ("from resim.core.tracks import Tracks; Tracks.at = print", "resim.core.tracks.Tracks.at"),
-    "a built-in name": ("import resim.assess.risk.metric as m; m.max = min", "resim.assess.risk.metric.max"),
-    "a table": ("import resim.assess.assessment as m; m.REASONS.clear()", "resim.assess.assessment.REASONS"),
+    "a built-in name": ("import resim.metrics.risk.metric as m; m.max = min", "resim.metrics.risk.metric.max"),
+    "a table": ("import resim.metrics.assessment as m; m.REASONS.clear()", "resim.metrics.assessment.REASONS"),
     "a measure": (
-        "import resim.assess.objectifications as m; object.__setattr__(m.OBJECTIFICATIONS[0], 'of', print)",
+        "import resim.metrics.objectifications as m; object.__setattr__(m.OBJECTIFICATIONS[0], 'of', print)",
         "OBJECTIFICATIONS[0].of",
     ),
     "numpy": ("import numpy; numpy.maximum = numpy.minimum", "numpy.maximum"),
@@ -38,7 +38,7 @@ CHANGES = {
 
 PATCH = """
 import sys, threading, types, weakref
-import resim.assess.assessment as m
+import resim.metrics.assessment as m
 def patch(_=None):
     m.judge = print
 class Late:
@@ -59,7 +59,7 @@ import builtins, gettext, multiprocessing
 gettext.install("x")
 builtins.profile = lambda f: f
 multiprocessing.set_start_method("fork")
-import resim.fidelity, resim.assess.criticality, numpy.polynomial, json
+import resim.resimulation.fidelity, resim.metrics.criticality, numpy.polynomial, json
 from resim.core.geometry import wrap_angle
 from resim.assess.risk import DEFAULTS
 class Mine(dict): pass
@@ -126,30 +126,30 @@ def test_what_changes_between_two_runs_is_told_of_the_code_that_ran_before(
     own: Callable[..., Path], deed: str
 ) -> None:
     said = made(own(deed, PATCH), own("pass", name="honest"))
-    assert "own.toml: the code changed resim.assess.assessment.judge" in said
+    assert "own.toml: the code changed resim.metrics.assessment.judge" in said
 
 
 def test_another_module_in_the_place_of_one_of_resim_is_told(own: Callable[..., Path]) -> None:
     deed = "self.late = Late()"
-    put = "def patch(): sys.modules['resim.assess.assessment'] = types.ModuleType('resim.assess.assessment')"
+    put = (
+        "def patch(): sys.modules['resim.metrics.assessment'] = types.ModuleType('resim.metrics.assessment')"
+    )
     said = made(own(deed, f"{PATCH}\n{put}"), own("pass", name="honest"))
-    assert "own.toml: the code changed sys.modules['resim.assess.assessment']" in said
+    assert "own.toml: the code changed sys.modules['resim.metrics.assessment']" in said
 
 
 def test_a_module_that_was_loaded_again_covers_no_change_of_the_first(own: Callable[..., Path]) -> None:
-    again = (
-        "import sys; sys.modules.pop(m.__name__); import resim.assess.assessment; sys.modules[m.__name__] = m"
-    )
-    assert "assessment.judge" in made(own(f"import resim.assess.assessment as m; {again}; m.judge = print"))
+    again = "import sys; sys.modules.pop(m.__name__); import resim.metrics.assessment; sys.modules[m.__name__] = m"
+    assert "assessment.judge" in made(own(f"import resim.metrics.assessment as m; {again}; m.judge = print"))
 
 
 def test_a_measure_gets_no_method_of_its_own(own: Callable[..., Path]) -> None:
-    deed = "import resim.assess.objectifications as m; m.OBJECTIFICATIONS[0].__dict__['__call__'] = print"
+    deed = "import resim.metrics.objectifications as m; m.OBJECTIFICATIONS[0].__dict__['__call__'] = print"
     assert "OBJECTIFICATIONS[0].__call__" in made(own(deed))
 
 
 def test_a_module_that_user_code_loads_is_remembered_as_it_was_loaded(own: Callable[..., Path]) -> None:
-    lazy = "import sys; sys.modules.pop('resim.fidelity', None); import resim.fidelity as m"
+    lazy = "import sys; sys.modules.pop('resim.resimulation.fidelity', None); import resim.resimulation.fidelity as m"
     assert "fidelity.sensor_error" in made(own(f"{lazy}; m.sensor_error = print"))
 
 
@@ -164,7 +164,7 @@ def test_a_function_that_rewrites_the_judge_has_failed(
 ) -> None:
     deed = """
 import dataclasses
-import resim.assess.assessment as m
+import resim.metrics.assessment as m
 def kept(*a, judge=m.judge, **k):
     return dataclasses.replace(judge(*a, **k), outcome="PASS", reason="kept")
 class Late:
@@ -177,7 +177,7 @@ class Late:
     code, out, err = call("run", drive, *arguments)
     assert code == 1
     assert "PASS" not in out
-    assert "changed resim.assess.assessment.judge" in err
+    assert "changed resim.metrics.assessment.judge" in err
     assert not (tmp_path / "o").exists()
 
 

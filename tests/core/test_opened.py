@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from resim.sim.adfunction import load_build
+from resim.simulation.function.interface import load_build
 
 WAYS = {
     "open": "open(HERE / 'data').close()",

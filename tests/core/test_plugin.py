@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from resim.core.errors import InputError
-from resim.sim.adfunction import Build, freeze_build, load_build
+from resim.simulation.function.interface import Build, freeze_build, load_build
 
 METHODS = "".join(f"    def {name}(self, _=None): pass\n" for name in ("reset", "step", "close"))
 Write = Callable[..., Path]

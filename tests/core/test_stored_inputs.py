@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from resim.core.frozen import Frozen, freeze_file, thaw
+from resim.core.plugins.frozen import Frozen, freeze_file, thaw
 
 DAY = 24 * 3600.0
 KEEPS = """

@@ -12,8 +12,8 @@ import pages
 import pytest
 from pages import DOCS, PAGES, ROOT
 
-from resim.ingest.settings import read_settings
-from resim.pipeline.suite import read_suite
+from resim.recordings.settings import read_settings
+from resim.verification.suite import read_suite
 
 GUIDES = DOCS / "guides"
 RUN_HERE = {

@@ -14,10 +14,10 @@ import yaml
 from pages import DOCS, PAGES, ROOT
 
 from resim import __version__
-from resim.assess.objectifications import OBJECTIFICATIONS
 from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
-from resim.ingest.folder import PLAN_COLUMNS
-from resim.ingest.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
+from resim.metrics.objectifications import OBJECTIFICATIONS
+from resim.recordings.folder import PLAN_COLUMNS
+from resim.recordings.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
 
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 WORKFLOW = DOCS / "examples" / "verify.yml"

@@ -9,7 +9,6 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
-from resim.ingest import Recording
 from resim.perception.model import (
     QUANTITIES,
     Averaging,
@@ -26,6 +25,7 @@ from resim.perception.model import (
     Spread,
     Update,
 )  # fmt: skip
+from resim.recordings import Recording
 
 BEFORE = 4.0
 FINE = 0.01

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from resim.ingest import read_recording, write_recording
 from resim.perception.model import read_model
+from resim.recordings import read_recording, write_recording
 
 SHIPPED = ROOT / "adfunc" / "perception"
 PILOT = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"

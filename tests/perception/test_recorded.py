@@ -9,13 +9,13 @@ import pytest
 
 from resim.core.geometry import from_frame
 from resim.core.tracks import Tracks
-from resim.ingest import read_recording
-from resim.perception.recorded import Recorded
-from resim.pipeline import Options, resimulate
-from resim.pipeline.run import measured_tracks, run_on_gt
+from resim.perception.runtime.recorded import Recorded
+from resim.recordings import read_recording
+from resim.resimulation import Options, resimulate
+from resim.resimulation.run import measured_tracks, run_on_gt
 from resim.scenario import maneuvers
-from resim.sim.adfunction import EgoState, load_build
-from resim.sim.perception import World
+from resim.simulation.function.interface import EgoState, load_build
+from resim.simulation.perception import World
 
 ROOT = Path(__file__).parents[2]
 

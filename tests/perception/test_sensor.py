@@ -23,11 +23,11 @@ from perception.worlds import (
 )
 
 from resim.perception.model import PerceptionModel, read_model
-from resim.perception.sensor import Sensor
+from resim.perception.runtime.sensor import Sensor
 from resim.scenario.maneuvers import MANEUVERS
-from resim.sim.case import Case
-from resim.sim.perception import Ideal, Perception, World
-from resim.sim.sumo import Sumo
+from resim.simulation.case import Case
+from resim.simulation.perception import Ideal, Perception, World
+from resim.simulation.sumo.engine import Sumo
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from perception.worlds import MODELS, Motion, look, model, ring, standing, steps
 
-from resim.perception.chain import detected_share, probabilities, rates
 from resim.perception.model import read_model
-from resim.perception.sensor import Sensor
+from resim.perception.runtime.chain import detected_share, probabilities, rates
+from resim.perception.runtime.sensor import Sensor
 
 
 def detected(sensor: Sensor, n: int, times: list[float], motion: Motion | None = None) -> np.ndarray:

@@ -9,8 +9,8 @@ import pytest
 from perception.worlds import PLACES, STEP, column, correlation, look, model, ring, standing, steps
 
 from resim.perception.model import QUANTITIES
-from resim.perception.sensor import Sensor
-from resim.sim.perception import Ideal
+from resim.perception.runtime.sensor import Sensor
+from resim.simulation.perception import Ideal
 
 
 def errors_of(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from perception.worlds import STEP, column, correlation, look, model, ring, standing, steps
 
-from resim.perception.sensor import Sensor
-from resim.sim.adfunction import EgoState
+from resim.perception.runtime.sensor import Sensor
+from resim.simulation.function.interface import EgoState
 
 
 def test_ids_switch_at_their_rate_and_stay_unique() -> None:

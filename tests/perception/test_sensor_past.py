@@ -9,8 +9,8 @@ import pytest
 from perception.worlds import PLACES, column, look, model, ramp, standing, steps, world
 
 from resim.perception.model import FEATURES, QUANTITIES
-from resim.perception.sensor import Sensor
-from resim.perception.world import features
+from resim.perception.runtime.sensor import Sensor
+from resim.perception.runtime.world import features
 from resim.scenario.maneuvers import MANEUVERS
 
 

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.geometry import box_corners
-from resim.perception.kernel import MANEUVER, V, remember
 from resim.perception.model import FEATURES
-from resim.perception.world import features, occlusion
+from resim.perception.runtime.kernel import MANEUVER, V, remember
+from resim.perception.runtime.world import features, occlusion
 from resim.scenario.maneuvers import MANEUVERS, SEEN_ACROSS, SEEN_BRAKING, momentary
-from resim.sim.adfunction import EgoState
+from resim.simulation.function.interface import EgoState
 
 BOX = st.tuples(
     st.floats(-60, 60), st.floats(-20, 20), st.floats(-3.1, 3.1), st.floats(1, 18), st.floats(1, 2.6)

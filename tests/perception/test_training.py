@@ -10,7 +10,6 @@ from perception.generator import KNOWN, drives, make_recording, parameter
 
 from resim.core.errors import InputError
 from resim.core.tracks import Tracks
-from resim.ingest import Recording
 from resim.perception.model import (
     Error,
     Errors,
@@ -20,11 +19,12 @@ from resim.perception.model import (
     Response,
     Spread,
 )
-from resim.perception.sensor import Sensor
+from resim.perception.runtime.sensor import Sensor
 from resim.perception.training import train
 from resim.perception.training.drive import drive_of
 from resim.perception.training.matching import match
 from resim.perception.validation import _worlds
+from resim.recordings import Recording
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading")
 PLAIN = KNOWN["noise"]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from resim.perception.model import QUANTITIES, PerceptionModel
-from resim.sim.adfunction import EgoState, Perceived
-from resim.sim.perception import Perception, World
+from resim.simulation.function.interface import EgoState, Perceived
+from resim.simulation.perception import Perception, World
 
 MODELS = Path(__file__).parents[2] / "adfunc" / "perception"
 STEP = 0.04

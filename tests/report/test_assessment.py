@@ -11,10 +11,10 @@ import pytest
 from conftest import ROOT
 from hostile import HOSTILE, harmless
 
-from resim.assess.criteria import read_criteria
-from resim.pipeline import How, assess_folder
+from resim.metrics.criteria import read_criteria
 from resim.report import write_assessment_page
 from resim.report.assessment.marks import least, marked
+from resim.resimulation import How, assess_folder
 
 HIGHWAY = ROOT / "scenarios" / "criteria" / "highway.toml"
 

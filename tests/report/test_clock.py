@@ -12,13 +12,20 @@ import numpy as np
 import pytest
 from lxml import html
 
-from resim.ingest import read_recording
 from resim.perception.model import read_model
-from resim.pipeline import How, Options, Perceiving, assess_recording, assess_resimulation, resimulate
+from resim.recordings import read_recording
 from resim.report import write_assessment_page, write_report
 from resim.report.plots import compact
-from resim.report.verification.axes import Axes
-from resim.sim.adfunction import load_build
+from resim.resimulation import (
+    How,
+    Options,
+    Perceiving,
+    assess_recording,
+    assess_resimulation,
+    resimulate,
+)
+from resim.simulation.function.interface import load_build
+from resim.verification.page.axes import Axes
 
 ROOT = Path(__file__).parents[2]
 UNIX = 1_700_000_000.0

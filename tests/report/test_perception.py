@@ -9,9 +9,9 @@ import pytest
 from conftest import ROOT
 from hostile import HOSTILE, harmless
 
-from resim.ingest import read_recording
 from resim.perception.model import Fit, LeftOut, Misfit, read_model
 from resim.perception.validation import judge
+from resim.recordings import read_recording
 from resim.report import write_perception_page
 
 

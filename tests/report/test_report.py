@@ -11,12 +11,19 @@ from hostile import FILE, HOSTILE, harmless
 
 from resim.core.finding import Finding
 from resim.core.tracks import Tracks
-from resim.ingest import Recording, read_recording
 from resim.perception.model import read_model
-from resim.pipeline import How, Options, Perceiving, Resimulation, assess_resimulation, resimulate
-from resim.pipeline.report import provenance
+from resim.recordings import Recording, read_recording
 from resim.report import write_report
-from resim.sim.adfunction import load_build
+from resim.resimulation import (
+    How,
+    Options,
+    Perceiving,
+    Resimulation,
+    assess_resimulation,
+    resimulate,
+)
+from resim.resimulation.report import provenance
+from resim.simulation.function.interface import load_build
 
 ROOT = Path(__file__).parents[2]
 PILOT = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"

@@ -10,7 +10,7 @@ from lxml import etree
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
-from resim.ingest import Recording, read_commonroad
+from resim.recordings import Recording, read_commonroad
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.fit import fit_trace
 from resim.scenario.scenario import Scenario, describe

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 
 from resim.core.tracks import Tracks
-from resim.ingest import Recording, read_commonroad
-from resim.pipeline.notes import misfits
+from resim.recordings import Recording, read_commonroad
+from resim.resimulation.notes import misfits
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import write_jscen
 from resim.scenario.scenario import describe

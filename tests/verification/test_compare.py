@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from resim.resimulation.outcome import COMFORT, Kpi, Outcome
 from resim.verification.cause import cause
 from resim.verification.compare import Comparison, Judged, compare
-from resim.verification.outcome import COMFORT, Kpi, Outcome
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Excess, Limits, StepLimits, Tolerances
 from resim.verification.vehicle import OpenLoop

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from resim.verification.outcome import COMFORT, Kpi, Outcome
+from resim.resimulation.outcome import COMFORT, Kpi, Outcome
 from resim.verification.paired import Limits, Pair, difference, pair
 from resim.verification.summary import summary
 

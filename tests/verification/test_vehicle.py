@@ -11,19 +11,19 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from resim.assess.criteria import read_criteria
-from resim.ingest import Recording
-from resim.pipeline.result import Options
-from resim.pipeline.verified import Verified
-from resim.pipeline.verify import Demands, verify_recording
+from resim.metrics.criteria import read_criteria
+from resim.recordings import Recording
+from resim.resimulation.result import Options
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
-from resim.sim.adfunction import load_build
-from resim.sim.case import Case
-from resim.sim.dynamics import Kinematic, Vehicle, VehicleModel, VehicleState
-from resim.sim.perception import Ideal
-from resim.sim.sumo import Sumo
+from resim.simulation.case import Case
+from resim.simulation.dynamics import Kinematic, Vehicle, VehicleModel, VehicleState
+from resim.simulation.function.interface import load_build
+from resim.simulation.perception import Ideal
+from resim.simulation.sumo.engine import Sumo
+from resim.verification.result import Verified
 from resim.verification.tolerance import Tolerances
+from resim.verification.verify import Demands, verify_recording
 
 CRITERIA = ROOT / "scenarios" / "criteria" / "highway.toml"
 TOOLS = ROOT / "tools"

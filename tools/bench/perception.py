@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from resim.perception.model import FEATURES, QUANTITIES, PerceptionModel
-from resim.perception.sensor import Sensor
+from resim.perception.runtime.sensor import Sensor
 from resim.scenario.maneuvers import MANEUVERS
-from resim.sim.adfunction import EgoState
-from resim.sim.perception import Ideal, Perception, World
+from resim.simulation.function.interface import EgoState
+from resim.simulation.perception import Ideal, Perception, World
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from virtual_sensor import Sensor as VirtualSensor

@@ -16,16 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from resim.assess.drive import drive
-from resim.assess.risk import PUBLISHED, Parameters, Scenes, accident_risk
-from resim.assess.risk.ways import ways
-from resim.ingest import Recording, read_commonroad, read_recording
-from resim.pipeline.run import describe_recording
+from resim.metrics.drive import drive
+from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk.ways import ways
+from resim.recordings import Recording, read_commonroad, read_recording
+from resim.resimulation.run import describe_recording
 from resim.road.opendrive import RoadNetwork, load
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
-from assess import plain
+from metrics import plain
 from validate_real import candidates
 
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"

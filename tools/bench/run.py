@@ -25,11 +25,11 @@ from resim.road.opendrive import RoadNetwork, load
 from resim.road.path import lane_path
 from resim.road.sumo import sumo_net
 from resim.scenario.scenario import Scenario, describe
-from resim.sim.adfunction import Build, load_build
-from resim.sim.case import Case
-from resim.sim.guide import guide
-from resim.sim.session import Session, open_session, to_sumo
-from resim.sim.sumo import Sumo
+from resim.simulation.case import Case
+from resim.simulation.function.interface import Build, load_build
+from resim.simulation.guide import guide
+from resim.simulation.sumo.engine import Sumo
+from resim.simulation.sumo.session import Session, open_session, to_sumo
 
 ROOT = Path(__file__).parents[2]
 STEP = 0.04

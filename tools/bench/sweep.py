@@ -35,10 +35,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from resim.batch import journal
-from resim.batch.runs import run
-from resim.batch.sweeps import begin, execute, inputs, tasks
-from resim.pipeline.sweep import Sweep, read_sweep, runs
+from resim.execution import journal
+from resim.sweep.execution import begin, execute, inputs, tasks
+from resim.sweep.file import Sweep, read_sweep, runs
+from resim.sweep.runs import run
 
 sys.path.insert(0, str(Path(__file__).parent))
 from verify import drive, record

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from resim.batch.asked import Call, asked, refuse_others
-from resim.batch.suites import verify
-from resim.pipeline.suite import new_suite, read_suite
+from resim.verification.execution import verify
+from resim.verification.request import Call, asked, refuse_others
+from resim.verification.suite import new_suite, read_suite
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from drives import Drive

@@ -14,17 +14,17 @@ import numpy as np
 
 from fuzzing.inputs import GROUND, ROOT
 from resim import cli
-from resim.check import CODES, examine
 from resim.core.errors import ResimError
-from resim.ingest import read_tables
-from resim.ingest.source import recording_of
-from resim.pipeline import refuse_flaws
+from resim.recordings import read_tables
+from resim.recordings.checks import CODES, examine
+from resim.recordings.source import recording_of
 from resim.report import write_map_page
+from resim.resimulation import refuse_flaws
 from resim.road.flaws import MAP_CODES, flaws
 from resim.road.opendrive import RoadNetwork, load
 from resim.road.sumo import sumo_net
 from resim.scenario.jscen import read_jscen, write_jscen
-from resim.sim.adfunction import load_build
+from resim.simulation.function.interface import load_build
 
 REPLAY = ROOT / "adfunc" / "builds" / "replay-1.0.toml"
 NETCONVERT_LIMIT = 20.0

@@ -11,7 +11,7 @@ from random import Random
 
 from fuzzing import rows, trees
 from fuzzing.bytewise import damaged
-from resim.ingest import read_recording
+from resim.recordings import read_recording
 from resim.road.opendrive import load
 from resim.scenario.jscen import write_jscen
 from resim.scenario.scenario import describe

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.stats import beta, chi2
 
 from resim.core.geometry import Bools, Floats
-from resim.perception.chain import rates
 from resim.perception.model import Detection, Estimate, FieldOfView
+from resim.perception.runtime.chain import rates
+from resim.perception.runtime.world import occlusion
 from resim.perception.training.drive import Drive
 from resim.perception.training.matching import Matching
-from resim.perception.world import occlusion
 
 CHANCE = 1e-4
 """Probability of a split by chance, above which it is not made."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
 from resim.core.tracks import Strings, Tracks
-from resim.ingest.recording import Recording
 from resim.perception.training.truth import Truth
+from resim.recordings.recording import Recording
 
 Rows = NDArray[np.intp]
 

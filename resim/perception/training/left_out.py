@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from resim.ingest.recording import Recording
 from resim.perception.model import LeftOut
 from resim.perception.training.drive import Drive
 from resim.perception.training.errors import MEASURED, ObjectErrors
 from resim.perception.training.matching import Matching
 from resim.perception.training.samples import Samples
+from resim.recordings.recording import Recording
 
 
 def left_out(

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
 from resim.perception.model import Averaging, Latency
+from resim.perception.runtime.world import features
 from resim.perception.training.drive import Drive
 from resim.perception.training.matching import Matching, paired
 from resim.perception.training.truth import HEADING, Truth, V
-from resim.perception.world import features
 from resim.scenario.maneuvers import momentary
 
 LONGEST = 400

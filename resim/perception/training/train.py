@@ -9,7 +9,6 @@ import numpy as np
 
 from resim.core.errors import InputError, ResimError
 from resim.core.tracks import Tracks
-from resim.ingest.recording import Recording
 from resim.perception.model import FEATURES, Errors, PerceptionModel, Training, Validity
 from resim.perception.training.coupling import fit_coupling
 from resim.perception.training.detection import field_of_view, fit_detection, sightings_of
@@ -23,6 +22,7 @@ from resim.perception.training.localisation import fit_localisation, fit_size
 from resim.perception.training.maneuvers import fit_maneuvers
 from resim.perception.training.matching import match
 from resim.perception.training.samples import Samples, samples_of
+from resim.recordings.recording import Recording
 
 FEWEST = 50
 """Matched samples without which nothing can be said."""

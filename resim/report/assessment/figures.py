@@ -8,14 +8,14 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from resim.assess.assessment import Assessment
 from resim.core.geometry import Floats, box_corners, to_frame
-from resim.pipeline import Assessed
+from resim.metrics.assessment import Assessment
 from resim.report.assessment.marks import NUMBERS, RISK, TIMES, block_color, least, marked
 from resim.report.lanes import Box, lane_traces
 from resim.report.markup import html
 from resim.report.plots import FAINT, clock_words, compact, fade, line, number, style
 from resim.report.view import OTHERS
+from resim.resimulation import Assessed
 from resim.road.opendrive import LaneShape, RoadNetwork
 
 BEHIND, AHEAD, ASIDE = 45.0, 95.0, 6.6

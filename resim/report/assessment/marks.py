@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from resim.assess.assessment import Assessment
 from resim.core.geometry import Floats
+from resim.metrics.assessment import Assessment
 from resim.report.view import EGO_COLORS
 
 TIMES: Mapping[str, str] = {

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from resim.assess.assessment import Worst
-from resim.assess.criteria import Verdict
-from resim.assess.objectifications import KINDS
-from resim.pipeline import Assessed
-from resim.pipeline.model_runs import WORST, ModelRuns
+from resim.metrics.assessment import Worst
+from resim.metrics.criteria import Verdict
+from resim.metrics.objectifications import KINDS
 from resim.report.assessment.figures import amount_words, drive_figure, risk_figure
 from resim.report.assessment.marks import RISK, TIMES, block_color
 from resim.report.document import document
 from resim.report.markup import Markup, html, join
 from resim.report.plots import sample, to_html
 from resim.report.tables import NONE, table
+from resim.resimulation import Assessed
+from resim.resimulation.model_runs import WORST, ModelRuns
 
 SIGNS = {"PASS": "✓", "FAIL": "✕", "INVALID": "?"}
 

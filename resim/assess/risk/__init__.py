@@ -1,6 +1,0 @@
-"""The Monte-Carlo accident risk of Wagner 2021, chapter 4."""
-
-from resim.assess.risk.metric import DEFAULTS, Mode, Parameters, Risk, Scenes, accident_risk
-from resim.assess.risk.prediction import PUBLISHED, Surfaces
-
-__all__ = ["DEFAULTS", "PUBLISHED", "Mode", "Parameters", "Risk", "Scenes", "Surfaces", "accident_risk"]

@@ -1,1 +1,0 @@
-"""Many recordings: suites, in child processes, resumed and repeated."""

@@ -1,0 +1,188 @@
+"""Whether a user's code changed the program that judges it: functions, classes and constants of resim, numpy's top.
+
+What is there before the first such code runs in a process is right as long as the process lives. The next look tells
+what changed, whenever that was: also between two runs, by a thread or by `__del__`.
+
+A check, no wall: what runs in a process can hide from it. It finds what code replaces by mistake or for convenience.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.abc
+import importlib.machinery
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from operator import attrgetter, is_
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+from resim.core.errors import ChangedError
+
+_OTHERS = ("builtins", "math", "json", "pickle", "dataclasses", "numpy", "numpy.linalg")
+"""Modules of others on which judgement rests; they may get new names, but none may change."""
+_OURS = {
+    ("resim.core.plugins.watchdog", "board"),
+    ("resim.core.plugins.watchdog", "broken"),
+    ("resim.simulation.sumo.session", "_open"),
+}
+"""What resim itself sets anew as it runs."""
+_LATE = (
+    "__pydantic", "__annotations__", "__warningregistry__", "__doc__", "__signature__", "__slotnames__", "_abc_impl",
+)  # fmt: skip
+"""How names begin that Python and pydantic fill later."""
+_ABSENT = object()
+
+
+class _Place:
+    """One thing with named parts, and what they were. new: whether it may get a part that it did not have."""
+
+    def __init__(self, name: str, parts: Mapping[Any, Any], new: Callable[[Any, Any], bool]) -> None:
+        self.name, self.parts, self._new = name, parts, new
+        self.before = dict(parts)  # holds the parts, so that no other object gets their identity
+        self.values = [*self.before.values()]
+
+    def changed(self) -> list[str]:
+        """Name the parts that changed and may not."""
+        if len(self.parts) == len(self.values) and all(map(is_, self.parts.values(), self.values)):
+            return []
+        now = dict(self.parts)
+        return [
+            f"{self.name}.{part}"
+            for part in {**self.before, **now}
+            if now.get(part, _ABSENT) is not self.before.get(part, _ABSENT) and not self._may(part, now)
+        ]
+
+    def _may(self, part: Any, now: dict[Any, Any]) -> bool:
+        if str(part).startswith(_LATE):
+            return True
+        return (self.name, part) in _OURS if part in self.before else self._new(part, now[part])
+
+
+_places: list[_Place] = []
+_modules: dict[str, list[ModuleType]] = {}
+"""Modules that are watched, by their names: one for each time that it was loaded."""
+_functions: list[tuple[str, FunctionType]] = []
+_MADE_OF = [attrgetter(part) for part in ("__code__", "__defaults__", "__kwdefaults__")]
+_made: list[list[Any]] = [[] for _ in _MADE_OF]
+"""What each function was made of."""
+_found: list[str] = []
+"""What user's code changed in this process, for good."""
+_ran: list[Path] = []
+"""The user's file whose code ran last."""
+
+
+def begin(path: Path) -> None:
+    """Look before the code of a user's file runs; what is there before the first is right. Raises as `check`."""
+    if not _modules:
+        for name, module in [*sys.modules.items()]:
+            if name in _OTHERS or name.partition(".")[0] == "resim":
+                _note(name, module)
+    check()
+    _ran[:] = [path]
+
+
+def check() -> None:
+    """Raise ChangedError where something is not as it was, now or at an earlier look; it names whose code ran last."""
+    if not _found:
+        _found.extend(_changed())
+    if _found:
+        raise ChangedError(
+            f"{_ran[0]}: the code changed {', '.join(_found[:3])}, which it is judged with. "
+            "Leave resim, numpy and Python as they are."
+        )
+
+
+def is_spoiled() -> bool:
+    """Say whether `check` ever found anything in this process."""
+    return bool(_found)
+
+
+def _changed() -> Iterator[str]:
+    """Name what is not as it was."""
+    for place in _places:
+        yield from place.changed()
+    for name, modules in _modules.items():
+        if not any(sys.modules.get(name, modules[0]) is module for module in modules):
+            yield f"sys.modules[{name!r}]"
+    functions = [function for _, function in _functions]
+    for part, made in zip(_MADE_OF, _made, strict=True):
+        if not all(map(is_, map(part, functions), made)):
+            was = zip(_functions, made, strict=True)
+            yield from (name for (name, function), old in was if part(function) is not old)
+
+
+def _note(name: str, module: ModuleType) -> None:
+    """Remember a module, and of resim's its classes, functions and constants."""
+    _modules.setdefault(name, []).append(module)
+    if name in _OTHERS:
+        _places.append(_Place(name, vars(module), _always))
+        return
+    _places.append(_Place(name, vars(module), lambda part, value: _is_watched(f"{name}.{part}", value)))
+    for part, value in [*vars(module).items()]:
+        if getattr(value, "__module__", None) == name or part.isupper():
+            _places.extend(_inside(f"{name}.{part}", value))
+
+
+def _is_watched(name: str, value: object) -> bool:
+    return any(value is module for module in _modules.get(name, ()))
+
+
+def _always(part: Any, value: Any) -> bool:
+    return True
+
+
+def _never(part: Any, value: Any) -> bool:
+    return False
+
+
+def _inside(name: str, value: Any) -> Iterator[_Place]:
+    """What of a value could be changed under the same identity."""
+    if isinstance(value, FunctionType):
+        _functions.append((name, value))
+        for part, made in zip(_MADE_OF, _made, strict=True):
+            made.append(part(value))
+    elif isinstance(value, type):
+        yield _Place(name, value.__dict__, _never)
+        for attribute, inner in [*value.__dict__.items()]:
+            function = getattr(inner, "fget", None) or getattr(inner, "func", None)
+            function = function or getattr(inner, "__func__", inner)
+            if isinstance(function, FunctionType):
+                yield from _inside(f"{name}.{attribute}", function)
+    elif isinstance(value, dict):
+        yield _Place(name, value, _never)
+    elif isinstance(value, tuple):
+        for k, item in enumerate(value):
+            yield from _inside(f"{name}[{k}]", item)
+    elif dataclasses.is_dataclass(value) and hasattr(value, "__dict__"):
+        kind = type(value)
+        yield _Place(
+            name, value.__dict__, lambda part, _: isinstance(getattr(kind, part, None), cached_property)
+        )
+
+
+class _Watch(importlib.abc.MetaPathFinder):
+    """Remembers modules of resim as they are right after they were loaded, whoever imports them."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname.partition(".")[0] != "resim":
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
+        loader: Any = None if spec is None else spec.loader
+        if isinstance(loader, importlib.machinery.SourceFileLoader):
+            load = loader.exec_module
+
+            def execute(module: ModuleType) -> None:
+                load(module)
+                if _modules:
+                    _note(fullname, module)
+
+            loader.exec_module = execute  # type: ignore[method-assign]
+        return spec
+
+
+sys.meta_path.insert(0, _Watch())

@@ -1,0 +1,144 @@
+"""Files beside a user's file that his code opens though they are not listed there: its hash does not know them.
+
+Also what else holds while that code runs, and for no other: the modules that it makes.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterator
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+from resim.core.plugins import integrity
+from resim.core.plugins.modules import OwnModules
+
+UNKNOWN = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
+_OTHERS = {"__pycache__", "site-packages", "dist-packages", "resim"}
+"""Folders of what Python and installed packages open."""
+_WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
+"""Between the words of a command line."""
+
+
+class Opened:
+    """Context in which code runs that may open files of its own; `found` are those that it does not list.
+
+    path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
+    copy. modules: those that the code makes itself. Entering and leaving it raise ChangedError where such code changed
+    resim.
+    """
+
+    def __init__(self, path: Path, folder: Path, names: frozenset[str], modules: OwnModules) -> None:
+        self.path = path
+        self.found = set[str]()
+        places = (folder, path.absolute().parent)
+        self._folders = [
+            name(place) + os.sep for name in (os.path.realpath, os.path.abspath) for place in places
+        ]
+        self._copy = {self._folders[0], self._folders[2]}
+        self._names, self._modules = names, modules
+        self._held = set[str]()  # folders that it holds open, for opening what is in them
+
+    def of_a_run(self) -> Opened:
+        """Give the same that has heard of no file yet."""
+        run = copy(self)
+        run.found, run._held = set(), set()
+        return run
+
+    def __enter__(self) -> Opened:
+        if not _watching:
+            integrity.begin(self.path)
+        self._modules.__enter__()
+        _watching.append(self)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        _watching.pop()
+        self._modules.__exit__(*error)
+        if not _watching:
+            integrity.check()
+
+    def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+        """Note the files that an event of Python's audit names."""
+        if event == "open":
+            file, mode, flags = arguments
+            if isinstance(file, str | bytes) and flags & os.O_ACCMODE != os.O_WRONLY:
+                self._opens(os.fsdecode(file), held=mode is None)
+        elif (named := _EVENTS.get(event)) is not None:
+            for word in {word for k in named for word in _words(arguments[k])}:
+                if Path(word).is_file():
+                    self._opens(word, held=False)
+
+    def _opens(self, file: str, *, held: bool) -> None:
+        """Note a file; held: opened by `os.open`, which may look for it in a folder that the code holds open."""
+        self._note(file)
+        if not held:
+            return
+        if os.path.isdir(file):  # noqa: PTH112  its Path would open more
+            self._held.add(os.path.abspath(file))  # noqa: PTH100
+        elif not os.path.isabs(file):  # noqa: PTH117
+            for inside in [os.path.join(folder, file) for folder in self._held]:  # noqa: PTH118
+                if os.path.isfile(inside):  # noqa: PTH113
+                    self._note(inside)
+
+    def _note(self, file: str) -> None:
+        """Note a file of the folder, by the name that the code uses and by the one that a link leads to."""
+        for place in (os.path.realpath(file), os.path.abspath(file)):  # noqa: PTH100
+            folder = next((f for f in self._folders if place.startswith(f)), None)
+            if folder is None or os.path.isdir(place):  # noqa: PTH112
+                continue
+            name = Path(place[len(folder) :])
+            listed = folder in self._copy and name.as_posix() in self._names
+            if not listed and _OTHERS.isdisjoint(name.parts):
+                self.found.add(name.as_posix())
+
+    def note(self) -> str:
+        """Say which files it opened that its hash does not know; "" for none."""
+        if not self.found:
+            return ""
+        return f"the code opened {', '.join(sorted(self.found))} beside {self.path.name}, {UNKNOWN}"
+
+    def remedy(self) -> str:
+        """Say what to write into the file so that the code has those that are there; "" where none is."""
+        there = [name for name in sorted(self.found) if (self.path.parent / name).is_file()]
+        files = ", ".join(f'"{name}"' for name in there)
+        return (
+            f"List in {self.path.name}: files = [{files}]; open it from Path(__file__).parent."
+            if there
+            else ""
+        )
+
+
+_watching: list[Opened] = []
+"""Whose code runs, innermost last."""
+_EVENTS = {
+    "ctypes.dlopen": (0,),
+    "import": (1,),
+    "sqlite3.connect": (0,),
+    "subprocess.Popen": (0, 1),
+    "os.exec": (0, 1),
+    "os.posix_spawn": (0, 1),
+    "os.spawn": (1, 2),
+    "os.system": (0,),
+}
+"""Audit events that name files, and which of their arguments do."""
+
+
+def _words(named: Any) -> Iterator[str]:
+    """Give what may be a file's name in an argument: it, and each word of a command line."""
+    for one in named if isinstance(named, list | tuple) else [named]:
+        if isinstance(one, str | bytes | os.PathLike):
+            text = os.fsdecode(one)
+            text = text.removeprefix("file:").partition("?")[0] if text.startswith("file:") else text
+            yield from (word for word in {text, *_WORDS.split(text)} if word and "\0" not in word)
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    if _watching and (event == "open" or event in _EVENTS):
+        _watching[-1].hear(event, arguments)
+
+
+sys.addaudithook(_hear)  # for good: there is no way to take one away

@@ -1,0 +1,141 @@
+"""Results as they come: a line a run, written whole or, when everything is killed, not at all.
+
+A line is the CRC-32 of the rest as eight hexadecimal digits, a space, and JSON: what was altered is told.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from resim.core.errors import InputError
+from resim.core.files import open_file
+
+REMEDY = "Take the line away: its run is then done again."
+_TEXTS, _FLAGS = ("end", "failure", "decision", "verdict", "case"), ("same_decision", "collision")
+"""Columns of a row that hold no numbers; criteria have others, told by their names (`resim.sweep.single`)."""
+
+_LARGEST = 1e300
+_FEWEST = 2
+"""Columns of a run without a result: its end, and why; all others have the same ones."""
+
+
+class Journal:
+    """A file of lines of JSON that one process appends to; a line that was cut short is taken away."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_file():
+            raise InputError(path, "is no file, expected the journal of a sweep", "Take it away.")
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
+        except BlockingIOError as e:
+            os.close(self._file)
+            problem = "is written by another `resim sweep` at this moment"
+            raise InputError(path, problem, "Wait for that one, or end it.") from e
+        except OSError:
+            pass  # a file system without locks
+        os.ftruncate(self._file, _whole(path))
+        os.lseek(self._file, 0, os.SEEK_END)
+
+    def append(self, entry: dict[str, Any]) -> None:
+        """Write one line. Raises InputError where the disk takes no more."""
+        said = json.dumps(entry, allow_nan=False).encode()
+        line = memoryview(checksum(said) + b" " + said + b"\n")
+        try:
+            while line:
+                line = line[os.write(self._file, line) :]
+        except OSError as e:
+            problem = f"cannot be written ({e.strerror})"
+            raise InputError(
+                self.path, problem, "Make room, and go on with --resume: nothing is lost."
+            ) from e
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None
+    ) -> None:
+        os.fsync(self._file)
+        os.close(self._file)
+
+
+def read(folder: Path) -> Iterator[dict[str, Any]]:
+    """Give the entries of all journals in a folder. Raises InputError for a damaged one."""
+    for _, entry in entries(folder):
+        yield entry
+
+
+def entries(
+    folder: Path, plans: Mapping[int, str] | None = None, *, whole: bool = True
+) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """Give the JSON of every run in all journals in a folder, and what it says; a run that was done twice comes once.
+
+    plans: what each run is of, by its number; whole: whether there are no others. Raises InputError for a line that is
+    damaged, of another plan, or has another result than a line before.
+    """
+    known: dict[int, int] = {}
+    columns: frozenset[str] | None = None
+    for path in sorted(folder.glob("*.jsonl")):
+        with open_file(path, "Take it away.") as file:
+            for number, line in enumerate(file, 1):
+                if not line.endswith(b"\n"):
+                    continue
+                said = line[9:-1]
+                entry = _entry(said) if line[:9] == checksum(said) + b" " else None
+                if entry is not None and len(entry["row"]) > _FEWEST:
+                    columns = columns or frozenset(entry["row"])
+                if entry is None or (len(entry["row"]) > _FEWEST and columns != frozenset(entry["row"])):
+                    raise InputError(path, f"line {number} is damaged", REMEDY)
+                run = entry["run"]
+                if plans is not None and entry["plan"] != plans.get(run, "" if whole else entry["plan"]):
+                    raise InputError(path, f"line {number}: run {run} is none of this sweep's", REMEDY)
+                held = zlib.crc32(json.dumps(entry["row"], sort_keys=True).encode())
+                if run in known and known[run] != held:
+                    problem = f"line {number}: run {run} has another result than in a line before"
+                    raise InputError(path, problem, "Take both lines away: the run is then done again.")
+                if run not in known:
+                    known[run] = held
+                    yield said, entry
+
+
+def checksum(said: bytes) -> bytes:
+    """Give the CRC-32 of a line, or of what else is kept, as eight hexadecimal digits."""
+    return b"%08x" % zlib.crc32(said)
+
+
+def _entry(said: bytes) -> dict[str, Any] | None:
+    """An entry, None for what is none: run, plan, row by column, time [s] or none."""
+    try:
+        entry = json.loads(said)
+        run, plan, row, time = entry["run"], entry["plan"], entry["row"], entry["time"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    known = type(run) is int and isinstance(plan, str) and isinstance(row, dict) and _fits("time", time)
+    known = known and isinstance(row.get("end"), str) and all(_fits(name, row[name]) for name in row)
+    return entry if known else None
+
+
+def _fits(name: str, value: object) -> bool:
+    """Whether a value of a row is of its column's type; none is of every type."""
+    if value is None:
+        return True
+    if name in _FLAGS:
+        return isinstance(value, bool)
+    if name in _TEXTS or name.startswith(("kpi ", "unit ")):
+        return isinstance(value, str)
+    return type(value) in (int, float) and -_LARGEST < value < _LARGEST  # type: ignore[operator]
+
+
+def _whole(path: Path) -> int:
+    """The length [bytes] of the whole lines."""
+    return path.read_bytes().rfind(b"\n") + 1

@@ -1,0 +1,300 @@
+"""Tasks in child processes: what crashes, hangs or is killed costs its own task only.
+
+libsumo holds one simulation a process, and a fault in it ends the process. So every thread that is given tasks, of this
+machine's pool or of a cluster's worker, supervises a child of its own, which keeps what it has loaded. The child has a
+session of its own: Ctrl-C is for the command alone, and what the child started ends with it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import mmap
+import os
+import pickle
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any, TypeVar
+
+from resim.core.errors import FunctionError, ResimError
+from resim.core.plugins.watchdog import unanswered
+from resim.execution.child import SIZE, Failure
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+LARGEST = 2048
+"""MiB of memory from which on a child is replaced by a fresh one."""
+GONE = "the cluster's scheduler is gone. What was finished is kept: start it, and go on with --resume."
+_AHEAD = 4
+"""Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
+_SERVE = "import sys; sys.path[:] = {path!r}; from resim.execution.child import main; main()"
+_BOARD = 32
+"""Bytes of `resim.core.plugins.watchdog.board`."""
+_START = 180.0
+"""s that a fresh process has to start and to take up its task, beyond the task's own time."""
+_TICK = 0.1
+"""s between two looks whether the child is alive, and whether its function answers in time."""
+_GRACE = 2.0
+"""s beyond its limit that a call has to be interrupted by the child itself."""
+_PATIENCE = 5.0
+"""s that a child has to end by itself that closed its pipe."""
+_MOST_ENDS = 3
+"""How often a function may end its process in one task, until the task is given up."""
+_FOREIGN = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+"""Signals that come from outside: of the system that is short of memory, or of somebody."""
+
+
+def in_child(function: Callable[[Task], Result], task: Task) -> Result:
+    """Give the result of one task from this thread's child process, which waits for the next one then.
+
+    Raises FunctionError where the function under test ended its process over and over, or cannot be loaded in time,
+    else ResimError.
+    """
+    try:
+        result = supervised(function, task, float("inf"))
+    except BaseException:  # as of a signal
+        _end_own()
+        raise
+    if isinstance(result, Failure):
+        raise (FunctionError if result.of_function else ResimError)(result.reason)
+    return result
+
+
+@atexit.register
+def _end_own() -> None:
+    """End the child of this thread, if it has one."""
+    if hasattr(_own, "child"):
+        _own.child.end()
+
+
+def run_all(
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    *,
+    workers: int,
+    time_limit: float,
+    pool: Executor | None = None,
+) -> Iterator[tuple[int, Result | Failure]]:
+    """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
+
+    function: of a module, as children import it anew. time_limit: s of wall clock for one task, from when its process
+    took it up. pool: that of a cluster of so many workers; threads of this machine, if none is given. Closing the
+    iterator kills what still runs here.
+    """
+    children: list[_Child] = []
+    over = threading.Event()
+    mine = ThreadPoolExecutor(workers, initializer=_keep, initargs=(children, over))
+    there = pool or mine
+    waiting: dict[Future[Result | Failure], int] = {}
+    todo = iter(range(len(tasks)))
+    try:
+        for k in todo:
+            waiting[there.submit(supervised, function, tasks[k], time_limit)] = k
+            if len(waiting) < _AHEAD * workers:
+                continue
+            yield from _finished(waiting)
+        while waiting:
+            yield from _finished(waiting)
+    finally:
+        over.set()
+        for future in waiting:
+            future.cancel()
+        mine.shutdown(cancel_futures=True)
+        for child in children:
+            child.end()
+
+
+def _keep(children: list[_Child], over: threading.Event) -> None:
+    """Let this thread note the children that it starts, and know when nobody waits for them any more."""
+    _own.children, _own.over = children, over
+
+
+def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
+    """Wait for one or more, and give them. Raises ResimError where the pool is gone."""
+    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+    for future in done:
+        if future.cancelled():
+            raise ResimError(GONE)
+        why = future.exception()  # as of a cluster's worker that was killed over and over
+        result = future.result() if why is None else Failure(f"the pool lost it: {why!r}", crashed=True)
+        yield waiting.pop(future), result
+
+
+def supervised(function: Callable[[Task], Result], task: Task, time_limit: float) -> Result | Failure:
+    """Give the result of a task from this thread's child process, or why there is none.
+
+    Where the function under test ends its process, the task is done again, and that call fails instead.
+    """
+    broken: dict[int, str] = {}
+    while True:
+        try:
+            child: _Child | None = getattr(_own, "child", None)
+            if child is None or not child.is_alive():
+                child = _own.child = _Child()
+                getattr(_own, "children", []).append(child)
+            found: Result | Failure = child.work(function, task, time_limit, broken)
+        except OSError as e:
+            return Failure(f"no process could be started: {e}", crashed=True)
+        if not isinstance(found, Failure) or not (found.crashed and found.of_function):
+            return found
+        if len(broken) == _MOST_ENDS or child.call in broken:
+            return found
+        broken[child.call] = found.reason.removeprefix(_FUNCTION)
+
+
+class _Child:
+    """A process that answers tasks."""
+
+    def __init__(self) -> None:
+        with contextlib.ExitStack() as of_child, contextlib.ExitStack() as mine:
+            shared = of_child.enter_context(tempfile.TemporaryFile())
+            shared.write(bytes(_BOARD))
+            shared.flush()
+            self.board = memoryview(mmap.mmap(shared.fileno(), _BOARD)).cast("d")
+            inner_tasks, self.tasks = _pipe(of_child, mine)
+            self.results, inner_results = _pipe(mine, of_child)
+            inner_life, _ = _pipe(of_child, mine)
+            inner = (inner_tasks, inner_results, shared.fileno(), inner_life)
+            path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-c", _SERVE.format(path=path), *map(str, inner)],
+                pass_fds=inner, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,
+                env={**os.environ, "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
+            )  # fmt: skip
+            self._files = mine.pop_all()
+        self.alive = True
+
+    def is_alive(self) -> bool:
+        """Say whether the process waits for tasks; what is left of one that ended by itself is ended."""
+        if self.alive and self.process.poll() is not None:
+            self.end()
+        return self.alive
+
+    @property
+    def call(self) -> int:
+        """Number of the call of the function that is under way, or was the last one, in this task."""
+        return int(self.board[2])
+
+    def work(
+        self, function: Callable[[Any], Any], task: Any, time_limit: float, broken: dict[int, str]
+    ) -> Any:
+        """Give the result of a task, or a Failure; the process may have ended then."""
+        self.board[2] = self.board[3] = 0.0
+        try:
+            _write(self.tasks, pickle.dumps((_here(), function, task, broken)))
+        except OSError:
+            return self._died()
+        latest, message = time.monotonic() + _START, bytearray()
+        over: threading.Event | None = getattr(_own, "over", None)
+        while over is None or not over.is_set():
+            alive = self.process.poll() is None
+            if select.select([self.results], [], [], _TICK if alive else 0.0)[0]:
+                part = os.read(self.results, 1 << 20)
+                message += part
+                if len(message) >= SIZE.size + _size(message):
+                    return self._unpacked(message[SIZE.size :])
+                if not part:
+                    return self._died()
+            elif not alive:
+                return self._died()
+            now = time.monotonic()  # before the deadline is read, and that once: the next call has another
+            deadline = self.board[0]
+            if deadline and now > deadline + _GRACE:
+                limit = self.board[1]
+                self.end()
+                return Failure(f"{_FUNCTION}{unanswered(limit)}, and could not be interrupted", True, True)
+            if now > (self.board[3] or latest) + time_limit:
+                self.end()
+                return Failure(f"took longer than {time_limit:g} s", crashed=True)
+        self.end()
+        return Failure("was stopped", crashed=True)
+
+    def _unpacked(self, message: bytes | bytearray) -> Any:
+        """The result; a process that has grown large is not used again."""
+        result, memory = pickle.loads(message)
+        if memory > LARGEST:
+            self.end()
+        return result
+
+    def _died(self) -> Failure:
+        """Say how the process ended, and whether it did so in a call of the function."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(_PATIENCE)
+        code, inside, called = self.process.poll(), self.board[0] > 0.0, self.call != 0
+        self.end()
+        itself = code is not None and -code not in _FOREIGN
+        if itself and inside:
+            return Failure(f"{_FUNCTION}ended its process, which {_ended(code)}", True, True)
+        if called and code is not None and code >= 0:  # resim ends it by none
+            return Failure(f"{_FUNCTION}{_OUTSIDE}: it {_ended(code)}", True, True)
+        return Failure(f"the process {_ended(code)}", crashed=True)
+
+    def end(self) -> None:
+        """Kill the process and all that it started; it has nothing to lose."""
+        if not self.alive:
+            return
+        self.alive = False
+        with contextlib.suppress(
+            ProcessLookupError, PermissionError
+        ):  # macOS refuses for a group of the dead
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.kill()
+        self.process.wait()
+        self._files.close()
+        for left in Path(tempfile.gettempdir()).glob(f"resim-{self.process.pid}-*"):  # of its SUMO session
+            shutil.rmtree(left, ignore_errors=True)
+
+
+_own = threading.local()
+"""Of each thread: its child, where it notes the children that it starts, and whether nobody waits any more."""
+
+_FUNCTION = "the function "
+_OUTSIDE = "ended its process outside of its calls, as by a thread of its own or by closing files that are not its own"
+
+
+def _here() -> str | None:
+    """The working directory, None where it is gone."""
+    try:
+        return os.getcwd()  # noqa: PTH109
+    except OSError:
+        return None
+
+
+def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
+    """A pipe that nobody inherits; its ends are closed by who holds them."""
+    ends = os.pipe()
+    reader.callback(os.close, ends[0])
+    writer.callback(os.close, ends[1])
+    return ends
+
+
+def _write(file: int, message: bytes) -> None:
+    """Write all of a message."""
+    left = memoryview(message)
+    while left:
+        left = left[os.write(file, left) :]
+
+
+def _size(message: bytearray) -> int:
+    """How many bytes come after the size, as far as it is known."""
+    return int(SIZE.unpack(message[: SIZE.size])[0]) if len(message) >= SIZE.size else 1
+
+
+def _ended(code: int | None) -> str:
+    """How a process ended, by its exit code."""
+    if code is None:
+        return "closed its connection"
+    if code < 0:
+        with contextlib.suppress(ValueError):
+            return f"was ended by {signal.Signals(-code).name}"
+    return f"ended with code {code}"

@@ -1,0 +1,360 @@
+"""Criteria: requirements over objectifications, from a TOML file, and the verdict (KPI) of each on a drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from resim.core import faults
+from resim.core.errors import ChangedError, FunctionError, InputError
+from resim.core.files import parse_toml, read_file
+from resim.core.geometry import Bools, Floats
+from resim.core.plugins.frozen import Copy, Frozen, thaw
+from resim.core.plugins.loading import freeze_code, load_named
+from resim.core.plugins.watchdog import Watchdog
+from resim.metrics.criticality import Measure, State
+from resim.metrics.criticality.measure import Bad
+from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, Objectification, Subject, names
+from resim.road.opendrive import lent
+
+Outcome = Literal["PASS", "FAIL", "INVALID"]
+NAMED = 5
+"""Objects that a reason names."""
+MEASURE_LIMIT = 60.0
+"""s of wall clock for an objectification of the user's own, for one drive."""
+EXAMPLE = "See scenarios/criteria/highway.toml."
+_SAME = 1e-9
+
+
+class Criterion(BaseModel):
+    """A requirement: an objectification must not be below or above a limit for `duration` [s] or longer.
+
+    measure: its name. beyond: the limit of its magnitude, in either direction. start, end: the part of the drive [s
+    from its start] that counts. weight: for whoever sums up. source: where the threshold comes from.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+    name: str = Field(min_length=1)
+    measure: str = Field(min_length=1)
+    below: float | None = Field(default=None, strict=True)
+    above: float | None = Field(default=None, strict=True)
+    beyond: float | None = Field(default=None, ge=0.0, strict=True)
+    duration: float = Field(default=0.0, ge=0.0, strict=True)
+    start: float = Field(default=0.0, ge=0.0, strict=True)
+    end: float | None = Field(default=None, gt=0.0, strict=True)
+    weight: float = Field(default=1.0, ge=0.0, strict=True)
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _one_limit(self) -> Criterion:
+        if [self.below, self.above, self.beyond].count(None) != 2:
+            raise ValueError("expected one of below, above and beyond")
+        if self.end is not None and self.end <= self.start:
+            raise ValueError("end: expected more than start")
+        return self
+
+    @property
+    def side(self) -> Literal["below", "above", "beyond"]:
+        """On which side of the limit it is broken."""
+        return "below" if self.below is not None else "above" if self.above is not None else "beyond"
+
+    @property
+    def limit(self) -> float:
+        """The limit, in the unit of the measure."""
+        return float(getattr(self, self.side))
+
+    def badness(self, value: Floats) -> Floats:
+        """Give values so that larger is worse and more than 0 breaks the limit; NaN stays NaN."""
+        if self.side == "below":
+            return np.asarray(self.limit - value)
+        return np.asarray((value if self.side == "above" else np.abs(value)) - self.limit)
+
+    def within(self, t: Floats) -> Bools:
+        """Say which of the scenes at t (S,) [s] lie in the part of the drive that counts."""
+        end = math.inf if self.end is None else t[0] + self.end
+        return np.asarray((t >= t[0] + self.start - _SAME) & (t <= end + _SAME))
+
+    def extent(self, t: Floats) -> float:
+        """Give how long [s] the part that counts is, of a drive with scenes at t (S,) [s]."""
+        end = t[-1] if self.end is None else min(t[-1], t[0] + self.end)
+        return float(end - t[0] - self.start)
+
+    def lasts(self, times: Floats, t: Floats) -> Bools:
+        """Say whether a limit can have been broken for the duration; times: of `longest`, below 0 for never.
+
+        Broken in k successive scenes and kept in those around it was broken for more than k - 1 and less than k + 1
+        steps; `longest` says k. What may have lasted for the duration counts as if it had: PASS is never wrong.
+        """
+        surely, maybe = times >= self.duration - _SAME, times + _step(t) > self.duration + _SAME
+        return np.asarray((times >= 0.0) & (surely | maybe))
+
+
+class OwnObjectification(BaseModel):
+    """A user's own objectification: `function` is "module:name", the module's file beside the file of criteria.
+
+    The function takes a Drive and its RoadNetwork and gives an array (S,) of the EGO or (S, K) of it and each object,
+    in `unit`, NaN where it is not defined. worst: which end is the worse one.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(min_length=1)
+    function: str = Field(pattern=r"^[\w.]+:\w+$")
+    unit: str = Field(min_length=1)
+    kind: Kind = "quantitative"
+    worst: Bad = "high"
+
+
+class _CriteriaFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(min_length=1)
+    files: tuple[str, ...] = ()
+    objectification: tuple[OwnObjectification, ...] = ()
+    criterion: tuple[Criterion, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Criteria:
+    """What a drive has to keep to, and the user's own objectifications. hash: SHA-256 of the file and their sources."""
+
+    name: str
+    criteria: tuple[Criterion, ...]
+    own: tuple[Objectification, ...] = ()
+    hash: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The KPI of one criterion: outcome, worst value, limit, unit, when [s], which object, and why.
+
+    value and t are None where nothing was measured; object is "" for the EGO itself or the whole scene.
+    """
+
+    criterion: str
+    measure: str
+    outcome: Outcome
+    value: float | None
+    limit: float
+    unit: str
+    t: float | None
+    object: str
+    weight: float
+    reason: str
+
+
+def freeze_criteria(path: Path) -> Frozen:
+    """Keep a copy of a file of criteria, with the code of its own objectifications. Raises InputError."""
+    raw = read_file(path, EXAMPLE)
+    file = _parsed(raw, path)
+    return freeze_code(path, raw, [o.function for o in file.objectification], file.files)
+
+
+def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
+    try:
+        return _CriteriaFile.model_validate(parse_toml(raw, path, EXAMPLE))
+    except ValidationError as e:
+        found = [
+            p for p in e.errors() if p["type"] != "too_short"
+        ] or e.errors()  # what is too short lacks the faulty
+        raise InputError(path, faults.said(found), EXAMPLE) from e
+
+
+def read_criteria(criteria: Path | Frozen) -> Criteria:
+    """Read a TOML file of criteria, from a frozen copy. Raises InputError naming every fault."""
+    frozen = criteria if isinstance(criteria, Frozen) else freeze_criteria(criteria)
+    path, copy = frozen.path, thaw(frozen, freeze_criteria)
+    file = _parsed(copy.raw, path)
+    own = tuple(_own(frozen, copy, o) for o in file.objectification)
+    known = [*names(OBJECTIFICATIONS), *names(own)]
+    for what, called in (("criterion", [c.name for c in file.criterion]), ("objectification", known)):
+        if twice := [name for name in called if called.count(name) > 1]:
+            raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
+    if strange := [c.measure for c in file.criterion if c.measure not in known]:
+        raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
+    return Criteria(file.name, file.criterion, own, frozen.hash)
+
+
+def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification:
+    function = load_named(frozen, copy, own.function, "objectification")
+    path = frozen.path
+
+    def of(subject: Subject) -> Measure:
+        drive = subject.drive
+        try:
+            with (
+                lent(subject.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
+            ):  # fmt: skip
+                given = watchdog.call(MEASURE_LIMIT, lambda: function.load()(deepcopy(drive), road))
+        except ChangedError:
+            raise
+        except FunctionError as e:
+            problem = f"objectification {own.name!r}: {own.function} {e}"
+            raise InputError(path, problem, opened.remedy()) from e
+        shapes = drive.t.shape, drive.present.shape
+        if what := _no_measure(given, shapes):
+            problem = f"objectification {own.name!r}: {own.function} gave {what}"
+            expected = (
+                f"expected an array of real numbers {shapes[0]} (scenes) or {shapes[1]} (scenes, objects)"
+            )
+            raise InputError(path, f"{problem}; {expected}", "Give NaN where it is not defined.")
+        value = np.array(given, dtype=float)
+        there = drive.present if value.ndim == 2 else np.ones(value.shape, dtype=bool)
+        state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE)
+        state = np.where(there, state, State.NOT_COMPUTED).astype(np.uint8)
+        return Measure(own.name, own.unit, np.where(state == State.VALUE, value, np.nan), state, own.worst)
+
+    return Objectification(own.name, own.kind, of)
+
+
+def _no_measure(given: Any, shapes: tuple[tuple[int, ...], ...]) -> str:
+    """What an own objectification gave instead of numbers in one of these shapes; "" where it gave those."""
+    if np.ma.isMaskedArray(given):
+        return "a masked array"
+    try:
+        value = np.asarray(given)
+    except (TypeError, ValueError):  # rows of different lengths
+        return f"a {type(given).__name__} that is no array"
+    if value.dtype.kind not in "biuf":
+        what = "complex numbers" if value.dtype.kind == "c" else f"values of type {value.dtype}"
+        return f"{what} in an array {value.shape}"
+    if value.shape not in shapes:
+        return f"an array {value.shape}"
+    return "inf" if np.isinf(value.astype(float)).any() else ""
+
+
+def judge(
+    criterion: Criterion, measure: Measure, t: Floats, ids: Sequence[str], present: Bools | None = None
+) -> Verdict:
+    """Judge a measure (S,) of the EGO, or (S, K) of it and objects `ids`, over the scenes at t (S,) s.
+
+    present: (S, K) where an object is there; elsewhere nothing has to be computed. FAIL where the limit can have been
+    broken for the duration or longer, by one object (`Criterion.lasts`). INVALID, never PASS, where a value that should
+    be there was not computed, the measure has no meaning anywhere, what lies beyond its horizon can break the limit,
+    or the limit is broken in a part shorter than the duration.
+    """
+    own = measure.value.ndim == 1
+    columns, states = (a[:, None] if own else a for a in (measure.value, measure.state))
+    whose = [""] if own else list(ids)
+    there = np.ones(states.shape, dtype=bool) if present is None or own else present
+    within = criterion.within(t)
+    counts = there & within[:, None]
+    bad = criterion.badness(np.where(counts, columns, np.nan))
+    broken_by = bad > 0.0
+    times = np.full(bad.shape[1], -1.0)
+    for k in np.flatnonzero(broken_by.any(axis=0)).tolist():
+        times[k] = longest(broken_by[:, k], t)
+    most, extent = float(times.max(initial=-1.0)), criterion.extent(t)
+    short = most >= 0.0 and extent < criterion.duration - _SAME
+    failed = criterion.lasts(times, t) & (not short)
+    lost = counts & (states == State.NOT_COMPUTED)
+    beyond = _beyond(criterion, measure, counts & (states == State.NO_CONFLICT), broken_by, t)
+    meant = counts & (states != State.NOT_DEFINED) & ~lost
+    worst = _worst(np.where(failed, bad, np.nan) if failed.any() else bad)
+    value, when, whom = (None, None, "") if worst is None else (
+        float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
+    )  # fmt: skip
+    upto = most + _step(t) if failed.any() and most < criterion.duration - _SAME else most
+    lasted = f"{'up to ' if upto > most else ''}{min(upto, extent):.1f} s"
+    broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {lasted}"
+    outcome: Outcome = "PASS"
+    reason = f"{broken} only" if most >= 0.0 else "kept"
+    if value is None:
+        reason = "no conflict" if whose else "no object"
+    if failed.any():
+        outcome, reason = "FAIL", broken
+    elif short:
+        outcome, reason = (
+            "INVALID",
+            f"{broken}; the drive has less than {criterion.duration:g} s in this part",
+        )
+    elif lost.any():
+        scenes = f"{int(lost.any(axis=1).sum())} of {int(within.sum())} scenes"
+        outcome, reason = "INVALID", f"not computed in {scenes}{_names(lost, whose)}"
+    elif not within.any():
+        outcome, reason = "INVALID", "the drive has no scene in this part"
+    elif beyond.any():
+        outcome, reason = "INVALID", f"{_so_far(criterion, measure, beyond)}{_names(beyond, whose)}"
+    elif not meant.any() and counts.any():
+        outcome, reason = "INVALID", "not defined anywhere in the drive"
+    return Verdict(
+        criterion.name, criterion.measure, outcome, value, criterion.limit, measure.unit, when, whom,
+        criterion.weight, reason,
+    )  # fmt: skip
+
+
+def _beyond(criterion: Criterion, measure: Measure, none: Bools, broken: Bools, t: Floats) -> Bools:
+    """In which scenes (S, K) a limit can be broken beyond the horizon, of those who can have broken it for long."""
+    if measure.beyond is None:
+        return np.zeros(none.shape, dtype=bool)
+    can = none & (criterion.badness(measure.beyond) > _SAME)
+    long = [
+        c.any() and criterion.lasts(np.array([longest(c | b, t)]), t).any()
+        for c, b in zip(can.T, broken.T, strict=True)
+    ]
+    return np.asarray(can & np.array(long, dtype=bool))
+
+
+def _so_far(criterion: Criterion, measure: Measure, beyond: Bools) -> str:
+    """What is not shown by no conflict within the horizon."""
+    most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
+    worst = float(most.min() if criterion.side == "below" else most.max())
+    so_far = f"{criterion.side} {amount(worst, measure.unit)}"
+    return f"no conflict as far as is looked ahead shows only that it is not {so_far}"
+
+
+def amount(value: float, unit: str) -> str:
+    """Give a value with its unit; "beyond any" where it has no bound."""
+    if not math.isfinite(value):
+        return "beyond any"
+    return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+
+
+class HasOutcome(Protocol):
+    """A verdict or a KPI."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Give PASS, FAIL or INVALID."""
+
+
+def overall(verdicts: Mapping[str, HasOutcome]) -> Outcome:
+    """Give FAIL where one fails, else INVALID where one is, else PASS."""
+    outcomes = {v.outcome for v in verdicts.values()}
+    return "FAIL" if "FAIL" in outcomes else "INVALID" if "INVALID" in outcomes else "PASS"
+
+
+def _names(lost: Bools, whose: Sequence[str]) -> str:
+    """Of whom something is lost, in brackets; "" for the EGO."""
+    names = [name for k, name in enumerate(whose) if name and lost[:, k].any()]
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f" (objects {', '.join(names[:NAMED])}{more})" if names else ""
+
+
+def _worst(bad: Floats) -> tuple[int, int] | None:
+    """Scene and column of the largest, None where all are NaN."""
+    if np.isnan(bad).all():
+        return None
+    scene, k = np.unravel_index(int(np.nanargmax(bad)), bad.shape)
+    return int(scene), int(k)
+
+
+def longest(broken: Bools, t: Floats) -> float:
+    """Give the longest time [s] that the limit is broken without a break, each scene for its step; -1 for never."""
+    if not broken.any():
+        return -1.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], broken, [False]]).astype(np.int8)))
+    return float((t[edges[1::2] - 1] - t[edges[::2]]).max()) + _step(t)
+
+
+def _step(t: Floats) -> float:
+    """The time [s] between scenes; 0 for one alone."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

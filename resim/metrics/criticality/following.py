@@ -1,0 +1,101 @@
+"""Rules between vehicles: half the speedometer, its time to restore, overtaking on the right."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats, to_frame, wrap_angle
+from resim.metrics.criticality import motion
+from resim.metrics.criticality.contact import first_contact
+from resim.metrics.criticality.measure import Measure, State, States, stated
+from resim.metrics.criticality.pairs import Pair, Pairs
+
+RANGE = 150.0  # m; how far ahead is looked for somebody
+SAME_WAY = 0.25 * np.pi  # rad; who heads less than this off the EGO's path drives the same way
+FAST = 160.0 / 3.6  # m/s
+KMH = 3.6
+
+
+def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> Measure:
+    """Give the gap (S, K) [m] along the EGO's path to the object's box as it is now; the d of TTC and THW.
+
+    Measured by driving the EGO's box along the path of its plan, then straight on, until it touches. NO_CONFLICT where
+    it touches nothing within `reach` [m], or who is there does not drive the same way; NOT_DEFINED where the EGO
+    reverses; 0 where the boxes touch.
+    """
+    return pairs.measured("gap", "m", "low", partial(_gap, reach), columns=4)
+
+
+def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
+    n = max(2, int(np.ceil(reach / 2.0)))
+    scenes, of = np.unique(p.scene, return_inverse=True)
+    s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(scenes), n + 1))
+    ego = motion.along(p.every.plan[scenes], s, np.ones_like(s))[of]  # 1 m/s: metres are seconds
+    s = s[of]
+    there = p.state.copy()
+    there[:, 3] = 0.0
+    gap = first_contact(ego, motion.straight(there, s), np.full(len(s), reach / n), p.ego_size, p.size)
+    found = np.flatnonzero(np.isfinite(gap))
+    heading = motion.along(p.plan[found], gap[found, None], np.ones((len(found), 1)))[:, 0, 2]
+    conflict = np.zeros(len(gap), dtype=bool)
+    conflict[found] = np.abs(wrap_angle(p.state[found, 2] - heading)) < SAME_WAY
+    return stated(gap, conflict=conflict, defined=p.plan[:, 0, 3] >= 0.0)
+
+
+def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE) -> Measure:
+    """Give how many metres (S, K) the gap is above the least distance; negative is too near.
+
+    Least distance v / 2 in metres with v in km/h, in urban areas v / 3.6, the way of one second (Kaefer, Eq. 4.1).
+    States as in `gap_ahead`: NO_CONFLICT where nobody is ahead within `reach` [m] or the least distance.
+    """
+    v = np.maximum(pairs.plan[:, 0, 3], 0.0)
+    least = v if urban else 0.5 * KMH * v
+    gap = gap_ahead(pairs, reach=float(np.nanmax(least, initial=reach)))
+    spare = gap.value - least[:, None]
+    return Measure("half speedometer", "m", spare, gap.state, "low")
+
+
+def tailgating(t: Floats, v: Floats, spare: Measure) -> Measure:
+    """Give for how long (S, K) [s] the gap has been too short beyond the time to restore it; negative within it.
+
+    t: (S,) s, times of successive scenes; v: (S,) m/s of the EGO; spare: (S, K), of `half_speedometer`. Somebody who
+    was not ahead in the scene before and comes in nearer than allowed leaves the EGO 3 s, above 160 km/h 1 s, to
+    restore the gap; else there is none (Kaefer, 4.5.6.4). Counted from the first scene of the violation; a column is
+    one and the same object throughout.
+    NO_CONFLICT where the gap is kept or nobody ahead. Raises ResimError for times that do not increase.
+    """
+    if len(t) > 1 and not np.all(np.diff(t) > 0.0):
+        raise ResimError("tailgating: expected times that increase from scene to scene")
+    near = (spare.state == State.VALUE) & (np.nan_to_num(spare.value) < 0.0)
+    begins, came = near.copy(), np.zeros_like(near)
+    begins[1:] &= ~near[:-1]
+    came[1:] = spare.state[:-1] == State.NO_CONFLICT
+    since = np.maximum.accumulate(np.where(begins, np.arange(len(t))[:, None], 0), axis=0)
+    grace = np.where(came, np.where(v > FAST, 1.0, 3.0)[:, None], 0.0)
+    value = np.where(near, t[:, None] - t[since] - np.take_along_axis(grace, since, axis=0), np.nan)
+    state = np.where(near, State.VALUE, np.where(spare.state == State.VALUE, State.NO_CONFLICT, spare.state))
+    return Measure("tailgating", "s", value, state.astype(np.uint8), "high")
+
+
+def overtaking_right(pairs: Pairs, *, beside: float = 5.5) -> Measure:
+    """Give by how much (S, K) [m/s] the EGO is faster than an object that it passes on the right.
+
+    The object's box is beside the EGO's (they overlap along the EGO's axis), to its left by up to `beside` [m] between
+    centres, and drives the same way. Negative: it is the one who passes, on the left. NO_CONFLICT elsewhere. German
+    road traffic act, section 5 (1); what it allows (queues, built-up areas) is not known here.
+    """
+    return pairs.measured("overtaking on the right", "m/s", "high", partial(_right, beside), columns=4)
+
+
+def _right(beside: float, p: Pair) -> tuple[Floats, States]:
+    ego, other = p.plan[:, 0], p.state
+    along, left = to_frame(other[:, 0], other[:, 1], ego[:, 0], ego[:, 1], ego[:, 2])
+    turn = wrap_angle(other[:, 2] - ego[:, 2])
+    c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    length = 0.5 * (p.ego_size[:, 0] + c * p.size[:, 0] + s * p.size[:, 1])
+    width = 0.5 * (p.ego_size[:, 1] + s * p.size[:, 0] + c * p.size[:, 1])
+    there = (np.abs(along) <= length) & (left > width) & (left <= beside) & (np.abs(turn) < SAME_WAY)
+    return stated(ego[:, 3] - np.cos(turn) * other[:, 3], conflict=there)

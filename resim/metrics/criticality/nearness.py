@@ -1,0 +1,124 @@
+"""How near boxes come: PMD, TPMD, PET."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from resim.core.geometry import Bools, Floats, wrap_angle
+from resim.metrics.criticality.contact import distance, first_contact
+from resim.metrics.criticality.measure import Measure, States, stated
+from resim.metrics.criticality.pairs import Pair, Pairs
+from resim.metrics.criticality.times import planned_contact
+
+PARTS = 16
+SAME = 1e-6  # m; distances this near to each other are one
+HALVINGS = 10
+
+
+def pmd(pairs: Pairs) -> Measure:
+    """Give the predicted minimum distance (S, K) [m] between both boxes over the horizon, 0 where they touch.
+
+    PMD = min over t of d(EGO(t), TO(t)) (Wagner 2021, 3.2.3.1): the EGO as planned, the object on its driven path or
+    with acceleration and yaw rate kept. Steps that can hold the minimum are cut in PARTS, and those again. Always a
+    value.
+    """
+    return pairs.measured("PMD", "m", "low", partial(_nearest, 0))
+
+
+def tpmd(pairs: Pairs) -> Measure:
+    """Give the time to PMD (S, K) [s]: when the distance of `pmd` is reached first. Always a value."""
+    return pairs.measured("TPMD", "s", "low", partial(_nearest, 1))
+
+
+def _nearest(which: int, p: Pair) -> tuple[Floats, States]:
+    t = p.t
+    near, at = _apart(p, t), t
+    a, b = p.planned(t), p.expected(t)
+    sway = np.hypot(*np.moveaxis(np.diff(b[..., :2] - a[..., :2], axis=1), 2, 0))
+    for box, size in ((a, p.ego_size), (b, p.size)):
+        sway = sway + 0.5 * np.hypot(*size.T)[:, None] * np.abs(wrap_angle(np.diff(box[..., 2], axis=1)))
+    least = near.min(axis=1)
+    can = 0.5 * (near[:, :-1] + near[:, 1:] - sway) < least[:, None] - SAME
+    best, when = least, at[np.arange(len(at)), _first(near, least)]
+    row, j = np.nonzero(can)
+    low, h = t[row, j], p.h[row]
+    for _ in range(2):
+        fine = low[:, None] + h[:, None] * np.linspace(0.0, 1.0, PARTS + 1)
+        d = _apart(p.rows(row), fine)
+        k = d.argmin(axis=1)
+        value, time = d[np.arange(len(d)), k], fine[np.arange(len(d)), k]
+        order = np.lexsort((time, value))[::-1]  # the nearest of a pair is written last
+        order = order[value[order] < best[row[order]] - SAME]
+        best, when = best.copy(), when.copy()
+        best[row[order]], when[row[order]] = value[order], time[order]
+        low, h = np.maximum(time - h / PARTS, 0.0), 2.0 * h / PARTS
+        low = np.minimum(low, p.horizon - h)
+    contact = planned_contact(p)
+    touch = np.isfinite(contact)
+    return stated(np.where(touch, (0.0, contact)[which], (best, when)[which]), conflict=np.ones_like(touch))
+
+
+def _apart(p: Pair, t: Floats) -> Floats:
+    return distance(p.planned(t), p.expected(t), p.ego_size[:, None], p.size[:, None])
+
+
+def _first(near: Floats, least: Floats) -> Floats:
+    return np.asarray((near <= least[:, None] + SAME).argmax(axis=1))
+
+
+def pet(pairs: Pairs) -> Measure:
+    """Give the post-encroachment time (S, K) [s]: between one leaving a place and the other coming to it.
+
+    PET = min |t2 - t1| over times t1, t2 at which the EGO's box at t1 and the object's at t2 share a point (Allen et
+    al. 1978, without a conflict area that somebody has to draw; on straight crossing paths it is the time between
+    one leaving and the other entering the overlap of the swept areas). Give driven paths (`Pairs.path`, and the
+    driven path as plan) for the measure proper; predicted ones give the predicted PET. 0 where the boxes touch;
+    NO_CONFLICT where the swept areas of the horizon do not overlap. To be found, a place must be shared for longer
+    than a step of time shifts.
+    """
+    return pairs.measured("PET", "s", "low", _pet)
+
+
+def _pet(p: Pair) -> tuple[Floats, States]:
+    low = np.full(len(p.plan), np.nan)
+    earliest = _least_shift(p)
+    unknown = np.isfinite(earliest)
+    sign = np.ones(len(p.plan))
+    for k in range(p.steps):
+        for side in (1.0, -1.0) if k else (1.0,):
+            rows = np.flatnonzero(unknown & (earliest <= k))
+            rows = rows[_share(p.rows(rows), np.full(len(rows), side * k * p.h[0]))]
+            low[rows], sign[rows], unknown[rows] = (k - 1) * p.h[0], side, False
+    found = np.flatnonzero(np.isfinite(low))
+    q, one = p.rows(found), np.maximum(low[found], 0.0)
+    two = low[found] + p.h[0]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (one + two)
+        good = _share(q, sign[found] * middle)
+        one, two = np.where(good, one, middle), np.where(good, middle, two)
+    low[found] = two
+    return stated(low, conflict=np.isfinite(low))
+
+
+def _least_shift(p: Pair) -> Floats:
+    """Fewest steps (P,) between the circles around both boxes being at one place, less one; inf: never at one."""
+    a, b = p.planned(p.t)[..., :2], p.expected(p.t)[..., :2]
+    reach = 0.5 * (np.hypot(*p.ego_size.T) + np.hypot(*p.size.T))
+    for path in (a, b):
+        reach = reach + np.hypot(*np.moveaxis(np.diff(path, axis=1), 2, 0)).max(axis=1)
+    least, steps = np.full(len(a), np.inf), np.arange(a.shape[1])
+    for j in steps:
+        near = np.hypot(*np.moveaxis(b - a[:, j, None], 2, 0)) <= reach[:, None]
+        least = np.minimum(least, np.where(near, np.abs(steps - j), np.inf).min(axis=1))
+    return least - 1.0
+
+
+def _share(p: Pair, shift: Floats) -> Bools:
+    """Whether the EGO at t and the object at t + shift touch, both within the horizon."""
+    n = p.steps
+    h = (p.horizon - np.abs(shift)) / n
+    t = np.maximum(-shift, 0.0)[:, None] + h[:, None] * np.arange(n + 1)
+    other = p.expected(t + shift[:, None])
+    return np.isfinite(first_contact(p.planned(t), other, h, p.ego_size, p.size))

@@ -1,0 +1,242 @@
+"""Times in which a source does not say well enough where an object is, and what else it leaves open.
+
+An object (`core.objects`) is known at its samples, and between two of one id that are at most GAP apart: its trace
+is driven on there. So it is from the last sample of an id to the first of the next, where they follow at once and both
+have a trace, which takes two samples. It is absent
+
+- between all others;
+- before its first or after its last sample, unless it can have come or gone there, at the edge of what is seen
+  (`resim.metrics.doubts.edges`), or the EGO's samples only fall between its own;
+- where its rows lack a position, heading or speed, and no two samples at most GAP apart stand around them.
+
+A row that lacks no position is a sighting all the same: it bounds where the object can be (`metrics.doubts.reach`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from resim.core.geometry import Bools, Floats
+from resim.core.objects import GAP, Whom
+from resim.core.sightings import SAME, Sightings
+from resim.core.tracks import Tracks
+from resim.metrics.doubts.edges import Seen
+
+NEARER = 2.0
+"""Distance [m] by which another EGO has to be nearer to somebody who has left than the measured one."""
+LEFT = "not seen there by the measured EGO, and this EGO is nearer"
+BETWEEN = 0.2
+"""Longest time [s] from one sample of an object to the next that the drive may begin or end in."""
+
+
+@dataclass(frozen=True, eq=False)
+class Absence:
+    """An object that is not known from `start` to `end` [s], but for sightings t (n,) [s].
+
+    state: (n, 5) x, y [m], heading [rad], vx, vy [m/s] of the sightings, heading NaN where unknown. n = 0: nobody knows
+    where it is. size: length, width [m]. why: what is the matter, in words.
+    """
+
+    object: str
+    start: float
+    end: float
+    t: Floats
+    state: Floats
+    size: tuple[float, float]
+    why: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what report.json holds of it: NaN is null."""
+        state = [[None if np.isnan(x) else float(x) for x in row] for row in self.state]
+        fields = {"object": self.object, "start": self.start, "end": self.end, "why": self.why}
+        return {**fields, "size": list(self.size), "t": self.t.tolist(), "state": state}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Absence:
+        """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
+        t = np.array(data["t"], dtype=float)
+        length, width = map(float, data["size"])
+        return cls(
+            str(data["object"]), float(data["start"]), float(data["end"]), t,
+            np.array(data["state"], dtype=float).reshape(len(t), 5), (length, width), str(data["why"]),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Doubts:
+    """What a source leaves open. absences: who is not known when; sizes: of objects whose size or heading is in doubt
+    length and width [m] of a box that holds them; off: of those whose place is, how far [m] they can be off along their
+    heading, and across; same: ids that can be one object, one after the other. excused: who is not seen as seeing ends
+    there, for an EGO that drives as the measured one.
+    """
+
+    absences: tuple[Absence, ...] = ()
+    sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    off: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    same: tuple[tuple[str, ...], ...] = ()
+    excused: tuple[Absence, ...] = ()
+
+    def one(self, name: str) -> tuple[str, ...]:
+        """Give the ids that can be the same object as this one, it among them."""
+        return next((ids for ids in self.same if name in ids), (name,))
+
+    def simulated(self, ego: str) -> Doubts:
+        """Give what is left open where this is simulated: where the EGO is, is known there."""
+        absent = tuple(a for a in self.absences if a.object != ego)
+        return replace(self, absences=absent, off={name: d for name, d in self.off.items() if name != ego})
+
+    def beside(self, own: Tracks, measured: Tracks) -> Doubts:
+        """Give what is left open for an EGO that drives as `own`, and not as `measured`, tracks of the EGO alone.
+
+        Who is excused is absent while that EGO is nearer to where it would be, going straight on, by NEARER.
+        """
+        return replace(self, absences=(*self.absences, *_nearer(self.excused, own, measured)), excused=())
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what report.json holds of it."""
+        sizes = {name: list(size) for name, size in self.sizes.items()}
+        same = [list(ids) for ids in self.same]
+        return {
+            "absences": [a.to_json() for a in self.absences],
+            "sizes": sizes,
+            "off": {name: list(by) for name, by in self.off.items()},
+            "same": same,
+            "excused": [a.to_json() for a in self.excused],
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Doubts:
+        """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
+        sizes = {str(name): (float(a), float(b)) for name, (a, b) in data["sizes"].items()}
+        off = {str(name): (float(a), float(b)) for name, (a, b) in data["off"].items()}
+        same = tuple(tuple(map(str, ids)) for ids in data["same"])
+        absent, excused = (tuple(map(Absence.from_json, data[name])) for name in ("absences", "excused"))
+        return cls(absent, sizes, off, same, excused)
+
+
+WHOLE = Doubts()
+"""Of a source that leaves nothing open."""
+
+
+def absences(whom: Whom) -> tuple[tuple[Absence, ...], tuple[Absence, ...]]:
+    """Give who is absent when, by object, then by time; and who is excused, as seeing ends where it is.
+
+    The EGO is where its samples are farther apart than GAP, or where it has rows before its first sample or after its
+    last.
+    """
+    seen = Seen.of(whom)
+    found = [told for k in whom.others for told in _of_object(k, seen)]
+    absent = (*_of_ego(whom.ego, seen.slack), *(a for a, excused in found if not excused))
+    return absent, tuple(a for a, excused in found if excused)
+
+
+def _nearer(excused: Sequence[Absence], own: Tracks, measured: Tracks) -> Iterator[Absence]:
+    """Those, as long as the EGO of `own` is nearer to where they would be than that of `measured`."""
+    for a in excused:
+        if not len(a.t):
+            continue
+        last = np.clip(np.searchsorted(a.t, own.t + SAME) - 1, 0, len(a.t) - 1)  # seen last, or else first
+        x, y, _, vx, vy = a.state[last].T
+        place = np.stack([x, y]) + np.stack([vx, vy]) * (own.t - a.t[last])
+        far, as_measured = (np.hypot(place[0] - e.x[0], place[1] - e.y[0]) for e in (own, measured))
+        there = (own.t >= a.start - SAME) & (own.t <= a.end + SAME)
+        near = there & ~(far >= as_measured - NEARER)
+        edges = np.flatnonzero(np.diff([False, *near, False]))
+        for first, after in zip(edges[::2], edges[1::2], strict=True):
+            yield replace(a, start=float(own.t[first]), end=float(own.t[after - 1]), why=LEFT)
+
+
+def cut_off(whom: Whom) -> Iterator[Absence]:
+    """Give when others are seen and the EGO is not yet, or no more, but where it comes or goes at an edge.
+
+    whom: of all samples of a source.
+    """
+    me, others = whom.ego, [k for k in whom.others if len(k.t)]
+    if not others or len(me.t) < 2:
+        return
+    usual = [k.step for k in (me, *others) if k.step > 0.0]
+    slack = 2.0 * min(me.step, float(np.median(usual))) + SAME
+    first, last = min(float(k.t[0]) for k in others), max(float(k.t[-1]) for k in others)
+    early, late = first < me.t[0] - slack, last > me.t[-1] + slack
+    if not early and not late:
+        return
+    seen = Seen.of(whom)
+    if early and not seen.at_edge(me, float(me.t[0]), -1):
+        yield _absent(me, first, float(me.t[0]))
+    if late and not seen.at_edge(me, float(me.t[-1]), 1):
+        yield _absent(me, float(me.t[-1]), last)
+
+
+def _of_ego(k: Sightings, slack: float) -> Iterator[Absence]:
+    whole = k.t[k.usable]
+    rows = np.concatenate([k.t, k.blind])
+    if rows.min() < whole[0] - slack:
+        yield _absent(k, float(rows.min()), float(whole[0]))
+    for j in np.flatnonzero(np.diff(whole) > GAP + SAME):
+        yield _absent(k, float(whole[j]), float(whole[j + 1]))
+    if rows.max() > whole[-1] + slack:
+        yield _absent(k, float(whole[-1]), float(rows.max()))
+
+
+def _of_object(k: Sightings, seen: Seen) -> Iterator[tuple[Absence, bool]]:
+    """When it is absent, and whether it is excused."""
+    if not len(k.t):  # nobody knows where it is
+        yield _absent(k, float(k.blind.min()), float(k.blind.max())), False
+        return
+    start, stop = float(k.t[0]), float(k.t[-1])
+    between = max(min(k.step, BETWEEN) - SAME, SAME)
+    if start - seen.whom.start > between:
+        if _comes_or_goes(k, seen, -1):
+            yield _absent(k, seen.whom.start, start), True
+        else:
+            start = seen.whom.start
+    if seen.whom.end - stop > between:
+        if _comes_or_goes(k, seen, 1):
+            yield _absent(k, stop, seen.whom.end), True
+        else:
+            stop = seen.whom.end
+    whole = k.t[k.usable]
+    if len(whole) < 2:  # no trace can be driven
+        yield _absent(k, start, stop), False
+        return
+    driven, left = _driven(k, seen)
+    for j in np.flatnonzero(left):
+        yield _absent(k, float(whole[j]), float(whole[j + 1])), True
+    unknown = [start < whole[0] - SAME, *~(driven | left), stop > whole[-1] + SAME]
+    t = np.array([start, *whole, stop])
+    edges = np.flatnonzero(np.diff([False, *unknown, False]))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        yield _absent(k, float(t[a]), float(t[b])), False
+
+
+def _driven(k: Sightings, seen: Seen) -> tuple[Bools, Bools]:
+    """Between which whole samples (n - 1,) its trace is driven on, and between which it has left and come back."""
+    t, part = k.t[k.usable], k.part[k.usable]
+    traced = np.bincount(part, minlength=len(k.ids)) > 1
+    dt, one = np.diff(t), np.diff(part) == 0
+    slack = max(seen.slack, 2.0 * k.step)
+    out = np.asarray(np.where(one, dt <= GAP + SAME, (dt <= slack) & traced[part[:-1]] & traced[part[1:]]))
+    left = np.zeros(len(out), dtype=bool)
+    for j in np.flatnonzero(~out & one):
+        left[j] = seen.at_edge(k, float(t[j]), 1) and seen.at_edge(k, float(t[j + 1]), -1)
+    return out, left
+
+
+def _comes_or_goes(k: Sightings, seen: Seen, way: int) -> bool:
+    """Whether an object has a reason to be seen first (way -1) or last (way 1) where it is."""
+    t = float(k.t[0] if way < 0 else k.t[-1])
+    if (way * (k.blind - t) > 0.0).any():  # it has rows beyond
+        return False
+    return seen.at_edge(k, t, way)
+
+
+def _absent(k: Sightings, start: float, end: float) -> Absence:
+    keep = (k.t >= start - SAME) & (k.t <= end + SAME)
+    inside = (k.t > start + SAME) & (k.t < end - SAME) & ~k.usable
+    lacking = inside.any() or ((k.blind >= start - SAME) & (k.blind <= end + SAME)).any()
+    why = f"its rows lack {k.lacks}" if k.lacks and (lacking or not k.usable.any()) else "not seen"
+    return Absence(k.id_at(start), start, end, k.t[keep], k.state[keep], k.size, why)

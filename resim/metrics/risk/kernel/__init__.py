@@ -1,0 +1,58 @@
+"""The accident-risk kernel, compiled by numba: Monte-Carlo prediction, contact, time to react (Wagner 2021, 4.1).
+
+One call works through all scenes. What is compiled is kept on disk, by the sources of all modules here: numba itself
+looks at that of the called function's module alone, and would run what is outdated.
+"""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from resim.metrics.risk.kernel.compiled import borrowed
+from resim.metrics.risk.kernel.motion import COS, ROWS, SIN, VX, VY, X, Y, ctra
+from resim.metrics.risk.kernel.scene import Road, assess
+
+_TEXT = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+SOURCES = int(hashlib.sha256(_TEXT).hexdigest()[:15], 16)
+
+
+def _entries(sources):
+    """The functions that are called from outside; numba's cache knows them by what they close over as well."""
+
+    @njit(cache=True, error_model="numpy")
+    def kernel(plan, ego_size, state, size, inputs, motion, points, begin, first, count, at_s, at_d,
+               sample, weight, limits, times, h, swept, r_to, r_ind, r_dep, hits, ttc, ttr):  # fmt: skip
+        """Fill the results of all scenes; see `accident_risk`."""
+        assess(
+            borrowed(plan), borrowed(ego_size), borrowed(state), borrowed(size), borrowed(inputs), borrowed(motion),
+            Road(borrowed(points), borrowed(begin), borrowed(first), borrowed(count), borrowed(at_s), borrowed(at_d)),
+            borrowed(sample), borrowed(weight), borrowed(limits), times, h, swept, r_to, r_ind, r_dep, hits, ttc, ttr,
+        )  # fmt: skip
+        return sources  # the arguments' owners are in Python, and wait
+
+    @njit(cache=True, error_model="numpy")
+    def ctra_plans(state, h, steps):
+        """Plans (S, steps + 1, 4) x, y, heading, v of states (S, 6) whose acceleration and yaw rate are kept."""
+        out = np.empty((state.shape[0], steps + 1, 4 + 0 * sources))
+        path = np.empty((1, ROWS, steps + 1))
+        for n in range(state.shape[0]):
+            x, y, heading, v, a, rate = state[n]
+            ctra(x, y, math.cos(heading), math.sin(heading), v, a, rate, h, bool(1), path, np.int64(0))
+            for j in range(steps + 1):
+                cos, sin = path[0, COS, j], path[0, SIN, j]
+                out[n, j, 0], out[n, j, 1], out[n, j, 2] = path[0, X, j], path[0, Y, j], math.atan2(sin, cos)
+                out[n, j, 3] = (path[0, VX, j] * cos + path[0, VY, j] * sin) / h
+        return out
+
+    return kernel, ctra_plans
+
+
+kernel, ctra_plans = _entries(SOURCES)
+
+__all__ = ["ctra_plans", "kernel"]

@@ -1,0 +1,1 @@
+"""The perception model at work: what the function sees of the scene, cycle by cycle."""

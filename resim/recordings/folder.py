@@ -1,0 +1,145 @@
+"""Recordings as people keep them: a folder of `recording.toml`, the tables `gt` and `sd`, and a map."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.recordings.recording import Recording, existing_map
+from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
+from resim.recordings.source import Tables, recording_of
+from resim.recordings.tables import GT_ID, read_table, read_track_table, row_problem
+
+PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
+"""Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""
+
+
+def read_tables(folder: Path) -> Tables:
+    """Give what the folder holds, as it stands.
+
+    The folder holds `recording.toml`, `gt.csv` or `gt.parquet`, and where measured `sd` and `plan` likewise.
+    Raises InputError for what cannot be read at all; what `resim.recordings.checks` examines is let through.
+    """
+    folder = Path(folder)
+    settings = read_settings(folder / SETTINGS)
+    road = existing_map(folder / SETTINGS, folder / settings.map)
+    gt_file, sd_file, plan_file = (_table(folder, name) for name in ("gt", "sd", "plan"))
+    if gt_file is None:
+        raise InputError(folder, "holds neither gt.csv nor gt.parquet", "Put the ground truth there.")
+    gt = read_track_table(gt_file)
+    _check_ego(folder, gt_file, gt, settings.ego)
+    sd = None if sd_file is None else _read_sensor_data(sd_file, gt)
+    if sd is None and settings.sd_rate is not None:
+        problem = f"sd_rate is {settings.sd_rate:g}, but there is neither sd.csv nor sd.parquet beside it"
+        raise InputError(folder / SETTINGS, problem, "Add the sensor data or take sd_rate out.")
+    return Tables(
+        settings=settings, map=road, gt=gt, sd=sd, plan=None if plan_file is None else _read_plan(plan_file),
+        folder=folder, gt_file=gt_file, sd_file=sd_file or folder / "sd.csv",
+    )  # fmt: skip
+
+
+def read_recording(folder: Path) -> Recording:
+    """Give the recording in the folder (see `read_tables`).
+
+    An SD table without the column `gt_id` names its objects as the GT does. Raises InputError.
+    """
+    return recording_of(read_tables(folder))
+
+
+def write_recording(recording: Recording, folder: Path, *, map_reference: str | None = None) -> None:
+    """Write the recording as a new folder (see `write_tables`)."""
+    write_tables(Tables.of(recording), folder, map_reference=map_reference)
+
+
+def write_tables(tables: Tables, folder: Path, *, map_reference: str | None = None) -> None:
+    """Write the tables as a new recording folder, all or nothing; the same tables give the same bytes.
+
+    The map is copied into it; with map_reference, a path relative to the folder, the folder refers to that
+    file instead. Raises InputError where the folder exists and is not empty, or there is no such map.
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(folder, "exists already", "Remove it or name another folder.")
+    road = tables.map if map_reference is None else Path(os.path.normpath(folder / map_reference))
+    existing_map(folder, road)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        _write(tables, folder, map_reference)
+    except OSError as e:
+        raise InputError(folder, f"cannot be written ({e.strerror})", "Name a folder you may write.") from e
+
+
+def _write(tables: Tables, folder: Path, map_reference: str | None) -> None:
+    """Write a folder beside, then put it in place."""
+    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        if map_reference is None:
+            shutil.copyfile(tables.map, beside / tables.map.name)
+        text = _settings(tables.settings, map_reference or tables.map.name)
+        (beside / SETTINGS).write_text(text, encoding="utf-8", newline="\n")
+        plan = None if tables.plan is None else tables.plan[list(PLAN_COLUMNS)]
+        for name, table in (("gt", tables.gt), ("sd", tables.sd), ("plan", plan)):
+            if table is not None:
+                table.to_csv(beside / f"{name}.csv", index=False, lineterminator="\n", encoding="utf-8")
+        beside.chmod(0o755)
+        beside.replace(folder)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _table(folder: Path, name: str) -> Path | None:
+    """The CSV or Parquet file of that name, None where there is neither. Raises InputError for what is no file."""
+    found = [path for end in ("csv", "parquet") if os.path.lexists(path := folder / f"{name}.{end}")]
+    if len(found) > 1:
+        raise InputError(folder, f"holds both {name}.csv and {name}.parquet", "Keep the one that is meant.")
+    if found and not found[0].is_file():
+        problem = "is no file: a folder, a device, a pipe, or a link to nothing"
+        raise InputError(found[0], problem, "Put the table itself there, or take it away.")
+    return found[0] if found else None
+
+
+def _check_ego(folder: Path, path: Path, gt: pd.DataFrame, ego: str) -> None:
+    known = list(dict.fromkeys(gt["id"]))
+    if ego not in known:
+        problem = f"ego {ego!r} is no object of {path.name}, which holds {', '.join(known[:20])}"
+        raise InputError(folder / SETTINGS, problem, "Name one of its objects.")
+
+
+def _read_sensor_data(path: Path, gt: pd.DataFrame) -> pd.DataFrame:
+    """The SD table; where it has `gt_id`, each object has one, which the ground truth knows."""
+    frame = read_track_table(path)
+    if GT_ID not in frame:
+        return frame
+    first = frame.groupby("id", sort=False)[GT_ID].transform("first")
+    changed = frame[frame[GT_ID] != first]
+    if len(changed):
+        row = changed.index[0]
+        what = f"{GT_ID} is {changed[GT_ID].iloc[0]!r}, the object's first row has {first.loc[row]!r}"
+        remedy = "Give the track a new id where its identity changes."
+        raise InputError(path, row_problem(frame, row, what), remedy)
+    unknown = frame[(frame[GT_ID] != "") & ~frame[GT_ID].isin(gt["id"])]
+    if len(unknown):
+        what = f"{GT_ID} {unknown[GT_ID].iloc[0]!r} is no object of the ground truth"
+        remedy = "Name a ground truth object or leave the field empty."
+        raise InputError(path, row_problem(frame, unknown.index[0], what), remedy)
+    return frame
+
+
+def _read_plan(path: Path) -> pd.DataFrame:
+    return read_table(path, required=PLAN_COLUMNS).reset_index(drop=True)
+
+
+def _settings(settings: Settings, road: str) -> str:
+    """The recording.toml, its fields in the order of the model."""
+    fields = {
+        "name": settings.name, "map": road, "ego": settings.ego,
+        "build": settings.build, "build_hash": settings.build_hash,
+        "gt_rate": settings.gt_rate, "sd_rate": settings.sd_rate,
+    }  # fmt: skip
+    environment = settings.environment.model_dump(by_alias=True, exclude_none=True)
+    return settings_text(fields, {"environment": environment, "provenance": settings.provenance})

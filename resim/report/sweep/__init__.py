@@ -1,7 +1,0 @@
-"""The page of a sweep: requirements, boundaries, sensitivity, responses, the worst runs."""
-
-from resim.report.sweep.boundary_words import boundary_lines
-from resim.report.sweep.page import write_sweep_page
-from resim.report.sweep.words import overview_line, requirement_lines
-
-__all__ = ["boundary_lines", "overview_line", "requirement_lines", "write_sweep_page"]

@@ -1,0 +1,100 @@
+"""What is assessed and how, and what is found: of each of GT, SD, rGT, rSD."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from resim.metrics.assessment import Assessment
+from resim.metrics.criteria import Criteria
+from resim.metrics.drive import Path as EgoPath
+from resim.metrics.risk import DEFAULTS, Parameters
+from resim.metrics.risk.prediction import Prediction
+from resim.resimulation.model_runs import MODEL, ModelRuns
+from resim.road.opendrive import RoadNetwork
+
+RATE = 10.0
+"""Scenes a second [Hz] that are assessed, if nothing else is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class How:
+    """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
+
+    prediction: how objects may go on (None: as published); road_aware: along their lanes. only: objectifications to
+    compute besides those that criteria ask for, None for all. rate: scenes a second [Hz].
+    """
+
+    parameters: Parameters = DEFAULTS
+    path: EgoPath = "plan"
+    prediction: Prediction | None = None
+    road_aware: bool = False
+    criteria: Criteria | None = None
+    only: tuple[str, ...] | None = None
+    rate: float = RATE
+
+
+@dataclass(frozen=True, eq=False)
+class Assessed:
+    """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation.
+
+    failures: of runs that failed, and why; also of those that have no assessment, as there was nothing to assess.
+    findings: what is wrong with the recording, worst first, notes left out. model: the runs with a perception model,
+    where there are any, and criteria to judge them by.
+    misfits: lines that name objects whose traces, by which they are assessed, are not where they were.
+    """
+
+    name: str
+    network: RoadNetwork
+    run: bool
+    blocks: Mapping[str, Assessment]
+    criteria: Criteria | None
+    failures: Mapping[str, str]
+    findings: tuple[str, ...] = ()
+    model: ModelRuns | None = None
+    misfits: tuple[str, ...] = ()
+
+    def notes(self) -> list[str]:
+        """Give what one has to know to compare the blocks and to believe them."""
+        kinds = {name: sorted(set(a.drive.path)) for name, a in self.blocks.items()}
+        out = []
+        if len({tuple(k) for k in kinds.values()}) > 1:
+            told = "; ".join(f"{name} by its {' and '.join(k)}" for name, k in kinds.items())
+            folder = "RESULTS" if self.run else "RECORDING"
+            out.append(
+                f"the EGO's path differs: {told}; `resim assess {folder} --path state` makes them alike"
+            )
+        out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
+        out += self.misfits
+        return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
+
+    def bad(self) -> dict[str, str]:
+        """Give the verdict of each source that does not pass."""
+        out = {name: str(a.verdict) for name, a in self.blocks.items() if a.verdict not in (None, "PASS")}
+        if self.model is not None and self.model.verdict != "PASS":
+            counts = self.model.counts()
+            out[MODEL] = f"{self.model.verdict} ({counts['PASS']} of {sum(counts.values())} seeds pass)"
+        return out
+
+    def kpi_frame(self) -> pd.DataFrame:
+        """Give the worst of every objectification and the KPI of every criterion, one row each, by source."""
+        rows = [{"source": name, **row} for name, a in self.blocks.items() for row in a.kpis()]
+        rows += [] if self.model is None else self.model.kpis()
+        frame = pd.DataFrame(rows)
+        numbers = ["value", "t", "limit", "weight"]
+        return frame.assign(**{column: frame[column].astype(float) for column in numbers})
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the blocks of a run by name; of a recording the block of GT, with that of SD in `SD`."""
+        blocks = {name: a.to_json() for name, a in self.blocks.items()}
+        if self.run:
+            model = {} if self.model is None else {MODEL: self.model.to_json()}
+            return {
+                **blocks,
+                **model, "failures": dict(self.failures), "findings": list(self.findings), "notes": self.notes(),
+            }  # fmt: skip
+        gt = blocks.pop("GT")
+        return {**gt, **blocks, "findings": list(self.findings), "notes": self.notes()}

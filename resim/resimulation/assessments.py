@@ -1,0 +1,175 @@
+"""Recordings and re-simulations, assessed: each of GT, SD, rGT, rSD by its JSCEN, ten times a second."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.files import check_hashes, parse_json, read_file
+from resim.core.finding import Finding
+from resim.metrics.assessment import Assessment
+from resim.metrics.doubts.unseen import WHOLE, Doubts
+from resim.recordings import Recording
+from resim.recordings.checked import examined, finding_lines
+from resim.recordings.folder import PLAN_COLUMNS
+from resim.recordings.tables import read_table
+from resim.resimulation.assessed import Assessed, How
+from resim.resimulation.blocks import (
+    Block,
+    assess_block,
+    functioning_of,
+    measured_functioning,
+    plans_of,
+)
+from resim.resimulation.doubts import doubts
+from resim.resimulation.fidelity import collisions
+from resim.resimulation.notes import misfits
+from resim.resimulation.report import finding_of
+from resim.resimulation.result import Resimulation
+from resim.resimulation.run import describe_recording, map_name, measured_tracks
+from resim.resimulation.run_blocks import (
+    RunTables,
+    blocks_of_run,
+    described_runs,
+    failures_of,
+    model_runs,
+)
+from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
+from resim.resimulation.told import as_told
+from resim.road.opendrive import RoadNetwork, load
+from resim.scenario.jscen import read_jscen
+from resim.scenario.scenario import Scenario
+from resim.simulation.case import SimulatedDrive
+
+BLOCKS = ("GT", "SD", "rGT", "rSD")
+"""What is assessed, in the order of the tables."""
+
+
+def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assessed:
+    """Assess a recording (GT, and SD where there is one) or what `resim run` wrote (GT, SD, rGT, rSD).
+
+    accept: codes of findings in a recording in spite of which to go on. Raises InputError for a folder that is neither.
+    """
+    if (folder / "run.json").is_file():
+        return _assess_results(folder, how)
+    if (folder / "recording.toml").is_file():
+        return assess_recording(examined(folder, accept=tuple(accept)), how)
+    problem = "holds neither recording.toml nor run.json"
+    raise InputError(folder, problem, "Give a recording, or the folder that `resim run` wrote.")
+
+
+def assess_recording(recording: Recording, how: How) -> Assessed:
+    """Assess what was measured: GT, and SD where there is one."""
+    network = load(recording.map)
+    described = describe_recording(recording, network)
+    measured = measured_tracks(recording)
+    plans, sd = plans_of(recording.plan), measured.get("SD")
+    seen = None if sd is None else as_told(recording, "SD", sd).tracks.to_frame()
+    functioning = measured_functioning(
+        seen, plans, {f.code: f.value for f in recording.findings if not f.object}
+    )
+    blocks = {
+        str(basis): Block(
+            scenario, plans, replace(functioning, of_truth=basis == "GT"),
+            tuple(collisions(measured[basis], ego=recording.ego)),
+            doubts=doubts(recording, basis, measured[basis], scenario, network),
+        )
+        for basis, scenario in described.items()
+    }  # fmt: skip
+    found = _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
+    rows = {str(basis): measured[basis].to_frame() for basis in described}
+    scenarios = {str(basis): scenario for basis, scenario in described.items()}
+    return replace(found, misfits=tuple(misfits(scenarios, rows, network).values()))
+
+
+def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
+    """Assess a re-simulation: GT, SD, rGT, rSD; with `model` and criteria its runs with a perception model as well."""
+    tables = RunTables(tracks_frame(result), answers_frame(result), plans_frame(result))
+    report = result.report
+    blocks = blocks_of_run(result.scenarios(), tables, report)
+    failures = failures_of(report, blocks)
+    found = _assessed(
+        result.recording.name, result.network, True, blocks, how, failures, result.recording.findings
+    )
+    runs = model_runs(blocks["GT"], tables, report, result.network, how) if model else None
+    return replace(found, model=runs, misfits=tuple(result.misfits.values()))
+
+
+def assess_drive(
+    drive: SimulatedDrive,
+    scenario: Scenario,
+    network: RoadNetwork,
+    how: How,
+    doubts: Doubts = WHOLE,
+    measured: Scenario | None = None,
+) -> Assessment:
+    """Assess one simulation by the scenario that describes it. doubts, measured: of what its traffic is of."""
+    t = np.array([p.t for p in drive.perceived])
+    hits = tuple((c.t, c.id) for c in drive.collisions)
+    counts = [len(p.ids) for p in drive.perceived]
+    ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in drive.perceived)])
+    functioning = functioning_of(np.repeat(t, counts), ids, t, t, 0.0)
+    left = doubts.simulated(scenario.ego.id)
+    block = Block(scenario, drive.plans, functioning, hits, drive.flaw, left, measured)
+    return assess_block(block, network, how)
+
+
+def _assess_results(folder: Path, how: How) -> Assessed:
+    report, mark = folder / "report.json", folder / "run.json"
+    remedy = "Run it again."
+    try:
+        check_hashes(folder, parse_json(read_file(mark, remedy), mark, remedy)["files"], remedy)
+    except (KeyError, TypeError, AttributeError) as e:
+        raise InputError(mark, "is not what `resim run` writes", remedy) from e
+    try:
+        written = parse_json(read_file(report, remedy), report, remedy)
+        road, name = folder / map_name(Path(str(written["map"]))), str(written["recording"])
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(report, "is not what `resim run` writes", remedy) from e
+    network = load(road)
+    files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
+    scenarios = {name: read_jscen(path) for name, path in files.items() if path.is_file()}
+    tables = RunTables(
+        read_table(
+            folder / "tracks.parquet",
+            required=("source", "t", "id", "x", "y"),
+            text=("source", "id", "kind"),
+            optional=("heading", "v", "length", "width", "kind"),
+        ),
+        _table(folder / "answers.parquet", ("source", "t")),
+        _table(folder / "plans.parquet", ("source", *PLAN_COLUMNS)),
+    )
+    try:
+        if lost := [basis for basis in ("GT", *described_runs(written)) if basis not in scenarios]:
+            raise InputError(folder, f"{lost[0]}.jscen.json is missing", remedy)
+        blocks = blocks_of_run(scenarios, tables, written)
+        failures = failures_of(written, blocks)
+        findings = tuple(map(finding_of, written["findings"]))
+        model = model_runs(blocks["GT"], tables, written, network, how)
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(report, "is not what `resim run` writes", remedy) from e
+    found = _assessed(name, network, True, blocks, how, failures, findings)
+    rows = {name: tables.tracks[tables.tracks.source == name] for name in scenarios}
+    return replace(found, model=model, misfits=tuple(misfits(scenarios, rows, network).values()))
+
+
+def _table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
+    return read_table(path, required=columns, text=("source",), may_be_empty=True)
+
+
+def _assessed(
+    name: str,
+    network: RoadNetwork,
+    run: bool,
+    blocks: Mapping[str, Block],
+    how: How,
+    failures: Mapping[str, str],
+    findings: Iterable[Finding],
+) -> Assessed:
+    found = {key: assess_block(block, network, how) for key, block in blocks.items()}
+    return Assessed(name, network, run, found, how.criteria, failures, finding_lines(findings))

@@ -1,0 +1,137 @@
+"""One of GT, SD, rGT, rSD: what it is assessed from, and its assessment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from resim.core.geometry import Floats
+from resim.core.tracks import Strings, Tracks, whole_id
+from resim.metrics.assessment import Assessment, assess
+from resim.metrics.doubts.unseen import WHOLE, Doubts
+from resim.metrics.drive import Plans, drive
+from resim.metrics.functional import Functioning
+from resim.metrics.objectifications import Subject, contacts
+from resim.recordings.folder import PLAN_COLUMNS
+from resim.resimulation.assessed import How
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario
+
+FINE = 100.0
+"""Samples a second [Hz] in which collisions are looked for."""
+
+DELAY = "CLOCK_OFFSET"
+"""Code of the finding that says how late SD is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """What one block is assessed from. collisions: when [s] and with whom; flaw: why it cannot be judged, or "".
+
+    measured: of a simulated drive, what its traffic is of.
+    """
+
+    scenario: Scenario
+    plans: Plans
+    functioning: Functioning
+    collisions: tuple[tuple[float, str], ...]
+    flaw: str = ""
+    doubts: Doubts = WHOLE
+    measured: Scenario | None = None
+
+
+def assess_block(block: Block, network: RoadNetwork, how: How) -> Assessment:
+    """Assess one block at times `how.rate` a second, and look for collisions FINE times a second."""
+    scenario, doubts = block.scenario, block.doubts
+    often, seldom = _times(scenario, FINE), _times(scenario, how.rate)
+    t = np.union1d(often, seldom)
+    every = scenario.tracks(network, t)
+    if block.measured is not None and doubts.excused:
+        own = every.samples(np.searchsorted(t, seldom)).select([scenario.ego.id])
+        doubts = doubts.beside(own, replace(block.measured, objects=()).tracks(network, seldom))
+
+    def subject(every: Tracks) -> Subject:
+        made = drive(
+            every.samples(np.searchsorted(t, seldom)), ego=scenario.ego.id, plans=block.plans, path=how.path,
+            parameters=how.parameters, predicted=how.prediction, road=network if how.road_aware else None,
+        )  # fmt: skip
+        fine = every if len(t) == len(often) else every.samples(np.searchsorted(t, often))
+        hits = tuple(sorted([*contacts(fine, scenario.ego.id), *block.collisions]))
+        own = () if how.criteria is None else how.criteria.own
+        return Subject(made, network, how.parameters, block.functioning, hits, own)
+
+    larger = _larger(every, doubts)
+    return assess(
+        subject(every),
+        how.criteria,
+        block.flaw,
+        how.only,
+        doubts,
+        None if larger is None else subject(larger),
+    )
+
+
+def _larger(tracks: Tracks, doubts: Doubts) -> Tracks | None:
+    """The tracks with boxes that hold all that objects and their parts may fill; None where none is in doubt."""
+    known = {*doubts.sizes, *doubts.off}
+    names = [whole_id(name, known) for name in tracks.ids.tolist()]
+    if not known.intersection(names):
+        return None
+    off = np.array([doubts.off.get(name, (0.0, 0.0)) for name in names])
+    sizes = np.array([doubts.sizes.get(name, (0.0, 0.0)) for name in names])
+    length, width = (
+        np.maximum(own, side) + 2.0 * far
+        for own, side, far in zip((tracks.length, tracks.width), sizes.T, off.T, strict=True)
+    )
+    return replace(tracks, length=length, width=width)
+
+
+def _times(scenario: Scenario, rate: float) -> Floats:
+    """Times [s] of the whole scenario, `rate` a second."""
+    return np.round(scenario.ego.spawn_time + np.arange(0.0, scenario.duration + 1e-9, 1.0 / rate), 9)
+
+
+def plans_of(frame: pd.DataFrame | None) -> Plans:
+    """Give the plans in a table of PLAN_COLUMNS, by the time they were made; a planned time counts once."""
+    if frame is None or not len(frame):
+        return ()
+    rows = (
+        frame[list(PLAN_COLUMNS)].drop_duplicates(["t", "t_plan"]).sort_values(["t", "t_plan"], kind="stable")
+    )
+    values = rows.to_numpy(dtype=float)
+    made, first = np.unique(values[:, 0], return_index=True)
+    return tuple(zip(made.tolist(), np.split(values[:, 1:], first[1:]), strict=True))
+
+
+def measured_functioning(
+    seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, float | None]
+) -> Functioning:
+    """Give what perception and function did in the measured drive, as far as it was recorded."""
+    answers = np.array([when for when, _ in plans]) if len(plans) else None
+    if seen is None:
+        return Functioning(None, np.empty(0, dtype=str), np.empty((0, 0), dtype=bool), np.inf, answers)
+    return listed(seen, np.unique(seen.t.to_numpy(dtype=float)), answers, findings.get(DELAY) or 0.0)
+
+
+def listed(seen: pd.DataFrame, lists: Floats, answers: Floats | None, delay: float) -> Functioning:
+    """Give lists of perceived objects from the rows of a table."""
+    return functioning_of(seen.t.to_numpy(dtype=float), seen.id.to_numpy(dtype=str), lists, answers, delay)
+
+
+def functioning_of(
+    t: Floats, seen: Strings, lists: Floats, answers: Floats | None, delay: float
+) -> Functioning:
+    """Give lists of perceived objects from when [s] who was seen (N,); parts of one object count as that one."""
+    names, of = np.unique(seen, return_inverse=True)
+    known = set(names.tolist())
+    whole = np.array([whole_id(name, known) for name in names.tolist()], dtype=str)
+    ids, row = np.unique(whole, return_inverse=True)
+    row, at = row[of], np.searchsorted(lists, t)
+    table = np.zeros((len(ids), len(lists)), dtype=bool)
+    table[row, np.minimum(at, len(lists) - 1)] = True
+    gaps = np.concatenate([np.diff(lists[o]) for o in table] or [np.diff(lists)])
+    period = float(np.median(gaps)) if len(gaps) else np.inf
+    return Functioning(lists, ids, table, period, answers, delay)

@@ -1,0 +1,128 @@
+"""What a recording leaves open: who was where in the time between, and how large."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from resim.core.objects import Whom
+from resim.core.sightings import Sightings
+from resim.core.tracks import Tracks
+from resim.metrics.doubts.contradiction import off_by, size_turned, turned_by
+from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off
+from resim.recordings import Recording
+from resim.recordings.checks import TORN
+from resim.recordings.checks.bodies import SIZE
+from resim.recordings.checks.tracks import PEDESTRIAN
+from resim.recordings.identity import UNMATCHED
+from resim.resimulation.result import Basis
+from resim.resimulation.told import as_told
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.misfit import find_misfits
+from resim.scenario.scenario import Scenario
+
+FARTHEST = 20.0
+"""Distance [m] by which a place is in doubt at most; beyond it nobody knows where the object is."""
+
+
+def doubts(
+    recording: Recording, basis: Basis, tracks: Tracks, scenario: Scenario | None, network: RoadNetwork
+) -> Doubts:
+    """Give what a measurement leaves open.
+
+    tracks: `measured_tracks` of that basis; scenario: what describes them, by which they are judged and simulated, None
+    where nothing is. Where a trace is off its samples, or samples are off their track, nobody knows which is right.
+    """
+    name = basis.lower()
+    told = as_told(recording, basis, tracks)
+    whom = Whom.of(told.tracks, told.incomplete, ego=recording.ego)
+    absent, excused = absences(whom)
+    found = (*absent, *told.gaps)
+    whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
+    if whole is not None:
+        found += tuple(cut_off(Whom.of(as_told(recording, basis, whole).tracks, ego=recording.ego)))
+    torn = list(_torn(recording, basis))
+    swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
+    misfits = dict(_misfits(tracks, scenario, network))
+    off: dict[str, tuple[float, float]] = {}
+    sizes: dict[str, tuple[float, float]] = {}
+    for ids, parts in _bodies(whom):
+        every = max(sum(far for who, far in torn if who in ids), *(misfits.get(who, 0.0) for who in ids))
+        by = np.max([(every, every), *(off_by(k, walks=k.kind == PEDESTRIAN) for k in parts)], axis=0)
+        off.update((who, (float(by[0]), float(by[1]))) for who in ids if by.any())
+        turned = max(0.0 if k.kind == PEDESTRIAN else turned_by(k) for k in parts)
+        if swapped.intersection(ids):
+            turned = 0.5 * np.pi
+        sizes.update(_larger(ids, parts, recording.sizes.get(name, {}), tracks, turned))
+    lost = [
+        _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
+    ]
+    return Doubts(
+        (*(replace(a, size=sizes.get(a.object, a.size)) for a in found), *lost),
+        sizes,
+        {who: by for who, by in off.items() if max(by) <= FARTHEST},
+        whom.same,
+        tuple(replace(a, size=sizes.get(a.object, a.size)) for a in excused),
+    )
+
+
+def _bodies(whom: Whom) -> Iterator[tuple[tuple[str, ...], list[Sightings]]]:
+    """The ids that can be one object, and what is known of it."""
+    every = (whom.ego, *whom.others)
+    together = {name: ids for ids in whom.same for name in ids}
+    for ids in dict.fromkeys(together.get(k.ids[0], k.ids) for k in every):
+        yield ids, [k for k in every if k.ids[0] in ids]
+
+
+def _larger(
+    ids: tuple[str, ...],
+    parts: list[Sightings],
+    told: Mapping[str, tuple[float, float]],
+    tracks: Tracks,
+    turned: float,
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """The size [m] that an object can have, under those of its ids that have a smaller one.
+
+    told: the largest that rows give an id; turned: rad, by how much its heading can be off.
+    """
+    length, width = np.max([*(k.size for k in parts), *(told[i] for i in ids if i in told)], axis=0).tolist()
+    for who in ids:
+        n = np.flatnonzero(tracks.ids == who)
+        own = (
+            (float(tracks.length[n[0]]), float(tracks.width[n[0]]))
+            if len(n)
+            else told.get(who, (length, width))
+        )
+        if turned or length > own[0] + SIZE or width > own[1] + SIZE:
+            yield who, size_turned((max(length, own[0]), max(width, own[1])), turned)
+
+
+def _lost(tracks: Tracks, name: str, off: float) -> Absence:
+    """Somebody whose place is worth nothing."""
+    n = tracks.index(name)
+    start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
+    why = f"its trace is {off:.0f} m off its positions, or these off each other"
+    size = float(tracks.length[n]), float(tracks.width[n])
+    return Absence(name, start, end, np.empty(0), np.empty((0, 5)), size, why)
+
+
+def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:
+    """Who jumps farther than he can, for good, and how far [m]: where he was is wrong before, or after."""
+    source, sd = basis.lower(), recording.sd
+    names: dict[str, str] = {}
+    if basis == "SD" and sd is not None and recording.sd_gt_id is not None:
+        names = {
+            own: gt or f"{UNMATCHED}{own}"
+            for own, gt in zip(sd.ids.tolist(), recording.sd_gt_id.tolist(), strict=True)
+        }
+    for f in recording.findings:
+        if f.source == source and f.code in TORN:
+            yield names.get(f.object, f.object), f.value
+
+
+def _misfits(tracks: Tracks, scenario: Scenario | None, network: RoadNetwork) -> Iterator[tuple[str, float]]:
+    """Whose trace is off its samples, and how far [m]."""
+    if scenario is not None:
+        yield from ((m.object, m.off) for m in find_misfits(scenario, tracks.to_frame(), network))

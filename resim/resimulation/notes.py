@@ -1,0 +1,183 @@
+"""What a reader of the results has to know besides the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from resim.core.objects import GAP
+from resim.core.plugins.opened import UNKNOWN
+from resim.core.tracks import Tracks
+from resim.recordings import Recording
+from resim.recordings.checked import by_code, finding_lines
+from resim.resimulation.fidelity import EGO_ROW, Errors
+from resim.resimulation.perceived import Perceiving
+from resim.resimulation.result import Basis, Resimulation, drove
+from resim.road.checked import MapCheck
+from resim.road.links import LaneKey
+from resim.road.opendrive import RoadNetwork
+from resim.road.sumo import LaneError
+from resim.scenario.misfit import find_misfits
+from resim.scenario.scenario import Scenario
+from resim.simulation.case import SimulatedDrive
+from resim.simulation.function.interface import Build
+
+LABEL_ONLY = "without build_hash it is not known whether this code did, and the verdict is for the label only"
+OF_BUILD = (LABEL_ONLY, UNKNOWN)
+"""Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
+
+OFF_ROAD = 0.1
+"""Share of the EGO's samples on no driving lane from which on the map is worth a look."""
+
+HEADING = 0.2
+"""Mean difference [rad] between measured heading and direction of motion that is worth a look."""
+
+
+def notes(result: Resimulation) -> Iterator[str]:
+    """Give one line for each thing that qualifies the results."""
+    recording, build, measured, off = result.recording, result.build, result.measured, result.misfits
+    yield from finding_lines(recording.findings)
+    yield from _repaired(recording)
+    yield from _map(result.prepared.checked, measured)
+    yield from _who_drove(recording, build)
+    if opened := build.opened.note():
+        yield f"{build.label}: {opened}"
+    yield from _plausible(recording, result.network, measured["GT"], result.errors)
+    for basis, scenario in result.described.items():
+        yield from _described(basis, measured[basis], scenario)
+        yield from _of(off, basis)
+    for source, drive in result.simulated().items():
+        yield from _of(off, source)
+        if drive.end in ("collision", "off_road"):
+            yield f"{source} ended at t = {drive.truth.t[-1]:.2f} s: {drive.end.replace('_', ' ')}"
+        if drive.failure:
+            yield f"{source}: AD function failed: {drive.failure}"
+    if "SD" in measured:
+        yield from _sensed(recording, measured, result.errors)
+
+
+def perception_notes(perceiving: Perceiving, drives: Sequence[SimulatedDrive]) -> Iterator[str]:
+    """Give what qualifies the drives with a perception model."""
+    outside, shown = sum(d.outside for d in drives), sum(d.shown for d in drives)
+    if outside:
+        yield (
+            f"perception model {perceiving.model.name!r}: {outside} of {shown} perceived states lie outside of what it "
+            "was trained on; what it lets be seen there is extrapolated"
+        )
+    words = {"collision": "ended by a collision", "off_road": "left the road", "function_failed": "failed"}
+    for end, what in words.items():
+        if count := sum(d.end == end for d in drives):
+            yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs {what}"
+
+
+def _repaired(recording: Recording) -> Iterator[str]:
+    for source, counts in recording.repaired.items():
+        what = ", ".join(f"{code} {count}" for code, count in counts.items())
+        yield f"{source}: {sum(counts.values())} samples were repaired before ({what})"
+
+
+def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
+    """What is wrong with the lanes that somebody drove on, in the map and in its SUMO net."""
+    network, name = checked.network, checked.network.path.name
+    told = [(f.code, f"{name}: {f.code}: {f.text}") for f in checked.flaws if f.severity == "error"]
+    yield from by_code(told)
+    touched: set[LaneKey] = set()
+    for tracks in measured.values():
+        found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
+        places = set(
+            zip(found.road.tolist(), found.lane.tolist(), np.round(found.s, 1).tolist(), strict=True)
+        )
+        touched |= {LaneKey(r, network.roads[r].section_index(s), lane) for r, lane, s in places if s == s}
+    roads = {key.road for key in touched}
+    doubts = [f for f in checked.flaws if f.severity == "warning" and f.road in roads]
+    yield from by_code([(f.code, f"{name}: {f.code}: {f.text}") for f in doubts])
+    bad = [lane for lane in checked.net.conversion.bad if lane.key in touched]
+    yield from by_code([("such lanes", f"{name}: {_inexact(lane)}") for lane in bad])
+
+
+def _inexact(lane: LaneError) -> str:
+    what = "is not in the SUMO net" if lane.worst is None else f"is {lane.worst:.3f} m off in the SUMO net"
+    return f"{lane.key}, which traces touch, {what} ({lane.remark or f'at s = {lane.s:g} m'})"
+
+
+def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
+    if drove(recording, build) is not False:
+        if recording.build and recording.build_hash is None:
+            yield f"{build.label} drove the recording by its label alone: {LABEL_ONLY}"
+        return
+    if recording.build != build.label:
+        yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"
+    else:
+        yield f"{build.label} drove the recording in another state (hash {str(recording.build_hash)[:12]})"
+
+
+def _plausible(
+    recording: Recording, network: RoadNetwork, gt: Tracks, errors: Mapping[str, Errors]
+) -> Iterator[str]:
+    """The two looks that tell a recording from the wrong map, frame or unit."""
+    row = gt.index(recording.ego)
+    own = gt.valid[row]
+    off = 1.0 - float(network.to_road(gt.x[row, own], gt.y[row, own]).on_road.mean())
+    if off > OFF_ROAD:
+        yield f"the EGO is on no driving lane in {100.0 * off:.0f} % of its samples: is this the recording's map?"
+    turned = float(np.nanmean(np.abs(errors["FIT_GT"].heading[EGO_ROW])))
+    if turned > HEADING:
+        yield f"the EGO's heading is {turned:.2f} rad off its motion in the mean: is it in radians, in the map's frame?"
+
+
+def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str]:
+    there = {scenario.ego.id, *(o.id for o in scenario.objects)}
+    if lost := sorted(set(tracks.ids.tolist()) - there):
+        yield f"{basis}: seen only once and left out: {', '.join(lost)}"
+    yield from _gaps(basis, tracks, scenario.ego.id)
+
+
+def _of(off: Mapping[str, str], source: str) -> Iterator[str]:
+    if source in off:
+        yield off[source]
+
+
+def misfits(
+    scenarios: Mapping[str, Scenario], positions: Mapping[str, pd.DataFrame], network: RoadNetwork
+) -> dict[str, str]:
+    """Give by source a line that names its objects whose traces are not where their positions are, if there are any.
+
+    positions: what each scenario describes, as `find_misfits` takes it.
+    """
+    told = {name: misfit(name, scenario, positions[name], network) for name, scenario in scenarios.items()}
+    return {name: line for name, line in told.items() if line}
+
+
+def misfit(what: str, scenario: Scenario, positions: pd.DataFrame, network: RoadNetwork) -> str:
+    """Give a line that names every object whose trace is off its positions (`find_misfits`), the worst first, or ""."""
+    far = sorted(find_misfits(scenario, positions, network), key=lambda m: (m.off, m.object), reverse=True)
+    told = ", ".join(f"{m.object} by {m.off:.2f} m at {m.t:.2f} s (noise {m.noise:.2g} m)" for m in far)
+    return (
+        f"{what}: traces are off the positions that they were fitted to by more than noise: {told}"
+        if far
+        else ""
+    )
+
+
+def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:
+    own = tracks.t[tracks.valid[tracks.index(ego)]]
+    for gap in np.flatnonzero(np.diff(own) > GAP):
+        yield f"{basis}: the EGO is not seen from {own[gap]:.2f} to {own[gap + 1]:.2f} s; its trace is bridged there"
+    if parts := tracks.parts():
+        which = ", ".join(parts[:10]) + (", ..." if len(parts) > 10 else "")
+        yield f"{basis}: not seen for over {GAP:g} s, and another object when seen again: {which}"
+
+
+def _sensed(
+    recording: Recording, measured: Mapping[Basis, Tracks], errors: Mapping[str, Errors]
+) -> Iterator[str]:
+    known = set(measured["GT"].joined().ids.tolist())
+    unknown = [i for i in measured["SD"].joined().ids.tolist() if i not in known]
+    if unknown:
+        yield f"SD holds {len(unknown)} object(s) without ground truth: no errors for them, but rSD has them"
+    if not recording.senses_ego:
+        yield "SD holds no EGO: its ground truth stands in, and S says nothing of it"
+    elif not np.isfinite(errors["S"].x[EGO_ROW]).any():
+        yield "S of the EGO is empty: no SD sample lies between two neighbouring GT samples"

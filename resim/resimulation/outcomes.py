@@ -1,0 +1,108 @@
+"""What drives came to (`resim.verification.Outcome`), of re-simulations and their assessments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from resim.core.tracks import Tracks
+from resim.metrics.assessment import Assessment
+from resim.resimulation import fidelity
+from resim.resimulation.assessed import Assessed, How
+from resim.resimulation.assessments import assess_drive
+from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, Errors
+from resim.resimulation.outcome import COMFORT, Kpi, Outcome, Rms
+from resim.resimulation.reaction import ego_tracks
+from resim.resimulation.result import Resimulation
+from resim.road.opendrive import RoadNetwork
+from resim.scenario import maneuvers
+from resim.simulation.case import SimulatedDrive
+
+PARTED = {"d": 0.5, "v": 0.5}
+"""Distance [m] and difference of speed [m/s] from which on two EGOs drive differently."""
+
+
+def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
+    """Give what GT, SD, rGT and rSD came to, as far as they are there."""
+    driven, ego, out = result.driven(), result.ego, {}
+    drives = result.simulated()
+    if "SD" in result.described:
+        driven["SD"] = ego_tracks(result.described["SD"], result.network)
+    for name, assessment in assessed.blocks.items():
+        if (tracks := driven.get(name)) is not None:
+            out[name] = outcome(assessment, tracks, result.network, ego, drives.get(name))
+    if "GT" in out:
+        out["GT"] = replace(out["GT"], reaction_spread=result.reaction_spread)
+    return out | {name: _nothing(drive) for name, drive in drives.items() if name not in out}
+
+
+def seed_outcome(result: Resimulation, seed: int, how: How) -> Outcome:
+    """Give what a drive on GT (`run_on_gt`) came to: the EGO as it drove, the traffic as GT's scenario has it."""
+    gt, (drive, refit, pipe) = result.described["GT"], result.of(seed)
+    if refit is None:
+        return _nothing(drive)
+    made = replace(refit, objects=gt.objects)
+    assessment = assess_drive(drive, made, result.network, how, result.prepared.doubts["GT"], gt)
+    errors = None if pipe is None else pipe.rms(EGO_ROW)
+    found = outcome(assessment, ego_tracks(refit, result.network), result.network, result.ego, drive)
+    return replace(found, errors=errors)
+
+
+def _nothing(drive: SimulatedDrive) -> Outcome:
+    """A drive that ended before there was anything to judge."""
+    comfort = dict.fromkeys(COMFORT)
+    return Outcome({}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure)
+
+
+def outcome(
+    assessment: Assessment, tracks: Tracks, network: RoadNetwork, ego: str, drive: SimulatedDrive | None
+) -> Outcome:
+    """Give what one drive came to. tracks: with accelerations."""
+    kpis = {
+        name: Kpi(v.outcome, _finite(v.value), v.unit, v.t, v.object, v.weight, v.reason)
+        for name, v in assessment.verdicts.items()
+    }
+    return Outcome(
+        kpis=kpis,
+        events=tuple(maneuvers.events(tracks, network, ego=ego)),
+        reaction=maneuvers.reaction_time(tracks, ego=ego),
+        risk=_worst(assessment, "risk"),
+        comfort={name: _largest(assessment, name, way) for name, way in COMFORT.items()},
+        collision=bool(assessment.contacts),
+        end="" if drive is None else drive.end,
+        failure="" if drive is None else drive.failure,
+    )
+
+
+def rms(errors: Mapping[str, Errors]) -> Rms:
+    """Give the root mean square errors of every step, of the EGO and of the traffic objects."""
+    return {step: {"ego": e.rms(EGO_ROW), "to": e.rms(TO_ROWS)} for step, e in errors.items()}
+
+
+def parted(one: Tracks, two: Tracks, ego: str) -> float | None:
+    """Give when [s] the EGO first drives differently in two simulations of one scenario, None where it does not."""
+    t = one.t[one.t <= two.t[-1] + 1e-9]
+    off = fidelity.difference(two.select([ego]).at(t), one.select([ego]).at(t), ego=ego)
+    away = (off.d[0] > PARTED["d"]) | (np.abs(off.v[0]) > PARTED["v"])
+    return float(t[np.argmax(away)]) if away.any() else None
+
+
+def _worst(assessment: Assessment, name: str) -> float | None:
+    measure = assessment.measures.get(name)
+    found = None if measure is None else measure.worst()
+    return None if found is None else found[0]
+
+
+def _largest(assessment: Assessment, name: str, way: str) -> float | None:
+    """The most uncomfortable value of a measure, as a magnitude."""
+    value = assessment.measures[name].value
+    known = value[np.isfinite(value)]
+    if not known.size:
+        return None
+    return float(np.max(-known if way == "low" else np.abs(known)))
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else value

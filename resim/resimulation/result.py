@@ -1,0 +1,220 @@
+"""What a re-simulation starts from, how it is done, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+from resim.core.errors import ResimError
+from resim.core.tracks import Tracks
+from resim.metrics.doubts.unseen import Doubts
+from resim.recordings import Recording
+from resim.recordings.settings import Settings
+from resim.resimulation.fidelity import Errors
+from resim.resimulation.perceived import Perceiving
+from resim.resimulation.reaction import ego_tracks, reaction_spread
+from resim.road.checked import MapCheck
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario
+from resim.simulation.case import LEAD_IN, STEP, Case, SimulatedDrive
+from resim.simulation.dynamics import Kinematic, vehicle_model
+from resim.simulation.engine import Engine
+from resim.simulation.function.interface import Build
+from resim.simulation.perception import Ideal, Perception
+from resim.simulation.sumo.engine import Sumo
+
+Basis = Literal["GT", "SD"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to re-simulate: basis of the scenarios, vehicle model, step and lead-in [s], seed, and when to end.
+
+    vehicle: a name in `simulation.dynamics.VEHICLES`. Raises ResimError for what nothing is simulated with.
+    """
+
+    bases: tuple[Basis, ...] = ("GT", "SD")
+    vehicle: str = Kinematic.name
+    step: float = STEP
+    relaxation: float = LEAD_IN
+    seed: int = 0
+    stop_at_collision: bool = True
+    gui: bool = False
+    engine: Engine = field(default_factory=Sumo)
+
+    def __post_init__(self) -> None:
+        vehicle_model(self.vehicle)
+        if not 0.0 < self.step <= 1.0:
+            raise ResimError(f"step {self.step:g} s: expected more than 0 and at most 1 s")
+        if not 0.0 <= self.relaxation <= 60.0:
+            raise ResimError(f"relaxation {self.relaxation:g} s: expected 0 to 60 s")
+
+    def case(
+        self,
+        scenario: Scenario,
+        network: RoadNetwork,
+        build: Build,
+        *,
+        perception: Perception | None = None,
+        seed: int | None = None,
+        open_loop: bool = False,
+    ) -> Case:
+        """Give the case of a scenario and a build. perception: `Ideal`, seed: the options', if none is given."""
+        return Case(
+            scenario=scenario,
+            network=network,
+            build=build,
+            engine=self.engine,
+            perception=perception or Ideal(),
+            vehicle=vehicle_model(self.vehicle),
+            step=self.step,
+            lead_in=self.relaxation,
+            seed=self.seed if seed is None else seed,
+            stop_at_collision=self.stop_at_collision and not open_loop,
+            open_loop=open_loop,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRecording:
+    """A recording, measured and described: what every simulation of it starts from.
+
+    whole: GT, and SD where there is one, as long as the EGO is there; measured: the same, with objects parted where
+    they are not seen for long; described: by basis, GT always; doubts: what each measurement leaves open.
+    """
+
+    recording: Recording
+    checked: MapCheck
+    whole: Mapping[Basis, Tracks]
+    measured: Mapping[Basis, Tracks]
+    described: Mapping[Basis, Scenario]
+    doubts: Mapping[Basis, Doubts]
+
+    @property
+    def network(self) -> RoadNetwork:
+        """The roads of the recording's map."""
+        return self.checked.network
+
+
+@dataclass(frozen=True, eq=False)
+class Resimulation:
+    """A re-simulated recording: what was measured and described, the drives that were simulated, and the errors.
+
+    drives: by source, rGT, rSD, and rGT+M with its seed (`of_seed`); refits: what describes them by splines, of rGT+M
+    the EGO alone, nothing for a drive that ended before there was anything to describe; errors: by step, and as
+    `PIPE_GT+M` with its seed; misfits: by source a line that names the objects whose traces are not where they were.
+    """
+
+    prepared: PreparedRecording
+    build: Build
+    options: Options
+    drives: Mapping[str, SimulatedDrive] = field(default_factory=dict)
+    refits: Mapping[str, Scenario] = field(default_factory=dict)
+    errors: Mapping[str, Errors] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    times: Mapping[str, float] = field(default_factory=dict)
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    perceiving: Perceiving | None = None
+    misfits: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def recording(self) -> Recording:
+        """The recording."""
+        return self.prepared.recording
+
+    @property
+    def network(self) -> RoadNetwork:
+        """The roads of its map."""
+        return self.prepared.network
+
+    @property
+    def measured(self) -> Mapping[Basis, Tracks]:
+        """GT, and SD where there is one."""
+        return self.prepared.measured
+
+    @property
+    def described(self) -> Mapping[Basis, Scenario]:
+        """What describes them."""
+        return self.prepared.described
+
+    @property
+    def ego(self) -> str:
+        """The EGO's id."""
+        return self.recording.ego
+
+    @property
+    def failure(self) -> str:
+        """Why the function failed, and in which run, or ""."""
+        whys = {name: drive.failure for name, drive in self.drives.items() if drive.failure}
+        return "; ".join(f"{name.replace(MODEL, f'{MODEL}, seed ')}: {why}" for name, why in whys.items())
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Of the drives with a perception model."""
+        return tuple(drive.case.seed for drive in self.perceived().values())
+
+    def of(self, seed: int) -> tuple[SimulatedDrive, Scenario | None, Errors | None]:
+        """Give the drive with a perception model and this seed, what describes it, and its pipeline error, if any."""
+        source = of_seed(seed)
+        return self.drives[source], self.refits.get(source), self.errors.get(pipeline_step(source))
+
+    def simulated(self) -> dict[str, SimulatedDrive]:
+        """Give the drives without a perception model: rGT, rSD."""
+        return {name: drive for name, drive in self.drives.items() if not name.startswith(MODEL)}
+
+    def perceived(self) -> dict[str, SimulatedDrive]:
+        """Give the drives with a perception model: rGT+M, by seed."""
+        return {name: drive for name, drive in self.drives.items() if name.startswith(MODEL)}
+
+    def scenarios(self) -> dict[str, Scenario]:
+        """Give the scenarios by what they describe: GT, SD, rGT, rSD."""
+        out = {str(basis): scenario for basis, scenario in self.described.items()}
+        return out | {name: self.refits[name] for name in self.simulated() if name in self.refits}
+
+    def tracks(self) -> dict[str, Tracks]:
+        """Give the tracks by source: GT, SD, rGT, rSD."""
+        out = {str(basis): tracks for basis, tracks in self.measured.items()}
+        return out | {name: drive.truth for name, drive in self.simulated().items()}
+
+    def driven(self) -> dict[str, Tracks | None]:
+        """Give how the EGO drove in GT, rGT and rSD, with accelerations: as splines have it, of all alike."""
+        made = self.scenarios()
+        return {
+            name: ego_tracks(made[name], self.network) if name in made else None
+            for name in ("GT", "rGT", "rSD")
+        }
+
+    @cached_property
+    def report(self) -> Mapping[str, Any]:
+        """What report.json holds (`resim.resimulation.report`), worked out once."""
+        from resim.resimulation.report import report
+
+        return report(self)
+
+    @cached_property
+    def reaction_spread(self) -> float | None:
+        """Give how far [s] first braking in GT is off in two of three cases, and with it each difference from it."""
+        return reaction_spread(self.measured["GT"], self.described["GT"], self.network)
+
+
+MODEL = "rGT+M"
+"""Source of the drives on GT with a perception model, before the seed."""
+
+
+def of_seed(seed: int) -> str:
+    """Give the source of the drive on GT with a perception model and this seed."""
+    return f"{MODEL}{seed}"
+
+
+def pipeline_step(source: str) -> str:
+    """Give the step whose error is that of a simulated drive less GT: PIPE_GT of rGT, PIPE_GT+M3 of rGT+M3."""
+    return f"PIPE_{source.removeprefix('r')}"
+
+
+def drove(recording: Recording | Settings, build: Build) -> bool | None:
+    """Say whether this build drove the recording, None where the recording does not say what did."""
+    if not recording.build:
+        return None
+    return recording.build == build.label and recording.build_hash in (None, build.hash)

@@ -1,0 +1,90 @@
+"""What a re-simulation holds, as tables: tracks, answers, plans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from resim.core.geometry import Floats, wrap_angle
+from resim.recordings.folder import PLAN_COLUMNS
+from resim.resimulation.result import Resimulation
+from resim.simulation.function.interface import Perceived
+
+
+def tracks_frame(result: Resimulation) -> pd.DataFrame:
+    """Give all tracks, and what the function perceived in map coordinates, as one table by `source`."""
+    parts = [tracks.to_frame().assign(source=source) for source, tracks in result.tracks().items()]
+    for source, drive in result.simulated().items():
+        parts.append(perceived_frame(drive.perceived).assign(source=f"perceived_{source}"))
+    for source, drive in result.perceived().items():  # the traffic is that of rGT
+        parts.append(drive.truth.select([result.ego]).to_frame().assign(source=source))
+        parts.append(perceived_frame(drive.perceived).assign(source=f"perceived_{source}"))
+    table = pd.concat(parts, ignore_index=True)
+    return table[["source", *(c for c in table.columns if c != "source")]]
+
+
+def answers_frame(result: Resimulation) -> pd.DataFrame:
+    """Give the function's answers, one row each, by `source` rGT, rSD, and rGT+M with its seed.
+
+    acceleration [m/s²] and curvature [1/m] that acted from t on, NaN for an oracle; objects that it perceived.
+    """
+    parts = []
+    for source, drive in result.drives.items():
+        t = np.array([p.t for p in drive.perceived])
+        step = np.clip(np.searchsorted(drive.truth.t, t - 1e-9), 0, max(len(drive.truth.t) - 1, 0))
+        acceleration, curvature = drive.commands[step].T if len(t) else np.empty((2, 0))
+        counts = np.array([len(p.ids) for p in drive.perceived], dtype=int)
+        columns = {"t": t, "acceleration": acceleration, "curvature": curvature, "objects": counts}
+        parts.append(pd.DataFrame({"source": source, **columns}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def plans_frame(result: Resimulation) -> pd.DataFrame:
+    """Give the EGO's plans by `source`: recorded, rGT, rSD, rGT+M with its seed; a row per `t` and `t_plan` [s]."""
+    made = plan_frame({source: drive.plans for source, drive in result.drives.items()})
+    if result.recording.plan is None:
+        return made
+    recorded = result.recording.plan[list(PLAN_COLUMNS)].assign(source="recorded")
+    return pd.concat([recorded, made], ignore_index=True)[["source", *PLAN_COLUMNS]]
+
+
+def plan_frame(plans: Mapping[str, Sequence[tuple[float, Floats]]]) -> pd.DataFrame:
+    """Give plans by source as one table: source, and PLAN_COLUMNS."""
+    every = [(source, when, plan) for source, made in plans.items() for when, plan in made]
+    counts = [len(plan) for _, _, plan in every]
+    rows = np.concatenate([np.empty((0, 4)), *(plan for _, _, plan in every)])
+    made_at = np.repeat([when for _, when, _ in every], counts)
+    columns = dict(zip(PLAN_COLUMNS, (made_at, *rows.T), strict=True))
+    return pd.DataFrame(
+        {"source": np.repeat([source for source, _, _ in every], counts).astype(str), **columns}
+    )
+
+
+def perceived_frame(perceived: tuple[Perceived, ...]) -> pd.DataFrame:
+    """Give perceived lists as a table in map coordinates, one row per time and object."""
+    if not perceived:
+        return pd.DataFrame({"t": [], "id": []})
+    counts = [len(p.ids) for p in perceived]
+    positions = [p.map_positions() for p in perceived]
+
+    def column(name: str) -> np.ndarray[Any, Any]:
+        return np.concatenate([getattr(p, name) for p in perceived])
+
+    return pd.DataFrame(
+        {
+            "t": np.repeat([p.t for p in perceived], counts),
+            "id": column("ids"),
+            "x": np.concatenate([x for x, _ in positions]),
+            "y": np.concatenate([y for _, y in positions]),
+            "heading": wrap_angle(
+                column("heading_ego") + np.repeat([p.ego.heading for p in perceived], counts)
+            ),
+            "v": column("v"),
+            "length": column("length"),
+            "width": column("width"),
+            "kind": column("kind"),
+        }
+    )

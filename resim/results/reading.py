@@ -1,0 +1,248 @@
+"""Folders of results, read for the catalog."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import duckdb
+
+from resim.core.errors import InputError
+from resim.core.files import parse_json, plain_names, read_file
+from resim.results.entry import KINDS, Entry, Input, Kind, Outcome, digest, kind_of
+from resim.results.rows import check_table
+
+JUDGED = ("PASS", "FAIL", "INVALID")
+"""Verdicts by criteria."""
+FAILED = "failed"
+"""Verdict where a function failed or there is no result."""
+VERIFIED = ("verified", "not verified", "undecided", "invalid", "error")
+COMPARED = ("same", "better", "changed", "worse", "error")
+VERDICTS = (*JUDGED, FAILED, *VERIFIED, *COMPARED[:-1], "within limits", "regresses")
+"""All that a result, or an outcome of it, may have as its verdict."""
+LARGEST = 2_000_000_000
+"""Bytes of the largest file of results that is read."""
+REMEDY = "Make it again; it may be of an older version."
+_COUNTS = """
+SELECT recording, build, count(*), count(*) FILTER (verdict = 'PASS'), count(*) FILTER (verdict = 'FAIL'),
+  count(*) FILTER (verdict = 'INVALID'), count(*) FILTER (failure IS NOT NULL), count(*) FILTER (collision),
+  avg(same_decision::DOUBLE), [{bad}]::BIGINT[]
+FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true, hive_partitioning = false))
+GROUP BY recording, build ORDER BY min(run)
+"""
+_TYPES = {"verdict": "VARCHAR", "failure": "VARCHAR", "collision": "BOOLEAN", "same_decision": "BOOLEAN"}
+_KPI = "kpi "
+"""What the columns with the verdicts by a criterion begin with."""
+
+Json = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a kind of results says about itself."""
+
+    name: str
+    versions: Json
+    verdict: str
+    counts: Mapping[str, int]
+    inputs: tuple[Input, ...]
+    outcomes: tuple[Outcome, ...]
+
+
+def read_entry(folder: Path) -> Entry:
+    """Read a folder of results for the catalog. Raises InputError where it is none, or not what resim writes."""
+    folder = Path(os.path.normpath(folder.absolute()))
+    kind = kind_of(folder)
+    file = folder / KINDS[kind][0]
+    try:
+        found = _READERS[kind](folder)
+        seconds = file.stat().st_mtime
+        return Entry(
+            kind=kind, name=found.name, folder=folder, host=platform.node(),
+            written=datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds"),
+            digest=digest(folder, kind), resim=str(found.versions["resim"]), verdict=found.verdict,
+            counts=found.counts, inputs=found.inputs, outcomes=found.outcomes,
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, AttributeError, OSError, RecursionError) as e:
+        raise InputError(file, "is not what resim writes, or what belongs to it is missing", REMEDY) from e
+
+
+def _run(folder: Path) -> _Found:
+    from resim.recordings.content import hash_of_hashes
+
+    run, report, assessed = (_json(folder / f"{name}.json") for name in ("run", "report", "assessment"))
+    hashes, build = run["hashes"], report["build"]
+    label = f"{build['name']}-{build['version']}"
+    told = [
+        Input("recording", report["recording"], hash=hash_of_hashes(hashes, hashes["map"])),
+        Input("build", label, hash=hashes["build"]),
+    ]
+    if (seen := report["perception"]) is not None:
+        told.append(Input("perception", seen["model"]["name"], hash=seen["model"]["hash"]))
+    builds = dict.fromkeys(("rGT", "rSD", "rGT+M"), label)
+    if build["drove"]:
+        builds |= {"GT": label, "SD": label}
+    found = list(_judged(_blocks(assessed), report["recording"], builds, report))
+    verdict = FAILED if any(report["failure"].values()) else _overall(o.verdict for o in found)
+    inputs = (*told, *_criteria(assessed))
+    return _Found(report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))
+
+
+def _assessment(folder: Path) -> _Found:
+    assessed = _json(folder / "assessment.json")
+    of = assessed["inputs"]
+    told = [Input("recording", of["recording"]["name"], hash=of["recording"]["hash"] or "")]
+    builds: dict[str, str] = {}
+    if (build := of["build"]) is not None:
+        told.append(Input("build", build["label"], hash=build["hash"] or ""))
+        simulated = "measures" not in assessed  # what drove the measured ones is not told
+        sources = ("rGT", "rSD", "rGT+M") if simulated else ("GT", "SD")
+        builds = dict.fromkeys(sources, build["label"])
+    name = of["recording"]["name"]
+    found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))
+    inputs = (*told, *_criteria(assessed))
+    verdict = FAILED if assessed.get("failures") else _overall(o.verdict for o in found)
+    return _Found(name, assessed["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))
+
+
+def _verification(folder: Path) -> _Found:
+    found = _json(folder / "verification.json")
+    asked, told = found["inputs"], found["summary"]
+    inputs = tuple(_verification_inputs(folder, asked))
+    label = asked["build"]["label"]
+    outcomes = tuple(
+        Outcome(r["name"], label, verdict=r["verdict"], cause=_cause(r)) for r in found["recordings"]
+    )
+    if asked["against"] is None:
+        verdict = next(v for v in ("error", "not verified", "undecided", "invalid", "verified") if told[v])
+        return _Found(
+            asked["name"], found["versions"], verdict, _counts(outcomes, VERIFIED), inputs, outcomes
+        )
+    verdict = "error" if told["error"] else "within limits" if told["good"] else "regresses"
+    return _Found(asked["name"], found["versions"], verdict, _counts(outcomes, COMPARED), inputs, outcomes)
+
+
+def _sweep(folder: Path) -> _Found:
+    manifest = _json(folder / "manifest.json")
+    told = manifest["inputs"]
+    labels = {name: build["label"] for name, build in told["builds"].items()}
+    inputs = [_input(folder, "recording", name, file) for name, file in told["recordings"].items()]
+    inputs += [_input(folder, "build", file["label"], file) for file in told["builds"].values()]
+    for role in ("criteria", "perception"):
+        if (file := told[role]) is not None:
+            inputs.append(_input(folder, role, Path(file["path"]).stem, file))
+    outcomes = tuple(_swept(folder, manifest, labels))
+    counts = {
+        name: sum(getattr(o, of) or 0 for o in outcomes)
+        for name, of in zip((*JUDGED, FAILED), ("passes", "fails", "invalids", "failures"), strict=True)
+    }
+    verdict = _overall(o.verdict for o in outcomes)
+    return _Found(told["sweep"]["name"], manifest["versions"], verdict, counts, tuple(inputs), outcomes)
+
+
+_READERS: dict[Kind, Callable[[Path], _Found]] = {
+    "run": _run,
+    "assessment": _assessment,
+    "verification": _verification,
+    "sweep": _sweep,
+}
+
+
+def _swept(folder: Path, manifest: Json, labels: Mapping[str, str]) -> Iterator[Outcome]:
+    """Outcomes of a sweep by recording and build, in its order; a table in which all runs failed has few columns."""
+    columns: Sequence[str] = manifest["columns"]
+    kpis = [c for c in columns if c.startswith(_KPI)]
+    held = [f"{_quoted(c) if c in columns else 'NULL'}::{kind} AS {_quoted(c)}" for c, kind in _TYPES.items()]
+    held += [f"{_quoted(c)}::VARCHAR AS {_quoted(c)}" for c in kpis]
+    bad = ", ".join(f"count(*) FILTER ({_quoted(c)} <> 'PASS')" for c in kpis)
+    parts = check_table(folder, manifest["files"])
+    try:
+        with duckdb.connect() as db, plain_names(parts) as names:
+            rows = db.execute(_COUNTS.format(columns=", ".join(held), bad=bad), [names]).fetchall()
+    except Exception as e:  # what DuckDB raises for damaged bytes is not always its own
+        reason = " ".join(str(e).splitlines()[:1])
+        raise InputError(folder / "runs", f"is not the table of a sweep ({reason})", REMEDY) from e
+    for recording, build, runs, passes, fails, invalids, failures, collisions, same, lost in rows:
+        several = {"PASS": passes, "FAIL": fails, "INVALID": invalids, FAILED: failures}
+        worst = sorted(((count, c.removeprefix(_KPI)) for c, count in zip(kpis, lost, strict=True) if count),
+                       key=lambda told: -told[0])  # fmt: skip
+        yield Outcome(
+            recording, labels[build], "", _overall(v for v, count in several.items() if count),
+            ", ".join(f"{name} ({count})" for count, name in worst),
+            runs, passes, fails, invalids, failures, collisions, same,
+        )  # fmt: skip
+
+
+def _quoted(column: str) -> str:
+    return '"' + column.replace('"', '""') + '"'
+
+
+def _judged(blocks: Json, recording: str, builds: Mapping[str, str], report: Json) -> Iterator[Outcome]:
+    """Outcomes by source; of one whose run failed there may be no block. report: of a run, else empty."""
+    failures = {name: why for name, why in report.get("failure", {}).items() if why}
+    decided, hit = report.get("decision", {}), report.get("collision", {})
+    for source in (*blocks, *(name for name in failures if name not in blocks)):
+        block = blocks.get(source, {})
+        bad = [name for name, k in block.get("criteria", {}).items() if k["verdict"] != "PASS"]
+        simulated = source.startswith("r") and decided.get(source) is not None
+        yield Outcome(
+            recording, builds.get(source, ""), source,
+            verdict=FAILED if source in failures else block["verdict"] or "",
+            cause=failures.get(source) or ", ".join(bad),
+            collisions=int(hit[source]) if source in hit else None,
+            same_decision=float(decided[source] == decided["GT"]) if simulated else None,
+        )  # fmt: skip
+
+
+def _blocks(assessed: Json) -> Json:
+    """Assessments by source: a recording's GT is the file itself."""
+    blocks = {name: assessed[name] for name in ("SD", "rGT", "rSD", "rGT+M") if name in assessed}
+    return {"GT": assessed if "measures" in assessed else assessed["GT"], **blocks}
+
+
+def _criteria(assessed: Json) -> Iterator[Input]:
+    if (criteria := assessed.get("inputs", {}).get("criteria")) is not None:
+        yield Input("criteria", criteria["name"], hash=criteria["hash"])
+
+
+def _verification_inputs(folder: Path, asked: Json) -> Iterator[Input]:
+    for name, file in asked["recordings"].items():
+        yield _input(folder, "recording", name, file)
+    for role in ("build", "against", "criteria", "perception", "suite"):
+        if (file := asked[role]) is not None:
+            yield _input(folder, role, file.get("label") or Path(file["path"]).stem, file)
+
+
+def _input(folder: Path, role: str, name: str, file: Json) -> Input:
+    return Input(role, name, os.path.normpath(folder / file["path"]), file["hash"] or "")
+
+
+def _cause(recording: Json) -> str:
+    """Why a recording's verdict is not good."""
+    if recording["error"] is not None:
+        return str(recording["error"])
+    if (cause := recording.get("cause")) is not None:
+        return f"{cause['step']}: {cause['text']}"
+    return "; ".join(recording.get("differences", ()))
+
+
+def _overall(verdicts: Iterable[str]) -> str:
+    """The worst verdict by criteria, "" where there is none."""
+    found = {*verdicts}
+    return next((v for v in ("FAIL", FAILED, "INVALID", "PASS") if v in found), "")
+
+
+def _counts(outcomes: Iterable[Outcome], order: tuple[str, ...]) -> dict[str, int]:
+    """How many outcomes have which verdict, in this order; {} where nothing was judged."""
+    counts = Counter(o.verdict for o in outcomes if o.verdict)
+    return {v: counts[v] for v in (*order, *(c for c in counts if c not in order))} if counts else {}
+
+
+def _json(path: Path) -> Any:
+    return parse_json(read_file(path, REMEDY, largest=LARGEST), path, REMEDY)

@@ -1,0 +1,122 @@
+"""Results as files: JSON and Parquet, the same bytes for the same result, and what each job writes of them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import duckdb
+
+from resim.core.errors import InputError
+from resim.core.files import file_hash, parse_json, read_file
+from resim.core.provenance import versions
+from resim.results.folders import ASSESSMENT, CONVERSION, RUN
+
+if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
+    import pandas as pd
+
+    from resim.resimulation import Assessed, MapCheck, Resimulation
+
+
+def write_json(data: Any, path: Path) -> None:
+    """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
+    path.write_text(json_text(data), encoding="utf-8")
+
+
+def json_text(data: Any) -> str:
+    """Give JSON as `write_json` writes it."""
+    return "".join(_json(data, "")) + "\n"
+
+
+def _json(data: Any, indent: str) -> Iterator[str]:
+    """JSON in pieces; dictionaries and lists of them are spread over lines."""
+    deeper = indent + "  "
+    if isinstance(data, Mapping) and data:
+        start = "{\n"
+        for key, value in data.items():
+            yield f"{start}{deeper}{json.dumps(str(key))}: "
+            yield from _json(value, deeper)
+            start = ",\n"
+        yield f"\n{indent}}}"
+    elif isinstance(data, list | tuple) and any(isinstance(value, Mapping | list | tuple) for value in data):
+        start = "[\n"
+        for value in data:
+            yield start + deeper
+            yield from _json(value, deeper)
+            start = ",\n"
+        yield f"\n{indent}]"
+    else:
+        yield json.dumps(data, allow_nan=False)
+
+
+def write_parquet(table: pd.DataFrame, path: Path) -> None:
+    """Write a Parquet file through DuckDB (libsumo brings an Arrow of its own that pyarrow would clash with)."""
+    with duckdb.connect(config={"threads": 1}) as connection:
+        connection.register("frame", table)
+        try:
+            connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
+        except duckdb.IOException as e:
+            raise OSError(f"{path.name}: {str(e).splitlines()[0]}") from e
+
+
+def write_resimulation(result: Resimulation, folder: Path) -> None:
+    """Write report.json, tracks, answers and plans, the JSCEN files with their map, and run.json with their hashes."""
+    from resim.resimulation import map_name
+    from resim.resimulation.report import provenance
+    from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
+    from resim.scenario.jscen import write_jscen
+
+    shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
+    for name, scenario in result.scenarios().items():
+        write_jscen(scenario, folder / f"{name}.jscen.json")
+    write_parquet(tracks_frame(result), folder / "tracks.parquet")
+    write_parquet(answers_frame(result), folder / "answers.parquet")
+    write_parquet(plans_frame(result), folder / "plans.parquet")
+    write_json(result.report, folder / "report.json")
+    files = {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()}
+    write_json({**provenance(result), "files": files}, folder / RUN.mark)
+
+
+def write_conversion(found: MapCheck, folder: Path) -> None:
+    """Write the SUMO net of a map and conversion.json: what is wrong in the map, and every lane's error."""
+    from resim.resimulation import map_name
+
+    name = map_name(found.network.path).removesuffix(".xodr")
+    shutil.copyfile(found.net.path, folder / f"{name}.net.xml")
+    write_json({"versions": versions(), **found.report()}, folder / CONVERSION.mark)
+
+
+def write_assessment(found: Assessed, folder: Path, drive: Path) -> None:
+    """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
+    criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
+    inputs = {**_drive_inputs(drive, found.name), "criteria": criteria}
+    write_json(
+        {"versions": versions(), "inputs": inputs, **found.to_json()},
+        folder / ASSESSMENT.mark,
+    )
+    write_parquet(found.kpi_frame(), folder / "kpis.parquet")
+
+
+def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
+    """The recording and the build of what `resim run` wrote, or of a recording."""
+    from resim.recordings.content import content_hash, hash_of_hashes
+    from resim.recordings.settings import SETTINGS, read_settings
+
+    if (mark := drive / RUN.mark).is_file():
+        remedy = "Run it again."
+        try:
+            hashes = parse_json(read_file(mark, remedy), mark, remedy)["hashes"]
+            report = drive / "report.json"
+            build = parse_json(read_file(report, remedy), report, remedy)["build"]
+            return {
+                "recording": {"name": name, "hash": hash_of_hashes(hashes, hashes["map"])},
+                "build": {"label": f"{build['name']}-{build['version']}", "hash": hashes["build"]},
+            }
+        except (KeyError, TypeError, ValueError, AttributeError) as e:
+            raise InputError(mark, "is not what `resim run` writes", remedy) from e
+    settings = read_settings(drive / SETTINGS)
+    drove = None if settings.build is None else {"label": settings.build, "hash": settings.build_hash}
+    return {"recording": {"name": name, "hash": content_hash(drive)}, "build": drove}

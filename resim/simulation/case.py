@@ -1,0 +1,136 @@
+"""What a simulated drive follows from, and what it gives."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Literal
+
+from resim.core.files import file_hash
+from resim.core.geometry import Floats
+from resim.core.tracks import Tracks
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.jscen import jscen
+from resim.scenario.scenario import Scenario
+from resim.simulation.dynamics import Kinematic, VehicleModel
+from resim.simulation.function.interface import Build, Perceived
+from resim.simulation.perception import Ideal, Perception
+
+if TYPE_CHECKING:
+    from resim.simulation.engine import Engine
+
+End = Literal["duration", "collision", "off_road", "function_failed"]
+Traffic = Literal["traces"]
+"""How traffic objects move: on their traces, whatever the EGO does."""
+
+LEAD_IN = 3.0
+"""Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""
+STEP = 0.04
+"""Step [s] of a simulation, where nobody says another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Everything that a simulated drive follows from.
+
+    engine: the simulator. step: s, whole milliseconds, of which the build's
+    cycle time is a multiple. lead_in: s before the scenario's start. perception: begins anew in every drive. seed: of
+    every random draw. open_loop: the function's answers are kept but move nothing; the EGO goes as the scenario says.
+    """
+
+    scenario: Scenario
+    network: RoadNetwork
+    build: Build
+    engine: Engine
+    perception: Perception = field(default_factory=Ideal)
+    vehicle: VehicleModel = field(default_factory=Kinematic)
+    traffic: Traffic = "traces"
+    step: float = STEP
+    lead_in: float = LEAD_IN
+    seed: int = 0
+    stop_at_collision: bool = True
+    open_loop: bool = False
+
+    def drive(self, *, window: bool = False) -> SimulatedDrive:
+        """Simulate it (`Engine.drive`)."""
+        return self.engine.drive(self, window=window)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 over all of it: two drives of one hash, by one version of resim, are the same drive."""
+        told = {
+            "scenario": _scenario_hash(self.scenario),
+            "map": _map_hash(self.network),
+            "build": [self.build.hash, self.build.parameters, self.build.cycle_time],
+            "engine": self.engine.name,
+            "perception": self.perception.hash,
+            "vehicle": [self.vehicle.name, asdict(self.vehicle.vehicle)],
+            "traffic": self.traffic,
+            "step": self.step,
+            "lead_in": self.lead_in,
+            "seed": self.seed,
+            "stop_at_collision": self.stop_at_collision,
+            "open_loop": self.open_loop,
+        }
+        return hashlib.sha256(json.dumps(told, sort_keys=True, default=repr).encode()).hexdigest()
+
+
+@lru_cache(maxsize=64)
+def _scenario_hash(scenario: Scenario) -> str:
+    return hashlib.sha256(json.dumps(jscen(scenario)).encode()).hexdigest()
+
+
+@lru_cache(maxsize=64)
+def _map_hash(network: RoadNetwork) -> str:
+    return file_hash(network.path)
+
+
+@dataclass(frozen=True)
+class Collision:
+    """The EGO's box first overlaps the object's at time t [s]."""
+
+    t: float
+    id: str
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedDrive:
+    """What one simulation gave, from the scenario's start on.
+
+    truth: EGO first, then the traffic objects, as read back from the engine. perceived: one per cycle of the
+    function. commands: (T, 2) acceleration [m/s²] and curvature [1/m] that act on the step from each time
+    on, NaN where there is none. plans: when [s] each was made, and the plan (see `Command`). failure: why the
+    function failed, or "". control_error: the largest distance [m] between where a vehicle was commanded to
+    be and where the engine had it. shown, outside: objects on all lists that the function was shown, and how many of
+    them were outside of what the perception model was trained for. time: wall clock [s] that it took.
+    """
+
+    case: Case
+    truth: Tracks
+    perceived: tuple[Perceived, ...]
+    commands: Floats
+    plans: tuple[tuple[float, Floats], ...]
+    collisions: tuple[Collision, ...]
+    end: End
+    failure: str
+    control_error: float
+    shown: int
+    outside: int
+    time: float
+
+    @property
+    def flaw(self) -> str:
+        """Why the drive tells nothing of the rest of its scenario, "" for one that lasted."""
+        return why_not_whole(self.end, self.failure, float(self.truth.t[-1]))
+
+
+def why_not_whole(end: End, failure: str, t: float) -> str:
+    """Say why a drive that ended so at t [s] tells nothing of the rest of its scenario, "" for one that lasted."""
+    if failure:
+        return f"the function failed: {failure}"
+    if end == "duration":
+        return ""
+    what = {"collision": "a collision", "off_road": "leaving the road"}.get(end, end)
+    return f"the run ended at {t:.2f} s by {what}: what would have come is not known"

@@ -1,0 +1,1 @@
+"""The AD function: its interface, its build file, and how it is driven."""

@@ -1,0 +1,220 @@
+"""What an AD function sees and answers, and the build file that pins one to a version and its parameters."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from resim.core import faults
+from resim.core.errors import InputError
+from resim.core.files import parse_toml, read_file
+from resim.core.geometry import Floats, from_frame
+from resim.core.plugins.frozen import Frozen, thaw
+from resim.core.plugins.loading import Named, freeze_code, load_named
+from resim.core.plugins.opened import Opened
+from resim.core.tracks import Strings
+from resim.road.opendrive import RoadNetwork
+
+PARTS = 'A build has name, version, factory = "module:name", files = [...], [parameters].'
+
+
+class EgoState(NamedTuple):
+    """The EGO's own state: x, y [m] of the box centre and heading [rad] in the map frame, v [m/s] along the
+    heading, a [m/s²], yaw_rate [rad/s]. A named tuple; `_replace` gives a changed one.
+    """
+
+    x: float
+    y: float
+    heading: float
+    v: float
+    a: float = 0.0
+    yaw_rate: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived:
+    """What the AD function sees at time t [s]: its own state, and a list of N objects in the EGO's frame.
+
+    ids, kind: (N,). x_ego, y_ego: (N,) m, forward and left of the EGO's box centre to the object's.
+    heading_ego: (N,) rad against the EGO's heading. v: (N,) m/s over ground along the object's heading.
+    length, width: (N,) m.
+    """
+
+    t: float
+    ego: EgoState
+    ids: Strings
+    kind: Strings
+    x_ego: Floats
+    y_ego: Floats
+    heading_ego: Floats
+    v: Floats
+    length: Floats
+    width: Floats
+
+    def map_positions(self) -> tuple[Floats, Floats]:
+        """Give x, y (N,) [m] of the objects in the map frame, as far as the perceived EGO pose is right."""
+        return from_frame(self.x_ego, self.y_ego, self.ego.x, self.ego.y, self.ego.heading)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """What the AD function answers: acceleration [m/s²], curvature [1/m, left positive], and its plan.
+
+    plan: (K, 4) with columns t [s, of the scenario, as `Perceived.t`], x, y [m, map frame], v [m/s], K at least 1; or
+    none.
+    """
+
+    acceleration: float
+    curvature: float
+    plan: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Puts the EGO into a state at the next step, past the vehicle model. Only oracles answer this."""
+
+    state: EgoState
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What an AD function gets before a run.
+
+    start: the EGO's state at t = 0. goal: x, y [m] where the recorded EGO was last. cycle: s between two
+    calls of `step`. recorded: the EGO's measured states at times t, None unless the function declares
+    `needs_truth = True`, as oracles do.
+    """
+
+    road: RoadNetwork
+    start: EgoState
+    goal: tuple[float, float]
+    length: float
+    width: float
+    cycle: float
+    seed: int
+    recorded: Callable[[float], EgoState] | None = None
+
+
+class AdFunction(Protocol):
+    """An automated-driving function under test. The factory of its build makes one per run."""
+
+    def reset(self, setup: Setup) -> None:
+        """Prepare for a run. `step` is called from before t = 0 on, while the EGO is still guided."""
+
+    def step(self, perceived: Perceived) -> Command | Placement:
+        """Answer what is perceived."""
+
+    def close(self) -> None:
+        """End the run."""
+
+
+class _BuildFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str = Field(min_length=1)
+    version: str = Field(min_length=1)
+    factory: str = Field(pattern=r"^[\w.]+:\w+$")
+    cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
+    time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
+    files: tuple[str, ...] = ()
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """An AD function at one version: what makes it, with which parameters.
+
+    cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
+    answer; `reset` and `close` have a minute, the import of its module three. frozen: the copy that it was loaded from,
+    whose hash is of the build file, the factory's module, what that imports from its own folder, and the files that the
+    build lists. needs_truth: whether the function is an oracle that is given the recorded EGO.
+    """
+
+    name: str
+    version: str
+    path: Path
+    factory: Named
+    needs_truth: bool
+    parameters: dict[str, Any]
+    cycle_time: float | None
+    time_limit: float
+    frozen: Frozen
+
+    @property
+    def hash(self) -> str:
+        """What pins it (SHA-256)."""
+        return self.frozen.hash
+
+    @property
+    def label(self) -> str:
+        """Name and version, as recordings state the build that drove."""
+        return f"{self.name}-{self.version}"
+
+    @property
+    def opened(self) -> Opened:
+        """What its code opens beside the build file that the hash does not know."""
+        return self.factory.opened
+
+    def make(self) -> AdFunction:
+        """Make the function, in the context `factory.afresh`: with parameters of its own that no other run has."""
+        function: AdFunction = self.factory.load()(**deepcopy(self.parameters))
+        return function
+
+
+def freeze_build(path: Path) -> Frozen:
+    """Keep a copy of a build file with all that its hash is of. Raises InputError for what is not there."""
+    raw = read_file(path, PARTS)
+    file = _parsed(raw, path)
+    return freeze_code(path, raw, [file.factory], file.files)
+
+
+def load_build(file: Path | Frozen) -> Build:
+    """Read a build file (TOML) and import the factory that it names, from a frozen copy.
+
+    `factory` is "module:name"; a module file beside the build file goes before an installed module.
+    Raises InputError for a file, field, module or name that is not there.
+    """
+    frozen = file if isinstance(file, Frozen) else freeze_build(file)
+    path, copy = frozen.path, thaw(frozen, freeze_build)
+    said = _parsed(copy.raw, path)
+    named = load_named(frozen, copy, said.factory, "factory")
+    factory = named.load()
+    name = said.factory.partition(":")[2]
+    lacks = [
+        call
+        for call in ("reset", "step", "close")
+        if isinstance(factory, type) and not hasattr(factory, call)
+    ]
+    if lacks:
+        raise InputError(
+            path, f"factory {said.factory!r} has no {', '.join(lacks)}", "An AD function has all three."
+        )
+    try:
+        inspect.signature(factory).bind(**said.parameters)
+    except TypeError as e:
+        raise InputError(path, f"[parameters] do not fit {name}: {e}") from e
+    except ValueError:  # compiled code may not say its parameters; a run will find out
+        pass
+    return Build(
+        name=said.name,
+        version=said.version,
+        path=path,
+        factory=named,
+        needs_truth=bool(getattr(factory, "needs_truth", False)),
+        parameters=said.parameters,
+        cycle_time=said.cycle_time,
+        time_limit=said.time_limit,
+        frozen=frozen,
+    )
+
+
+def _parsed(raw: bytes, path: Path) -> _BuildFile:
+    try:
+        return _BuildFile.model_validate(parse_toml(raw, path, PARTS))
+    except ValidationError as e:
+        raise InputError(path, faults.said(e.errors()), PARTS) from e

@@ -1,0 +1,252 @@
+"""The closed loop: perceive, answer, move, for one scenario from its lead-in to its end."""
+
+from __future__ import annotations
+
+import time
+from array import array
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.errors import FunctionError, ResimError
+from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
+from resim.core.plugins.opened import Opened
+from resim.core.plugins.watchdog import Watchdog
+from resim.core.tracks import Tracks
+from resim.road.opendrive import RoadNetwork, lent
+from resim.simulation.case import Case, Collision, End, SimulatedDrive
+from resim.simulation.dynamics import VehicleState
+from resim.simulation.function.driver import Driver, cycle_steps
+from resim.simulation.function.interface import Command, EgoState, Placement, Setup
+from resim.simulation.guide import Guide
+from resim.simulation.sumo.session import EGO, Session, from_sumo, open_session
+from resim.simulation.traffic import Stage, staged
+
+_BLOCK = 100
+"""Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
+
+_FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
+
+
+def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
+    """Drive a case in closed loop. net: the SUMO net of its map."""
+    begin, build = time.perf_counter(), case.build
+    cycle = cycle_steps(build, case.step)
+    session = open_session(net, case.step, gui=gui)
+    stage = staged(case.scenario, case.network, case.step, case.lead_in)
+    loop = _Loop(case, stage, session)
+    case.perception.reset(np.random.default_rng(case.seed))
+    with (
+        lent(case.network, build.path) as road, Watchdog() as watchdog, build.factory.afresh(case.seed) as opened,
+    ):  # fmt: skip
+        driver = Driver(build, watchdog)
+        try:
+            driver.reset(_setup(case, road, stage.plan, case.step * cycle))
+            loop.run(driver, cycle)
+        except FunctionError as e:
+            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}")
+        try:
+            driver.close()
+        except FunctionError as e:
+            loop.failure = loop.failure or f"{build.label} on closing {e}"
+            loop.end = "function_failed" if loop.end == "duration" else loop.end
+    return loop.result(driver, begin)
+
+
+def _remedy(opened: Opened) -> str:
+    """What the user may have to write into the build file, after a failure."""
+    remedy = opened.remedy()
+    return f". {remedy}" if remedy else ""
+
+
+def _setup(case: Case, road: RoadNetwork, plan: Guide, cycle: float) -> Setup:
+    step = float(plan.t[1] - plan.t[0])
+
+    def recorded(t: float) -> EgoState:
+        return plan.state(0, min(max(round((t - float(plan.t[0])) / step), 0), len(plan.t) - 1))
+
+    last = int(np.flatnonzero(plan.present[0])[-1])
+    return Setup(
+        road=road,
+        start=plan.state(0, plan.begin),
+        goal=(float(plan.x[0, last]), float(plan.y[0, last])),
+        length=case.scenario.ego.length,
+        width=case.scenario.ego.width,
+        cycle=cycle,
+        seed=case.seed,
+        recorded=recorded if case.build.needs_truth else None,
+    )
+
+
+class _Loop:
+    """One run as it happens: the EGO's states and commands, what SUMO answered, and how it ended."""
+
+    def __init__(self, case: Case, stage: Stage, session: Session) -> None:
+        self.case, self.session = case, session
+        self.stage, self.plan, self.members = stage, stage.plan, stage.members
+        self.steps = 0
+        self.ego, self.said = array("d"), array("d")  # compact: what a step leaves behind slows the next ones
+        self.commands: list[tuple[float, float]] = []
+        self.collisions: list[Collision] = []
+        self.end: End = "duration"
+        self.failure = ""
+        self.looked = stage.plan.begin
+        self.length = np.array([m.length for m in self.members])
+        self.width = np.array([m.width for m in self.members])
+
+    @property
+    def now(self) -> float:
+        """Time [s] of the last step."""
+        return float(self.plan.t[max(self.steps - 1, 0)])
+
+    def run(self, driver: Driver, cycle: int) -> None:
+        """Take every step, from the lead-in's first to the end."""
+        begin, last = self.plan.begin, len(self.plan.t) - 1
+        dt = float(self.plan.t[1] - self.plan.t[0])
+        case, session = self.case, self.session
+        perceive, move = case.perception.perceive, case.vehicle.step
+        state: VehicleState | None = None
+        answer: Command | Placement = Command(0.0, 0.0)
+        ego = self.plan.state(0, 0)
+        session.add(EGO, float(self.length[0]), float(self.width[0]), abs(self.plan.state(0, begin).v))
+        for phase in self.stage.phases:
+            if phase.shown:
+                phase.enter(session)
+            for k in range(phase.first, phase.after):
+                if phase.shown:
+                    self.said.extend(session.advance(phase.commands[k - phase.first], ego))
+                self.ego.extend(ego)
+                self.steps = k + 1
+                if k - self.looked >= _BLOCK and self.look():
+                    return
+                if k == begin and not case.open_loop:
+                    state = case.vehicle.settle(ego)
+                if (k - begin) % cycle == 0:
+                    answer = driver.step(perceive(phase.world(k, ego)), k >= begin)
+                if k == last:
+                    break
+                if state is None:
+                    if k >= begin and isinstance(answer, Command):
+                        self.commands.append((answer.acceleration, answer.curvature))
+                    ego = self.plan.state(0, k + 1)
+                elif isinstance(answer, Placement):
+                    self.commands.append((np.nan, np.nan))
+                    ego = answer.state
+                    state = case.vehicle.settle(ego)
+                else:
+                    self.commands.append((answer.acceleration, answer.curvature))
+                    state = move(state, answer.acceleration, answer.curvature, dt)
+                    ego = state.ego
+        self.look()
+
+    def failed(self, why: str) -> None:
+        """End the run with the function's failure, unless it had ended before."""
+        if not self.look():
+            self.end, self.failure = "function_failed", why
+
+    def look(self) -> bool:
+        """Look at the steps since the last look; say whether the run ended in one, and if so forget what came after."""
+        first, self.looked = self.looked, self.steps
+        if first >= self.steps:
+            return False
+        steps = np.arange(first, self.steps)
+        x, y, heading = np.array(self.ego[6 * first :]).reshape(-1, 6)[:, :3].T
+        hit = self.overlaps(steps, x, y, heading)
+        off = np.flatnonzero(~self.stage.surface.holds(x, y))
+        ends = [(int(off[0]), "off_road")] if len(off) else []
+        struck = hit.any(axis=0)
+        if self.case.stop_at_collision and struck.any():
+            ends.append((int(np.argmax(struck)), "collision"))
+        stop = min(ends)[0] if ends else len(steps) - 1
+        known = {c.id for c in self.collisions}
+        for n in np.flatnonzero(hit[:, : stop + 1].any(axis=1)).tolist():
+            name = self.members[n + 1].id
+            if name not in known:
+                self.collisions.append(Collision(float(self.plan.t[first + int(np.argmax(hit[n]))]), name))
+        self.collisions.sort(key=lambda c: (c.t, c.id))
+        if not ends:
+            return False
+        self.end = "collision" if (stop, "collision") in ends else "off_road"
+        self.steps = first + stop + 1
+        return True
+
+    def overlaps(self, steps: NDArray[np.intp], x: Floats, y: Floats, heading: Floats) -> Bools:
+        """Say (N, K) which traffic objects' boxes overlap the EGO's, for its poses (K,) at these steps."""
+        plan, length, width = self.plan, self.length[:, None], self.width[:, None]
+        px, py = plan.x[1:, steps], plan.y[1:, steps]
+        reach = 0.5 * (np.hypot(length[1:], width[1:]) + np.hypot(length[0], width[0]))
+        hit = np.asarray(np.hypot(px - x, py - y) <= reach)
+        if hit.any():
+            others = (px, py, plan.heading[1:, steps], length[1:], width[1:])
+            hit &= boxes_overlap(x, y, heading, length[0], width[0], *others)
+        return hit
+
+    def result(self, driver: Driver, began: float) -> SimulatedDrive:
+        """Put together what the drive gave, and check that SUMO did as it was told. began: s of the process's clock."""
+        kept = slice(self.plan.begin, max(self.steps, self.plan.begin + 1))
+        t, motion = self.plan.t[kept], self.motion(kept)
+        read = self.readings()[:, :, kept]
+        x, y, heading = from_sumo(read[0], read[1], read[2], self.length[:, None])
+        v = np.copysign(read[3], motion[3])
+        control_error = _followed(np.stack([x, y, heading, v]), motion[:4])
+        truth = Tracks(
+            t=t, ids=np.array([m.id for m in self.members]), kind=np.array([m.kind for m in self.members]),
+            x=x, y=y, heading=wrap_angle(heading), v=v, length=self.length, width=self.width,
+            valid=np.isfinite(x), a=motion[4], yaw_rate=motion[5],
+        )  # fmt: skip
+        commands = np.full((len(t), 2), np.nan)
+        given = self.commands[: len(t)]
+        commands[: len(given)] = np.array(given).reshape(-1, 2)
+        return SimulatedDrive(
+            case=self.case,
+            truth=truth,
+            perceived=tuple(p for p in driver.seen if p.t <= t[-1]),
+            commands=commands,
+            plans=tuple(p for p in driver.plans if p[0] <= t[-1]),
+            collisions=tuple(self.collisions),
+            end=self.end,
+            failure=self.failure,
+            control_error=control_error,
+            shown=self.case.perception.shown,
+            outside=self.case.perception.outside,
+            time=time.perf_counter() - began,
+        )
+
+    def motion(self, kept: slice) -> Floats:
+        """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first."""
+        plan = self.plan
+        out = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate])
+        out[:, 0] = np.nan
+        out[:, 0, : self.steps] = np.array(self.ego).reshape(-1, 6)[: self.steps].T
+        return out[:, :, kept]
+
+    def readings(self) -> Floats:
+        """Give what SUMO said: (4, N, T) front bumper x, y, angle, speed, EGO first; NaN where nothing is."""
+        out = np.full((4, len(self.members), len(self.plan.t)), np.nan)
+        said, used = np.array(self.said), 0
+        for phase in (p for p in self.stage.phases if p.shown):
+            rows = [0, *phase.rows.tolist()]
+            steps = slice(phase.first, min(phase.after, self.steps))
+            size = 4 * len(rows) * max(steps.stop - steps.start, 0)
+            out[:, rows, steps] = said[used : used + size].reshape(-1, len(rows), 4).transpose(2, 1, 0)
+            used += size
+            if steps.stop == self.steps:
+                break
+        return out
+
+
+def _followed(read: Floats, meant: Floats) -> float:
+    """Give the largest distance [m] between where vehicles were commanded to be and where SUMO had them.
+
+    read, meant: (4, N, T) x, y, heading, v. Raises ResimError where SUMO did not follow.
+    """
+    off = read - meant
+    distance, turn, pace = np.hypot(off[0], off[1]), np.abs(wrap_angle(off[2])), np.abs(off[3])
+    worst = [float(np.max(value[np.isfinite(value)], initial=0.0)) for value in (distance, turn, pace)]
+    if max(worst) > _FOLLOWED:
+        raise ResimError(
+            "SUMO did not put the vehicles where it was told to: off by "
+            f"{worst[0]:g} m, {worst[1]:g} rad, {worst[2]:g} m/s"
+        )
+    return worst[0]

@@ -1,0 +1,76 @@
+"""Perception: what of the true world the AD function is shown."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.geometry import Floats
+from resim.core.tracks import Strings
+from resim.simulation.function.interface import EgoState, Perceived
+
+
+class World(NamedTuple):
+    """The truth at time t [s]: the EGO, and N traffic objects in the map frame.
+
+    position: (N,) complex, x + iy [m] of the box centres. heading [rad], v [m/s], length, width [m]: (N,).
+    """
+
+    t: float
+    ego: EgoState
+    ids: Strings
+    kind: Strings
+    position: NDArray[np.complex128]
+    heading: Floats
+    v: Floats
+    length: Floats
+    width: Floats
+
+
+class Perception(Protocol):
+    """Turns the truth into what the AD function perceives; keeps its own history between calls."""
+
+    @property
+    def hash(self) -> str:
+        """Of all that it follows from."""
+
+    @property
+    def shown(self) -> int:
+        """Samples of objects on the lists since `reset`."""
+
+    @property
+    def outside(self) -> int:
+        """How many of them lie outside of what the perception was trained for."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Forget the last run; every random draw of the next comes from `rng`."""
+
+    def perceive(self, world: World) -> Perceived:
+        """Give what is perceived of the world; called with times that increase."""
+
+
+class Ideal:
+    """Sees every object as it is."""
+
+    hash = "ideal"
+    shown = outside = 0
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Nothing to forget."""
+
+    def perceive(self, world: World) -> Perceived:
+        """Give the true objects in the EGO's frame."""
+        ego = world.ego
+        away = world.position - complex(ego.x, ego.y)
+        c, s = math.cos(ego.heading), math.sin(ego.heading)
+        relative = c * away - complex(0.0, s) * away  # of one complex product, processors round differently
+        relative = np.frombuffer(relative.tobytes(), complex)  # whoever sees it cannot change it
+        turned = math.pi - np.mod((math.pi + ego.heading) - world.heading, 2.0 * math.pi)
+        turned = np.frombuffer(turned.tobytes())
+        return Perceived(
+            world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
+            world.length, world.width,
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""SUMO, the first engine."""

@@ -1,0 +1,28 @@
+"""SUMO as an engine: libsumo in this process, sumo-gui for a window."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from functools import cache
+
+from resim.road.sumo import sumo_net
+from resim.simulation.case import Case, SimulatedDrive
+from resim.simulation.loop import drive
+
+
+class Sumo:
+    """Traffic objects on their traces in SUMO, the EGO in closed loop with the case's function."""
+
+    @property
+    def name(self) -> str:
+        """The name, and the version of SUMO."""
+        return f"sumo {_version()}"
+
+    def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
+        """Drive a case (`resim.simulation.engine.Engine`)."""
+        return drive(case, sumo_net(case.network).path, gui=window)
+
+
+@cache
+def _version() -> str:
+    return importlib.metadata.version("eclipse-sumo")

@@ -1,0 +1,112 @@
+"""The guided traffic as the loop needs it: everything known beforehand is laid out before the first step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.geometry import Floats, constant
+from resim.core.tracks import Strings
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario, ScenarioObject
+from resim.simulation.function.interface import EgoState
+from resim.simulation.guide import Guide, guide
+from resim.simulation.perception import World
+from resim.simulation.sumo.session import Placed, Session, to_sumo
+from resim.simulation.surface import Surface
+
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """Steps first <= k < after, in which the same n traffic objects are there.
+
+    shown: whether SUMO sees them; of the lead-in, of which no reading is kept, it knows nothing. rows: (n,) of the
+    guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
+    what SUMO is told. truth: per step, t [s], and of the objects position (n,) x + iy [m], heading (n,) [rad], v (n,)
+    [m/s]. The rest: (n,).
+    """
+
+    first: int
+    after: int
+    shown: bool
+    rows: Rows
+    names: tuple[str, ...]
+    come: tuple[str, ...]
+    go: tuple[str, ...]
+    commands: list[list[Placed]]
+    truth: list[tuple[float, NDArray[np.complex128], Floats, Floats]]
+    ids: Strings
+    kind: Strings
+    length: Floats
+    width: Floats
+
+    def enter(self, session: Session) -> None:
+        """Let objects come and go in SUMO."""
+        for name in self.go:
+            session.remove(name)
+        size = dict(zip(self.names, zip(self.length.tolist(), self.width.tolist(), strict=True), strict=True))
+        pace = {name: abs(v) for name, _, _, _, v in self.commands[0]}
+        for name in self.come:
+            session.add(name, *size[name], pace[name])
+
+    def world(self, k: int, ego: EgoState) -> World:
+        """Give the truth at step k: where the objects were commanded to be, and SUMO has them (`Run`)."""
+        t, position, heading, v = self.truth[k - self.first]
+        return World(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What every run of one scenario shares: the guided motion, its phases, where the EGO may be."""
+
+    members: tuple[ScenarioObject, ...]
+    plan: Guide
+    phases: tuple[Phase, ...]
+    surface: Surface
+
+
+@lru_cache(maxsize=8)
+def staged(scenario: Scenario, network: RoadNetwork, step: float, relaxation: float) -> Stage:
+    """Lay out the scenario for its runs at this step [s] with this lead-in [s]; kept for the next run."""
+    plan = guide(scenario, network, step=step, relaxation=relaxation)
+    members = (scenario.ego, *scenario.objects)
+    return Stage(members, plan, tuple(phases(plan, members)), Surface(network, plan))
+
+
+def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
+    """Cut the run where traffic objects come or go, and at the start; members: the EGO, then the traffic objects."""
+    length, width = (np.array([getattr(m, name) for m in members]) for name in ("length", "width"))
+    ids, kind = (np.array([getattr(m, name) for m in members], dtype=str) for name in ("id", "kind"))
+    changes = np.flatnonzero((plan.present[1:, 1:] != plan.present[1:, :-1]).any(axis=0)) + 1
+    borders = sorted({0, plan.begin, *changes.tolist(), len(plan.t)})
+    before: tuple[str, ...] = ()
+    for first, after in pairwise(borders):
+        rows, shown = 1 + np.flatnonzero(plan.present[1:, first]), first >= plan.begin
+        x, y, heading, v = (c[rows, first:after].T.copy() for c in (plan.x, plan.y, plan.heading, plan.v))
+        names = tuple(f"{n}" for n in rows.tolist())
+        told = np.stack([*to_sumo(x, y, heading, length[rows]), np.abs(v)], axis=-1).tolist()
+        position, heading, v = constant(x + 1j * y), constant(heading), constant(v)  # every run sees these
+        who = [constant(column[rows]) for column in (ids, kind, length, width)]
+        yield Phase(
+            first=first,
+            after=after,
+            shown=shown,
+            rows=rows,
+            names=names,
+            come=tuple(n for n in names if n not in before),
+            go=tuple(n for n in before if n not in names),
+            commands=[[(name, *place) for name, place in zip(names, step, strict=True)] for step in told],
+            truth=list(zip(plan.t[first:after].tolist(), position, heading, v, strict=True)),
+            ids=who[0],
+            kind=who[1],
+            length=who[2],
+            width=who[3],
+        )
+        before = names if shown else ()

@@ -1,0 +1,1 @@
+"""Sweeps of perception-error models: the file, the plans, the runs, their statistics and the page."""

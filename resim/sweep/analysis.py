@@ -1,0 +1,278 @@
+"""What a sweep found, as numbers: what report.json holds and the page draws."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from resim.core.geometry import Bools, Floats
+from resim.core.intervals import CONFIDENCE, Estimate, means, shares
+from resim.sweep.boundary import boundary
+from resim.sweep.plans.design import Parameter
+from resim.sweep.points import Outcome, Points, equal, failed, label, points_of, unit_of
+from resim.sweep.result import Swept, limits
+from resim.sweep.statistics.boundary import MESH, Map, crossings, grid_map, smooth_map
+from resim.sweep.statistics.indices import Sensitivity
+from resim.sweep.statistics.requirement import Requirement, Side, requirement
+from resim.sweep.statistics.response import Levels, levels
+from resim.sweep.statistics.sensitivity import ranges, ranking, sensitivity
+
+SCHEMA = "resim-sweep-report-1"
+DEMANDED = 0.95
+"""Share of the runs that a requirement asks for."""
+BOUNDARIES = (0.5, DEMANDED)
+BINS, FINE = 20, 50
+"""Bins of what was drawn: for responses, and for requirements."""
+MISSING = 0.05
+"""Share of the points that may have no value of an outcome whose sensitivity is told."""
+WORST = 10
+
+
+def analyse(swept: Swept, place: str) -> dict[str, Any]:
+    """Give what report.json holds. place: the folder of the results, from where commands are to run."""
+    rows = swept.rows
+    place = f"./{place}" if place.startswith("-") else place  # it is no option
+    groups, adaptive = rows.groupby(["recording", "build"], sort=False), swept.file["plan"] == "adaptive"
+    return {
+        "schema": SCHEMA,
+        "name": swept.file["name"],
+        "plan": swept.file["plan"],
+        "versions": swept.manifest["versions"],
+        "inputs": swept.inputs,
+        **({} if adaptive else {"confidence": CONFIDENCE, "demanded": DEMANDED}),
+        "runs": len(rows),
+        "failed": int(failed(rows).sum()),
+        "parameters": [_parameter(p) for p in swept.parameters],
+        "sections": [_section(swept, part, place) for _, part in groups],
+    }
+
+
+def _parameter(p: Parameter) -> dict[str, Any]:
+    ends = [p.low, p.high] if not p.values else [min(p.values), max(p.values)]
+    return {"name": p.name, "label": label(p.name), "unit": unit_of(p.name), "low": ends[0], "high": ends[1]}
+
+
+def _section(swept: Swept, rows: pd.DataFrame, place: str) -> dict[str, Any]:
+    """What was found for one recording and build."""
+    points, outcomes = points_of(swept, rows)
+    recording, build = str(rows["recording"].iloc[0]), str(rows["build"].iloc[0])
+    constant = [o for o in outcomes if _constant(o.y)]
+    return {
+        "recording": recording,
+        "build": swept.inputs["builds"][build]["label"],
+        **_overview(rows),
+        "constant": [
+            {"name": o.name, "label": o.label, "unit": o.unit, "share": o.share, "value": _first(o.y)}
+            for o in constant
+        ],
+        **_varying(swept, rows, points, outcomes),
+        "worst": _worst(rows, swept.parameters, place),
+    }
+
+
+def _varying(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What follows from the parameters; where points lie by what came of others, nothing but the boundary."""
+    if swept.file["plan"] == "adaptive":
+        return {"boundary": boundary(swept, rows, points, outcomes)}
+    asked = limits(swept)
+    return {
+        "outcomes": [
+            {**_outcome(o, points), "limit": asked.get(o.name.removeprefix("kpi "))}
+            for o in outcomes
+            if not _constant(o.y)
+        ]
+    }
+
+
+def _constant(y: Floats) -> bool:
+    known = y[np.isfinite(y)]
+    return not len(known) or float(np.ptp(known)) <= 1e-12 * float(np.abs(known).max())
+
+
+def _first(y: Floats) -> float | None:
+    known = y[np.isfinite(y)]
+    return number(float(known[0])) if len(known) else None
+
+
+def _overview(rows: pd.DataFrame) -> dict[str, Any]:
+    lost = failed(rows)
+    did = rows.loc[~lost, "decision"].fillna("").value_counts(sort=False).sort_index(kind="stable")
+    reasons = rows.loc[lost, "failure"].fillna("no result").value_counts(sort=False).sort_index()
+    risk = rows.loc[~lost, "risk"].to_numpy(dtype=float)
+    return {
+        "runs": len(rows),
+        "points": int(rows["point"].nunique()),
+        "seeds": int(rows.groupby("point").size().max()),
+        "failed": int(lost.sum()),
+        "failures": _counts(reasons),
+        "passed": int((equal(rows["verdict"], "PASS") & ~lost).sum()),
+        "collisions": int(equal(rows["collision"], True).sum()),
+        "same_decision": int((equal(rows["same_decision"], True) & ~lost).sum()),
+        "decisions": _counts(did),
+        "largest_risk": number(float(np.nanmax(risk))) if np.isfinite(risk).any() else None,
+    }
+
+
+def _counts(found: pd.Series[int]) -> dict[str, int]:
+    """The most frequent first."""
+    ordered = found.sort_values(ascending=False, kind="stable")
+    return {str(name): int(n) for name, n in ordered.items()}
+
+
+def _outcome(o: Outcome, points: Points) -> dict[str, Any]:
+    """Responses, sensitivity, and of shares the requirements and the map."""
+    estimate = shares if o.share else means
+    varied = [p for p in range(points.x.shape[1]) if len(np.unique(points.x[:, p])) > 1]
+    steps = {i: levels(points.x[:, i], BINS, points.along(i)) for i in varied}
+    found = {i: estimate(o.y, step.of, len(step)) for i, step in steps.items()}
+    names = [p.name for p in points.parameters]
+    known: Bools = np.asarray(np.isfinite(o.y).any(axis=1))
+    out: dict[str, Any] = {
+        "name": o.name, "label": o.label, "unit": o.unit, "share": o.share,
+        "mean": number(float(np.nanmean(o.y))), "without": int(len(known) - known.sum()),
+        "responses": {names[i]: _response(steps[i], found[i]) for i in varied},
+    }  # fmt: skip
+    reach = ranges([found[i].mean if i in found else np.array([np.nan]) for i in range(len(names))])
+    index = _sensitivity(o, points, known)
+    influence = reach if index is None else index.total
+    order = ranking(influence, np.isin(np.arange(len(names)), varied))
+    out["sensitivity"] = {
+        "ranking": [names[i] for i in order],
+        "range": dict(zip(names, numbers(reach), strict=True)),
+        "sobol": None if index is None else _sobol(index, names),
+    }
+    if not o.share:
+        return out
+    out["requirements"] = {names[i]: _requirements(o.y, points, i) for i in varied}
+    drawn = None if len(order) < 2 else _map(o.y, points, order[0], order[1])
+    out["map"] = drawn
+    return out
+
+
+def _response(step: Levels, e: Estimate) -> dict[str, Any]:
+    return {
+        "at": numbers(step.centre), "from": numbers(step.low), "to": numbers(step.high), "binned": step.binned,
+        "mean": numbers(e.mean), "low": numbers(e.low), "high": numbers(e.high),
+        "points": e.points.tolist(), "runs": e.runs.tolist(),
+    }  # fmt: skip
+
+
+def _sensitivity(o: Outcome, points: Points, known: Bools) -> Sensitivity | None:
+    """Sobol indices, None where the plan or what is missing does not let them be told."""
+    if points.plan == "one_at_a_time" or np.mean(~known) > MISSING:
+        return None
+    return sensitivity(points.u, o.y, grid=points.plan == "grid")
+
+
+def _sobol(s: Sensitivity, names: Sequence[str]) -> dict[str, Any]:
+    each = {
+        name: {
+            "first": number(s.first[i]), "first_interval": numbers(s.first_interval[i]),
+            "total": number(s.total[i]), "total_interval": numbers(s.total_interval[i]),
+        }
+        for i, name in enumerate(names)
+    }  # fmt: skip
+    more = {"noise": number(s.noise), "unexplained": number(s.unexplained), "method": s.method}
+    return {**each, **more, "q2": None if s.q2 is None else number(s.q2), "degree": s.degree}
+
+
+def _requirements(y: Floats, points: Points, i: int) -> list[dict[str, Any]]:
+    """From each side; of a parameter around zero, and where neither side keeps it, between two bounds."""
+    step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
+    around = bool(step.low[0] < 0.0 < step.high[-1])
+    sides: tuple[Side, ...] = ("between",) if around else ("under", "over")
+    drawn = points.plan not in ("grid", "one_at_a_time")
+    found = [requirement(y, step, DEMANDED, side, drawn=drawn) for side in sides]
+    if all(r.found == "none" for r in found) and not around:
+        found.append(requirement(y, step, DEMANDED, "between", drawn=drawn))
+    return [{**_plain(r), "binned": step.binned} for r in found]
+
+
+def _plain(r: Requirement) -> dict[str, Any]:
+    return {
+        name: number(v) if isinstance(v, float) else [None if x is None else number(x) for x in v]
+        if isinstance(v, tuple) else v
+        for name, v in asdict(r).items()
+    }  # fmt: skip
+
+
+def _map(y: Floats, points: Points, i: int, j: int) -> dict[str, Any] | None:
+    """The map over the two most influential parameters; none where they are never varied together."""
+    if points.plan == "one_at_a_time":
+        return None
+    a, b = points.parameters[i], points.parameters[j]
+    if points.plan == "grid":
+        found = grid_map(y, levels(points.x[:, i], BINS), levels(points.x[:, j], BINS))
+    else:
+        (ua, at_a), (ub, at_b) = _mesh(a), _mesh(b)
+        found = smooth_map(y, points.u[:, [i, j]], ua, ub, (at_a, at_b))
+    return {
+        "a": a.name, "b": b.name, "others": [p.name for p in points.parameters if p not in (a, b)],
+        "at_a": numbers(found.a), "at_b": numbers(found.b), "width": found.width,
+        "share": _rows(found.share), "low": _rows(found.low), "high": _rows(found.high),
+        "boundaries": {f"{level:g}": _boundary(found, level) for level in BOUNDARIES},
+    }  # fmt: skip
+
+
+def _boundary(found: Map, level: float) -> list[dict[str, Any]]:
+    return [
+        {name: number(v) if isinstance(v, float) else v for name, v in asdict(c).items()}
+        for c in crossings(found, level)
+    ]
+
+
+def _mesh(p: Parameter) -> tuple[Floats, Floats]:
+    """Places along a parameter, as shares of its distribution and in its unit."""
+    count = len(p.values) or MESH
+    share = (np.arange(count) + 0.5) / count if p.values else np.linspace(0.0, 1.0, count)
+    return share, p.at(share)
+
+
+def _worst(rows: pd.DataFrame, parameters: Sequence[Parameter], place: str) -> list[dict[str, Any]]:
+    """The worst runs: without a result first, then collisions, then by risk, then by how many criteria fail."""
+    kpis = [c for c in rows.columns if str(c).startswith("kpi ")]
+    bad = (rows[kpis] != "PASS").sum(axis=1).to_numpy()
+    risk = rows["risk"].to_numpy(dtype=float)
+    hit = equal(rows["collision"], True)
+    keys = (
+        rows["run"].to_numpy(),
+        -bad,
+        -np.where(np.isnan(risk), np.inf, risk),
+        ~hit,
+        ~failed(rows).to_numpy(),
+    )
+    out = []
+    for k in np.lexsort(keys)[:WORST].tolist():
+        row = rows.iloc[k]
+        run = int(row["run"])
+        again = f"{place}-run-{run}" if place.strip("./") else f"run-{run}"
+        out.append({
+            "run": run, "point": int(row["point"]), "seed": int(row["seed"]),
+            "parameters": {p.name: number(float(row[p.name])) for p in parameters},
+            "end": str(row["end"]), "failure": None if pd.isna(row["failure"]) else str(row["failure"]),
+            "decision": None if pd.isna(row["decision"]) else str(row["decision"]),
+            "collision": None if pd.isna(row["collision"]) else bool(hit[k]), "risk": number(float(risk[k])),
+            "failing": [str(c).removeprefix("kpi ") for c in kpis if row[c] != "PASS"],
+            "command": shlex.join(["resim", "sweep", "repeat", place, str(run), "--out", again]),
+        })  # fmt: skip
+    return out
+
+
+def number(value: float) -> float | None:
+    """Give a number with six digits, None for none."""
+    return float(f"{value:.6g}") + 0.0 if math.isfinite(value) else None
+
+
+def numbers(values: Floats) -> list[float | None]:
+    """Give numbers (N,) as JSON has them."""
+    return [number(v) for v in np.asarray(values, dtype=float).tolist()]
+
+
+def _rows(values: Floats) -> list[list[float | None]]:
+    return [numbers(row) for row in values]

@@ -1,0 +1,170 @@
+"""What an adaptive sweep found: where its outcome changes, and on which side it is good.
+
+Its points lie where the outcome changes, so that no share, index or mean over them says anything of the ranges: what is
+told is of points that were tried, and of the cells between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.geometry import Bools, Floats
+from resim.sweep.plans.adaptive import Lattice, Places
+from resim.sweep.points import Outcome, Points
+from resim.sweep.result import RESUME, Swept, limits
+
+ISLANDS = (0.05, 0.1, 0.2)
+"""Sizes of islands, as shares of each range, whose probability to be missed is told."""
+Span = tuple[int, int]
+"""An interval of one parameter, in finest steps of the lattice."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Points (K, P) that were tried, which (K,) are good, and the cells (C, P) in which that changes; on a lattice."""
+
+    lattice: Lattice
+    names: tuple[str, ...]
+    places: Places
+    good: Bools
+    low: Places
+    high: Places
+
+    def span(self, i: int, ends: Span) -> list[float]:
+        """Give an interval of the i-th parameter in its unit."""
+        places = np.zeros((2, len(self.names)), dtype=np.intp)
+        places[:, i] = ends
+        low, high = _exact(self.lattice.values(places)[:, i])
+        return [low, high]
+
+
+def boundary(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Give what is known of the boundary for one recording and build: of its rows, points (K, P), and outcomes.
+
+    Raises InputError where the manifest does not tell of it.
+    """
+    asked, lattice = swept.file["adaptive"], Lattice.over(swept.parameters)
+    name = {"no collision": "collision"}.get(asked["outcome"], asked["outcome"])
+    outcome = next(o for o in outcomes if o.name in (name, f"kpi {name}"))
+    told, names = _told(swept, rows), tuple(p.name for p in swept.parameters)
+    cells = np.array(told["cells"], dtype=float).reshape(-1, len(names), 2)
+    places, low, high = (_places(lattice, x) for x in (points.x, cells[:, :, 0], cells[:, :, 1]))
+    good_seeds, seeds = outcome.y.sum(axis=1).astype(int), outcome.y.shape[1]
+    needed = next(n for n in range(1, seeds + 1) if n / seeds >= asked["share"])
+    f = _Found(lattice, names, places, good_seeds >= needed, low, high)
+    finest = (np.array(lattice.high) - np.array(lattice.low)) / lattice.counts
+    return {
+        "name": outcome.name, "label": outcome.label, "limit": limits(swept).get(name),
+        "share": asked["share"], "seeds": seeds, "needed": needed,
+        "points": len(places), "good": int(f.good.sum()), "most": swept.file["points"], "known": told["known"],
+        "widths": {p.name: p.width for p in swept.parameters},
+        "finest": dict(zip(names, _exact(finest), strict=True)),
+        "widest": dict(zip(names, _exact((high - low).max(axis=0) * finest), strict=True)) if len(low) else None,
+        "cells": [_exact(ends) for ends in cells],
+        "tried": [{"at": _exact(x), "good_seeds": n} for x, n in zip(points.x, good_seeds.tolist(), strict=True)],
+        "changes": {n: [f.span(i, s) for s in _joined(low[:, i], high[:, i])] for i, n in enumerate(names)},
+        "ranges": list(_ranges(f)),
+        "islands": [{"size": size, "missed": lattice.missed(size)} for size in ISLANDS],
+        "strips": _strips(f) if len(names) == 2 else None,
+    }  # fmt: skip
+
+
+def _told(swept: Swept, rows: pd.DataFrame) -> dict[str, Any]:
+    """What the manifest says of the boundary of these rows."""
+    pair = (rows["recording"].iloc[0], rows["build"].iloc[0])
+    for told in swept.manifest["boundaries"]:
+        if (told["recording"], told["build"]) == pair:
+            return dict(told)
+    problem = f"has no boundary for recording {pair[0]!r} and build {pair[1]!r}"
+    raise InputError(swept.folder / "manifest.json", problem, RESUME.format(folder=swept.folder))
+
+
+def _places(lattice: Lattice, x: Floats) -> Places:
+    """Where values (R, P) are on the lattice."""
+    low, high = np.array(lattice.low), np.array(lattice.high)
+    return np.asarray(np.rint((x - low) / (high - low) * lattice.counts), dtype=np.intp)
+
+
+def _joined(low: Places, high: Places) -> list[Span]:
+    """Intervals (C,) from low to high, those that touch or overlap made one."""
+    out: list[Span] = []
+    for a, b in sorted(zip(low.tolist(), high.tolist(), strict=True)):
+        if out and a <= out[-1][1]:
+            out[-1] = (out[-1][0], max(b, out[-1][1]))
+        else:
+            out.append((a, b))
+    return out
+
+
+def _ranges(f: _Found) -> Iterator[dict[str, Any]]:
+    """From each end of each parameter, the largest range in which every point that was tried is good; wider than 0."""
+    for i, name in enumerate(f.names):
+        at, bad, last = f.places[:, i], f.places[~f.good, i], int(f.lattice.counts[i])
+        if not len(bad):
+            yield {"parameter": name, "side": "whole", "value": None, "points": len(at)}
+            continue
+        for side, inside, end in (("under", at < bad.min(), 0), ("over", at > bad.max(), last)):
+            if not inside.any():
+                continue
+            limit = int(at[inside].max() if side == "under" else at[inside].min())
+            if limit != end:
+                value = f.span(i, (limit, limit))[0]
+                yield {"parameter": name, "side": side, "value": value, "points": int(inside.sum())}
+
+
+def _strips(f: _Found) -> list[dict[str, Any]]:
+    """Of two parameters, by intervals of the second: where along the first the outcome changes, and what is beside it.
+
+    below, above: whether it is good there, None at an end of the range. good: whether it is, where it does not change.
+    """
+    cuts = sorted({0, int(f.lattice.counts[1]), *f.low[:, 1].tolist(), *f.high[:, 1].tolist()})
+    strips: list[tuple[Span, list[dict[str, Any]]]] = []
+    for b in pairwise(cuts):
+        found = _across(f, b)
+        if strips and strips[-1][1] == found:
+            strips[-1] = ((strips[-1][0][0], b[1]), found)
+        else:
+            strips.append((b, found))
+    return [
+        {"at": f.span(1, b), "changes": found, "good": None if found else _good(f, f.places[:, 1], b)}
+        for b, found in strips
+    ]
+
+
+def _across(f: _Found, b: Span) -> list[dict[str, Any]]:
+    """Where along the first parameter the outcome changes, for an interval of the second."""
+    there = (f.low[:, 1] <= b[0]) & (f.high[:, 1] >= b[1])
+    low, high = f.low[there], f.high[there]
+
+    def beside(a: int, end: int, cells: Bools) -> bool | None:
+        """What comes of the points on the side of cells (C,) at place a, that all have the cell beyond in common."""
+        if a == end:
+            return None
+        span = (int(low[cells, 1].min()), int(high[cells, 1].max()))
+        return _good(f, np.where(f.places[:, 0] == a, f.places[:, 1], -1), span)
+
+    return [
+        {
+            "between": f.span(0, (first, last)),
+            "below": beside(first, 0, low[:, 0] == first),
+            "above": beside(last, int(f.lattice.counts[0]), high[:, 0] == last),
+        }
+        for first, last in _joined(low[:, 0], high[:, 0])
+    ]
+
+
+def _good(f: _Found, at: Places, span: Span) -> bool:
+    """Say whether all points (K,) that are in this interval, its ends with it, are good."""
+    return bool(f.good[(at >= span[0]) & (at <= span[1])].all())
+
+
+def _exact(values: Floats) -> Any:
+    """Give numbers as JSON has them, with twelve digits."""
+    return np.vectorize(lambda v: float(f"{v:.12g}") + 0.0, otypes=[float])(values).tolist()

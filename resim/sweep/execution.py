@@ -1,0 +1,316 @@
+"""A sweep: every run in a supervised child, each result committed as it comes, one table at the end."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
+from itertools import chain
+from operator import itemgetter
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.files import file_hash, parse_json, read_file, relative
+from resim.core.plugins.frozen import Frozen
+from resim.core.provenance import versions
+from resim.execution import journal
+from resim.execution.child import Failure
+from resim.execution.workers import run_all
+from resim.metrics.criteria import read_criteria
+from resim.resimulation import Options
+from resim.results import whole_file, write_json, write_parquet
+from resim.simulation.function.driver import cycle_steps
+from resim.simulation.function.interface import load_build
+from resim.sweep.file import OUTCOMES, RUN, Sweep, boundaries, runs
+from resim.sweep.runs import RunTask, Values, run, swept_model, with_values
+
+ATTEMPTS = 3
+"""How often a run is tried whose process crashes."""
+PART = 100_000
+"""Rows of one file of the table."""
+FAILED = "failed"
+"""End of a run that has no result: its process crashed every time, or it could not be begun."""
+
+Tell = Callable[[bool], None]
+"""Hears of each run that was done: whether it failed."""
+
+
+def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
+    """Give everything that the results follow from: what the file says, and hashes, paths from `out`.
+
+    Raises InputError for what cannot be read.
+    """
+    file = sweep.file
+
+    def told(path: Path, digest: str) -> dict[str, str]:
+        return {"path": relative(path, out), "hash": digest}
+
+    def kept(frozen: Frozen) -> dict[str, str]:
+        return told(frozen.path, frozen.hash)
+
+    read_criteria(sweep.criteria)
+    return {
+        "sweep": file.model_dump(mode="json"),
+        "vehicle": sweep.vehicle,
+        "criteria": kept(sweep.criteria),
+        "perception": None if sweep.perception is None else kept(sweep.perception),
+        "builds": {
+            n: {**kept(sweep.frozen[n]), "label": load_build(sweep.frozen[n]).label} for n in file.build
+        },
+        "recordings": {name: told(folder, sweep.hashes[name]) for name, folder in sweep.folders.items()},
+    }
+
+
+def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
+    """Make the folder of the results, or go on in it. Raises InputError where it holds another sweep."""
+    path = out / "sweep.json"
+    if not path.is_file():
+        _make(out)
+        with whole_file(path, (".json",)) as beside:
+            write_json({"versions": versions(), "inputs": told}, beside)
+    elif not resume:
+        raise InputError(
+            out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
+        )
+    remedy = "Restore it, or begin anew with another --out."
+    try:
+        held = parse_json(read_file(path, remedy), path, remedy)
+        differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(path, "is not what `resim sweep` writes", remedy) from e
+    if (name := next(differ, None)) is not None:
+        raise InputError(out, f"{name} is not what it was when the sweep began", remedy)
+
+
+def _make(out: Path) -> None:
+    """Make the folder, unless another shard does so at this moment. Raises InputError where it is of something else."""
+    remedy = "Name another with --out."
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        held = [path for path in out.iterdir() if not path.name.endswith(".new")]
+        strange = [p for p in held if p.name not in ("sweep.json", "journal")]
+        strange += [
+            p for p in (out / "journal").glob("*") if not (out / "sweep.json").is_file() and p.stat().st_size
+        ]
+    except OSError as e:
+        raise InputError(out, f"cannot be made or read: {e.strerror}", remedy) from e
+    if strange:
+        raise InputError(out, "exists and holds no sweep", remedy)
+
+
+def _differ(old: Any, new: Any, name: str = "") -> Iterator[str]:
+    """Names of what differs."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            yield from _differ(old.get(key), new.get(key), f"{name}.{key}".lstrip("."))
+    elif old != new:
+        yield name
+
+
+def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
+    """Give the runs of the sweep, or of the i-th of N shards: every N-th run.
+
+    Raises InputError for parameters that the model or a build does not take.
+    """
+    _has_outcome(sweep)
+    every = runs(sweep)  # of an adaptive plan the first round, which has the extremes
+    names = [p.name for p in sweep.file.parameter]
+    values = every[names].to_numpy(dtype=float)
+    for row in sorted({*values.argmin(axis=0).tolist(), *values.argmax(axis=0).tolist()}):
+        _fits(sweep, tuple(zip(names, values[row].tolist(), strict=True)))
+    for name in {"build.cycle_time"} & set(names):
+        _cycles(sweep, name, every[name].unique().tolist())
+    return every[every[RUN] % shard[1] == shard[0] - 1]
+
+
+def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
+    """Raise ResimError where a cycle time is no multiple of the simulation's step."""
+    if sweep.file.plan == "adaptive":
+        remedy = "Take another plan, with values = [...]."
+        raise InputError(
+            sweep.path, f"an adaptive plan cannot halve {name}: it is a multiple of the step", remedy
+        )
+    for build in (load_build(sweep.frozen[name]) for name in sweep.file.build):
+        for value in values:
+            cycle_steps(with_values(build, ((name, value),)), Options().step)
+
+
+def _has_outcome(sweep: Sweep) -> None:
+    """Raise InputError where an adaptive plan asks for an outcome that runs do not have."""
+    if sweep.file.plan != "adaptive":
+        return
+    known = list(dict.fromkeys([*OUTCOMES, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
+    if sweep.file.adaptive.outcome not in known:
+        problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is none of this sweep's"
+        raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
+
+
+def _fits(sweep: Sweep, values: Values) -> None:
+    """Raise InputError where the model or a build does not take these values."""
+    swept_model(sweep.perception, values)
+    for name in sweep.file.build:
+        build = with_values(load_build(sweep.frozen[name]), values)
+        try:
+            with build.factory.afresh():
+                build.make()
+        except Exception as e:
+            raise InputError(
+                build.path, f"does not take the parameters of the sweep: {e}", "Correct them."
+            ) from e
+        if build.opened.found:
+            raise InputError(build.path, build.opened.note())
+
+
+def execute(
+    sweep: Sweep,
+    out: Path,
+    *,
+    workers: int,
+    shard: tuple[int, int] = (1, 1),
+    pool: Executor | None = None,
+    expect: Callable[[int], None] = lambda total: None,
+    tell: Tell = lambda failed: None,
+    found: Callable[[str, tuple[str, ...]], None] = lambda recording, findings: None,
+) -> None:
+    """Do what is missing of the sweep, or of a shard; each result is committed whole as soon as it is there.
+
+    expect: hears how many runs it is, which grow with an adaptive plan. found: hears the findings in each recording as
+    soon as one of its runs is there.
+    """
+    examined: set[str] = set()
+    with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
+        todo: list[RunTask] | None = None
+        while todo is None or (todo and sweep.file.plan == "adaptive"):
+            rows = _rows(sweep, out)
+            wanted = runs(sweep, rows)
+            plans = _plans(sweep, wanted)
+            for _ in journal.entries(out / "journal", plans, whole=sweep.file.plan != "adaptive"):
+                pass  # none is of something else
+            expect(len(wanted))
+            mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
+            todo = [task for task in tasks(sweep, mine) if task.run not in rows]
+            of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
+            for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
+                if not isinstance(result, Failure):
+                    findings, name = result.pop("findings"), of[number]
+                    if name not in examined:
+                        examined.add(name)
+                        found(name, findings)
+                file.append({RUN: number, "plan": plans[number], **_entry(result, sweep)})
+                tell(isinstance(result, Failure) or result["row"]["failure"] is not None)
+
+
+def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
+    """Give what each run is of, by its number: a checksum over recording, build, seed and parameters."""
+    columns = ["recording", "build", "seed", *(p.name for p in sweep.file.parameter)]
+    rows = zip(wanted[RUN].tolist(), *(wanted[name].tolist() for name in columns), strict=True)
+    return {number: f"{zlib.crc32(repr(of).encode()):08x}" for number, *of in rows}
+
+
+def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
+    """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
+    needed = sweep.file.plan == "adaptive"
+    return {entry[RUN]: entry["row"] if needed else {} for entry in journal.read(out / "journal")}
+
+
+def _tried(
+    todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
+) -> Iterator[tuple[int, dict[str, Any] | Failure]]:
+    """Give the result of each run by its number; what crashes is tried again after all others."""
+    for attempt in range(1, ATTEMPTS + 1):
+        crashed = []
+        for k, result in run_all(run, todo, workers=workers, time_limit=time_limit, pool=pool):
+            if isinstance(result, Failure) and result.crashed and attempt < ATTEMPTS:
+                crashed.append(todo[k])
+            else:
+                yield todo[k].run, result
+        todo = sorted(crashed, key=lambda task: task.run)
+
+
+def _entry(result: dict[str, Any] | Failure, sweep: Sweep) -> dict[str, Any]:
+    """What the journal holds of a result; files as the sweep names them, wherever it lies."""
+    if not isinstance(result, Failure):
+        return result
+    reason, files = result.reason, {name: frozen.path for name, frozen in sweep.frozen.items()}
+    for name, path in (files | sweep.folders).items():
+        reason = reason.replace(str(path), name)
+    return {"row": {"end": FAILED, "failure": reason}, "time": None}
+
+
+def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
+    """Give the tasks of runs."""
+    file, names = sweep.file, [p.name for p in sweep.file.parameter]
+    columns = zip(
+        wanted[RUN].tolist(), wanted["recording"].tolist(), wanted["build"].tolist(), wanted["seed"].tolist(),
+        wanted[names].to_numpy(dtype=float).tolist(), strict=True,
+    )  # fmt: skip
+    for number, recording, build, seed, values in columns:
+        yield RunTask(
+            number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
+            sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
+        )  # fmt: skip
+
+
+def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> tuple[float | None, float, list[str]]:
+    """Do a few runs and give the median time [s] of one, its size [bytes], and why any failed."""
+    some = list(tasks(sweep, wanted.groupby(["recording", "build"], sort=False).head(4).head(16)))
+    done = run_all(run, some, workers=min(workers, len(some)), time_limit=sweep.file.time_limit)
+    found = [result for _, result in sorted(done, key=itemgetter(0))]
+    failures = [r.reason for r in found if isinstance(r, Failure)]
+    good = [r for r in found if not isinstance(r, Failure)]
+    if not good:
+        return None, 0.0, failures
+    size = sum(len(json.dumps(r["row"])) for r in good) / len(good) / 4.0  # as Parquet packs it
+    return median(r["time"] for r in good), size, failures
+
+
+def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
+    """Write the table once every run is there; give how many runs are missing, and how many failed.
+
+    runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
+    """
+    adaptive = sweep.file.plan == "adaptive"
+    rows = _rows(sweep, out) if adaptive else {}
+    every = runs(sweep, rows)
+    told = journal.entries(out / "journal", _plans(sweep, every))
+    lines = {entry[RUN]: line for line, entry in told}
+    if missing := len(every) - len(lines):
+        return missing, 0
+    found = _found([lines[k] for k in every[RUN]])
+    failed = int(found["failure"].notna().sum())
+    whole = pd.concat([every, found.drop(columns="time")], axis=1)
+    (out / "runs").mkdir(exist_ok=True)
+    parts = {f"runs/part-{first // PART:05d}.parquet": first for first in range(0, len(whole), PART)}
+    for name, first in parts.items():
+        with whole_file(out / name, (".parquet",)) as path:
+            write_parquet(whole.iloc[first : first + PART], path)
+    with whole_file(out / "times.parquet", (".parquet",)) as path:
+        write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
+    held = parse_json(read_file(out / "sweep.json", ""), out / "sweep.json")
+    counts = {"runs": len(whole), "failed": failed, "files": {name: file_hash(out / name) for name in parts}}
+    grown = {"boundaries": boundaries(sweep, rows)} if adaptive else {}
+    with whole_file(out / "manifest.json", (".json",)) as path:
+        write_json(
+            {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}, path
+        )
+    return 0, failed
+
+
+def _found(lines: list[bytes]) -> pd.DataFrame:
+    """Results and times as a table, from lines of the journal; by parts, as entries take much more memory than rows."""
+    parts = []
+    for first in range(0, len(lines), PART // 10):
+        entries = [json.loads(line) for line in lines[first : first + PART // 10]]
+        parts.append(pd.DataFrame([{**entry["row"], "time": entry["time"]} for entry in entries]))
+    found = pd.concat(parts, ignore_index=True)
+    return found.astype({c: float for c in found if _is_number(found[c])})
+
+
+def _is_number(column: pd.Series[Any]) -> bool:
+    known = column.dropna()
+    return bool(len(known)) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in known)

@@ -1,0 +1,285 @@
+"""A sweep: which runs, with which parameters; a TOML file, and the table of its runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field
+
+from resim.core.errors import InputError
+from resim.core.files import joined
+from resim.core.geometry import Floats
+from resim.core.plugins.frozen import Frozen
+from resim.core.spec import Strict, read_strict
+from resim.metrics.criteria import freeze_criteria
+from resim.perception.model import freeze_model
+from resim.recordings.content import content_hash, refuse_changed
+from resim.recordings.listed import RecordingEntry, found_folders
+from resim.simulation.dynamics import Kinematic, vehicle_model
+from resim.simulation.function.interface import freeze_build
+from resim.sweep.plans.adaptive import Lattice, Places, boundary, wanted
+from resim.sweep.plans.design import Parameter, Plan, design
+from resim.verification.suite import read_suite
+
+Indices = NDArray[Any]
+Row = Mapping[str, Any]
+"""What a run came to, one value a column; see `resim.sweep.single`."""
+LARGEST = 1e15
+"""Points that an adaptive plan can choose from."""
+EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
+MOST = 1_000_000
+"""Runs of a sweep: those that are planned are held in memory, and planned anew by each process (12 s for so many)."""
+RUN = "run"
+"""Column of the tables: which run it is, counted from 0."""
+
+
+OUTCOMES = ("verdict", "same_decision", "no collision")
+"""Outcomes of every run, besides those of the criteria."""
+
+
+class Adaptive(Strict):
+    """Where an adaptive plan spends its runs: where the share of a point's seeds that are good falls below `share`.
+
+    outcome: "verdict" (PASS), "same_decision" (as measured), "no collision", or a criterion's name (PASS).
+    """
+
+    outcome: str = "verdict"
+    share: float = Field(strict=True, default=0.5, gt=0.0, le=1.0)
+
+    def good(self, row: Row) -> bool:
+        """Say whether a run is good; one that failed, or is without a result, is not."""
+        if row.get("end") == "failed" or row.get("failure"):
+            return False
+        if self.outcome == "same_decision":
+            return row.get("same_decision") is True
+        if self.outcome == "no collision":
+            return row.get("collision") is False
+        return row.get("verdict" if self.outcome == "verdict" else f"kpi {self.outcome}") == "PASS"
+
+
+class SweepFile(Strict):
+    """What a sweep's file says; paths from the folder of the file.
+
+    recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
+    that perception parameters are parameters of. plan, points, seed: see `sweep.plans.design`. seeds: runs of each
+    point. time_limit: s of wall clock for one run. adaptive: of the plan of that name.
+    """
+
+    name: str = Field(min_length=1)
+    recording: tuple[RecordingEntry, ...] = ()
+    suite: str | None = None
+    build: tuple[str, ...] = Field(min_length=1)
+    perception: str | None = None
+    criteria: str = Field(min_length=1)
+    plan: Plan | Literal["adaptive"] = "grid"
+    adaptive: Adaptive = Adaptive()
+    points: int = Field(strict=True, default=64, ge=1, le=1_000_000)
+    seed: int = Field(strict=True, default=0, ge=0)
+    seeds: int = Field(strict=True, default=5, ge=1, le=100_000)
+    time_limit: float = Field(strict=True, default=60.0, ge=0.001, le=1e6)
+    accept: tuple[str, ...] = ()
+    parameter: tuple[Parameter, ...] = Field(min_length=1)
+
+
+class Sweep(Strict):
+    """A sweep with its recordings found, by name.
+
+    frozen: builds, model and criteria as they were when the sweep was read, by the names that its file has for them.
+    hashes: of the recordings' content at that time. vehicle: the model that moves the EGO.
+    """
+
+    path: Path
+    file: SweepFile
+    folders: dict[str, Path]
+    frozen: dict[str, Frozen] = Field(default_factory=dict)
+    hashes: dict[str, str] = Field(default_factory=dict)
+    vehicle: str = Kinematic.name
+
+    @property
+    def perception(self) -> Frozen | None:
+        """The base model, None without one."""
+        return None if self.file.perception is None else self.frozen[self.file.perception]
+
+    @property
+    def criteria(self) -> Frozen:
+        """What runs are judged by."""
+        return self.frozen[self.file.criteria]
+
+
+def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
+    """Read a sweep and find its recordings. Raises InputError naming every fault, ResimError for an unknown vehicle."""
+    vehicle_model(vehicle)
+    file = read_strict(path, SweepFile, EXAMPLE)
+    if bool(file.recording) == (file.suite is not None):
+        raise InputError(path, "names both or neither of recording and suite", "Name one of them.")
+    if again := [name for name in file.build if file.build.count(name) > 1]:
+        raise InputError(path, f"build {again[0]!r} stands twice", "Take one away.")
+    names = [p.name for p in file.parameter]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(path, f"parameter {twice[0]!r} stands twice", "Take one away.")
+    if file.perception is None and (of := [name for name in names if name.startswith("perception.")]):
+        raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
+    check_plan(path, file)
+    if file.suite is not None:
+        suite = read_suite(joined(path, file.suite))
+        folders, pinned = suite.folders, suite.hashes
+    else:
+        folders, pinned = found_folders(path, file.recording)
+    if (count := _count(file, len(folders))) > MOST:
+        remedy = "Give fewer points, steps or seeds, or cut it into several."
+        raise InputError(path, f"asks for up to {count:,} runs; a sweep has up to {MOST:,}", remedy)
+    frozen = {name: freeze_build(joined(path, name)) for name in file.build}
+    frozen[file.criteria] = freeze_criteria(joined(path, file.criteria))
+    if file.perception is not None:
+        frozen[file.perception] = freeze_model(joined(path, file.perception))
+    hashes = {name: content_hash(folder) for name, folder in folders.items()}
+    for name, digest in pinned.items():
+        refuse_changed(folders[name], digest)
+    return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes, vehicle=vehicle)
+
+
+def _count(file: SweepFile, recordings: int) -> int:
+    """How many runs it is at most."""
+    levels = [len(p.values) or p.steps for p in file.parameter]
+    points = {"grid": math.prod(levels), "one_at_a_time": 1 + sum(levels)}.get(file.plan, file.points)
+    return recordings * len(file.build) * points * file.seeds
+
+
+def check_plan(path: Path, file: SweepFile) -> None:
+    """Raise InputError for parameters that the plan cannot vary."""
+    if file.plan != "adaptive":
+        if wide := [p.name for p in file.parameter if p.width is not None]:
+            raise InputError(
+                path, f"parameter {wide[0]!r} has a width, the plan is {file.plan}", 'plan = "adaptive"'
+            )
+        return
+    for p in file.parameter:
+        if p.low is None or p.mean is not None or p.width is None:
+            problem = f"parameter {p.name!r}: an adaptive plan needs low, high and width, and no mean"
+            raise InputError(path, problem, "Correct it, or take another plan.")
+    first = int(np.prod([p.steps for p in file.parameter]))
+    if first > file.points:
+        raise InputError(
+            path, f"points = {file.points} is less than the {first} of the first grid (steps)", "Give more."
+        )
+    size = float(np.prod(Lattice.over(file.parameter).counts + 1.0))
+    if size > LARGEST:
+        raise InputError(path, f"the widths cut the ranges into {size:.0e} points", "Give larger widths.")
+
+
+def runs(sweep: Sweep, rows: Mapping[int, Row] | None = None) -> pd.DataFrame:
+    """Give a row a run, in order: run, recording, build, point, seed, and each parameter by its name.
+
+    rows: the results so far, by run. An adaptive plan has more runs the more results there are; all others ignore them.
+    """
+    file = sweep.file
+    if file.plan == "adaptive":
+        return _grown(sweep, rows or {})
+    points = design(file.parameter, file.plan, file.points, file.seed)
+    recordings, builds = list(sweep.folders), list(file.build)
+    shape = (len(recordings), len(builds), len(points), file.seeds)
+    r, b, p, s = (index.ravel() for index in np.indices(shape))
+    return _table(sweep, r, b, p, _seeds(points, file.seeds)[p, s], points[p])
+
+
+def _seeds(points: Floats, count: int) -> Indices:
+    """Seeds (R, count) of the runs at points (R, P): drawn from their values, the same ones in every plan.
+
+    Each point has its own, so that what two points say of a parameter is said twice; recordings and builds share them.
+    """
+    rounded = np.array([[float(f"{value:.9g}") + 0.0 for value in row] for row in points.tolist()])
+    words = rounded.reshape(len(points), -1).view(np.uint32).tolist()
+    drawn = [np.random.SeedSequence(row).generate_state(count) for row in words]
+    return np.array(drawn, dtype=np.int64).reshape(-1, count)
+
+
+def _table(
+    sweep: Sweep, r: Indices, b: Indices, point: Indices, seed: Indices, values: Floats
+) -> pd.DataFrame:
+    """Runs in this order: indices (R,) of recording and build, point and seed, and parameters (R, P)."""
+    table = {
+        RUN: np.arange(len(r)), "recording": np.array(list(sweep.folders))[r],
+        "build": np.array(sweep.file.build)[b], "point": point, "seed": seed,
+    }  # fmt: skip
+    return pd.DataFrame(table | {q.name: values[:, k] for k, q in enumerate(sweep.file.parameter)})
+
+
+def boundaries(sweep: Sweep, rows: Mapping[int, Row]) -> list[dict[str, Any]]:
+    """Give what an adaptive plan found: recording, build, points, the cells in which the outcome changes, and whether
+    these are as small as asked for (`known`). A cell: low and high of each parameter.
+    """
+    searches, _ = _searched(sweep, rows)
+    recordings, out = list(sweep.folders), []
+    for search in searches:
+        ends = boundary(search.lattice, search.places, search.good)
+        cells = np.stack([search.lattice.values(end) for end in ends], axis=2)
+        out.append({
+            "recording": recordings[search.recording], "build": sweep.file.build[search.build],
+            "points": len(search.places), "known": not len(wanted(search.lattice, search.places, search.good)),
+            "cells": cells.tolist(),
+        })  # fmt: skip
+    return out
+
+
+def _grown(sweep: Sweep, rows: Mapping[int, Row]) -> pd.DataFrame:
+    """The runs of an adaptive plan, as far as they are known."""
+    seeds, (searches, parts) = sweep.file.seeds, _searched(sweep, rows)
+    sizes = [seeds * len(places) for _, _, places in parts]
+    r, b = (np.repeat([part[k] for part in parts], sizes) for k in (0, 1))
+    places = np.repeat(np.concatenate([places for _, _, places in parts]), seeds, axis=0)
+    lattice = searches[0].lattice
+    number = _seeds(lattice.values(places[::seeds]), seeds).ravel()
+    return _table(sweep, r, b, lattice.numbers(places), number, lattice.values(places))
+
+
+def _searched(sweep: Sweep, rows: Mapping[int, Row]) -> tuple[list[_Search], list[tuple[int, int, Places]]]:
+    """Go round by round: the next one follows from all results of those before; its runs come after theirs.
+
+    Gives the searches, one for each recording and build, and what to run: recording, build, points.
+    """
+    file, count, parts = sweep.file, 0, []
+    lattice = Lattice.over(file.parameter)
+    pairs = np.indices((len(sweep.folders), len(file.build))).reshape(2, -1).T.tolist()
+    searches = [_Search(lattice, r, b) for r, b in pairs]
+    whole = True
+    while whole and not all(search.done for search in searches):
+        for search in searches:
+            places = search.next(file.points)
+            numbers = count + np.arange(len(places) * file.seeds).reshape(-1, file.seeds)
+            count += numbers.size
+            parts.append((search.recording, search.build, places))
+            results = [[rows.get(n) for n in seeds] for seeds in numbers.tolist()]
+            whole &= all(row is not None for seeds in results for row in seeds)
+            if whole:
+                search.take(places, results, file.adaptive)
+    return searches, parts
+
+
+class _Search:
+    """The boundary of one recording and build as far as it is known."""
+
+    def __init__(self, lattice: Lattice, recording: int, build: int) -> None:
+        self.lattice, self.recording, self.build = lattice, recording, build
+        self.places = np.empty((0, len(lattice.first)), dtype=np.intp)
+        self.good = np.empty(0, dtype=bool)
+        self.done = False
+
+    def next(self, most: int) -> Places:
+        """Give the points of the next round, none where the search is done, or it would be more than `most` in all."""
+        places = wanted(self.lattice, self.places, self.good)
+        self.done = self.done or not 0 < len(places) <= most - len(self.places)
+        return places[:0] if self.done else places
+
+    def take(self, places: Places, results: list[list[Row | None]], plan: Adaptive) -> None:
+        """Note what came of a round's points."""
+        good = [
+            np.mean([plan.good(row) for row in seeds if row is not None]) >= plan.share for seeds in results
+        ]
+        self.places = np.concatenate([self.places, places])
+        self.good = np.append(self.good, np.array(good, dtype=bool))

@@ -1,0 +1,1 @@
+"""Plans of a sweep: which values are run."""

@@ -1,0 +1,119 @@
+"""Plans: the values at which the parameters of a sweep are tried."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, StrictFloat, model_validator
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
+
+from resim.core.geometry import Floats
+
+Plan = Literal["grid", "sobol", "halton", "latin_hypercube", "one_at_a_time"]
+"""Plans that are known before the first run; the adaptive one is in `resim.sweep.plans.adaptive`."""
+
+
+class Parameter(BaseModel):
+    """A parameter that is swept: its range, or the values that it takes, in its own unit.
+
+    name: of a perception model ("perception.latency.speed"), a build ("build.cycle_time") or an AD function
+    ("function.threat_time"). steps: values of a grid, evenly from low to high; of a normal distribution evenly in
+    probability. mean, std: of a normal distribution, cut off at low and high, where it is not uniform. base: the value
+    that the others are varied at, one at a time; the middle, if not given. width: how exactly an adaptive plan finds
+    where the outcome changes.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+    name: str = Field(pattern=r"^(perception|build|function)(\.\w+)+$")
+    low: StrictFloat | None = None
+    high: StrictFloat | None = None
+    values: tuple[StrictFloat, ...] = ()
+    steps: int = Field(strict=True, default=5, ge=2, le=10_000)
+    mean: StrictFloat | None = None
+    std: float | None = Field(strict=True, default=None, gt=0.0)
+    base: StrictFloat | None = None
+    width: float | None = Field(strict=True, default=None, gt=0.0)
+
+    @model_validator(mode="after")
+    def _whole(self) -> Parameter:
+        if bool(self.values) == (self.low is not None and self.high is not None):
+            raise ValueError("expected low and high, or values")
+        if (self.low is None) != (self.high is None):
+            raise ValueError("expected low and high, both")
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"low {self.low:g} is not below high {self.high:g}")
+        if self.low is not None and self.high is not None and math.isinf(self.high - self.low):
+            raise ValueError(f"from low {self.low:g} to high {self.high:g} is farther than a number can say")
+        if (self.mean is None) != (self.std is None):
+            raise ValueError("expected mean and std, both")
+        if self.values and self.mean is not None:
+            raise ValueError("values have no mean and std")
+        if len(set(self.values)) < len(self.values):
+            raise ValueError("values: one stands twice")
+        return self
+
+    def levels(self) -> Floats:
+        """Give the values of a grid, or one at a time."""
+        if self.values:
+            return np.array(self.values)
+        return self.at((np.arange(self.steps)) / (self.steps - 1.0))
+
+    def middle(self) -> float:
+        """Give the value at which the others are varied."""
+        return float(self.at(np.array([0.5]))[0]) if self.base is None else self.base
+
+    def share(self, x: Floats) -> Floats:
+        """Give the share (N,) of the distribution that lies below values x (N,): the inverse of `at`.
+
+        Of values that are listed, the middle of each one's share.
+        """
+        if self.values:
+            place = np.argmin(np.abs(np.asarray(x)[:, None] - np.sort(self.values)), axis=1)
+            return np.asarray((place + 0.5) / len(self.values))
+        low, high = float(self.low or 0.0), float(self.high or 0.0)
+        if self.mean is None or self.std is None:
+            return np.clip((x - low) / (high - low), 0.0, 1.0)
+        first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
+        below: Floats = (ndtr((x - self.mean) / self.std) - first) / (last - first)
+        return np.clip(below, 0.0, 1.0)
+
+    def at(self, share: Floats) -> Floats:
+        """Give the values below which a share (N,) in [0, 1] of the distribution lies."""
+        if self.values:
+            taken: Floats = np.sort(self.values).take((share * len(self.values)).astype(int), mode="clip")
+            return taken
+        low, high = float(self.low or 0.0), float(self.high or 0.0)
+        if self.mean is None or self.std is None:
+            return np.asarray(low + share * (high - low))
+        first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
+        drawn: Floats = self.mean + self.std * ndtri(first + share * (last - first))
+        return np.clip(drawn, low, high)
+
+
+def design(parameters: tuple[Parameter, ...], plan: Plan, points: int, seed: int) -> Floats:
+    """Give (R, P) values, a row a point of the plan. points: of the plans that are drawn; seed: of their draws.
+
+    grid: all combinations of the parameters' levels; one_at_a_time: the levels of each, the others at their base;
+    sobol, halton: scrambled; latin_hypercube.
+    """
+    if plan == "grid":
+        mesh = np.meshgrid(*(p.levels() for p in parameters), indexing="ij")
+        return np.stack([m.ravel() for m in mesh], axis=1)
+    if plan == "one_at_a_time":
+        base = np.array([p.middle() for p in parameters])
+        rows = [np.tile(base, (len(p.levels()), 1)) for p in parameters]
+        for k, p in enumerate(parameters):
+            rows[k][:, k] = p.levels()
+        return np.unique(np.concatenate([base[None], *rows]), axis=0)
+    rng = np.random.default_rng(seed)
+    engines = {"sobol": qmc.Sobol, "halton": qmc.Halton, "latin_hypercube": qmc.LatinHypercube}
+    with warnings.catch_warnings(
+        action="ignore", category=UserWarning
+    ):  # as many as asked for, balanced or not
+        share = engines[plan](d=len(parameters), rng=rng).random(points)
+    return np.stack([p.at(share[:, k]) for k, p in enumerate(parameters)], axis=1)

@@ -1,0 +1,99 @@
+"""One run of a sweep: a recording on GT with a build, a perception model and a seed; what it came to is one row."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+from resim.metrics.criteria import Criteria, overall
+from resim.perception.model import PerceptionModel
+from resim.perception.runtime.sensor import Sensor
+from resim.recordings import Recording
+from resim.resimulation.assessed import How
+from resim.resimulation.outcome import COMFORT, Outcome
+from resim.resimulation.outcomes import seed_outcome
+from resim.resimulation.perceived import difference, end_error
+from resim.resimulation.reaction import ego_tracks
+from resim.resimulation.result import Options, PreparedRecording, Resimulation
+from resim.resimulation.run import prepare, run_on_gt
+from resim.scenario import maneuvers
+from resim.simulation.function.interface import Build
+from resim.verification.verify import COMPARED
+
+RATE = 5.0
+"""Scenes a second [Hz] that are assessed in a sweep."""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A recording, ready to be simulated again and again, and what all runs of a sweep are judged by.
+
+    decision, reaction: what the EGO did in the measured drive, and when [s] it first braked.
+    """
+
+    recording: PreparedRecording
+    decision: list[str]
+    reaction: float | None
+    criteria: Criteria
+
+
+def prepare_sweep(recording: Recording, criteria: Criteria, accept: Collection[str] = ()) -> Prepared:
+    """Describe what was measured, once for all runs."""
+    prepared, ego = prepare(recording, (), accept), recording.ego
+    driven = ego_tracks(prepared.described["GT"], prepared.network)
+    decision = maneuvers.decision(driven, prepared.network, ego=ego)
+    return Prepared(prepared, decision, maneuvers.reaction_time(driven, ego=ego), criteria)
+
+
+def run_once(
+    prepared: Prepared, build: Build, model: PerceptionModel | None, seed: int, options: Options = Options()
+) -> Row:
+    """Simulate once and give what it came to: one value a column, None where there is none.
+
+    Times in s, errors in m, m/s and rad; `reaction_difference` and `same_decision` are against the measured drive.
+    """
+    result = Resimulation(prepared.recording, build, options)
+    result = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
+    drive, _, pipe = result.of(seed)
+    found = seed_outcome(result, seed, How(criteria=prepared.criteria, only=COMPARED, rate=RATE))
+    row: Row = {
+        "end": drive.end,
+        "failure": drive.failure or None,
+        "decision": ", ".join(found.decision),
+        "same_decision": found.decision == prepared.decision,
+        "reaction": found.reaction,
+        "reaction_difference": difference(found.reaction, prepared.reaction),
+        "collision": found.collision,
+        "risk": found.risk,
+        "end_position_error": end_error(drive, pipe),
+        "case": drive.case.hash,
+    }
+    errors = found.errors or dict.fromkeys(["d", "v", "heading"])
+    row |= {f"pipeline_{name}": value for name, value in errors.items()}
+    row |= {name: found.comfort[name] for name in COMFORT}
+    row |= _judged(found, prepared.criteria)
+    return _without_values(row) if drive.failure else row
+
+
+def _without_values(row: Row) -> Row:
+    """The row of a run that failed: what it did until then says nothing of what it would have come to."""
+    said = ("end", "failure", "decision", "verdict", "case")
+    return {
+        name: value if name in said or name.startswith("kpi ") or (name == "collision" and value) else None
+        for name, value in row.items()
+    }
+
+
+def _judged(found: Outcome, criteria: Criteria) -> Row:
+    """The verdict, and of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
+    verdict = overall(found.kpis) if found.kpis else "INVALID"
+    row: Row = {"verdict": "INVALID" if verdict == "PASS" and found.end != "duration" else verdict}
+    for c in criteria.criteria:
+        kpi = found.kpis.get(c.name)
+        row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome
+        row[f"value {c.name}"] = None if kpi is None else kpi.value
+        row[f"unit {c.name}"] = None if kpi is None else kpi.unit
+    return row

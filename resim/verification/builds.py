@@ -1,0 +1,96 @@
+"""One recording, two builds: what the new one does otherwise in the same scenario, with the same seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from resim.core.plugins.opened import UNKNOWN
+from resim.metrics.criteria import Criteria
+from resim.recordings import Recording
+from resim.recordings.checked import finding_lines
+from resim.resimulation.assessed import How
+from resim.resimulation.assessments import assess_resimulation
+from resim.resimulation.outcome import Outcome
+from resim.resimulation.outcomes import outcomes, parted, seed_outcome
+from resim.resimulation.perceived import Perceiving
+from resim.resimulation.result import Options, Resimulation, of_seed
+from resim.resimulation.run import resimulate
+from resim.simulation.case import SimulatedDrive
+from resim.simulation.function.interface import Build
+from resim.verification.paired import Pair, pair
+from resim.verification.verify import COMPARED, has_plans
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Re-simulations of one recording with an old and a new build, and each pair of runs with the same seed."""
+
+    old: Resimulation
+    new: Resimulation
+    pairs: tuple[Pair, ...]
+
+    @property
+    def verdict(self) -> str:
+        """Whether the new build lost a KPI in any run, gained one, does something else, or none of it."""
+        if any(p.failure for p in self.pairs):
+            return "error"
+        if any(p.lost for p in self.pairs):
+            return "worse"
+        if any(p.gained for p in self.pairs):
+            return "better"
+        return "changed" if any(p.changed for p in self.pairs) else "same"
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what verification.json holds of the recording."""
+        worst = max(self.pairs, key=lambda p: (bool(p.failure), p.weight_lost, p.risk or 0.0))
+        return {
+            "verdict": self.verdict,
+            "t": worst.t,
+            "differences": list(worst.differences),
+            "error": worst.failure or None,
+            "findings": list(finding_lines(self.old.recording.findings)),
+            "weight_lost": worst.weight_lost,
+            "reaction": {
+                "before": [p.reactions[0] for p in self.pairs],
+                "now": [p.reactions[1] for p in self.pairs],
+            },
+            "cases": {
+                when: {name: drive.case.hash for name, drive in result.drives.items()}
+                for when, result in (("before", self.old), ("now", self.new))
+            },
+            "pairs": [asdict(p) for p in self.pairs],
+            "notes": [n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNKNOWN)],
+        }
+
+
+def compare_builds(
+    recording: Recording,
+    old: Build,
+    new: Build,
+    criteria: Criteria,
+    options: Options = Options(),
+    perceiving: Perceiving | None = None,
+    accept: Collection[str] = (),
+) -> Compared:
+    """Re-simulate GT with both builds; with a perception model once a seed, else once."""
+    results = [
+        resimulate(recording, build, options, perceiving=perceiving, accept=accept) for build in (old, new)
+    ]
+    planned = all(has_plans(result) for result in results)
+    how = How(criteria=criteria, only=COMPARED, path="plan" if planned else "state")
+    each = [_runs(result, how) for result in results]
+    pairs = []
+    for seed, (one, drive) in each[0].items():
+        two, other = each[1][seed]
+        pairs.append(pair(seed, one, two, parted(drive.truth, other.truth, recording.ego)))
+    return Compared(results[0], results[1], tuple(pairs))
+
+
+def _runs(result: Resimulation, how: How) -> dict[int | None, tuple[Outcome, SimulatedDrive]]:
+    """What each drive on GT came to, by seed, None for that without a perception model."""
+    if result.perceiving is None:
+        found = outcomes(result, assess_resimulation(result, how))
+        return {None: (found["rGT"], result.drives["rGT"])}
+    return {seed: (seed_outcome(result, seed, how), result.drives[of_seed(seed)]) for seed in result.seeds}

@@ -1,0 +1,66 @@
+"""The folder of a verification: one result a recording as it comes, and the whole at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from resim.core.errors import InputError
+from resim.core.files import parse_json, read_file
+from resim.core.provenance import versions
+from resim.results import VERIFICATION, json_text, whole_file
+from resim.verification.execution import CASES, REPORTS
+from resim.verification.junit import junit
+from resim.verification.page import write_verification_page
+from resim.verification.request import Asked
+
+REMEDY = "Give the verification.json that `resim verify` wrote."
+
+
+def begin(out: Path, a: Asked) -> None:
+    """Make the folder, or go on in it: say in it what is asked for, and take away what is of other recordings."""
+    told = json_text({"versions": versions(), "inputs": a.model_dump(mode="json")})
+    mark = out / VERIFICATION.mark
+    if not mark.is_file() or read_file(mark, "Take it away.") != told.encode():
+        for name in ("verification.json", "verification.html", "junit.xml"):  # they are of something else
+            (out / name).unlink(missing_ok=True)
+    _write(mark, told)
+    for path in [*out.glob(".*.new"), *out.glob("*/.*.new")]:  # of one that was killed
+        path.unlink()
+    for path in (out / CASES).glob("*.json"):
+        if path.stem not in a.recordings:
+            path.unlink()
+
+
+def write(out: Path, found: Mapping[str, Any], traces: Mapping[str, Any]) -> None:
+    """Write verification.json, verification.html and junit.xml, and take away reports that nothing leads to."""
+    told = {report for r in found["recordings"] for report in r["reports"]}
+    for path in (out / REPORTS).glob("*.html"):
+        if f"{REPORTS}/{path.name}" not in told:
+            path.unlink()
+    with whole_file(out / "verification.html") as path:
+        write_verification_page(found, traces, path)
+    _write(out / "junit.xml", junit(found))
+    _write(out / "verification.json", json_text(found))
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a verification.json. Raises InputError."""
+    try:
+        found: dict[str, Any] = parse_json(read_file(path, REMEDY), path, REMEDY)
+        names = [str(r["name"]) for r in found["recordings"]]
+        if not names or not isinstance(found["versions"], dict) or not isinstance(found["inputs"], dict):
+            raise TypeError
+        if found["schema"] != "resim-verification-1":
+            raise InputError(
+                path, f"has the schema {found['schema']!r}, expected resim-verification-1", REMEDY
+            )
+        return {name: found[name] for name in ("schema", "versions", "inputs", "summary", "recordings")}
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(path, "is not what `resim verify` writes", REMEDY) from e
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path, (path.suffix,)) as beside:
+        beside.write_text(text, encoding="utf-8")

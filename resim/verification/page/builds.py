@@ -1,0 +1,164 @@
+"""Build against build: what the new one lost, gained and changed, worst regressions first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from resim.report.markup import Markup, html, join
+from resim.report.tables import decision_words
+from resim.verification.page.cells import (
+    NONE,
+    Entry,
+    badge,
+    bullets,
+    counted,
+    filters,
+    link,
+    row,
+    rows_table,
+    second,
+    signed,
+    spread,
+)
+from resim.verification.page.drive import command, folded, reason, report_links
+from resim.verification.page.speeds import builds_figure
+from resim.verification.summary import namesakes
+
+ORDER = ("error", "worse", "changed", "better", "same")
+HEAD = (
+    "recording", "verdict", "KPIs lost", "KPIs gained", "decision before", "now", "largest risk, now less before",
+    "they part at", "re-simulations",
+)  # fmt: skip
+LIMITS = {
+    "lost": ("KPIs lost in all runs", "g"),
+    "changed": ("decisions changed in all runs", "g"),
+    "risk": ("largest rise of the largest risk in a run", ".3g"),
+}
+UNITS = {"longitudinal acceleration": "m/s²", "lateral acceleration": "m/s²", "longitudinal jerk": "m/s³"}
+
+
+def builds(found: Entry, traces: Mapping[str, Any]) -> Iterator[Markup]:
+    """Give the parts of the page of build against build."""
+    inputs, told = found["inputs"], found["summary"]
+    yield _limits(told)
+    yield _means(told)
+    yield Markup("<h2>Recordings</h2>\n") + filters({verdict: told[verdict] for verdict in ORDER})
+    entries = _ordered(found)
+    yield rows_table(HEAD, (_row(r) for r in entries), "overview")
+    yield Markup("<h2>Recordings in detail</h2>\n")
+    for r in entries:
+        if "pairs" in r:
+            yield folded(r, _detail(r, traces.get(r["name"], {}), inputs))
+        else:
+            yield folded(r, html("<p>{}</p>", reason(r)))
+
+
+def meaning(inputs: Entry) -> Markup:
+    """Say in a sentence what is compared."""
+    seeds = f", each with the same {len(inputs['seeds'])} seeds" if inputs["seeds"] else ""
+    return html(
+        "Both builds drove the same scenarios on ground truth{}. <b>Worse</b>: a KPI that passed before does not "
+        "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else.{}",
+        seeds,
+        f" Note: {same}." if (same := namesakes(inputs)) else "",
+    )
+
+
+def _ordered(found: Entry) -> list[Entry]:
+    """Errors first, then the worst regressions, then what is the same."""
+    by_name = {r["name"]: r for r in found["recordings"]}
+    worst = found["summary"]["worst"]
+    first = [name for name, r in by_name.items() if r["verdict"] == "error"]
+    rest = [name for name in by_name if name not in worst and name not in first]
+    return [by_name[name] for name in (*first, *worst, *rest)]
+
+
+def _limits(told: Entry) -> Markup:
+    """Each limit of the suite, and whether it is kept."""
+    rows = []
+    for name, (text, form) in LIMITS.items():
+        limit = told["limits"][name]
+        value = NONE if limit["value"] is None else format(limit["value"], form).replace("-", "−")
+        most = "any" if limit["limit"] is None else f"{limit['limit']:g}"
+        state = ("pass", "kept") if limit["kept"] else ("fail", "broken")
+        if limit["limit"] is None:
+            state = ("none", "no limit")
+        rows.append(row([text, value, most, html('<span class="badge {}">{}</span>', state[0], state[1])]))
+    return Markup("<h2>Limits of the suite</h2>") + rows_table(["", "found", "at most", ""], rows, "limits")
+
+
+def _means(told: Entry) -> Markup:
+    """Mean differences of risk and comfort over the recordings, with their intervals."""
+    rows = [_mean("largest risk", "", told["risk"], 4)]
+    rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told["comfort"].items()]
+    note = "Now less before; each recording counts with the mean of its seeds, the interval is a bootstrap over them."
+    head = ["", "mean difference", "95 % interval", "recordings"]
+    return html("<h2>Risk and comfort</h2><p>{}</p>{}", note, rows_table(head, rows, "limits"))
+
+
+def _mean(name: str, unit: str, d: Entry | None, digits: int) -> Markup:
+    if d is None:
+        return row([name, NONE, NONE, "0"])
+    between = (
+        NONE if d["low"] is None else f"{signed(d['low'], digits)} to {signed(d['high'], digits)} {unit}"
+    )
+    return row([name, f"{signed(d['mean'], digits)} {unit}", between, str(d["of"])])
+
+
+def _row(r: Entry) -> Markup:
+    if "pairs" not in r:
+        return row([link(r["name"]), badge(r["verdict"]), *[NONE] * (len(HEAD) - 2)], r["verdict"])
+    pairs = r["pairs"]
+    cells = [
+        link(r["name"]), badge(r["verdict"]), _kpis(r, "lost"), _kpis(r, "gained"),
+        *(counted([decision_words(p["decisions"][k]) for p in pairs]) for k in (0, 1)),
+        spread([p["risk"] for p in pairs], 3, ""), second(r["t"]),
+        report_links(r, "before", "now") or NONE,
+    ]  # fmt: skip
+    return row(cells, r["verdict"])
+
+
+def _kpis(r: Entry, which: str) -> str:
+    """KPIs lost or gained, each with in how many of the runs."""
+    names = dict.fromkeys(name for p in r["pairs"] for name in p[which])
+    of = len(r["pairs"])
+    told = []
+    for name in names:
+        count = sum(name in p[which] for p in r["pairs"])
+        told.append(name + (f" ({count} of {of})" if count < of else ""))
+    return ", ".join(told) or NONE
+
+
+def _detail(r: Entry, traces: Mapping[str, Any], inputs: Entry) -> Markup:
+    labels = {"before": inputs["against"]["label"], "now": inputs["build"]["label"]}
+    out = [html("<p>{}</p>", reason(r))] if r["error"] is not None else []
+    if r["differences"]:
+        since = "" if r["t"] is None else html(", from <b>{:.1f} s</b>", r["t"])
+        out.append(html("<p>What differs in the worst run{}:</p>{}", since, bullets(r["differences"])))
+    if traces:
+        out.append(builds_figure(r["name"], r, traces, labels))
+    out.append(Markup("<h4>Each run</h4>") + _pairs(r))
+    if r["reports"]:
+        names = (f"Re-simulation report of {label}" for label in labels.values())
+        return join([*out, html("<p>{}</p>", report_links(r, *names))])
+    both = "\n".join(command(r, inputs, inputs[which]) for which in ("against", "build"))
+    return join([*out, html("<p>To see every step, in this file's folder:</p><pre>{}</pre>", both)])
+
+
+def _pairs(r: Entry) -> Markup:
+    """Each run of both builds with the same seed: KPIs, decisions, differences of risk and comfort."""
+    rows = []
+    for p in r["pairs"]:
+        named = (
+            ", ".join(p["lost"]) or NONE,
+            ", ".join(p["gained"]) or NONE,
+        )
+        comfort = [NONE if v is None else signed(v, 2) for v in p["comfort"].values()]
+        risk = NONE if p["risk"] is None else signed(p["risk"], 4)
+        did = (decision_words(one) for one in p["decisions"])
+        seed = "without model" if p["seed"] is None else f"seed {p['seed']}"
+        rows.append(row([seed, *named, *did, risk, *comfort, second(p["t"])]))
+    measures = [f"{name} [{UNITS.get(name, '')}]" for name in r["pairs"][0]["comfort"]]
+    head = ["", "lost", "gained", "decision before", "now", "risk", *measures, "they part at"]
+    return rows_table(head, rows, "pairs")

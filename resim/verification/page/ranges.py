@@ -1,0 +1,60 @@
+"""How far a verified scenario can be varied until a KPI flips, drawn as bars (Groh 2018, III.C)."""
+
+from __future__ import annotations
+
+from resim.report.markup import Markup, html, join
+from resim.verification.page.cells import Entry, minus, row, rows_table
+
+MEANING = Markup(
+    "Within each interval no KPI flips in simulation. That is no proof for the interval: it is what <b>one real "
+    "re-check at its end</b> would legitimise, and no further (Groh 2018, III.C). A flip and back between two "
+    "variations that were run would not have been seen."
+)
+WIDTH, MIDDLE = 220.0, 110.0
+"""Of a bar's view box; no change is in the middle."""
+REACH = 96.0
+"""Units of the view box from the middle to the farther end."""
+
+
+def ranges(entry: Entry) -> Markup:
+    """Give the intervals of all parameters that were varied."""
+    rows = [_range(v) for v in entry["validity"]]
+    head = ["parameter", "from", "", "to", "resolution"]
+    return html("<p>{}</p>{}", MEANING, rows_table(head, rows, "ranges"))
+
+
+def _range(v: Entry) -> Markup:
+    of = html("{} <i>of object {}</i>", v["parameter"], v["object"])
+    resolution = f"{v['resolution']:g} {v['unit']}, {v['tried']} variations run"
+    return row([of, _end(v["low"], v["unit"]), _bar(v), _end(v["high"], v["unit"]), resolution])
+
+
+def _end(end: Entry, unit: str) -> Markup:
+    """An end of the interval, and what flips behind it."""
+    then = f"then {', '.join(end['flips'])} flips" if len(end["flips"]) == 1 else ""
+    if len(end["flips"]) > 1:
+        then = f"then {', '.join(end['flips'])} flip"
+    amount = minus(f"{end['amount']:+.3g}")
+    return html("<b>{} {}</b> <i>{}</i>", amount, unit, then or "nothing flips as far as tried")
+
+
+def _bar(v: Entry) -> Markup:
+    """The interval about no change: a stop where something flips, an arrow where the search ended first."""
+    low, high = v["low"], v["high"]
+    far = max(abs(low["amount"]), abs(high["amount"])) or 1.0
+    a, b = (MIDDLE + REACH * end["amount"] / far for end in (low, high))
+    ends = join(
+        html('<path class="stop" d="M{:.1f} 3v16"/>', x)
+        if end["flips"]
+        else html('<path class="open" d="M{:.1f} 5l{:g} 6l{:g} 6"/>', x, way * 9.0, -way * 9.0)
+        for x, end, way in ((a, low, -1.0), (b, high, 1.0))
+    )
+    return html(
+        '<svg class="bar" viewBox="0 0 {width:g} 22" aria-hidden="true"><path class="grid" d="M0 11H{width:g}"/>'
+        '<path class="held" d="M{a:.1f} 11H{b:.1f}"/><path class="frame" d="M{middle:g} 1v20"/>{ends}</svg>',
+        width=WIDTH,
+        a=a,
+        b=b,
+        middle=MIDDLE,
+        ends=ends,
+    )

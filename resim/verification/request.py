@@ -1,0 +1,225 @@
+"""What a verification is asked for: everything that its result follows from, as `inputs` of verification.json."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from resim.core.errors import InputError, ResimError
+from resim.core.files import relative
+from resim.core.plugins.frozen import Frozen, freeze_file
+from resim.metrics.criteria import freeze_criteria, read_criteria
+from resim.perception.model import freeze_model, read_model
+from resim.recordings.content import content_hash
+from resim.recordings.settings import SETTINGS, read_settings
+from resim.resimulation import check_codes
+from resim.scenario.variation import PARAMETERS
+from resim.simulation.dynamics import Kinematic, vehicle_model
+from resim.simulation.function.interface import freeze_build, load_build
+from resim.verification.paired import Limits
+from resim.verification.sequential import SequentialTest
+from resim.verification.suite import Suite
+from resim.verification.tasks import Task
+from resim.verification.tolerance import Tolerances
+from resim.verification.verify import UNKNOWN, may_verify
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class File(_Model):
+    """A file or folder, and the SHA-256 of what it held; None where it could not be read."""
+
+    path: str
+    hash: str | None
+
+
+class Named(File):
+    """A build, with its name and version."""
+
+    label: str
+
+
+class Asked(_Model):
+    """Everything that a verification follows from; paths from the folder of verification.json."""
+
+    name: str
+    suite: File
+    build: Named
+    against: Named | None
+    criteria: File
+    perception: File | None
+    settings: tuple[str, ...]
+    seeds: tuple[int, ...]
+    bases: tuple[Literal["GT", "SD"], ...]
+    agreement: float = Field(ge=0.5, le=0.99)
+    vary: tuple[str, ...]
+    accept: tuple[str, ...]
+    driven_by: tuple[str, ...]
+    vehicle: str
+    tolerances: Tolerances
+    limits: Limits
+    reports: int
+    recordings: dict[str, File]
+    wanted: dict[str, str] = Field(description="hashes that the suite wants")
+
+
+@dataclass(frozen=True)
+class Call:
+    """What the command line asks for besides the suite; None and () leave it to the suite."""
+
+    build: Path
+    against: Path | None = None
+    perception: Path | None = None
+    settings: tuple[str, ...] = ()
+    seeds: int | None = None
+    vary: tuple[str, ...] = ()
+    driven_by: tuple[str, ...] = ()
+    vehicle: str = Kinematic.name
+
+
+def asked(suite: Suite, call: Call, base: Path) -> Asked:
+    """Give what is asked for, with the hashes of all that goes in. base: folder of verification.json.
+
+    Raises InputError for what cannot be read, but for recordings: each of those is an error of its own.
+    """
+    file = suite.file
+    perception = call.perception or (None if file.perception is None else suite.beside(file.perception))
+    if call.settings and perception is None:
+        raise InputError("--set", f"{call.settings[0]!r} without a model", "Name one with --perception.")
+    if call.seeds is not None and perception is None:
+        raise InputError("--seeds", "are runs with a perception model", "Name one with --perception.")
+    if strange := [name for name in call.vary if name not in PARAMETERS]:
+        raise InputError("--vary", f"there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
+    if call.against is not None and (call.vary or call.driven_by):
+        raise InputError("--against", "compares builds alone", "Leave out --vary and --driven-by.")
+    check_codes(file.accept)
+    vehicle_model(call.vehicle)
+    model = None if perception is None else freeze_model(perception)
+    if model is not None:
+        read_model(model, call.settings)
+    criteria = freeze_criteria(suite.beside(file.criteria))
+    read_criteria(criteria)
+    count = call.seeds or (file.seeds if call.against is None else file.limits.seeds)
+    if call.against is None and perception is not None:
+        _enough(suite.path, SequentialTest(file.agreement, count))
+    return Asked(
+        name=file.name,
+        suite=_file(freeze_file(suite.path), base),
+        build=_build(call.build, base),
+        against=None if call.against is None else _build(call.against, base),
+        criteria=_file(criteria, base),
+        perception=None if model is None else _file(model, base),
+        settings=call.settings,
+        seeds=() if model is None else tuple(range(file.seed, file.seed + count)),
+        bases=file.bases,
+        agreement=file.agreement,
+        vary=call.vary or file.vary,
+        accept=file.accept,
+        driven_by=(*file.driven_by, *call.driven_by),
+        vehicle=call.vehicle,
+        tolerances=file.tolerances,
+        limits=file.limits,
+        reports=file.reports,
+        recordings={
+            name: File(path=relative(folder, base), hash=_content(folder))
+            for name, folder in suite.folders.items()
+        },
+        wanted=dict(suite.hashes),
+    )
+
+
+def _enough(suite: Path, test: SequentialTest) -> None:
+    """Raise InputError where no outcome of so few seeds would verify anything."""
+    if test.most < test.fewest:
+        problem = f"agreement {test.demand:g} cannot be told by {test.most} seeds, even if all of them agree"
+        raise InputError(suite, problem, f"Allow seeds = {test.fewest} or more; 200 if nothing is said.")
+
+
+def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:
+    """Give what the verification.json at `path` was asked for. Raises InputError where anything has changed since."""
+    remedy = "Give the verification.json that `resim verify` wrote."
+    try:
+        before = Asked.model_validate(inputs)
+    except ValidationError as e:
+        raise InputError(path, "is not what `resim verify` writes", remedy) from e
+    base = path.parent
+    files: list[tuple[File | None, Callable[[Path], Frozen]]] = [
+        (before.build, freeze_build), (before.against, freeze_build), (before.perception, freeze_model),
+        (before.criteria, freeze_criteria),
+    ]  # fmt: skip
+    now: list[tuple[str, str | None, str | None]] = [
+        (one.path, one.hash, again(_there(base, one)).hash) for one, again in files if one is not None
+    ]
+    now += [(r.path, r.hash, _content(_there(base, r))) for r in before.recordings.values()]
+    if changed := [name for name, old, new in now if old != new]:
+        more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
+        raise InputError(path, f"{changed[0]}{more} is not what it was", "Restore it, or verify anew.")
+    return before
+
+
+def refuse_others(a: Asked, base: Path) -> None:
+    """Raise InputError for recordings that another function drove: the method compares what one function did twice."""
+    if a.against is not None:
+        return
+    build, other = load_build(_frozen(base, a.build)), []
+    for name, file in a.recordings.items():
+        try:
+            settings = read_settings(_there(base, file) / SETTINGS)
+        except ResimError:
+            continue  # an error of its own, when its turn comes
+        if not may_verify(settings, build, a.driven_by):
+            other.append((name, settings.build or UNKNOWN))
+    if other:
+        name, label = other[0]
+        more = f" (and {len(other) - 1} more recordings)" if len(other) > 1 else ""
+        was = f"was driven by {label!r}" + (", with another hash" if label == build.label else "")
+        raise InputError(
+            name, f"{was}, not by this {build.label!r}{more}",
+            f"Take the build that drove, compare builds with --against, or ask for it with --driven-by {label}.",
+        )  # fmt: skip
+
+
+def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
+    """Give a task for each recording, by name. base: what the paths are from."""
+    against = None if a.against is None else _frozen(base, a.against)
+    perception = None if a.perception is None else _frozen(base, a.perception)
+    return {
+        name: Task(
+            name, _there(base, file), a.wanted.get(name) or file.hash, _frozen(base, a.build), against,
+            _frozen(base, a.criteria), a.bases, perception, a.settings, a.seeds, a.agreement,
+            a.tolerances, a.vary, a.accept, a.vehicle, reports,
+        )
+        for name, file in a.recordings.items()
+    }  # fmt: skip
+
+
+def _there(base: Path, file: File) -> Path:
+    return Path(os.path.normpath(base / file.path))
+
+
+def _frozen(base: Path, file: File) -> Frozen:
+    """What was hashed when this was asked for, and nothing that came after."""
+    return Frozen(_there(base, file), str(file.hash))
+
+
+def _file(frozen: Frozen, base: Path) -> File:
+    return File(path=relative(frozen.path, base), hash=frozen.hash)
+
+
+def _build(path: Path, base: Path) -> Named:
+    build = load_build(path)
+    return Named(path=relative(path, base), hash=build.hash, label=build.label)
+
+
+def _content(folder: Path) -> str | None:
+    try:
+        return content_hash(folder)
+    except (ResimError, OSError):
+        return None

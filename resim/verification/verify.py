@@ -1,0 +1,173 @@
+"""One recording, one build: may simulation stand in for the drive? (Groh 2018, III.B; Wagner 2021, 5.3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from resim.core.errors import ResimError
+from resim.metrics.assessment import Assessment
+from resim.metrics.criteria import Criteria
+from resim.perception.runtime.recorded import Recorded
+from resim.recordings import Recording
+from resim.recordings.settings import Settings
+from resim.resimulation.assessed import How
+from resim.resimulation.assessments import assess_resimulation
+from resim.resimulation.outcome import COMFORT, Outcome, Rms
+from resim.resimulation.outcomes import outcomes, rms, seed_outcome
+from resim.resimulation.perceived import Perceiving
+from resim.resimulation.result import Options, Resimulation, drove
+from resim.resimulation.run import over_seeds, resimulate, run_on_gt, with_notes
+from resim.simulation.function.interface import Build
+from resim.verification.cause import Cause, cause
+from resim.verification.compare import Comparison, Judged, Way, compare
+from resim.verification.locality import critical, validity
+from resim.verification.openloop import open_loop
+from resim.verification.result import Verified
+from resim.verification.sequential import SequentialTest
+from resim.verification.tolerance import Tolerances
+from resim.verification.vehicle import OpenLoop
+
+COMPARED = (*COMFORT, "risk", "collision")
+"""Objectifications that are compared whether criteria ask for them or not."""
+UNKNOWN = "unknown"
+"""Stands for the build that drove a recording that does not say which did."""
+
+
+@dataclass(frozen=True, eq=False)
+class Demands:
+    """What a recording is verified by.
+
+    agreement: more than this share of seeds must agree, as `SequentialTest` tells it. vary: parameters
+    (`resim.scenario.variation.PARAMETERS`) whose range is searched in which a verified recording's KPIs stay.
+    """
+
+    criteria: Criteria
+    tolerances: Tolerances
+    agreement: float = 0.9
+    vary: tuple[str, ...] = ()
+
+    def how(self, result: Resimulation) -> How:
+        """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source."""
+        planned = result.recording.plan is not None and has_plans(result)
+        return How(criteria=self.criteria, only=COMPARED, path="plan" if planned else "state")
+
+
+def has_plans(result: Resimulation) -> bool:
+    """Say whether the function gave plans in every drive; else drives can be compared by the EGO's state alone."""
+    return all(drive.plans for drive in result.drives.values())
+
+
+def may_verify(recording: Recording | Settings, build: Build, driven_by: tuple[str, ...]) -> bool:
+    """Say whether a build may be verified on a recording: it drove it, or is an oracle, or was asked for by name.
+
+    driven_by: labels of builds whose recordings are taken for those of `build`, UNKNOWN where none is recorded. The
+    method compares what one function did twice.
+    """
+    return build.needs_truth or bool(drove(recording, build)) or (recording.build or UNKNOWN) in driven_by
+
+
+def verify_recording(
+    recording: Recording,
+    build: Build,
+    demands: Demands,
+    options: Options = Options(),
+    perceiving: Perceiving | None = None,
+    accept: Collection[str] = (),
+) -> Verified:
+    """Re-simulate a recording and set every re-simulation beside the measured drive.
+
+    The verdict rests on GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
+    errors in the map in spite of which to go on.
+    """
+    if "GT" not in options.bases and perceiving is None and recording.sd is None:
+        raise ResimError(
+            f"{recording.folder or recording.name}: has no sensor data, so basis SD has nothing to run"
+        )
+    result = resimulate(recording, build, options, accept=accept)
+    every = iter(()) if perceiving is None else over_seeds(result, perceiving)
+    first = next(every, result)
+    how = demands.how(first)
+    assessed = assess_resimulation(result, how)
+    found, errors = outcomes(result, assessed), rms(result.errors)
+    judged = _judged(found, errors, demands)
+    seeds: dict[int, Outcome] = {}
+    if perceiving is not None:
+        result, seeds, judged["rGT+M"] = _over_seeds(
+            perceiving, chain([first], every), found["GT"], errors, demands, how
+        )
+    recorded = None
+    if any(j.verdict == "not verified" for j in judged.values()):
+        recorded = _as_recorded(result, found["GT"], errors, demands, how)
+    driven = open_loop(result, demands.tolerances)
+    shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smooth as its splines"}
+    if perceiving is not None:
+        shown["rGT+M"] = f"what {perceiving.model.name} shows"
+    causes: dict[Way, Cause | None] = {
+        way: cause(j, errors, demands.tolerances, recorded, shown[way], driven, oracle=build.needs_truth)
+        for way, j in judged.items()
+    }
+    notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven)]))
+    out = Verified(result, found, seeds, errors, judged, causes, recorded, driven, notes=notes)
+    if demands.vary and out.verdict == "verified":
+        return _varied(out, assessed.blocks["GT"], demands.vary, how)
+    return out
+
+
+def _varied(found: Verified, measured: Assessment, parameters: tuple[str, ...], how: How) -> Verified:
+    """Search how far the parameters can be varied; a note says where that cannot be done."""
+    ranges, notes = [], []
+    for parameter in parameters:
+        try:
+            ranges.append(
+                validity(found.result, found.outcomes["GT"].kpis, parameter, critical(measured), how)
+            )
+        except ResimError as e:
+            notes.append(f"{parameter} is not varied: {e}")
+    return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))
+
+
+def _judged(found: Mapping[str, Outcome], errors: Rms, demands: Demands) -> dict[Way, Judged]:
+    ways: tuple[Way, ...] = ("rGT", "rSD")
+    return {
+        way: Judged(way, (compare(way, found["GT"], found[way], errors, demands.tolerances),))
+        for way in ways
+        if way in found
+    }
+
+
+def _over_seeds(
+    perceiving: Perceiving, every: Iterator[Resimulation], measured: Outcome, errors: Rms, demands: Demands,
+    how: How,
+) -> tuple[Resimulation, dict[int, Outcome], Judged]:  # fmt: skip
+    """Take seed after seed until the test of their share has ended."""
+    test = SequentialTest(demands.agreement, len(perceiving.seeds))
+    seeds: dict[int, Outcome] = {}
+    beside: list[Comparison] = []
+    for result in every:
+        seed = result.seeds[-1]
+        seeds[seed] = seed_outcome(result, seed, how)
+        beside.append(compare("rGT+M", measured, seeds[seed], errors, demands.tolerances))
+        judged = Judged("rGT+M", tuple(beside), test)
+        if judged.verdict != "undecided":
+            break
+    return with_notes(result, replace(perceiving, seeds=tuple(seeds))), seeds, judged
+
+
+def _driven_otherwise(driven: OpenLoop | None) -> Iterator[str]:
+    """A note where the vehicle moved otherwise than its model, whatever the verdict."""
+    if driven is not None and driven.blamed not in (None, "function"):
+        yield str(driven)
+
+
+def _as_recorded(
+    result: Resimulation, measured: Outcome, errors: Rms, demands: Demands, how: How
+) -> Comparison | None:
+    """The run on GT that shows the function what was recorded as perceived; None where nothing was, or for oracles."""
+    recording, whole = result.recording, result.prepared.whole
+    if "SD" not in whole or result.build.needs_truth:
+        return None
+    shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
+    again = run_on_gt(Resimulation(result.prepared, result.build, result.options), perception=shown)
+    return compare("rGT+M", measured, seed_outcome(again, 0, how), errors, demands.tolerances)

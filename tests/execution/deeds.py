@@ -1,0 +1,132 @@
+"""What tasks do in tests of the workers; a module of its own, as child processes import it anew."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+from resim.core.errors import FunctionError, ResimError
+from resim.core.plugins import loading as plugin
+from resim.core.plugins.watchdog import Watchdog
+from resim.simulation.function.interface import load_build
+
+
+def act(task: tuple[str, int]) -> tuple[int, int]:
+    """Give the number and the process, or end as the name says."""
+    name, number = task
+    if name == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if name == "leave":
+        os._exit(7)
+    if name == "hang":
+        time.sleep(60.0)
+    if name == "refuse":
+        raise ResimError("the input is wrong")
+    if name == "full":
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        except OSError as e:
+            raise ResimError("the cache cannot be written") from e
+    if name == "print":
+        print("what a function has to say", flush=True)
+    if name == "interrupt":
+        raise KeyboardInterrupt
+    if name == "raise":
+        raise ZeroDivisionError("a fault of our own")
+    return number, os.getpid()
+
+
+def doubled(path: str) -> int:
+    """Give what the function of a build doubles in a process of its own."""
+    build = load_build(Path(path))
+    with build.factory.afresh():
+        return build.make().doubled(21)  # type: ignore[attr-defined, no-any-return]
+
+
+def _leave() -> None:
+    os._exit(0)
+
+
+def _never_return() -> None:
+    sum(range(10**14))  # compiled code, which no signal interrupts
+
+
+def _hear_nothing() -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 32))
+    time.sleep(600.0)
+
+
+def _disarm() -> None:
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    time.sleep(600.0)
+
+
+def _copy() -> None:
+    os.fork()
+
+
+def _answer() -> None:
+    """Be quick."""
+
+
+IN_FUNCTION = {
+    "leave": _leave, "abort": os.abort, "never return": _never_return, "hear nothing": _hear_nothing,
+    "disarm": _disarm, "copy": _copy, "answer": _answer,
+}  # fmt: skip
+
+
+def call(task: tuple[str, int]) -> list[str]:
+    """Let a function under test do something so many times, within 0.2 s each; give what it was blamed for."""
+    name, times = task
+    said = []
+    with Watchdog() as watchdog:
+        for _ in range(times):
+            try:
+                watchdog.call(0.2, IN_FUNCTION[name])
+                said.append("")
+            except FunctionError as e:
+                said.append(str(e))
+    return said
+
+
+def linger(name: str) -> None:
+    """Let a function under test do something that ends the process when its call is over."""
+    late = threading.Timer(0.2, os._exit, [0])
+    with Watchdog() as watchdog:
+        watchdog.call(5.0, late.start if name == "thread" else lambda: os.closerange(3, 256))
+        if name == "thread":
+            time.sleep(60.0)
+
+
+def load(file: Path) -> None:
+    """Load a build within half a second."""
+    plugin.LOAD_LIMIT = 0.5
+    load_build(file)
+
+
+def start_others(note: str) -> None:
+    """Fork, start a program, note their numbers, and end this process alone."""
+    import subprocess
+
+    program = subprocess.Popen(["sleep", "600"])
+    forked = os.fork()
+    if not forked:
+        time.sleep(600.0)
+    Path(note).write_text(f"{program.pid} {forked}")
+    os._exit(3)
+
+
+def leave_the_folder(folder: str) -> str:
+    """Change the working directory after telling it."""
+    here = str(Path.cwd())
+    os.chdir(folder)
+    return here
+
+
+def order(_: int) -> tuple[list[str], int]:
+    """Give names in the order of a set, and the process."""
+    return list({f"object {k}" for k in range(50)}), os.getpid()

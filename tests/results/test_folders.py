@@ -1,0 +1,259 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+import pytest
+
+from resim.core.errors import InputError, StopError
+from resim.recordings import Recording
+from resim.resimulation import Options, resimulate
+from resim.results import (
+    RUN,
+    check_output,
+    locked,
+    whole_folder,
+    write_json,
+    write_parquet,
+    write_resimulation,
+)
+from resim.results.entry import digest
+from resim.scenario.jscen import read_jscen
+from resim.simulation.function.interface import Build
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_a_folder_appears_whole(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "deep" / "out") as folder:
+        (folder / "a").write_text("1")
+        assert not (tmp_path / "deep" / "out").exists()
+    assert names(tmp_path / "deep") == ["out"]
+    assert (tmp_path / "deep" / "out" / "a").read_text() == "1"
+
+
+def mark(folder: Path, text: str) -> None:
+    (folder / RUN.mark).write_text(json.dumps({"versions": {"resim": text}}))
+
+
+def fail(out: Path, error: type[BaseException]) -> None:
+    with whole_folder(out) as folder:
+        mark(folder, "half")
+        raise error
+
+
+def test_what_is_nested_without_end_is_no_result(tmp_path: Path) -> None:
+    (tmp_path / RUN.mark).write_text("[" * 100_000)
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(tmp_path)
+
+
+@pytest.mark.usefixtures("ends")
+def test_a_pipe_is_no_result_and_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / RUN.mark)
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(tmp_path)
+
+
+@pytest.mark.usefixtures("ends")
+def test_a_pipe_among_results_is_not_waited_for_by_who_registers_them(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text('{"times": {}, "perception": {}}')
+    os.mkfifo(tmp_path / "report.json")
+    with pytest.raises(InputError, match=r"report.json: cannot be read"):
+        digest(tmp_path, "run")
+
+
+def test_results_go_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "far")
+    with whole_folder(tmp_path / "out") as folder:
+        mark(folder, "1")
+    assert (tmp_path / "out").is_symlink()
+    assert names(tmp_path / "far") == [RUN.mark]
+    assert names(tmp_path) == ["far", "out"]
+
+
+def test_one_command_at_a_time_writes_into_a_folder(tmp_path: Path) -> None:
+    with (
+        locked(tmp_path, "resim verify"),
+        pytest.raises(InputError, match="is written by another `resim verify`"),
+        locked(tmp_path, "resim verify"),
+    ):
+        pass
+    with locked(tmp_path, "resim verify"):
+        pass
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failure_leaves_nothing_behind_and_the_old_results_as_they_were(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(error):
+        fail(out, error)
+    assert names(tmp_path) == []
+    with whole_folder(out) as folder:
+        mark(folder, "old")
+    with pytest.raises(error):
+        fail(out, error)
+    assert names(tmp_path) == ["out"]
+    assert "old" in (out / RUN.mark).read_text()
+
+
+def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for k in range(2):
+        with whole_folder(out) as folder:
+            mark(folder, str(k))
+            (folder / f"map{k}.xodr").touch()
+    assert names(out) == ["map1.xodr", RUN.mark]
+    assert names(tmp_path) == ["out"]
+
+
+def test_folders_that_are_no_results_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    check_output(tmp_path / "empty")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").touch()
+    with pytest.raises(
+        InputError, match=r"exists and is not a results folder \(it has no run\.json of resim"
+    ):
+        check_output(tmp_path / "mine")
+    with pytest.raises(InputError, match="is a file, expected a folder"):
+        check_output(tmp_path / "mine" / "thesis.txt")
+    with pytest.raises(InputError, match=r"thesis\.txt is no folder that you may write"):
+        check_output(tmp_path / "mine" / "thesis.txt" / "out")
+    with (
+        pytest.raises(InputError, match="is not a results folder"),
+        whole_folder(tmp_path / "mine"),
+    ):
+        pass
+    assert names(tmp_path / "mine") == ["thesis.txt"]
+
+
+def test_files_of_others_in_a_results_folder_are_not_lost(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with whole_folder(out) as folder:
+        mark(folder, "1")
+    (out / "notes.txt").touch()
+    with pytest.raises(
+        InputError, match=r"holds notes\.txt, which is no result of resim's and would be lost"
+    ):
+        check_output(out)
+    foreign = tmp_path / "foreign"
+    foreign.mkdir()
+    (foreign / RUN.mark).write_text('{"my": "run"}')
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(foreign)
+    with pytest.raises(InputError, match="File name too long"):
+        check_output(tmp_path / ("x" * 300))
+
+
+def test_a_disk_that_takes_no_more_ends_in_one_error_and_nothing_half_written(tmp_path: Path) -> None:
+    program = f"""
+import resource
+from pathlib import Path
+import pandas as pd
+from resim.core.errors import InputError
+from resim.store import whole_folder, write_json, write_parquet
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+for write in (lambda f: write_json(list(range(50_000)), f / "a.json"),
+              lambda f: write_parquet(pd.DataFrame({{"x": [str(hash(k)) for k in range(50_000)]}}), f / "a.parquet")):
+    try:
+        with whole_folder(Path({str(tmp_path / "out")!r})) as folder:
+            write(folder)
+    except InputError as e:
+        print(e)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 2
+    assert all(line.startswith(f"{tmp_path / 'out'}: cannot be written: ") for line in lines)
+    assert all("File too large" in line for line in lines)
+    assert names(tmp_path) == []
+
+
+def test_json_is_the_same_bytes_and_holds_no_nan(tmp_path: Path) -> None:
+    write_json({"b": [1.5, None], "a": "ü"}, tmp_path / "a.json")
+    assert json.loads((tmp_path / "a.json").read_text()) == {"b": [1.5, None], "a": "ü"}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json({"a": float("nan")}, tmp_path / "b.json")
+
+
+def test_tables_come_back_from_parquet_wherever_they_are_written(tmp_path: Path) -> None:
+    table = pd.DataFrame({"id": ["a", "b"], "x": [1.5, float("nan")]})
+    folder = tmp_path / "it's here"
+    folder.mkdir()
+    write_parquet(table, folder / "t.parquet")
+    with duckdb.connect() as db:
+        rows = db.read_parquet(str(folder / "t.parquet")).fetchall()
+    assert rows[0] == ("a", 1.5)
+    assert rows[1][0] == "b"
+
+
+def test_results_are_written_with_everything_that_went_in_and_came_out(
+    shipped: Callable[[str], Recording], build: Callable[[str], Build], tmp_path: Path
+) -> None:
+    recording = shipped("cut_in_brake")
+    result = resimulate(recording, build("highway_pilot"), Options(seed=3))
+    write_resimulation(result, tmp_path)
+    jscen = [f"{name}.jscen.json" for name in ("GT", "SD", "rGT", "rSD")]
+    assert names(tmp_path) == sorted(
+        [
+            *jscen,
+            "answers.parquet",
+            "plans.parquet",
+            "proving_ground.xodr",
+            "report.json",
+            "run.json",
+            "tracks.parquet",
+        ]
+    )
+    for name in jscen:
+        scenario = read_jscen(tmp_path / name)
+        assert (tmp_path / scenario.map).read_bytes() == recording.map.read_bytes()
+        assert (scenario.ego.id, [o.id for o in scenario.objects]) == ("ego", ["1"])
+    with duckdb.connect() as db:
+        query = f"SELECT source, count(*), min(t), max(t) FROM '{tmp_path}/tracks.parquet' GROUP BY source"
+        rows = {row[0]: row[1:] for row in db.execute(query).fetchall()}
+    assert set(rows) == {"GT", "SD", "rGT", "rSD", "perceived_rGT", "perceived_rSD"}
+    assert rows["GT"][0] == len(recording.gt.to_frame())
+    assert rows["perceived_rGT"][1:] == rows["rGT"][1:]
+    run = json.loads((tmp_path / "run.json").read_text())
+    text = json.dumps(run)
+    for wanted in (build("highway_pilot").hash, "libsumo", "numpy", "gt.csv", "sd.csv", '"seed": 3'):
+        assert wanted in text
+
+
+def test_the_root_is_no_folder_for_results() -> None:
+    with pytest.raises(InputError, match="is not a results folder"):
+        check_output(Path("/"))
+
+
+@pytest.mark.parametrize("renames", [1, 2])
+def test_a_signal_while_results_take_their_place_loses_neither(tmp_path: Path, renames: int) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    mark(out, "before")
+    seen = 0
+
+    def stop(frame: object, event: str, of: object) -> None:
+        nonlocal seen
+        seen += event == "c_return" and of is os.rename
+        if seen == renames:
+            sys.setprofile(None)
+            raise StopError(143)
+
+    with pytest.raises(StopError), whole_folder(out) as folder:  # noqa: PT012
+        mark(folder, "now")
+        sys.setprofile(stop)
+    assert ("before" if renames == 1 else "now") in (out / RUN.mark).read_text()
+    assert names(tmp_path) == ["out"]

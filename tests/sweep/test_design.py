@@ -1,0 +1,81 @@
+"""Plans of experiments."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy.stats import qmc
+
+from resim.sweep.plans.design import Parameter, Plan, design
+
+LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=5)
+BIAS = Parameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=3)
+DRAWN = ("sobol", "halton", "latin_hypercube")
+
+
+def test_a_grid_has_all_combinations() -> None:
+    points = design((LATENCY, BIAS), "grid", 0, 0)
+    assert points.shape == (15, 2)
+    assert len(np.unique(points, axis=0)) == 15
+    assert np.unique(points[:, 0]).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert np.unique(points[:, 1]).tolist() == [-2.0, 0.0, 2.0]
+
+
+def test_one_at_a_time_leaves_the_others_at_their_base() -> None:
+    latency = LATENCY.model_copy(update={"base": 0.1})
+    points = design((latency, BIAS), "one_at_a_time", 0, 0)
+    moved = points != [0.1, 0.0]
+    assert (moved.sum(axis=1) <= 1).all()
+    assert len(points) == 1 + 5 + 2
+
+
+@pytest.mark.parametrize("plan", DRAWN)
+def test_drawn_plans_fill_the_ranges_evenly(plan: Plan) -> None:
+    points = design((LATENCY, BIAS), plan, 256, 3)
+    assert points.shape == (256, 2)
+    unit = qmc.scale(points, [0.0, -2.0], [1.0, 2.0], reverse=True)
+    assert qmc.discrepancy(unit) < (0.01 if plan == "latin_hypercube" else 1e-3)
+
+
+@pytest.mark.parametrize("plan", get_args(Plan))
+def test_a_plan_is_the_same_for_the_same_seed(plan: Plan) -> None:
+    one, two, other = (design((LATENCY, BIAS), plan, 16, seed) for seed in (1, 1, 2))
+    assert np.array_equal(one, two)
+    assert np.array_equal(one, other) != (plan in DRAWN)
+
+
+def test_a_normal_distribution_is_cut_off_at_its_ends() -> None:
+    parameter = Parameter(name="function.threat_time", low=2.0, high=5.0, mean=4.0, std=1.0)
+    values = design((parameter,), "sobol", 4096, 0)[:, 0]
+    assert values.min() >= 2.0
+    assert values.max() <= 5.0
+    assert np.median(values) == pytest.approx(4.0 - 0.1713, abs=0.005)  # half of what lies between 2 and 5
+    assert (values < 3.0).mean() == pytest.approx(0.1660, abs=0.005)
+
+
+def test_single_values_are_taken_as_they_are() -> None:
+    parameter = Parameter(name="build.cycle_time", values=(0.04, 0.08, 0.2))
+    assert design((parameter,), "grid", 0, 0)[:, 0].tolist() == [0.04, 0.08, 0.2]
+    counts = np.unique(design((parameter,), "latin_hypercube", 300, 0), return_counts=True)[1]
+    assert counts.tolist() == [100, 100, 100]
+
+
+@pytest.mark.parametrize(
+    ("fields", "fault"),
+    [
+        ({"low": 0.0}, "low and high"),
+        ({"low": 1.0, "high": 0.0}, "is not below"),
+        ({"low": 0.0, "high": 1.0, "values": (1.0,)}, "low and high, or values"),
+        ({"low": 0.0, "high": 1.0, "mean": 0.5}, "mean and std"),
+        ({"values": (1.0, 1.0)}, "stands twice"),
+        ({"low": 0.0, "high": float("nan")}, "finite"),
+    ],
+)
+def test_a_parameter_that_is_none_is_refused(fields: dict[str, object], fault: str) -> None:
+    with pytest.raises(ValidationError, match=fault):
+        Parameter.model_validate({"name": "function.threat_time", **fields})
+    with pytest.raises(ValidationError, match="pattern"):
+        Parameter(name="threat_time", low=0.0, high=1.0)
