@@ -12,16 +12,16 @@ import pandas as pd
 
 from resim.results import write_json, write_parquet
 from resim.sweep.file import Sweep, SweepFile, boundaries, check_plan, runs
-from resim.sweep.plans.design import Parameter, Plan, design
+from resim.sweep.plans.design import Plan, SweepParameter, design
 
-LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
-BIAS = Parameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=9)
-GAP = Parameter(name="function.time_gap", low=0.5, high=2.5, steps=3)
+LATENCY = SweepParameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
+BIAS = SweepParameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=9)
+GAP = SweepParameter(name="function.time_gap", low=0.5, high=2.5, steps=3)
 TWO, THREE = (LATENCY, BIAS), (LATENCY, BIAS, GAP)
 
 
 def write_swept(
-    folder: Path, parameters: tuple[Parameter, ...] = TWO, plan: Plan = "grid", *, points: int = 0, seeds: int = 5,
+    folder: Path, parameters: tuple[SweepParameter, ...] = TWO, plan: Plan = "grid", *, points: int = 0, seeds: int = 5,
     sections: tuple[tuple[str, str], ...] = (("cut_in", "pilot-1.0"),), failed: int = 0,
 ) -> pd.DataFrame:  # fmt: skip
     """Write a sweep whose risk is 0.2 latency + 0.02 |bias - 0.5| and noise, and whose limit of risk is 0.1.
@@ -42,7 +42,7 @@ def write_swept(
 
 
 def write_adaptive(
-    folder: Path, parameters: tuple[Parameter, ...], *, points: int = 1000, share: float = 0.5, seeds: int = 5,
+    folder: Path, parameters: tuple[SweepParameter, ...], *, points: int = 1000, share: float = 0.5, seeds: int = 5,
     outcome: str = "same_decision",
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Write an adaptive sweep of the same truth: as measured where the latency is above 0.3 s + 0.1 bias.
@@ -72,7 +72,7 @@ def write_adaptive(
 
 
 def _write(
-    folder: Path, rows: pd.DataFrame, parameters: tuple[Parameter, ...], file: dict[str, Any],
+    folder: Path, rows: pd.DataFrame, parameters: tuple[SweepParameter, ...], file: dict[str, Any],
     sections: tuple[tuple[str, str], ...], told: dict[str, Any],
 ) -> None:  # fmt: skip
     """Write the folder of a finished sweep. file, told: what else its file and its manifest say."""

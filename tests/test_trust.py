@@ -10,7 +10,7 @@ from conftest import ROOT
 
 from resim.core.errors import InputError
 from resim.recordings.checks.codes import found
-from resim.resimulation import examined, refuse_findings, resimulate
+from resim.resimulation import load_checked, refuse_findings, resimulate
 from resim.simulation.function.interface import load_build
 
 LANE = (
@@ -57,7 +57,7 @@ def test_a_run_over_a_lane_that_the_net_has_not_says_so(tmp_path):
     (tmp_path / "recording.toml").write_text('name = "d"\nmap = "road.xodr"\nego = "a"\n')
     rows = (f"{k / 10},a,{50 + 2 * k},-1.83,0.0,20.0,4.7,1.9,car\n" for k in range(50))
     (tmp_path / "gt.csv").write_text("t,id,x,y,heading,v,length,width,kind\n" + "".join(rows))
-    recording = examined(tmp_path)
+    recording = load_checked(tmp_path)
     result = resimulate(recording, load_build(ROOT / "adfunc" / "builds" / "replay-1.0.toml"))
     (said,) = [w for w in result.warnings if "SUMO net" in w]
     assert said == (

@@ -19,29 +19,29 @@ from import_mcity import import_trial, trials
 from validate_real import NGSIM, candidates
 
 from resim.core.errors import ResimError
-from resim.recordings import Alignment, Tables, read_commonroad, read_highd, read_tables
+from resim.recordings import Alignment, RecordingTables, read_commonroad, read_highd, read_tables
 from resim.recordings.checks import examine
 from resim.road.opendrive import load
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
 
-def recordings(data: Path) -> Iterator[Tables]:
+def recordings(data: Path) -> Iterator[RecordingTables]:
     """The tables of every recording there is."""
     for folder in sorted(SCENARIOS.iterdir()):
         if (folder / "recording.toml").is_file():
             yield read_tables(folder)
     for name in NGSIM:
         xml, road = data / "ngsim" / f"{name}.xml", data / "ngsim" / f"{name}.xodr"
-        yield Tables.of(read_commonroad(xml, map=road, ego=candidates(xml, 1)[0]))
+        yield RecordingTables.of(read_commonroad(xml, map=road, ego=candidates(xml, 1)[0]))
     csv = data / "highd_format" / "us101_22" / "01_tracks.csv"
     road = data / "ngsim" / "USA_US101-22_1_T-1.xodr"
     sample = read_highd(csv, map=road, ego="10", alignment=Alignment(-21.7293, 51.5141, -0.71823))
-    yield Tables.of(replace(sample, name="highd_us101_22"))
+    yield RecordingTables.of(replace(sample, name="highd_us101_22"))
     mcity = data / "mcity"
     network = load(mcity / "mcity.xodr")
     for trial in trials(mcity):
-        yield Tables.of(import_trial(trial, mcity, network))
+        yield RecordingTables.of(import_trial(trial, mcity, network))
 
 
 def main() -> None:

@@ -29,7 +29,7 @@ from resim.road.path import lane_path
 from resim.scenario.scenario import Scenario, describe
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.function.interface import EgoState, load_build
-from resim.simulation.perception import Ideal
+from resim.simulation.perception import IdealPerception
 from resim.simulation.sumo.engine import Sumo
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +65,7 @@ def record(name: str, drive: Drive, folder: Path) -> SimulatedDrive:
         network,
         build,
         Sumo(),
-        sensor or Ideal(),
+        sensor or IdealPerception(),
         step=STEP,
         seed=drive.seed,
         stop_at_collision=False,

@@ -28,7 +28,7 @@ from repaired_plants import HEAD, Remains
 
 from resim.core.finding import Finding
 from resim.core.geometry import Floats, wrap_angle
-from resim.recordings import Tables, read_tables
+from resim.recordings import RecordingTables, read_tables
 from resim.recordings.checks import examine
 from resim.road.opendrive import RoadNetwork, load
 
@@ -44,7 +44,7 @@ class AgainError(Exception):
 class Plant:
     """What was planted: the tables, the codes that tell it, (source, object) pairs of which one must be named."""
 
-    tables: Tables
+    tables: RecordingTables
     codes: tuple[str, ...]
     named: tuple[tuple[str, str], ...]
     what: str
@@ -53,7 +53,7 @@ class Plant:
 class Bed:
     """A recording to plant in, and the dice. `frame` and `ids` are of the source drawn."""
 
-    def __init__(self, tables: Tables, network: RoadNetwork, rng: np.random.Generator) -> None:
+    def __init__(self, tables: RecordingTables, network: RoadNetwork, rng: np.random.Generator) -> None:
         self.tables, self.network, self.rng = tables, network, rng
         self.source = str(rng.choice(["gt", "sd"]))
         self.frame = self.of(self.source).copy()

@@ -10,7 +10,7 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import wrap_angle
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.repairs import Repaired, repair
 from resim.recordings.tables import REPAIRED
 from resim.road.opendrive import RoadNetwork
@@ -47,7 +47,9 @@ class Remains:
             cells.append("" if kind in NO_TRUTH else value)
         return f"{self.repairable} | {self.gone} | {share} | " + " | ".join(cells)
 
-    def add(self, tables: Tables, truth: Tables, network: RoadNetwork, hit: list[Finding]) -> Repaired:
+    def add(
+        self, tables: RecordingTables, truth: RecordingTables, network: RoadNetwork, hit: list[Finding]
+    ) -> Repaired:
         """Repair the tables in which these findings tell the plant."""
         result = repair(tables, network)
         if not any(_repairable(f) for f in hit):

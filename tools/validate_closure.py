@@ -22,7 +22,7 @@ from virtual_sensor import Sensor
 
 from resim.perception.model import read_model
 from resim.recordings import Recording, read_recording
-from resim.resimulation import Options, Perceiving, Resimulation, end_error, fidelity, resimulate
+from resim.resimulation import Options, PerceptionSetup, Resimulation, end_error, fidelity, resimulate
 from resim.resimulation.reaction import ego_tracks
 from resim.scenario import maneuvers
 from resim.scenario.scenario import describe
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--drives", type=int, default=1, help="the shipped recording, and N - 1 more")
     asked = parser.parse_args()
-    perceiving = Perceiving(read_model(asked.model), tuple(range(asked.seeds)))
+    perceiving = PerceptionSetup(read_model(asked.model), tuple(range(asked.seeds)))
     with tempfile.TemporaryDirectory() as folder:
         drives = recordings(asked.drives, Path(folder))
         shipped, result = resimulated(next(drives), perceiving)
@@ -104,7 +104,7 @@ def recordings(count: int, folder: Path) -> Iterator[Recording]:
         yield read_recording(folder / str(seed))
 
 
-def resimulated(recording: Recording, perceiving: Perceiving) -> tuple[Closure, Resimulation]:
+def resimulated(recording: Recording, perceiving: PerceptionSetup) -> tuple[Closure, Resimulation]:
     """Re-simulate a drive without the model and with it."""
     result = resimulate(recording, load_build(BUILD), Options(bases=("GT",)), perceiving=perceiving)
     report = result.report

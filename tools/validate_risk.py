@@ -17,7 +17,7 @@ from validate_real import candidates
 
 from resim.metrics.drive import drive
 from resim.metrics.risk import PUBLISHED, Parameters, Risk, Scenes, accident_risk
-from resim.metrics.risk.ways import ways
+from resim.metrics.risk.lane_paths import lane_paths
 from resim.recordings import read_commonroad
 from resim.resimulation.run import describe_recording
 from resim.road.opendrive import RoadNetwork, load
@@ -88,7 +88,7 @@ def both_ways(network: RoadNetwork) -> Scenes:
 
 def road_awareness(name: str, made: Scenes, network: RoadNetwork) -> Iterator[str]:
     """Give two lines of the table: every object without ways and with."""
-    lanes = ways(network, made.state, made.size, horizon=4.0)
+    lanes = lane_paths(network, made.state, made.size, horizon=4.0)
     there = made.size[..., 0] > 0.0
     for what, scenes in (("none", made), ("ways", replace(made, ways=lanes))):
         found = accident_risk(scenes)

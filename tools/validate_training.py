@@ -17,7 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from resim.perception.model import FEATURES, Error, Errors, Fit, Latency, PerceptionModel, Response, Spread
+from resim.perception.model import (
+    FEATURES,
+    Error,
+    ErrorModels,
+    Latency,
+    ModelFit,
+    PerceptionModel,
+    Response,
+    Spread,
+)
 from resim.perception.training.drive import drive_of
 from resim.perception.training.errors import MEASURED, error_of, fit_objects
 from resim.perception.training.fit import fit_of
@@ -39,7 +48,7 @@ def known(by_range: float = 0.0) -> PerceptionModel:
     return PerceptionModel(
         name="known",
         latency=Latency(position=0.1, speed=0.4, heading=0.2),
-        errors=Errors(
+        errors=ErrorModels(
             longitudinal=Error(
                 bias=Response(constant=0.5), drift=Spread(constant=0.1), correlation_time=1.0,
                 noise=Spread(constant=0.15, range=by_range),
@@ -51,7 +60,7 @@ def known(by_range: float = 0.0) -> PerceptionModel:
     )  # fmt: skip
 
 
-def trained(recordings: list[Recording]) -> tuple[set[str], set[str], Fit]:
+def trained(recordings: list[Recording]) -> tuple[set[str], set[str], ModelFit]:
     """Give the dependences and the maneuvers that are in the model trained on these, and how it fits."""
     drives = [drive_of(r) for r in recordings]
     samples = samples_of(drives, match(drives))
@@ -64,7 +73,7 @@ def trained(recordings: list[Recording]) -> tuple[set[str], set[str], Fit]:
         for f in FEATURES
         if getattr(getattr(e, part), f) != 0.0
     }
-    maneuvers, _, own = fit_maneuvers(samples, objects, Errors(**errors))  # type: ignore[arg-type]
+    maneuvers, _, own = fit_maneuvers(samples, objects, ErrorModels(**errors))  # type: ignore[arg-type]
     return slopes, set(maneuvers), fit_of(samples, objects, own)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from resim.metrics.criteria import read_criteria
 from resim.recordings.checks import CODES
-from resim.resimulation import How, assess_recording, examined
+from resim.resimulation import AssessmentOptions, assess_recording, load_checked
 
 CRITERIA = Path(__file__).parents[1] / "scenarios" / "criteria"
 REASONS = {
@@ -32,7 +32,9 @@ def main() -> None:
     for name in [asked.only] if asked.only else ["highway", "traffic"]:
         criteria = read_criteria(CRITERIA / f"{name}.toml")
         for folder in asked.recordings:
-            found = assess_recording(examined(folder, accept=tuple(CODES)), How(criteria=criteria, only=()))
+            found = assess_recording(
+                load_checked(folder, accept=tuple(CODES)), AssessmentOptions(criteria=criteria, only=())
+            )
             for source, a in found.blocks.items():
                 count = counts.setdefault((name, source), Counter())
                 for criterion, v in a.verdicts.items():

@@ -17,9 +17,9 @@ from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    from resim.core.plugins.frozen import Frozen
+    from resim.core.plugins.frozen import FrozenFile
     from resim.metrics.criteria import Criteria
-    from resim.resimulation import Assessed
+    from resim.resimulation import ResimulationAssessment
 
 CriteriaFile = Annotated[
     Path | None,
@@ -86,7 +86,7 @@ def assess(
         check_output(out, ASSESSMENT)
     if road_aware and mode is ModeChoice.published:
         raise InputError("--road-aware", "the published mode knows no road", "Leave out one of both.")
-    asked = _Asked(
+    asked = _AssessOptions(
         drive,
         frozen(criteria),
         mode,
@@ -110,11 +110,11 @@ def assess(
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _AssessOptions:
     """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
 
     drive: Path
-    criteria: Frozen | None
+    criteria: FrozenFile | None
     mode: ModeChoice
     path: PathChoice
     prediction: str
@@ -126,32 +126,32 @@ class _Asked:
 
 
 @dataclass(frozen=True)
-class Done:
+class ChildReport:
     """What a child process did: what to print, and why the verdict is bad ("" where it is not)."""
 
     text: str
     bad: str
 
 
-def _assess(task: tuple[_Asked, Path | None]) -> Done:
+def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     """Do what is asked for in a child process, and write the results into the folder, if there is one."""
     from resim.cli.verdicts import captured, print_findings, print_notes, print_verdicts, print_worst
     from resim.metrics.risk import Parameters
     from resim.metrics.risk.prediction import named_prediction
     from resim.report import write_assessment_page
-    from resim.resimulation import How, assess_folder
-    from resim.results import told_of, write_assessment
+    from resim.resimulation import AssessmentOptions, assess_folder
+    from resim.results import explain_os_errors, write_assessment
 
     a, folder = task
     with contextlib.chdir("."):
-        how = How(
+        how = AssessmentOptions(
             parameters=Parameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
             prediction=named_prediction(a.prediction), road_aware=a.road_aware, criteria=wanted(a.criteria),
         )  # fmt: skip
     with contextlib.chdir("."):
         found = assess_folder(a.drive, how, a.accept)
     if folder is not None and a.out is not None:
-        with told_of(a.out):
+        with explain_os_errors(a.out):
             write_assessment(found, folder, a.drive)
             write_assessment_page(found, folder / "assessment.html")
     with captured(a.terminal) as screen:
@@ -159,24 +159,24 @@ def _assess(task: tuple[_Asked, Path | None]) -> Done:
         print_findings(found)
         print_verdicts(found)
         print_notes(found)
-    return Done(screen.getvalue(), bad(found))
+    return ChildReport(screen.getvalue(), bad(found))
 
 
-def frozen(path: Path | None) -> Frozen | None:
+def frozen(path: Path | None) -> FrozenFile | None:
     """Give the criteria that the user asks for as they are now, if any."""
     from resim.metrics.criteria import freeze_criteria
 
     return None if path is None else freeze_criteria(path)
 
 
-def wanted(criteria: Frozen | None) -> Criteria | None:
+def wanted(criteria: FrozenFile | None) -> Criteria | None:
     """Read the criteria, if any."""
     from resim.metrics.criteria import read_criteria
 
     return None if criteria is None else read_criteria(criteria)
 
 
-def bad(found: Assessed) -> str:
+def bad(found: ResimulationAssessment) -> str:
     """Say why a verdict is bad: a run failed, or a criterion fails or cannot be judged; "" where none is."""
     if found.failures:
         return "; ".join(f"{name}: {why}" for name, why in found.failures.items())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from resim.core.finding import Finding
-    from resim.recordings.repairs import Done, Repaired
+    from resim.recordings.repairs import AppliedRepair, Repaired
 
 MOST_LINES = 5
 """Findings of one code and source that are printed; the rest is counted."""
@@ -120,7 +120,7 @@ def _print_repaired(repaired: Repaired) -> None:
     _print(repaired.left)
 
 
-def _amount(done: Done) -> str:
+def _amount(done: AppliedRepair) -> str:
     whole = "" in done.objects
     who = "the whole table" if whole else f"{len(done.objects)} object(s)"
     counts = {"changed": done.count.changed, "added": done.count.added, "left out": done.count.removed}

@@ -11,24 +11,24 @@ from resim.cli.terminal import say, visible
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from resim.results.entry import Entry, Outcome
+    from resim.results.entry import CatalogEntry, CatalogOutcome
 
 
-def line(entry: Entry) -> str:
+def line(entry: CatalogEntry) -> str:
     """Give a result in a few words."""
     from resim.results.catalog import SHORT
 
     return f"{entry.id[:SHORT]} {entry.kind} {entry.name!r}: {_verdict(entry) or 'not judged'}"
 
 
-def _verdict(entry: Entry) -> str:
+def _verdict(entry: CatalogEntry) -> str:
     """The verdict, and how many of how many are good."""
     total = sum(entry.counts.values())
     good = next(iter(entry.counts.values()), 0)
     return f"{entry.verdict} ({good}/{total})" if total > 1 else entry.verdict
 
 
-def summary(entry: Entry) -> dict[str, Any]:
+def summary(entry: CatalogEntry) -> dict[str, Any]:
     """Give what a list says of a result; table: where the rows of a sweep are."""
     return {
         "id": entry.id, "kind": entry.kind, "name": entry.name, "folder": str(entry.folder),
@@ -38,12 +38,12 @@ def summary(entry: Entry) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _table(entry: Entry) -> str | None:
+def _table(entry: CatalogEntry) -> str | None:
     """Where the rows of a sweep are."""
     return str(entry.folder / "runs" / "*.parquet") if entry.kind == "sweep" else None
 
 
-def print_list(found: list[Entry]) -> None:
+def print_list(found: list[CatalogEntry]) -> None:
     """Print a line a result."""
     from rich.table import Table
 
@@ -81,7 +81,7 @@ def _short(folder: Path) -> str:
     return str(folder.relative_to(here)) if folder.is_relative_to(here) else str(folder)
 
 
-def print_entry(entry: Entry) -> None:
+def print_entry(entry: CatalogEntry) -> None:
     """Print all that the catalog holds of a result."""
     from rich.table import Table
 
@@ -113,7 +113,7 @@ def print_entry(entry: Entry) -> None:
     _print_outcomes(entry.outcomes)
 
 
-def _print_outcomes(outcomes: tuple[Outcome, ...]) -> None:
+def _print_outcomes(outcomes: tuple[CatalogOutcome, ...]) -> None:
     """Verdicts, in the columns that any of them has; the build where it is not the same in all."""
     from rich.table import Table
 
@@ -130,7 +130,7 @@ def _print_outcomes(outcomes: tuple[Outcome, ...]) -> None:
     console().print(table)
 
 
-def _cells(o: Outcome) -> dict[str, str]:
+def _cells(o: CatalogOutcome) -> dict[str, str]:
     """An outcome by column, "" for what is not told."""
     several = f"{o.runs}: {o.passes} PASS, {o.fails} FAIL, {o.invalids} INVALID, {o.failures} failed"
     return {

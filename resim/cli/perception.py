@@ -36,7 +36,7 @@ def train(
     from resim.perception.training.train import train
     from resim.perception.validation import cross_validate
     from resim.report import write_perception_page
-    from resim.resimulation import examined
+    from resim.resimulation import load_checked
     from resim.results import whole_file
 
     if report is not None and len(recordings) < 2:
@@ -45,7 +45,7 @@ def train(
         )
     if out.suffix != ".json":
         raise InputError(out, "is no .json file", "Name a file that ends in .json with --out.")
-    measured = [examined(folder, accept=accept or []) for folder in recordings]
+    measured = [load_checked(folder, accept=accept or []) for folder in recordings]
     with contextlib.ExitStack() as files:
         file = files.enter_context(whole_file(out, (".json",)))
         page = None if report is None else files.enter_context(whole_file(report))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, Vehicle, app
-from resim.cli.assess import CriteriaFile, Done, bad, frozen, wanted
+from resim.cli.assess import ChildReport, CriteriaFile, bad, frozen, wanted
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
@@ -21,9 +21,9 @@ from resim.core.errors import InputError, ResimError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from resim.core.plugins.frozen import Frozen
+    from resim.core.plugins.frozen import FrozenFile
     from resim.recordings import Recording
-    from resim.resimulation import Assessed, Options, Perceiving, Resimulation
+    from resim.resimulation import Options, PerceptionSetup, Resimulation, ResimulationAssessment
     from resim.simulation.function.interface import Build
 
 
@@ -80,7 +80,7 @@ def run(
     from resim.simulation.function.interface import freeze_build
 
     check_output(out)
-    asked = _Asked(
+    asked = _RunOptions(
         recording, freeze_build(build), basis, vehicle, step, relaxation, seed, stop_at_collision, frozen(criteria),
         None if perception is None else freeze_model(perception),
         tuple(settings or ()), seeds, tuple(accept or ()), gui, out, sys.stdout.isatty(),
@@ -107,19 +107,19 @@ def _terminal_restored() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _RunOptions:
     """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
 
     recording: Path
-    build: Frozen
+    build: FrozenFile
     basis: BasisChoice
     vehicle: str
     step: float
     relaxation: float
     seed: int
     stop_at_collision: bool
-    criteria: Frozen | None
-    perception: Frozen | None
+    criteria: FrozenFile | None
+    perception: FrozenFile | None
     settings: tuple[str, ...]
     seeds: int
     accept: tuple[str, ...]
@@ -128,18 +128,18 @@ class _Asked:
     terminal: bool
 
 
-def _resimulate(task: tuple[_Asked, Path]) -> Done:
+def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
     """Do what is asked for in a child process, and write the results into the folder."""
     from resim.cli.verdicts import captured
     from resim.report import write_report
-    from resim.resimulation import Basis, How, Options, assess_resimulation, examined
-    from resim.results import told_of, write_assessment, write_resimulation
+    from resim.resimulation import AssessmentOptions, Basis, Options, assess_resimulation, load_checked
+    from resim.results import explain_os_errors, write_assessment, write_resimulation
     from resim.simulation.function.interface import load_build
 
     a, folder = task
     with contextlib.chdir("."):
-        pinned, how = load_build(a.build), How(criteria=wanted(a.criteria))
-    measured = examined(a.recording, accept=a.accept)
+        pinned, how = load_build(a.build), AssessmentOptions(criteria=wanted(a.criteria))
+    measured = load_checked(a.recording, accept=a.accept)
     if a.basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
             f"{a.recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
@@ -153,16 +153,16 @@ def _resimulate(task: tuple[_Asked, Path]) -> Done:
     result = _with_progress(measured, pinned, options, a.accept, seen)
     with contextlib.chdir("."):
         assessed = assess_resimulation(result, how, model=True)
-    with told_of(a.out):
+    with explain_os_errors(a.out):
         write_resimulation(result, folder)
         write_assessment(assessed, folder, folder)
         write_report(result, assessed, folder / "report.html")
     with captured(a.terminal) as screen:
         _print(result, assessed)
-    return Done(screen.getvalue(), result.failure or bad(assessed) * (assessed.criteria is not None))
+    return ChildReport(screen.getvalue(), result.failure or bad(assessed) * (assessed.criteria is not None))
 
 
-def _print(result: Resimulation, assessed: Assessed) -> None:
+def _print(result: Resimulation, assessed: ResimulationAssessment) -> None:
     from resim.cli.verdicts import print_notes, print_verdicts
 
     _print_table(result)
@@ -172,11 +172,11 @@ def _print(result: Resimulation, assessed: Assessed) -> None:
 
 
 def _perceiving(
-    frozen: Frozen | None, settings: Sequence[str], seeds: range, bases: tuple[str, ...]
-) -> Perceiving | None:
+    frozen: FrozenFile | None, settings: Sequence[str], seeds: range, bases: tuple[str, ...]
+) -> PerceptionSetup | None:
     """The perception model that the user asks for, if any."""
     from resim.perception.model import read_model
-    from resim.resimulation import Perceiving
+    from resim.resimulation import PerceptionSetup
 
     if frozen is None:
         if settings:
@@ -184,11 +184,11 @@ def _perceiving(
         return None
     if "GT" not in bases:
         raise InputError("--perception", "is for re-simulation on GT", "Leave out --basis sd.")
-    return Perceiving(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
+    return PerceptionSetup(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
 
 
 def _with_progress(
-    recording: Recording, build: Build, options: Options, accept: Sequence[str], perceiving: Perceiving | None,
+    recording: Recording, build: Build, options: Options, accept: Sequence[str], perceiving: PerceptionSetup | None,
 ) -> Resimulation:  # fmt: skip
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -273,7 +273,7 @@ def _print_perception(report: Mapping[str, Any], out: Console) -> None:
     out.print(told + (f" (without {without:.2f} m)" if without is not None and off else ""), highlight=False)
 
 
-def _print_risk(found: Assessed) -> None:
+def _print_risk(found: ResimulationAssessment) -> None:
     from resim.cli.verdicts import console
 
     peaks = [(name, w) for name, a in found.blocks.items() for w in a.worst() if w.name == "risk"]

@@ -16,7 +16,7 @@ from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
     from resim.results.catalog import Catalog
-    from resim.results.entry import Entry
+    from resim.results.entry import CatalogEntry
 
 runs = typer.Typer(
     help="Results of before: find, show, add and forget them in the catalog (RESIM_CATALOG).",
@@ -141,7 +141,7 @@ def _catalog() -> Catalog:
     return catalog
 
 
-def _is_deletable(entry: Entry) -> bool:
+def _is_deletable(entry: CatalogEntry) -> bool:
     """Whether the folder is there to delete. Raises InputError where it is not what the catalog holds."""
     state, remedy = entry.state(), "Leave out --files to forget it only."
     if state == "changed":
@@ -151,7 +151,7 @@ def _is_deletable(entry: Entry) -> bool:
     return state == "there"
 
 
-def _confirmed(doomed: list[Entry]) -> bool:
+def _confirmed(doomed: list[CatalogEntry]) -> bool:
     for entry in doomed:
         say(f"{line(entry)}, {entry.folder}")
     try:
@@ -160,7 +160,7 @@ def _confirmed(doomed: list[Entry]) -> bool:
         raise InputError("--files", "asks before it deletes, and nobody answered", "Say --yes.") from None
 
 
-def _delete(entry: Entry) -> None:
+def _delete(entry: CatalogEntry) -> None:
     from resim.results import remove_results
     from resim.results.entry import KINDS
 

@@ -17,7 +17,7 @@ from resim.cli.terminal import say, visible
 if TYPE_CHECKING:
     from resim.metrics.assessment import Worst
     from resim.metrics.criteria import Outcome, Verdict
-    from resim.resimulation import Assessed
+    from resim.resimulation import ResimulationAssessment
 
 
 class _Screen(io.StringIO):
@@ -51,7 +51,7 @@ def console() -> Console:
     return _Plain(width=None if sys.stdout.isatty() else 120, markup=False, emoji=False)
 
 
-def print_worst(found: Assessed) -> None:
+def print_worst(found: ResimulationAssessment) -> None:
     """Print the worst of every objectification: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
     from resim.metrics.objectifications import KINDS
 
@@ -70,7 +70,7 @@ def print_worst(found: Assessed) -> None:
     console().print(table)
 
 
-def print_verdicts(found: Assessed) -> None:
+def print_verdicts(found: ResimulationAssessment) -> None:
     """Print criteria against sources; below, why those that did not pass did not."""
     if found.criteria is None:
         return
@@ -95,13 +95,13 @@ def print_verdicts(found: Assessed) -> None:
         out.print(f"rGT+M: {reason}", highlight=False)
 
 
-def print_findings(found: Assessed) -> None:
+def print_findings(found: ResimulationAssessment) -> None:
     """Print what is wrong with the recording."""
     for finding in found.findings:
         say(f"finding: {finding}")
 
 
-def print_notes(found: Assessed, told: Collection[str] = ()) -> None:
+def print_notes(found: ResimulationAssessment, told: Collection[str] = ()) -> None:
     """Print what one has to know to compare and believe the values. told: notes that are printed already."""
     for note in found.notes():
         if note not in told:
@@ -109,15 +109,16 @@ def print_notes(found: Assessed, told: Collection[str] = ()) -> None:
 
 
 def _worst(worst: Worst | None) -> str:
-    return "–" if worst is None else _told(worst.name, worst.value, worst.unit, worst.t, worst.object)
+    return (
+        "–" if worst is None else _worst_in_words(worst.name, worst.value, worst.unit, worst.t, worst.object)
+    )
 
 
 def _cell(verdict: Verdict) -> str:
     if verdict.value is None or verdict.t is None:
         return f"{verdict.outcome}: {verdict.reason}"
-    return (
-        f"{verdict.outcome} {_told(verdict.measure, verdict.value, verdict.unit, verdict.t, verdict.object)}"
-    )
+    worst = _worst_in_words(verdict.measure, verdict.value, verdict.unit, verdict.t, verdict.object)
+    return f"{verdict.outcome} {worst}"
 
 
 def _seeds(counts: Mapping[Outcome, int]) -> str:
@@ -125,7 +126,7 @@ def _seeds(counts: Mapping[Outcome, int]) -> str:
     return ", ".join(f"{outcome} {count}" for outcome, count in counts.items() if count) + " seeds"
 
 
-def _told(name: str, value: float, unit: str, t: float, whom: str) -> str:
+def _worst_in_words(name: str, value: float, unit: str, t: float, whom: str) -> str:
     from resim.metrics.criteria import amount
 
     size = f"{100.0 * value:.3g} %" if name == "risk" else amount(value, unit)

@@ -17,7 +17,7 @@ from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
     from resim.verification.execution import Told
-    from resim.verification.request import Asked, Call
+    from resim.verification.request import VerificationRequest, VerifyOptions
 
 
 @app.command()
@@ -84,7 +84,7 @@ def verify(
     """
     from resim.execution.workers import in_child
     from resim.results import VERIFICATION, check_output
-    from resim.verification.request import Call
+    from resim.verification.request import VerifyOptions
 
     count = workers or os.cpu_count() or 1
     if replay is not None:
@@ -96,7 +96,7 @@ def verify(
         lost = "SUITE" if suite is None else "--build" if build is None else "--out"
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
     check_output(out, VERIFICATION)
-    call = Call(
+    call = VerifyOptions(
         build,
         against,
         perception,
@@ -109,25 +109,25 @@ def verify(
     _verify(in_child(_asked, (suite, call, out)), out, count)
 
 
-def _asked(task: tuple[Path, Call, Path]) -> Asked:
+def _asked(task: tuple[Path, VerifyOptions, Path]) -> VerificationRequest:
     """Read what is asked for in a child process, as builds and criteria bring code."""
-    from resim.verification.request import asked, refuse_others
+    from resim.verification.request import make_request, refuse_others
     from resim.verification.suite import read_suite
 
     suite, call, out = task
-    wanted = asked(read_suite(suite), call, out)
+    wanted = make_request(read_suite(suite), call, out)
     refuse_others(wanted, out)
     return wanted
 
 
-def _asked_again(task: tuple[dict[str, Any], Path]) -> Asked:
+def _asked_again(task: tuple[dict[str, Any], Path]) -> VerificationRequest:
     """Read what was asked for before in a child process."""
     from resim.verification.request import asked_again
 
     return asked_again(*task)
 
 
-def _verify(wanted: Asked, out: Path, workers: int) -> None:
+def _verify(wanted: VerificationRequest, out: Path, workers: int) -> None:
     from resim.cli.verification import print_verification
     from resim.results import locked
     from resim.verification.execution import outcome_code, verify

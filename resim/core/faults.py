@@ -8,7 +8,7 @@ from typing import Any
 from pydantic_core import ErrorDetails
 
 
-def said(faults: Iterable[ErrorDetails]) -> str:
+def describe(faults: Iterable[ErrorDetails]) -> str:
     """Give every fault: field, what was expected, and the value where it is a plain one."""
     return "; ".join(map(_said, faults))
 

@@ -21,7 +21,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class GroupMean:
     """A mean (G,) of each group with its 95 % interval low to high, NaN where there is none.
 
     points, runs (G,): how many there are in the group.
@@ -47,7 +47,7 @@ def wilson(count: ArrayLike, of: ArrayLike) -> tuple[Floats, Floats]:
     return np.where(p == 0.0, 0.0, centre - half), np.where(p == 1.0, 1.0, centre + half)
 
 
-def shares(y: Floats, group: Ints, groups: int) -> Estimate:
+def shares(y: Floats, group: Ints, groups: int) -> GroupMean:
     """Give the share of runs with y = 1 in each group of points.
 
     y (K, S): 0 or 1 by point and seed, NaN where there is no run; group (K,): of each point, -1 for none. The interval
@@ -66,10 +66,10 @@ def shares(y: Floats, group: Ints, groups: int) -> Estimate:
     least = np.maximum(points, most)
     effective = np.clip(np.where(np.isfinite(effective), effective, least), least, n)
     low, high = wilson(share * effective, effective)
-    return Estimate(share, low, high, points, n.astype(int))
+    return GroupMean(share, low, high, points, n.astype(int))
 
 
-def means(y: Floats, group: Ints, groups: int) -> Estimate:
+def means(y: Floats, group: Ints, groups: int) -> GroupMean:
     """Give the mean of y (K, S) in each group of points: of the points' means, with Student's t interval over them.
 
     Where a group is a single point, it is over its seeds; NaN where there is one run alone.
@@ -84,7 +84,7 @@ def means(y: Floats, group: Ints, groups: int) -> Estimate:
     error = np.where(single, _mean_and_error(seeds[known], of[known], groups)[1], error)
     units = np.where(single, runs, points)
     half = error * stdtrit(np.maximum(units - 1.0, 1.0), 0.5 + 0.5 * CONFIDENCE)
-    return Estimate(mean, mean - half, mean + half, points, runs.astype(int))
+    return GroupMean(mean, mean - half, mean + half, points, runs.astype(int))
 
 
 def _sums(y: Floats, group: Ints, groups: int) -> tuple[Ints, Floats, Floats, Bools]:

@@ -3,7 +3,7 @@
 An id can go on as another that begins within GAP where it was going. Which ones do is decided only where it is clear:
 where ends and beginnings pair off, each with the one that is nearest in time, then in place, and nobody is left over.
 Else one of them was lost, or came from nowhere, and nobody knows which: none is joined. All that can be one object
-count as one where that is the worse (`Whom.same`), and none of them speaks for another (`Whom.two`).
+count as one where that is the worse (`ObjectIds.same`), and none of them speaks for another (`ObjectIds.two`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _Pairs = list[tuple[float, float, int, int]]
 
 
 @dataclass(frozen=True, eq=False)
-class Whom:
+class ObjectIds:
     """Who is there from `start` to `end` [s]: the EGO, and the other objects, each under one id or several.
 
     same: ids that can be one object, by components of two and more.
@@ -46,7 +46,7 @@ class Whom:
     _apart: dict[tuple[int, int], bool] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, tracks: Tracks, incomplete: pd.DataFrame | None = None, *, ego: str) -> Whom:
+    def of(cls, tracks: Tracks, incomplete: pd.DataFrame | None = None, *, ego: str) -> ObjectIds:
         """Find the objects of a source. tracks: samples while the EGO is there, parts of an object joined.
 
         incomplete: rows t, id, x, y, heading, v, length, width of the same source that lack one of x, y, heading, v.

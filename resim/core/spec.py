@@ -26,4 +26,4 @@ def read_strict(path: Path, kind: type[File], example: str) -> File:
     try:
         return kind.model_validate(parse_toml(read_file(path, example), path, example))
     except ValidationError as e:
-        raise InputError(path, faults.said(e.errors()), example) from e
+        raise InputError(path, faults.describe(e.errors()), example) from e

@@ -14,8 +14,8 @@ from resim.metrics.criticality import Measure, State
 from resim.metrics.criticality.measure import States
 from resim.metrics.doubts.doubt import doubted, resized
 from resim.metrics.doubts.unseen import WHOLE, Doubts
-from resim.metrics.drive import Drive
-from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, Subject, scene_of
+from resim.metrics.drive import DriveScenes
+from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, MeasureInputs, scene_of
 from resim.metrics.risk import Risk
 
 REASONS = {
@@ -51,7 +51,7 @@ class Assessment:
     judged by. flaw: why the drive cannot pass, whatever the criteria say, or "".
     """
 
-    drive: Drive
+    drive: DriveScenes
     measures: Mapping[str, Measure]
     kinds: Mapping[str, Kind]
     risk: Risk
@@ -75,7 +75,7 @@ class Assessment:
             if (found := measure.worst()) is None:
                 continue
             value, (scene, *k) = found
-            whom = ids[k[0]] if k else _whom(name, scene, self.drive, self.risk, self.contacts)
+            whom = ids[k[0]] if k else _responsible_object(name, scene, self.drive, self.risk, self.contacts)
             out.append(Worst(name, self.kinds[name], measure.unit, value, float(t[scene]), whom))
         return out
 
@@ -167,12 +167,12 @@ class Assessment:
 
 
 def assess(
-    subject: Subject,
+    subject: MeasureInputs,
     criteria: Criteria | None = None,
     flaw: str = "",
     only: Collection[str] | None = None,
     doubts: Doubts = WHOLE,
-    larger: Subject | None = None,
+    larger: MeasureInputs | None = None,
 ) -> Assessment:
     """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
 
@@ -202,12 +202,16 @@ def assess(
     for name, v in verdicts.items():
         if v.t is not None and not v.object:
             scene = int(np.argmin(np.abs(drive.t - v.t)))
-            verdicts[name] = replace(v, object=_whom(v.measure, scene, drive, subject.risk, subject.contacts))
+            verdicts[name] = replace(
+                v, object=_responsible_object(v.measure, scene, drive, subject.risk, subject.contacts)
+            )
     kinds = {o.name: o.kind for o in every}
     return Assessment(drive, measures, kinds, subject.risk, subject.contacts, verdicts, flaw)
 
 
-def _whom(name: str, scene: int, drive: Drive, risk: Risk, contacts: tuple[tuple[float, str], ...]) -> str:
+def _responsible_object(
+    name: str, scene: int, drive: DriveScenes, risk: Risk, contacts: tuple[tuple[float, str], ...]
+) -> str:
     """Because of whom a measure of the whole scene is what it is: the largest risk, the first that is touched."""
     if name == "collision":
         return next((who for t, who in contacts if scene_of(drive, t) == scene), "")

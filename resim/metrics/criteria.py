@@ -16,12 +16,12 @@ from resim.core import faults
 from resim.core.errors import ChangedError, FunctionError, InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Bools, Floats
-from resim.core.plugins.frozen import Copy, Frozen, thaw
+from resim.core.plugins.frozen import FrozenCopy, FrozenFile, thaw
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
 from resim.metrics.criticality import Measure, State
 from resim.metrics.criticality.measure import Bad
-from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, Objectification, Subject, names
+from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, MeasureInputs, Objectification, names
 from resim.road.opendrive import lent
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
@@ -151,7 +151,7 @@ class Verdict:
     reason: str
 
 
-def freeze_criteria(path: Path) -> Frozen:
+def freeze_criteria(path: Path) -> FrozenFile:
     """Keep a copy of a file of criteria, with the code of its own objectifications. Raises InputError."""
     raw = read_file(path, EXAMPLE)
     file = _parsed(raw, path)
@@ -165,12 +165,12 @@ def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
         found = [
             p for p in e.errors() if p["type"] != "too_short"
         ] or e.errors()  # what is too short lacks the faulty
-        raise InputError(path, faults.said(found), EXAMPLE) from e
+        raise InputError(path, faults.describe(found), EXAMPLE) from e
 
 
-def read_criteria(criteria: Path | Frozen) -> Criteria:
+def read_criteria(criteria: Path | FrozenFile) -> Criteria:
     """Read a TOML file of criteria, from a frozen copy. Raises InputError naming every fault."""
-    frozen = criteria if isinstance(criteria, Frozen) else freeze_criteria(criteria)
+    frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(criteria)
     path, copy = frozen.path, thaw(frozen, freeze_criteria)
     file = _parsed(copy.raw, path)
     own = tuple(_own(frozen, copy, o) for o in file.objectification)
@@ -183,11 +183,11 @@ def read_criteria(criteria: Path | Frozen) -> Criteria:
     return Criteria(file.name, file.criterion, own, frozen.hash)
 
 
-def _own(frozen: Frozen, copy: Copy, own: OwnObjectification) -> Objectification:
+def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnObjectification) -> Objectification:
     function = load_named(frozen, copy, own.function, "objectification")
     path = frozen.path
 
-    def of(subject: Subject) -> Measure:
+    def of(subject: MeasureInputs) -> Measure:
         drive = subject.drive
         try:
             with (

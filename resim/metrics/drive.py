@@ -12,8 +12,8 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.tracks import Tracks
 from resim.metrics.risk import DEFAULTS, Parameters, Risk, Scenes, accident_risk
+from resim.metrics.risk.lane_paths import lane_paths
 from resim.metrics.risk.prediction import Prediction, prediction
-from resim.metrics.risk.ways import ways
 from resim.road.opendrive import RoadNetwork
 
 Path = Literal["plan", "state", "driven"]
@@ -35,7 +35,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DriveScenes:
     """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; present: (S, K) where they are there.
 
     Who is there but not known whole (NaN, no size) has size 0 in `scenes`. tracks: everybody's, at t. own: the EGO's.
@@ -74,7 +74,7 @@ def drive(
     parameters: Parameters = DEFAULTS,
     predicted: Prediction | None = None,
     road: RoadNetwork | None = None,
-) -> Drive:
+) -> DriveScenes:
     """Make the scenes of tracks with acceleration and yaw rate, at all their times at which the EGO is there.
 
     The EGO's path is its plan where one was made within 0.5 s before the scene, put to where the EGO is, else what
@@ -106,12 +106,14 @@ def drive(
     inputs = expected.inputs(kinds, state[..., 3], state[..., 4], state[..., 5])
     motion = np.tile(expected.motion(kinds), (len(t), 1))
     size = np.ascontiguousarray(size)
-    lanes = None if road is None else ways(road, state, size, horizon=parameters.horizon)
+    lanes = None if road is None else lane_paths(road, state, size, horizon=parameters.horizon)
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, size, inputs, motion, lanes)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
     everybody = tracks.at(t)
     ids = tuple(tracks.ids[others].tolist())
-    return Drive(t, ids, everybody, everybody.select([ego]), scenes, present, chosen, covered, expected.name)
+    return DriveScenes(
+        t, ids, everybody, everybody.select([ego]), scenes, present, chosen, covered, expected.name
+    )
 
 
 def _states(tracks: Tracks) -> Floats:
@@ -138,10 +140,10 @@ def _paths(
     elif path == "plan":
         scenes, of = _fresh(t, plans)
         if scenes:
-            ways = _planned_ways(of, ego[scenes], t[scenes, None] + ahead)
-            ways[..., :2] += ego[scenes, None, :2] - ways[:, :1, :2]
-            ways[:, 0] = ego[scenes, :4]
-            out[scenes] = ways
+            lane_paths = _planned_ways(of, ego[scenes], t[scenes, None] + ahead)
+            lane_paths[..., :2] += ego[scenes, None, :2] - lane_paths[:, :1, :2]
+            lane_paths[:, 0] = ego[scenes, :4]
+            out[scenes] = lane_paths
         for n in scenes:
             chosen[n] = "plan"
     return out, tuple(chosen)

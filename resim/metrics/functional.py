@@ -9,7 +9,7 @@ import numpy as np
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, whole_id
 from resim.metrics.criticality.measure import Bad, Measure, State
-from resim.metrics.drive import Drive
+from resim.metrics.drive import DriveScenes
 
 RANGE = 100.0
 """Distance [m] between box centres up to which an object is to be detected."""
@@ -21,7 +21,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Functioning:
+class FunctionActivity:
     """When perception and function were at work.
 
     lists: (L,) s, times of the object lists, also of empty ones as far as they are known, None where there is no sensor
@@ -40,7 +40,7 @@ class Functioning:
     of_truth: bool = True
 
 
-def function_availability(drive: Drive, functioning: Functioning | None) -> Measure:
+def function_availability(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
     """Give 1 where the function's last answer is in force (S,), 0 where the next one is late by half a cycle or more.
 
     NOT_DEFINED before the first answer; NOT_COMPUTED where no two answers were recorded.
@@ -48,12 +48,12 @@ def function_availability(drive: Drive, functioning: Functioning | None) -> Meas
     answers = _answers(functioning)
     cycle = np.inf if answers is None else float(np.median(np.diff(answers)))
     age = _age(drive.t, answers)
-    return _told(
+    return _measure(
         "function availability", "1", np.where(age <= LATE * cycle + _SAME, 1.0, 0.0), age, answers, "low"
     )
 
 
-def perception_availability(drive: Drive, functioning: Functioning | None) -> Measure:
+def perception_availability(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
     """Give 1 where perception's last list is in force (S,), 0 where the next one is late by half a period or more.
 
     NOT_DEFINED before the first list; NOT_COMPUTED where there are no two of them.
@@ -61,20 +61,22 @@ def perception_availability(drive: Drive, functioning: Functioning | None) -> Me
     lists = None if functioning is None or not np.isfinite(functioning.period) else functioning.lists
     late = np.inf if functioning is None else LATE * functioning.period
     age = _age(drive.t, lists)
-    return _told("perception availability", "1", np.where(age <= late + _SAME, 1.0, 0.0), age, lists, "low")
+    return _measure(
+        "perception availability", "1", np.where(age <= late + _SAME, 1.0, 0.0), age, lists, "low"
+    )
 
 
-def cycle_time(drive: Drive, functioning: Functioning | None) -> Measure:
+def cycle_time(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
     """Give the time (S,) [s] between the function's last two answers. States as in `function_availability`."""
     answers = _answers(functioning)
     value = np.full(len(drive.t), np.nan)
     if answers is not None:
         last = np.searchsorted(answers, drive.t + _SAME, side="right") - 1
         value = np.where(last > 0, np.diff(answers, prepend=np.nan)[last], np.nan)
-    return _told("cycle time", "s", value, value, answers, "high")
+    return _measure("cycle time", "s", value, value, answers, "high")
 
 
-def latency(drive: Drive, functioning: Functioning | None) -> Measure:
+def latency(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
     """Give how old the newest thing perceived is (S,) [s]: the age of the last list, and its delay.
 
     NOT_DEFINED before the first list; NOT_COMPUTED where there is no sensor data.
@@ -82,10 +84,10 @@ def latency(drive: Drive, functioning: Functioning | None) -> Measure:
     lists = None if functioning is None else functioning.lists
     age = _age(drive.t, lists)
     delay = 0.0 if functioning is None else functioning.delay
-    return _told("latency", "s", age + delay, age, lists, "high")
+    return _measure("latency", "s", age + delay, age, lists, "high")
 
 
-def detection(drive: Drive, functioning: Functioning | None) -> Measure:
+def detection(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
     """Give 1 where an object (S, K) stands in a list of the last period and a half, 0 where in none.
 
     NO_CONFLICT for objects over 100 m away, which need not be; NOT_DEFINED for those that are not there, and of SD,
@@ -110,7 +112,7 @@ def detection(drive: Drive, functioning: Functioning | None) -> Measure:
     return Measure("detection", "1", np.where(near, found, np.nan), state, "low")
 
 
-def detection_rate(drive: Drive, functioning: Functioning | None) -> Measure:
+def detection_rate(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
     """Give the share (S,) of the objects within 100 m that are detected (`detection`).
 
     NO_CONFLICT where none is within 100 m; NOT_DEFINED of SD; NOT_COMPUTED where there is no sensor data.
@@ -125,7 +127,7 @@ def detection_rate(drive: Drive, functioning: Functioning | None) -> Measure:
     return Measure("detection rate", "1", share, state, "low")
 
 
-def _answers(functioning: Functioning | None) -> Floats | None:
+def _answers(functioning: FunctionActivity | None) -> Floats | None:
     """When the function answered, if it did twice or more."""
     if functioning is None or functioning.answers is None or len(functioning.answers) < 2:
         return None
@@ -140,7 +142,7 @@ def _age(t: Floats, events: Floats | None) -> Floats:
     return np.where(last >= 0, np.maximum(t - events[np.maximum(last, 0)], 0.0), np.nan)
 
 
-def _told(name: str, unit: str, value: Floats, known: Floats, events: Floats | None, bad: Bad) -> Measure:
+def _measure(name: str, unit: str, value: Floats, known: Floats, events: Floats | None, bad: Bad) -> Measure:
     """A measure of the EGO (S,), NOT_DEFINED where `known` is NaN, NOT_COMPUTED without events."""
     if events is None:
         return _unknown(name, unit, value.shape, bad)

@@ -23,31 +23,31 @@ LONGEST, FARTHEST = 30.0, 500.0
 
 
 @dataclass(frozen=True)
-class Ahead:
+class LookAhead:
     """How far is looked ahead. horizon: s; reach: m along the EGO's path."""
 
     horizon: float
     reach: float = RANGE
 
 
-def ahead(name: str, side: str, limit: float, bad: Bad, pairs: Pairs) -> Ahead:
+def ahead(name: str, side: str, limit: float, bad: Bad, pairs: Pairs) -> LookAhead:
     """Give how far a measure has to look ahead for a limit on this side; no less than it always does."""
-    usual = Ahead(pairs.span)
+    usual = LookAhead(pairs.span)
     if (side == "below") != (bad == "low"):
         return usual
     v = float(np.max(np.abs(pairs.plan[:, 0, 3]), initial=0.0, where=np.isfinite(pairs.plan[:, 0, 3])))
     if name in ("TTC", "THW", "WTTC"):
-        return Ahead(min(max(limit, pairs.span), LONGEST))
+        return LookAhead(min(max(limit, pairs.span), LONGEST))
     if name == "DRAC":
         need = 0.5 * v / limit if limit > 0.0 else np.inf
-        return Ahead(min(max(need, pairs.span), LONGEST))
+        return LookAhead(min(max(need, pairs.span), LONGEST))
     if name in ("gap ahead", "half speedometer"):
         need = limit + (0.5 * KMH * v if name == "half speedometer" else 0.0)
-        return Ahead(pairs.span, min(max(need, RANGE), FARTHEST))
+        return LookAhead(pairs.span, min(max(need, RANGE), FARTHEST))
     return usual
 
 
-def open_beyond(name: str, seen: Ahead, pairs: Pairs, limits: Parameters) -> Floats | None:
+def open_beyond(name: str, seen: LookAhead, pairs: Pairs, limits: Parameters) -> Floats | None:
     """Give how bad (S, 1) a measure can still be where it finds no conflict so far ahead; None: not at all.
 
     Who follows and would touch in more than H s, closing in at no more than its speed v, needs less than v / (2 H) to

@@ -19,9 +19,9 @@ from resim.metrics import criticality, functional
 from resim.metrics.criticality import Measure, Pairs, State, driven_pairs
 from resim.metrics.criticality.evasion import longest
 from resim.metrics.criticality.measure import Bad
-from resim.metrics.drive import Drive
-from resim.metrics.functional import Functioning
-from resim.metrics.horizon import Ahead, ahead, open_beyond
+from resim.metrics.drive import DriveScenes
+from resim.metrics.functional import FunctionActivity
+from resim.metrics.horizon import LookAhead, ahead, open_beyond
 from resim.metrics.risk import DEFAULTS, Parameters, Risk
 from resim.road.opendrive import RoadNetwork
 
@@ -40,16 +40,16 @@ KINDS: tuple[Kind, ...] = ("quantitative", "legal", "functional")
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class MeasureInputs:
     """What objectifications are computed of: the drive, its road, and what function and perception did, if known.
 
     hits: when [s] the EGO's box touched whose (`contacts`), if that is known finer than by scenes.
     """
 
-    drive: Drive
+    drive: DriveScenes
     network: RoadNetwork
     parameters: Parameters = DEFAULTS
-    functioning: Functioning | None = None
+    functioning: FunctionActivity | None = None
     hits: tuple[tuple[float, str], ...] | None = None
     own: tuple[Objectification, ...] = ()
     _known: dict[str, Measure] = field(default_factory=dict)
@@ -60,11 +60,11 @@ class Subject:
             self._known[name] = next(o for o in (*OBJECTIFICATIONS, *self.own) if o.name == name).of(self)
         return self._known[name]
 
-    def judged(self, name: str, side: str, limit: float) -> tuple[Measure, Ahead]:
+    def judged(self, name: str, side: str, limit: float) -> tuple[Measure, LookAhead]:
         """Give an objectification for a limit, looked for as far ahead as that needs, with what is open beyond."""
         measure = self.measure(name)
         seen = ahead(name, side, limit, measure.bad, self.pairs)
-        if seen != Ahead(self.pairs.span):
+        if seen != LookAhead(self.pairs.span):
             key = f"{name}, {seen}"
             if key not in self._known:
                 self._known[key] = FARTHER[name](self, seen)
@@ -110,7 +110,7 @@ class Objectification:
 
     name: str
     kind: Kind
-    of: Callable[[Subject], Measure]
+    of: Callable[[MeasureInputs], Measure]
     alone: bool = False
 
 
@@ -124,7 +124,7 @@ def _all() -> tuple[Objectification, ...]:
     pairs: Mapping[str, Callable[[Pairs], Measure]] = {
         "TTC": c.ttc, "ETTC": c.ettc, "WTTC": c.wttc, "THW": c.thw,
     }  # fmt: skip
-    also: Mapping[str, Callable[[Subject], Measure]] = {
+    also: Mapping[str, Callable[[MeasureInputs], Measure]] = {
         "TTB": lambda s: c.ttb(s.pairs, s.parameters),
         "TTK": lambda s: c.ttk(s.pairs, s.parameters),
         "TTS": lambda s: c.tts(s.pairs, s.parameters),
@@ -142,7 +142,7 @@ def _all() -> tuple[Objectification, ...]:
         "collision": _collision,
         "risk": lambda s: _whole("risk", s.risk.r_ind),
     }
-    legal: Mapping[str, Callable[[Subject], Measure]] = {
+    legal: Mapping[str, Callable[[MeasureInputs], Measure]] = {
         "speed over limit": lambda s: _of_ego(c.speed_over_limit(s.drive.own, s.network)),
         "half speedometer": lambda s: c.half_speedometer(s.pairs),
         "tailgating": lambda s: c.tailgating(
@@ -152,7 +152,7 @@ def _all() -> tuple[Objectification, ...]:
         "lane overhang": lambda s: _of_ego(c.lane_overhang(s.drive.own, s.network)),
         "off the road": lambda s: _of_ego(c.off_road(s.drive.own, s.network)),
     }
-    functional_ones: Mapping[str, Callable[[Drive, Functioning | None], Measure]] = {
+    functional_ones: Mapping[str, Callable[[DriveScenes, FunctionActivity | None], Measure]] = {
         "function availability": f.function_availability, "perception availability": f.perception_availability,
         "detection": f.detection, "detection rate": f.detection_rate, "cycle time": f.cycle_time,
         "latency": f.latency,
@@ -167,11 +167,13 @@ def _all() -> tuple[Objectification, ...]:
     return tuple(out)
 
 
-def _paired(of: Callable[[Pairs], Measure]) -> Callable[[Subject], Measure]:
+def _paired(of: Callable[[Pairs], Measure]) -> Callable[[MeasureInputs], Measure]:
     return lambda subject: of(subject.pairs)
 
 
-def _functional(of: Callable[[Drive, Functioning | None], Measure]) -> Callable[[Subject], Measure]:
+def _functional(
+    of: Callable[[DriveScenes, FunctionActivity | None], Measure],
+) -> Callable[[MeasureInputs], Measure]:
     return lambda subject: of(subject.drive, subject.functioning)
 
 
@@ -185,7 +187,7 @@ def _whole(name: str, value: Floats, bad: Bad = "high") -> Measure:
     return Measure(name, "1", np.where(state == State.VALUE, value, np.nan), state, bad)
 
 
-def _collision(subject: Subject) -> Measure:
+def _collision(subject: MeasureInputs) -> Measure:
     """1 where the EGO's box touches another between a scene and the next, else 0 (S,)."""
     drive = subject.drive
     value = np.where((subject.pairs.complete() | ~drive.present).all(axis=1), 0.0, np.nan)
@@ -193,7 +195,7 @@ def _collision(subject: Subject) -> Measure:
     return _whole("collision", value)
 
 
-def scene_of(drive: Drive, t: float) -> int:
+def scene_of(drive: DriveScenes, t: float) -> int:
     """Give the scene that a time [s] belongs to: the last one that is not after it."""
     return max(int(np.searchsorted(drive.t, t + _SAME, side="right")) - 1, 0)
 
@@ -212,7 +214,7 @@ def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:
     return sorted(zip(tracks.t[i[hit]].tolist(), tracks.ids[n[hit]].tolist(), strict=True))
 
 
-FARTHER: Mapping[str, Callable[[Subject, Ahead], Measure]] = {
+FARTHER: Mapping[str, Callable[[MeasureInputs, LookAhead], Measure]] = {
     "TTC": lambda s, seen: criticality.ttc(s.farther(seen.horizon)),
     "THW": lambda s, seen: criticality.thw(s.farther(seen.horizon)),
     "WTTC": lambda s, seen: criticality.wttc(s.farther(seen.horizon)),

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
-from resim.core.plugins.frozen import Frozen, freeze, thaw
+from resim.core.plugins.frozen import FrozenFile, freeze, thaw
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
@@ -44,11 +44,11 @@ ONE = "Name a parameter and its number, such as latency.speed=0.4."
 REMEDY = "`resim perception train` writes such files; adfunc/perception/ has some."
 
 
-class _Part(BaseModel):
+class _ModelPart(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Latency(_Part):
+class Latency(_ModelPart):
     """How late [s] what is perceived is: positions, speeds and headings of objects are those of so long ago."""
 
     position: Late = 0.0
@@ -56,7 +56,7 @@ class Latency(_Part):
     heading: Late = 0.0
 
 
-class Averaging(_Part):
+class Averaging(_ModelPart):
     """Time [s] over which a perceived value is the mean of the true one, centred at its latency.
 
     At most twice the latency: nothing is known before it happens.
@@ -66,7 +66,7 @@ class Averaging(_Part):
     heading: Late = 0.0
 
 
-class Response(_Part):
+class Response(_ModelPart):
     """A bias: constant + range r + bearing b + relative_speed dv + acceleration a, in the unit of the quantity."""
 
     constant: Number = 0.0
@@ -76,7 +76,7 @@ class Response(_Part):
     acceleration: Number = 0.0
 
 
-class Spread(_Part):
+class Spread(_ModelPart):
     """A standard deviation: constant exp(range r + bearing |b| + relative_speed |dv| + acceleration |a|)."""
 
     constant: NotNegative = 0.0
@@ -86,7 +86,7 @@ class Spread(_Part):
     acceleration: Number = 0.0
 
 
-class Error(_Part):
+class Error(_ModelPart):
     """The error of one quantity: bias, plus a drift correlated over correlation_time [s], plus white noise."""
 
     bias: Response = Response()
@@ -95,7 +95,7 @@ class Error(_Part):
     noise: Spread = Spread()
 
 
-class Errors(_Part):
+class ErrorModels(_ModelPart):
     """The errors of all quantities.
 
     coupling: (6, 6) correlation of the noises that drive the drifts, in the order of QUANTITIES. Drifts of correlation
@@ -131,12 +131,12 @@ class Errors(_Part):
         return table
 
 
-class Objects(_Part):
+class Objects(_ModelPart):
     """How objects are perceived that are detected."""
 
     latency: Latency = Latency()
     averaging: Averaging = Averaging()
-    errors: Errors = Errors()
+    errors: ErrorModels = ErrorModels()
 
     @model_validator(mode="after")
     def _causal(self) -> Objects:
@@ -146,7 +146,7 @@ class Objects(_Part):
         return self
 
 
-class Detection(_Part):
+class Detection(_ModelPart):
     """Loss and regain of objects: rates [1/s] of a Markov chain, by bins of range, |bearing| and occlusion.
 
     Edges: increasing, one more than bins; the outer bins reach beyond them. occlusion: share of the object's angle,
@@ -178,14 +178,14 @@ class Detection(_Part):
         return self
 
 
-class FieldOfView(_Part):
+class FieldOfView(_ModelPart):
     """What can be seen: range [m] and half the opening angle [rad] around straight ahead; None: no end to it."""
 
     range: Annotated[float, Field(strict=True, gt=0.0)] | None = None
     bearing: Positive | None = None
 
 
-class Update(_Part):
+class Update(_ModelPart):
     """Time [s] between two lists (0: one whenever the function asks), and the standard deviation of it, each by itself.
 
     Between two lists the last one stands, its objects where they were in the map.
@@ -204,7 +204,7 @@ class Update(_Part):
         return self
 
 
-class FalseObjects(_Part):
+class FalseObjects(_ModelPart):
     """Objects that are not there: rate [1/s] at which they appear, mean lifetime [s], and where and how fast they are.
 
     Range [m] and |bearing| [rad] are uniform up to their limits; speed over ground [m/s] is normal, along the EGO's
@@ -230,7 +230,7 @@ class FalseObjects(_Part):
         return self
 
 
-class Own(_Part):
+class EgoStateError(_ModelPart):
     """One error of the EGO's own state: bias, drift with its correlation_time [s], white noise; standard deviations."""
 
     bias: Number = 0.0
@@ -239,16 +239,16 @@ class Own(_Part):
     noise: NotNegative = 0.0
 
 
-class Localisation(_Part):
+class Localisation(_ModelPart):
     """Errors of the EGO's own state: longitudinal and lateral [m] in its frame, heading [rad], speed [m/s]."""
 
-    longitudinal: Own = Own()
-    lateral: Own = Own()
-    heading: Own = Own()
-    speed: Own = Own()
+    longitudinal: EgoStateError = EgoStateError()
+    lateral: EgoStateError = EgoStateError()
+    heading: EgoStateError = EgoStateError()
+    speed: EgoStateError = EgoStateError()
 
 
-class Validity(_Part):
+class TrainedRange(_ModelPart):
     """The states that the model was trained on: least and largest of each feature, and of the EGO's speed [m/s]."""
 
     range: tuple[float, float] | None = None
@@ -258,7 +258,7 @@ class Validity(_Part):
     ego_speed: tuple[float, float] | None = None
 
     @model_validator(mode="after")
-    def _in_order(self) -> Validity:
+    def _in_order(self) -> TrainedRange:
         for name in type(self).model_fields:
             span = getattr(self, name)
             if span is not None and span[0] > span[1]:
@@ -266,7 +266,7 @@ class Validity(_Part):
         return self
 
 
-class Estimate(_Part):
+class TrainedParameter(_ModelPart):
     """One trained parameter: its value, the confidence interval (95 %), and how many samples stand behind it."""
 
     value: float
@@ -275,7 +275,7 @@ class Estimate(_Part):
     samples: int
 
 
-class Misfit(_Part):
+class FailedAssumption(_ModelPart):
     """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
     model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
     `latency` (one for all). size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
@@ -289,16 +289,16 @@ class Misfit(_Part):
     text: str
 
 
-class Fit(_Part):
+class ModelFit(_ModelPart):
     """How the model fits what it was trained on: how many tests on how many drives, and which failed; no tests: not
     tested. The probability that one fails by chance is 5 % for all together."""
 
     drives: int
     tests: int = 0
-    misfits: tuple[Misfit, ...] = ()
+    misfits: tuple[FailedAssumption, ...] = ()
 
 
-class LeftOut(_Part):
+class LeftOut(_ModelPart):
     """What was not learned from, and why: count of so many."""
 
     what: str
@@ -307,19 +307,19 @@ class LeftOut(_Part):
     of: int
 
 
-class Training(_Part):
+class Training(_ModelPart):
     """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter; fit:
     whether it fits, None where nobody asked."""
 
     sources: dict[str, str]
     drives: int
     matched: int
-    estimates: dict[str, Estimate]
-    fit: Fit | None = None
+    estimates: dict[str, TrainedParameter]
+    fit: ModelFit | None = None
     left_out: tuple[LeftOut, ...] = ()
 
 
-class PerceptionModel(_Part):
+class PerceptionModel(_ModelPart):
     """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with data enough.
 
     id_switch: 1/s, at which a detected object gets another id.
@@ -330,7 +330,7 @@ class PerceptionModel(_Part):
     provenance: str = ""
     latency: Latency = Latency()
     averaging: Averaging = Averaging()
-    errors: Errors = Errors()
+    errors: ErrorModels = ErrorModels()
     maneuvers: dict[Maneuver, Objects] = {}
     detection: Detection = Detection()
     field_of_view: FieldOfView = FieldOfView()
@@ -338,7 +338,7 @@ class PerceptionModel(_Part):
     id_switch: Rate = 0.0
     false_objects: FalseObjects = FalseObjects()
     ego: Localisation = Localisation()
-    validity: Validity = Validity()
+    validity: TrainedRange = TrainedRange()
     training: Training | None = None
 
     @property
@@ -357,18 +357,18 @@ class PerceptionModel(_Part):
         return self
 
 
-def freeze_model(path: Path) -> Frozen:
+def freeze_model(path: Path) -> FrozenFile:
     """Keep a copy of a model. Raises InputError."""
     return freeze(path, read_file(path, REMEDY))
 
 
-def read_model(model: Path | Frozen, overrides: tuple[str, ...] = ()) -> PerceptionModel:
+def read_model(model: Path | FrozenFile, overrides: tuple[str, ...] = ()) -> PerceptionModel:
     """Read a model. overrides: "latency.speed=0.4" and the like, indices of tables dotted too.
 
     What is set of latency, averaging or errors is set of every maneuver. With a latency that was set, averaging is at
     most twice that, if it was not set as well. Raises InputError naming every fault.
     """
-    if isinstance(model, Frozen):
+    if isinstance(model, FrozenFile):
         path, raw = model.path, thaw(model).raw
     else:
         path, raw = model, read_file(model, REMEDY)

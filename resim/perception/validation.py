@@ -18,7 +18,7 @@ from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import Strings
 from resim.perception.model import FalseObjects, PerceptionModel, Update
 from resim.perception.training import train
-from resim.perception.training.drive import Drive, drive_of
+from resim.perception.training.drive import TrainingDrive, drive_of
 from resim.perception.training.matching import match, paired
 from resim.recordings.recording import Recording
 from resim.simulation.function.interface import EgoState
@@ -69,7 +69,7 @@ class Report:
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class DriveErrors:
     """Errors of one drive: values (4, N, K), NaN where not perceived; there: (N, K) where an object was and is judged;
     t (K,) s."""
 
@@ -87,8 +87,8 @@ def cross_validate(recordings: Sequence[Recording], *, folds: int = 5, seeds: in
         problem = f"{len(recordings)} drive, expected two or more: one to judge by, the others to train on"
         raise InputError("validation", problem)
     folds = min(folds, len(recordings))
-    measured: list[Errors | None] = [None] * len(recordings)
-    perceived: list[Errors] = []
+    measured: list[DriveErrors | None] = [None] * len(recordings)
+    perceived: list[DriveErrors] = []
     models = []
     for fold in range(folds):
         held = range(fold, len(recordings), folds)
@@ -108,7 +108,7 @@ def judge(model: PerceptionModel, recordings: Sequence[Recording], *, seeds: int
     return _report(measured_errors(drives), perceived, [model], 1)
 
 
-def measured_errors(drives: Sequence[Drive]) -> list[Errors]:
+def measured_errors(drives: Sequence[TrainingDrive]) -> list[DriveErrors]:
     """Give what the sensors were off by."""
     out = []
     for drive, matching in zip(drives, match(drives), strict=True):
@@ -116,7 +116,7 @@ def measured_errors(drives: Sequence[Drive]) -> list[Errors]:
     return out
 
 
-def model_errors(model: PerceptionModel, drive: Drive, seed: int) -> Errors:
+def model_errors(model: PerceptionModel, drive: TrainingDrive, seed: int) -> DriveErrors:
     """Give what the model is off by over the same drive, in lists at the same times."""
     # compiles, or reads what it compiled: only when a model is run; reports import this module
     from resim.perception.runtime.sensor import Sensor
@@ -133,7 +133,7 @@ def model_errors(model: PerceptionModel, drive: Drive, seed: int) -> Errors:
     return _errors(drive, seen)
 
 
-def _worlds(drive: Drive) -> Sequence[World]:
+def _worlds(drive: TrainingDrive) -> Sequence[World]:
     out: list[World] = []
     here = np.isfinite(drive.states[:, 0])
     known: dict[
@@ -151,17 +151,20 @@ def _worlds(drive: Drive) -> Sequence[World]:
     return out
 
 
-def _errors(drive: Drive, seen: Floats) -> Errors:
+def _errors(drive: TrainingDrive, seen: Floats) -> DriveErrors:
     """Errors of x, y, heading, v (4, N, K) as seen, in the order of QUANTITIES."""
     x, y, heading = drive.in_frame(drive.states)
     values = np.stack([seen[0] - x, seen[1] - y, seen[3] - drive.states[:, 3], wrap_angle(seen[2] - heading)])
     first = np.maximum([truth.start for truth in drive.truth], drive.t[0])
     there = np.isfinite(x) & (drive.t >= first[:, None] + WARM)
-    return Errors(drive.t, np.where(there, values, np.nan), there)
+    return DriveErrors(drive.t, np.where(there, values, np.nan), there)
 
 
 def _report(
-    measured: Sequence[Errors], perceived: Sequence[Errors], models: Sequence[PerceptionModel], folds: int
+    measured: Sequence[DriveErrors],
+    perceived: Sequence[DriveErrors],
+    models: Sequence[PerceptionModel],
+    folds: int,
 ) -> Report:
     step = float(np.median(np.concatenate([np.diff(e.t) for e in measured])))
     quantities = {
@@ -218,13 +221,13 @@ def _autocorrelation(errors: list[Floats], step: float) -> tuple[float | None, .
     return tuple(out)
 
 
-def _detected(errors: Sequence[Errors]) -> float:
+def _detected(errors: Sequence[DriveErrors]) -> float:
     """Share of the time of objects in which they are perceived."""
     there = sum(int(e.there.sum()) for e in errors)
     return sum(int(np.isfinite(e.values[0]).sum()) for e in errors) / max(there, 1)
 
 
-def _dropouts(errors: Sequence[Errors]) -> tuple[float, ...]:
+def _dropouts(errors: Sequence[DriveErrors]) -> tuple[float, ...]:
     """Lengths [s] of the times between loss and regain."""
     out: list[float] = []
     for e in errors:

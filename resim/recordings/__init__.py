@@ -4,12 +4,12 @@ from resim.recordings.folder import read_recording, read_tables, write_recording
 from resim.recordings.formats.commonroad import read_commonroad
 from resim.recordings.formats.highd import Alignment, read_highd
 from resim.recordings.recording import Recording
-from resim.recordings.source import Tables, recording_of
+from resim.recordings.source import RecordingTables, recording_of
 
 __all__ = [
     "Alignment",
     "Recording",
-    "Tables",
+    "RecordingTables",
     "read_commonroad",
     "read_highd",
     "read_recording",

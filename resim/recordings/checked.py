@@ -9,9 +9,9 @@ from pathlib import Path
 
 from resim.core.errors import InputError
 from resim.core.finding import Finding
-from resim.recordings import Recording, Tables, read_tables, recording_of, write_tables
+from resim.recordings import Recording, RecordingTables, read_tables, recording_of, write_tables
 from resim.recordings.checks import CODES, examine
-from resim.recordings.repairs import FILTERS, Done, Repaired, repair
+from resim.recordings.repairs import FILTERS, AppliedRepair, Repaired, repair
 from resim.recordings.tables import REPAIRED
 from resim.road.flaws import MAP_CODES
 from resim.road.opendrive import load
@@ -20,7 +20,7 @@ MOST_LINES = 3
 """Findings of a code that are told one by one."""
 
 
-def examined(folder: Path, *, accept: Collection[str] = ()) -> Recording:
+def load_checked(folder: Path, *, accept: Collection[str] = ()) -> Recording:
     """Read a recording folder, examine it, and give it with what was found.
 
     accept: codes of errors in spite of which it is taken. Raises InputError for any other error.
@@ -51,12 +51,13 @@ def repair_recording(
     network = load(tables.map)
     found = examine(tables, network)
     repaired = repair(tables, network, max_gap=max_gap, outliers=chosen)
-    how = f"from {folder.resolve().name}, --max-gap {max_gap:g} --outliers {outliers}: {_told(repaired.done)}"
+    done = _repairs_in_words(repaired.done)
+    how = f"from {folder.resolve().name}, --max-gap {max_gap:g} --outliers {outliers}: {done}"
     write_tables(_noted(repaired.tables, how), out)
     return found, repaired
 
 
-def _noted(tables: Tables, how: str) -> Tables:
+def _noted(tables: RecordingTables, how: str) -> RecordingTables:
     """The tables with the repair in their provenance, after those before."""
     before = tables.settings.provenance
     note = "; then ".join(part for part in (before.get(REPAIRED, ""), how) if part)
@@ -65,7 +66,7 @@ def _noted(tables: Tables, how: str) -> Tables:
     )
 
 
-def _told(done: tuple[Done, ...]) -> str:
+def _repairs_in_words(done: tuple[AppliedRepair, ...]) -> str:
     parts = [f"{d.source} {d.code} {d.count.samples} samples" for d in done]
     return ", ".join(parts) or "nothing to repair"
 

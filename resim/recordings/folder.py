@@ -12,14 +12,14 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.recordings.recording import Recording, existing_map
 from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
-from resim.recordings.source import Tables, recording_of
+from resim.recordings.source import RecordingTables, recording_of
 from resim.recordings.tables import GT_ID, read_table, read_track_table, row_problem
 
 PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
 """Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""
 
 
-def read_tables(folder: Path) -> Tables:
+def read_tables(folder: Path) -> RecordingTables:
     """Give what the folder holds, as it stands.
 
     The folder holds `recording.toml`, `gt.csv` or `gt.parquet`, and where measured `sd` and `plan` likewise.
@@ -37,7 +37,7 @@ def read_tables(folder: Path) -> Tables:
     if sd is None and settings.sd_rate is not None:
         problem = f"sd_rate is {settings.sd_rate:g}, but there is neither sd.csv nor sd.parquet beside it"
         raise InputError(folder / SETTINGS, problem, "Add the sensor data or take sd_rate out.")
-    return Tables(
+    return RecordingTables(
         settings=settings, map=road, gt=gt, sd=sd, plan=None if plan_file is None else _read_plan(plan_file),
         folder=folder, gt_file=gt_file, sd_file=sd_file or folder / "sd.csv",
     )  # fmt: skip
@@ -53,10 +53,10 @@ def read_recording(folder: Path) -> Recording:
 
 def write_recording(recording: Recording, folder: Path, *, map_reference: str | None = None) -> None:
     """Write the recording as a new folder (see `write_tables`)."""
-    write_tables(Tables.of(recording), folder, map_reference=map_reference)
+    write_tables(RecordingTables.of(recording), folder, map_reference=map_reference)
 
 
-def write_tables(tables: Tables, folder: Path, *, map_reference: str | None = None) -> None:
+def write_tables(tables: RecordingTables, folder: Path, *, map_reference: str | None = None) -> None:
     """Write the tables as a new recording folder, all or nothing; the same tables give the same bytes.
 
     The map is copied into it; with map_reference, a path relative to the folder, the folder refers to that
@@ -74,7 +74,7 @@ def write_tables(tables: Tables, folder: Path, *, map_reference: str | None = No
         raise InputError(folder, f"cannot be written ({e.strerror})", "Name a folder you may write.") from e
 
 
-def _write(tables: Tables, folder: Path, map_reference: str | None) -> None:
+def _write(tables: RecordingTables, folder: Path, map_reference: str | None) -> None:
     """Write a folder beside, then put it in place."""
     beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:

@@ -28,11 +28,11 @@ def _text(value: object) -> object:
 _Text = Annotated[str, BeforeValidator(_text)]
 
 
-class _Part(BaseModel):
+class _SettingsPart(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
 
 
-class Environment(_Part):
+class Environment(_SettingsPart):
     """The environment, in JSCEN's terms."""
 
     fog_density: _Text | None = Field(default=None, alias="fogDensity")
@@ -40,7 +40,7 @@ class Environment(_Part):
     date_time: _Text | None = Field(default=None, alias="dateTime")
 
 
-class Settings(_Part):
+class Settings(_SettingsPart):
     """What `recording.toml` says: map as written, rates in Hz."""
 
     name: str = Field(min_length=1)

@@ -34,7 +34,7 @@ MOST_PLACES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Tables:
+class RecordingTables:
     """A recording before anyone has said that it is sound.
 
     map: resolved OpenDRIVE file. gt, sd: track tables with `core.tracks.COLUMNS` and optional ones, indexed by
@@ -53,7 +53,7 @@ class Tables:
     sd_file: Path
 
     @classmethod
-    def of(cls, recording: Recording) -> Tables:
+    def of(cls, recording: Recording) -> RecordingTables:
         """Give the tables of a recording in memory, with `gt_id` in the SD; inverse of `recording_of`."""
         settings = Settings(
             name=recording.name, map=str(recording.map), ego=recording.ego, build=recording.build,
@@ -71,7 +71,7 @@ class Tables:
         )  # fmt: skip
 
 
-def recording_of(tables: Tables, *, lenient: bool = False) -> Recording:
+def recording_of(tables: RecordingTables, *, lenient: bool = False) -> Recording:
     """Make the recording of its tables.
 
     Raises InputError where a row repeats, a time runs back or a value is missing. With lenient=True rows with

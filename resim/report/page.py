@@ -15,7 +15,7 @@ from resim.report.plots import number, sample, to_html
 from resim.report.road import distance_figure, lateral_figure, plan_figure
 from resim.report.steps import BANDS, band_figure
 from resim.report.view import OTHERS, SEEDS, View, view
-from resim.resimulation import Assessed, Resimulation
+from resim.resimulation import Resimulation, ResimulationAssessment
 from resim.scenario.maneuvers import REACTED
 
 PRINT_WIDTH = 980
@@ -42,12 +42,12 @@ ADDING = Markup(
 )
 
 
-def write_report(result: Resimulation, assessed: Assessed, path: Path) -> None:
+def write_report(result: Resimulation, assessed: ResimulationAssessment, path: Path) -> None:
     """Write the page: one HTML file with all it needs; the same result gives the same bytes."""
     path.write_text(page(view(result), assessed), encoding="utf-8", newline="\n")
 
 
-def page(look: View, assessed: Assessed) -> Markup:
+def page(look: View, assessed: ResimulationAssessment) -> Markup:
     """Give the page's HTML."""
     parts = [
         _header(look),

@@ -13,7 +13,7 @@ from resim.core.tracks import Tracks
 from resim.report.markup import Markup, html, join
 from resim.report.plots import FAINT, dots, fade, joined, lighten, line, number, style
 from resim.report.view import OTHERS, View
-from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, Errors
+from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, StepErrors
 
 SYMBOLS = {"d": "d", "v": "Δv", "heading": "Δheading"}
 COLUMNS = ("d", "v", "heading")
@@ -161,7 +161,13 @@ def error_panel(figure: go.Figure, view: View, step: str, quantity: str, cell: d
 
 
 def _ribbon(
-    figure: go.Figure, view: View, errors: Errors, quantity: str, source: str, who: str, cell: dict[str, int]
+    figure: go.Figure,
+    view: View,
+    errors: StepErrors,
+    quantity: str,
+    source: str,
+    who: str,
+    cell: dict[str, int],
 ) -> Markup:
     """Mean ± std over the time of the errors; gives it as a coloured text, "" where there is no error."""
     found = errors.statistics(EGO_ROW if who == "EGO" else TO_ROWS)[quantity]

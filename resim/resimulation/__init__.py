@@ -2,14 +2,14 @@
 
 from resim.recordings.checked import (
     check_codes,
-    examined,
     finding_line,
+    load_checked,
     refuse_findings,
     repair_recording,
 )
-from resim.resimulation.assessed import Assessed, How
+from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.assessments import assess_folder, assess_recording, assess_resimulation
-from resim.resimulation.perceived import Perceiving, end_error
+from resim.resimulation.perceived import PerceptionSetup, end_error
 from resim.resimulation.result import (
     Basis,
     Options,
@@ -24,22 +24,22 @@ from resim.road.checked import MapCheck, check_map, refuse_flaws
 
 __all__ = [
     "STAGES",
-    "Assessed",
+    "AssessmentOptions",
     "Basis",
-    "How",
     "MapCheck",
     "Options",
-    "Perceiving",
+    "PerceptionSetup",
     "PreparedRecording",
     "Resimulation",
+    "ResimulationAssessment",
     "assess_folder",
     "assess_recording",
     "assess_resimulation",
     "check_codes",
     "check_map",
     "end_error",
-    "examined",
     "finding_line",
+    "load_checked",
     "map_name",
     "of_seed",
     "perceived_frame",

@@ -21,7 +21,7 @@ RATE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class How:
+class AssessmentOptions:
     """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
 
     prediction: how objects may go on (None: as published); road_aware: along their lanes. only: objectifications to
@@ -38,7 +38,7 @@ class How:
 
 
 @dataclass(frozen=True, eq=False)
-class Assessed:
+class ResimulationAssessment:
     """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation.
 
     failures: of runs that failed, and why; also of those that have no assessment, as there was nothing to assess.

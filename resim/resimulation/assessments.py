@@ -15,10 +15,10 @@ from resim.core.finding import Finding
 from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.recordings import Recording
-from resim.recordings.checked import examined, finding_lines
+from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.folder import PLAN_COLUMNS
 from resim.recordings.tables import read_table
-from resim.resimulation.assessed import Assessed, How
+from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.blocks import (
     Block,
     assess_block,
@@ -40,7 +40,7 @@ from resim.resimulation.run_blocks import (
     model_runs,
 )
 from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
-from resim.resimulation.told import as_told
+from resim.resimulation.unrepaired import without_repairs
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
@@ -50,7 +50,7 @@ BLOCKS = ("GT", "SD", "rGT", "rSD")
 """What is assessed, in the order of the tables."""
 
 
-def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assessed:
+def assess_folder(folder: Path, how: AssessmentOptions, accept: Iterable[str] = ()) -> ResimulationAssessment:
     """Assess a recording (GT, and SD where there is one) or what `resim run` wrote (GT, SD, rGT, rSD).
 
     accept: codes of findings in a recording in spite of which to go on. Raises InputError for a folder that is neither.
@@ -58,18 +58,18 @@ def assess_folder(folder: Path, how: How, accept: Iterable[str] = ()) -> Assesse
     if (folder / "run.json").is_file():
         return _assess_results(folder, how)
     if (folder / "recording.toml").is_file():
-        return assess_recording(examined(folder, accept=tuple(accept)), how)
+        return assess_recording(load_checked(folder, accept=tuple(accept)), how)
     problem = "holds neither recording.toml nor run.json"
     raise InputError(folder, problem, "Give a recording, or the folder that `resim run` wrote.")
 
 
-def assess_recording(recording: Recording, how: How) -> Assessed:
+def assess_recording(recording: Recording, how: AssessmentOptions) -> ResimulationAssessment:
     """Assess what was measured: GT, and SD where there is one."""
     network = load(recording.map)
     described = describe_recording(recording, network)
     measured = measured_tracks(recording)
     plans, sd = plans_of(recording.plan), measured.get("SD")
-    seen = None if sd is None else as_told(recording, "SD", sd).tracks.to_frame()
+    seen = None if sd is None else without_repairs(recording, "SD", sd).tracks.to_frame()
     functioning = measured_functioning(
         seen, plans, {f.code: f.value for f in recording.findings if not f.object}
     )
@@ -87,7 +87,9 @@ def assess_recording(recording: Recording, how: How) -> Assessed:
     return replace(found, misfits=tuple(misfits(scenarios, rows, network).values()))
 
 
-def assess_resimulation(result: Resimulation, how: How, *, model: bool = False) -> Assessed:
+def assess_resimulation(
+    result: Resimulation, how: AssessmentOptions, *, model: bool = False
+) -> ResimulationAssessment:
     """Assess a re-simulation: GT, SD, rGT, rSD; with `model` and criteria its runs with a perception model as well."""
     tables = RunTables(tracks_frame(result), answers_frame(result), plans_frame(result))
     report = result.report
@@ -104,7 +106,7 @@ def assess_drive(
     drive: SimulatedDrive,
     scenario: Scenario,
     network: RoadNetwork,
-    how: How,
+    how: AssessmentOptions,
     doubts: Doubts = WHOLE,
     measured: Scenario | None = None,
 ) -> Assessment:
@@ -119,7 +121,7 @@ def assess_drive(
     return assess_block(block, network, how)
 
 
-def _assess_results(folder: Path, how: How) -> Assessed:
+def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessment:
     report, mark = folder / "report.json", folder / "run.json"
     remedy = "Run it again."
     try:
@@ -167,9 +169,9 @@ def _assessed(
     network: RoadNetwork,
     run: bool,
     blocks: Mapping[str, Block],
-    how: How,
+    how: AssessmentOptions,
     failures: Mapping[str, str],
     findings: Iterable[Finding],
-) -> Assessed:
+) -> ResimulationAssessment:
     found = {key: assess_block(block, network, how) for key, block in blocks.items()}
-    return Assessed(name, network, run, found, how.criteria, failures, finding_lines(findings))
+    return ResimulationAssessment(name, network, run, found, how.criteria, failures, finding_lines(findings))

@@ -13,10 +13,10 @@ from resim.core.tracks import Strings, Tracks, whole_id
 from resim.metrics.assessment import Assessment, assess
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import Plans, drive
-from resim.metrics.functional import Functioning
-from resim.metrics.objectifications import Subject, contacts
+from resim.metrics.functional import FunctionActivity
+from resim.metrics.objectifications import MeasureInputs, contacts
 from resim.recordings.folder import PLAN_COLUMNS
-from resim.resimulation.assessed import How
+from resim.resimulation.assessed import AssessmentOptions
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 
@@ -36,14 +36,14 @@ class Block:
 
     scenario: Scenario
     plans: Plans
-    functioning: Functioning
+    functioning: FunctionActivity
     collisions: tuple[tuple[float, str], ...]
     flaw: str = ""
     doubts: Doubts = WHOLE
     measured: Scenario | None = None
 
 
-def assess_block(block: Block, network: RoadNetwork, how: How) -> Assessment:
+def assess_block(block: Block, network: RoadNetwork, how: AssessmentOptions) -> Assessment:
     """Assess one block at times `how.rate` a second, and look for collisions FINE times a second."""
     scenario, doubts = block.scenario, block.doubts
     often, seldom = _times(scenario, FINE), _times(scenario, how.rate)
@@ -53,7 +53,7 @@ def assess_block(block: Block, network: RoadNetwork, how: How) -> Assessment:
         own = every.samples(np.searchsorted(t, seldom)).select([scenario.ego.id])
         doubts = doubts.beside(own, replace(block.measured, objects=()).tracks(network, seldom))
 
-    def subject(every: Tracks) -> Subject:
+    def subject(every: Tracks) -> MeasureInputs:
         made = drive(
             every.samples(np.searchsorted(t, seldom)), ego=scenario.ego.id, plans=block.plans, path=how.path,
             parameters=how.parameters, predicted=how.prediction, road=network if how.road_aware else None,
@@ -61,7 +61,7 @@ def assess_block(block: Block, network: RoadNetwork, how: How) -> Assessment:
         fine = every if len(t) == len(often) else every.samples(np.searchsorted(t, often))
         hits = tuple(sorted([*contacts(fine, scenario.ego.id), *block.collisions]))
         own = () if how.criteria is None else how.criteria.own
-        return Subject(made, network, how.parameters, block.functioning, hits, own)
+        return MeasureInputs(made, network, how.parameters, block.functioning, hits, own)
 
     larger = _larger(every, doubts)
     return assess(
@@ -108,22 +108,22 @@ def plans_of(frame: pd.DataFrame | None) -> Plans:
 
 def measured_functioning(
     seen: pd.DataFrame | None, plans: Plans, findings: Mapping[str, float | None]
-) -> Functioning:
+) -> FunctionActivity:
     """Give what perception and function did in the measured drive, as far as it was recorded."""
     answers = np.array([when for when, _ in plans]) if len(plans) else None
     if seen is None:
-        return Functioning(None, np.empty(0, dtype=str), np.empty((0, 0), dtype=bool), np.inf, answers)
+        return FunctionActivity(None, np.empty(0, dtype=str), np.empty((0, 0), dtype=bool), np.inf, answers)
     return listed(seen, np.unique(seen.t.to_numpy(dtype=float)), answers, findings.get(DELAY) or 0.0)
 
 
-def listed(seen: pd.DataFrame, lists: Floats, answers: Floats | None, delay: float) -> Functioning:
+def listed(seen: pd.DataFrame, lists: Floats, answers: Floats | None, delay: float) -> FunctionActivity:
     """Give lists of perceived objects from the rows of a table."""
     return functioning_of(seen.t.to_numpy(dtype=float), seen.id.to_numpy(dtype=str), lists, answers, delay)
 
 
 def functioning_of(
     t: Floats, seen: Strings, lists: Floats, answers: Floats | None, delay: float
-) -> Functioning:
+) -> FunctionActivity:
     """Give lists of perceived objects from when [s] who was seen (N,); parts of one object count as that one."""
     names, of = np.unique(seen, return_inverse=True)
     known = set(names.tolist())
@@ -134,4 +134,4 @@ def functioning_of(
     table[row, np.minimum(at, len(lists) - 1)] = True
     gaps = np.concatenate([np.diff(lists[o]) for o in table] or [np.diff(lists)])
     period = float(np.median(gaps)) if len(gaps) else np.inf
-    return Functioning(lists, ids, table, period, answers, delay)
+    return FunctionActivity(lists, ids, table, period, answers, delay)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from resim.core.objects import Whom
+from resim.core.objects import ObjectIds
 from resim.core.sightings import Sightings
 from resim.core.tracks import Tracks
 from resim.metrics.doubts.contradiction import off_by, size_turned, turned_by
@@ -18,7 +18,7 @@ from resim.recordings.checks.bodies import SIZE
 from resim.recordings.checks.tracks import PEDESTRIAN
 from resim.recordings.identity import UNMATCHED
 from resim.resimulation.result import Basis
-from resim.resimulation.told import as_told
+from resim.resimulation.unrepaired import without_repairs
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
@@ -36,13 +36,15 @@ def doubts(
     where nothing is. Where a trace is off its samples, or samples are off their track, nobody knows which is right.
     """
     name = basis.lower()
-    told = as_told(recording, basis, tracks)
-    whom = Whom.of(told.tracks, told.incomplete, ego=recording.ego)
+    told = without_repairs(recording, basis, tracks)
+    whom = ObjectIds.of(told.tracks, told.incomplete, ego=recording.ego)
     absent, excused = absences(whom)
     found = (*absent, *told.gaps)
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
     if whole is not None:
-        found += tuple(cut_off(Whom.of(as_told(recording, basis, whole).tracks, ego=recording.ego)))
+        found += tuple(
+            cut_off(ObjectIds.of(without_repairs(recording, basis, whole).tracks, ego=recording.ego))
+        )
     torn = list(_torn(recording, basis))
     swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
     misfits = dict(_misfits(tracks, scenario, network))
@@ -68,7 +70,7 @@ def doubts(
     )
 
 
-def _bodies(whom: Whom) -> Iterator[tuple[tuple[str, ...], list[Sightings]]]:
+def _bodies(whom: ObjectIds) -> Iterator[tuple[tuple[str, ...], list[Sightings]]]:
     """The ids that can be one object, and what is known of it."""
     every = (whom.ego, *whom.others)
     together = {name: ids for ids in whom.same for name in ids}

@@ -36,7 +36,7 @@ Statistics: TypeAlias = dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class StepErrors:
     """Errors of one step: later minus earlier of N objects at T times; NaN where either is missing.
 
     t: (T,) s. ids: (N,), the EGO first. x, y: (N, T) m in the map frame. v: (N, T) m/s. heading: (N, T) rad,
@@ -94,7 +94,7 @@ def statistics(values: Floats) -> Statistics | None:
     }  # fmt: skip
 
 
-def difference(later: Tracks, earlier: Tracks, *, ego: str) -> Errors:
+def difference(later: Tracks, earlier: Tracks, *, ego: str) -> StepErrors:
     """Give later minus earlier for the objects that are in both, EGO first.
 
     Both must have the same times; `Tracks.at` and `Scenario.tracks` bring them there.
@@ -103,7 +103,7 @@ def difference(later: Tracks, earlier: Tracks, *, ego: str) -> Errors:
         raise ValueError("errors are differences at equal times")
     common = [ego, *(i for i in earlier.ids.tolist() if i != ego and i in set(later.ids.tolist()))]
     one, two = earlier.select(common), later.select(common)
-    return Errors(
+    return StepErrors(
         t=later.t,
         ids=one.ids,
         x=two.x - one.x,
@@ -113,27 +113,27 @@ def difference(later: Tracks, earlier: Tracks, *, ego: str) -> Errors:
     )
 
 
-def sensor_error(gt: Tracks, sd: Tracks, *, ego: str) -> Errors:
+def sensor_error(gt: Tracks, sd: Tracks, *, ego: str) -> StepErrors:
     """S = SD - GT, at the times of SD; GT is interpolated between neighbouring samples."""
     return difference(sd, gt.at(sd.t, max_gap=max(0.3, 2.0 * float(np.median(np.diff(gt.t))))), ego=ego)
 
 
-def fit_error(scenario: Scenario, tracks: Tracks, network: RoadNetwork) -> Errors:
+def fit_error(scenario: Scenario, tracks: Tracks, network: RoadNetwork) -> StepErrors:
     """FIT_X = JSCEN of X - X, at the times of X, measured or re-simulated."""
     return difference(scenario.tracks(network, tracks.t), tracks, ego=scenario.ego.id)
 
 
-def simulation_error(truth: Tracks, scenario: Scenario, network: RoadNetwork) -> Errors:
+def simulation_error(truth: Tracks, scenario: Scenario, network: RoadNetwork) -> StepErrors:
     """SIM_X = rX - JSCEN of X, at the times of the simulation."""
     return difference(truth, scenario.tracks(network, truth.t), ego=scenario.ego.id)
 
 
-def pipeline_error(scenario: Scenario, gt: Tracks, network: RoadNetwork) -> Errors:
+def pipeline_error(scenario: Scenario, gt: Tracks, network: RoadNetwork) -> StepErrors:
     """PIPE_X = JSCEN of rX - GT, at the times of GT; an object's parts (`Tracks.split`) are compared as one."""
     return difference(scenario.tracks(network, gt.t).joined(), gt, ego=scenario.ego.id)
 
 
-def sums(errors: Mapping[str, Errors]) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
+def sums(errors: Mapping[str, StepErrors]) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
     """Set the sum of the steps' errors against the measured pipeline error (Eq. 5.6).
 
     Position errors add up as vectors: `sum` is the mean length of the summed vectors, `sum_of_means` the
@@ -145,7 +145,7 @@ def sums(errors: Mapping[str, Errors]) -> dict[str, dict[str, dict[str, dict[str
             continue
         pipe = errors[whole]
         moved = [_at(errors[part], pipe) for part in parts]
-        total = Errors(
+        total = StepErrors(
             pipe.t, pipe.ids, *(sum(getattr(m, c) for m in moved) for c in ("x", "y", "v", "heading"))
         )
         out[whole] = {
@@ -156,7 +156,7 @@ def sums(errors: Mapping[str, Errors]) -> dict[str, dict[str, dict[str, dict[str
     return out
 
 
-def _at(part: Errors, whole: Errors) -> Errors:
+def _at(part: StepErrors, whole: StepErrors) -> StepErrors:
     """One step's errors at the times and objects of another's, by linear interpolation."""
     order = {name: row for row, name in enumerate(whole.ids.tolist())}
 
@@ -172,11 +172,11 @@ def _at(part: Errors, whole: Errors) -> Errors:
             values[row, there] = np.interp(whole.t[there], part.t[known], own[known])
         return values
 
-    return Errors(whole.t, whole.ids, *(column(c) for c in ("x", "y", "v", "heading")))
+    return StepErrors(whole.t, whole.ids, *(column(c) for c in ("x", "y", "v", "heading")))
 
 
 def _sums_of(
-    pipe: Errors, total: Errors, parts: Sequence[Errors], rows: slice
+    pipe: StepErrors, total: StepErrors, parts: Sequence[StepErrors], rows: slice
 ) -> dict[str, dict[str, float]]:
     both: Bools = np.isfinite(pipe.x[rows]) & np.isfinite(total.x[rows])
     if not both.any():

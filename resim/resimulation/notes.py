@@ -12,9 +12,9 @@ from resim.core.plugins.opened import UNKNOWN
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.recordings.checked import by_code, finding_lines
-from resim.resimulation.fidelity import EGO_ROW, Errors
-from resim.resimulation.perceived import Perceiving
-from resim.resimulation.result import Basis, Resimulation, drove
+from resim.resimulation.fidelity import EGO_ROW, StepErrors
+from resim.resimulation.perceived import PerceptionSetup
+from resim.resimulation.result import Basis, Resimulation, is_recorded_build
 from resim.road.checked import MapCheck
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
@@ -58,7 +58,7 @@ def notes(result: Resimulation) -> Iterator[str]:
         yield from _sensed(recording, measured, result.errors)
 
 
-def perception_notes(perceiving: Perceiving, drives: Sequence[SimulatedDrive]) -> Iterator[str]:
+def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDrive]) -> Iterator[str]:
     """Give what qualifies the drives with a perception model."""
     outside, shown = sum(d.outside for d in drives), sum(d.shown for d in drives)
     if outside:
@@ -103,7 +103,7 @@ def _inexact(lane: LaneError) -> str:
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
-    if drove(recording, build) is not False:
+    if is_recorded_build(recording, build) is not False:
         if recording.build and recording.build_hash is None:
             yield f"{build.label} drove the recording by its label alone: {LABEL_ONLY}"
         return
@@ -114,7 +114,7 @@ def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
 
 
 def _plausible(
-    recording: Recording, network: RoadNetwork, gt: Tracks, errors: Mapping[str, Errors]
+    recording: Recording, network: RoadNetwork, gt: Tracks, errors: Mapping[str, StepErrors]
 ) -> Iterator[str]:
     """The two looks that tell a recording from the wrong map, frame or unit."""
     row = gt.index(recording.ego)
@@ -171,7 +171,7 @@ def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:
 
 
 def _sensed(
-    recording: Recording, measured: Mapping[Basis, Tracks], errors: Mapping[str, Errors]
+    recording: Recording, measured: Mapping[Basis, Tracks], errors: Mapping[str, StepErrors]
 ) -> Iterator[str]:
     known = set(measured["GT"].joined().ids.tolist())
     unknown = [i for i in measured["SD"].joined().ids.tolist() if i not in known]

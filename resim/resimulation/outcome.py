@@ -26,7 +26,7 @@ class Kpi:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DriveOutcome:
     """One drive: KPIs by criterion, what the EGO did and when [s], and how dangerous and comfortable it was.
 
     reaction: first braking [s]. risk: the largest accident risk. comfort: the largest of each of COMFORT. end: how a

@@ -10,10 +10,10 @@ import numpy as np
 from resim.core.tracks import Tracks
 from resim.metrics.assessment import Assessment
 from resim.resimulation import fidelity
-from resim.resimulation.assessed import Assessed, How
+from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.assessments import assess_drive
-from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, Errors
-from resim.resimulation.outcome import COMFORT, Kpi, Outcome, Rms
+from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, StepErrors
+from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi, Rms
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import Resimulation
 from resim.road.opendrive import RoadNetwork
@@ -24,7 +24,7 @@ PARTED = {"d": 0.5, "v": 0.5}
 """Distance [m] and difference of speed [m/s] from which on two EGOs drive differently."""
 
 
-def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
+def outcomes(result: Resimulation, assessed: ResimulationAssessment) -> dict[str, DriveOutcome]:
     """Give what GT, SD, rGT and rSD came to, as far as they are there."""
     driven, ego, out = result.driven(), result.ego, {}
     drives = result.simulated()
@@ -38,7 +38,7 @@ def outcomes(result: Resimulation, assessed: Assessed) -> dict[str, Outcome]:
     return out | {name: _nothing(drive) for name, drive in drives.items() if name not in out}
 
 
-def seed_outcome(result: Resimulation, seed: int, how: How) -> Outcome:
+def seed_outcome(result: Resimulation, seed: int, how: AssessmentOptions) -> DriveOutcome:
     """Give what a drive on GT (`run_on_gt`) came to: the EGO as it drove, the traffic as GT's scenario has it."""
     gt, (drive, refit, pipe) = result.described["GT"], result.of(seed)
     if refit is None:
@@ -50,21 +50,21 @@ def seed_outcome(result: Resimulation, seed: int, how: How) -> Outcome:
     return replace(found, errors=errors)
 
 
-def _nothing(drive: SimulatedDrive) -> Outcome:
+def _nothing(drive: SimulatedDrive) -> DriveOutcome:
     """A drive that ended before there was anything to judge."""
     comfort = dict.fromkeys(COMFORT)
-    return Outcome({}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure)
+    return DriveOutcome({}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure)
 
 
 def outcome(
     assessment: Assessment, tracks: Tracks, network: RoadNetwork, ego: str, drive: SimulatedDrive | None
-) -> Outcome:
+) -> DriveOutcome:
     """Give what one drive came to. tracks: with accelerations."""
     kpis = {
         name: Kpi(v.outcome, _finite(v.value), v.unit, v.t, v.object, v.weight, v.reason)
         for name, v in assessment.verdicts.items()
     }
-    return Outcome(
+    return DriveOutcome(
         kpis=kpis,
         events=tuple(maneuvers.events(tracks, network, ego=ego)),
         reaction=maneuvers.reaction_time(tracks, ego=ego),
@@ -76,12 +76,12 @@ def outcome(
     )
 
 
-def rms(errors: Mapping[str, Errors]) -> Rms:
+def rms(errors: Mapping[str, StepErrors]) -> Rms:
     """Give the root mean square errors of every step, of the EGO and of the traffic objects."""
     return {step: {"ego": e.rms(EGO_ROW), "to": e.rms(TO_ROWS)} for step, e in errors.items()}
 
 
-def parted(one: Tracks, two: Tracks, ego: str) -> float | None:
+def first_divergence(one: Tracks, two: Tracks, ego: str) -> float | None:
     """Give when [s] the EGO first drives differently in two simulations of one scenario, None where it does not."""
     t = one.t[one.t <= two.t[-1] + 1e-9]
     off = fidelity.difference(two.select([ego]).at(t), one.select([ego]).at(t), ego=ego)

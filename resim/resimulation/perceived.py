@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from resim.perception.model import PerceptionModel
-from resim.resimulation.fidelity import EGO_ROW, Errors
+from resim.resimulation.fidelity import EGO_ROW, StepErrors
 from resim.simulation.case import SimulatedDrive
 
 
 @dataclass(frozen=True, eq=False)
-class Perceiving:
+class PerceptionSetup:
     """A perception model, the seeds to run it with, and the parameters that were set by hand ("latency.speed=0.4")."""
 
     model: PerceptionModel
@@ -23,7 +23,7 @@ class Perceiving:
     hash: str = ""
 
 
-def end_error(drive: SimulatedDrive, pipe: Errors | None) -> float | None:
+def end_error(drive: SimulatedDrive, pipe: StepErrors | None) -> float | None:
     """Give the pipeline error's distance d [m] of the EGO at the end; None where the drive ended early."""
     if drive.end != "duration" or pipe is None:
         return None

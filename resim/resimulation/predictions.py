@@ -14,8 +14,15 @@ from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash
 from resim.core.objects import GAP
 from resim.core.tracks import KINDS, Tracks
-from resim.metrics.risk.fitting import AHEAD, LEAST, Points, Refit, refit
-from resim.metrics.risk.prediction import Entry, Fitted, Motion, PredictionSet, Walking, prediction
+from resim.metrics.risk.fitting import AHEAD, LEAST, MotionPoints, Refit, refit
+from resim.metrics.risk.prediction import (
+    Motion,
+    PredictionEntry,
+    PredictionSet,
+    PredictionSources,
+    Walking,
+    prediction,
+)
 from resim.recordings import Recording, read_tables, recording_of
 from resim.recordings.checked import check_codes, refuse_findings
 from resim.recordings.checks import examine
@@ -48,7 +55,7 @@ def refit_prediction(
     check_codes(accept)
     if twice := [f for n, f in enumerate(folders) if f.resolve() in [g.resolve() for g in folders[:n]]]:
         raise InputError(twice[0], "is given twice", "Give each recording once.")
-    found: dict[str, list[Points]] = {}
+    found: dict[str, list[MotionPoints]] = {}
     used: dict[str, dict[str, str]] = {}
     for folder, label in zip(folders, _labels(folders), strict=True):
         recording, digest = _ground_truth(folder, accept)
@@ -90,7 +97,7 @@ def _ground_truth(folder: Path, accept: Collection[str]) -> tuple[Recording, str
     return recording_of(tables, lenient=True), file_hash(tables.gt_file)
 
 
-def _points(recording: Recording) -> Iterator[tuple[str, Points]]:
+def _points(recording: Recording) -> Iterator[tuple[str, MotionPoints]]:
     """The points of every object that moves, by its kind: of the splines that the assessment takes states from."""
     for tracks in _pieces(recording.gt):
         for n in range(len(tracks)):
@@ -105,7 +112,7 @@ def _points(recording: Recording) -> Iterator[tuple[str, Points]]:
             if scenes:
                 t = trace.start + 0.5 * (span - AHEAD * scenes) + AHEAD * np.arange(scenes + 1)
                 s = trace.states(t)
-                yield str(tracks.kind[n]), Points.of_object(s.v, s.heading, s.a, s.yaw_rate)
+                yield str(tracks.kind[n]), MotionPoints.of_object(s.v, s.heading, s.a, s.yaw_rate)
 
 
 def _pieces(tracks: Tracks) -> Iterator[Tracks]:
@@ -114,15 +121,15 @@ def _pieces(tracks: Tracks) -> Iterator[Tracks]:
         yield tracks.window(start, start + LONGEST).split(GAP, keep="")
 
 
-def _joined(parts: list[Points]) -> Points:
+def _joined(parts: list[MotionPoints]) -> MotionPoints:
     if not parts:
         raise ResimError(f"0 points, at least {LEAST} are fitted")
-    return Points.joined(parts)
+    return MotionPoints.joined(parts)
 
 
-def _entry(fit: Refit, sources: Mapping[str, str]) -> Entry:
+def _entry(fit: Refit, sources: Mapping[str, str]) -> PredictionEntry:
     points = fit.points
-    fitted = Fitted(
+    fitted = PredictionSources(
         sources=dict(sources), points=len(points), objects=fit.objects,
         v=_span(points.v), a=_span(points.a0), w=_span(points.w0),
         log_likelihood=_short(fit.after), log_likelihood_published=_short(fit.before),
@@ -131,8 +138,8 @@ def _entry(fit: Refit, sources: Mapping[str, str]) -> Entry:
     provenance = f"fitted to {len(points)} points of {fit.objects} objects of {len(sources)} recordings"
     motion = _rounded(fit.motion)
     if isinstance(motion, Walking):
-        return Entry(provenance=provenance, walking=motion, fitted=fitted)
-    return Entry(provenance=provenance, ctra=motion, fitted=fitted)
+        return PredictionEntry(provenance=provenance, walking=motion, fitted=fitted)
+    return PredictionEntry(provenance=provenance, ctra=motion, fitted=fitted)
 
 
 def _rounded(motion: Motion) -> Motion:

@@ -14,7 +14,7 @@ from resim.resimulation import fidelity
 from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS
 from resim.resimulation.perceived import difference, end_error, same_decision
 from resim.resimulation.reaction import ego_tracks
-from resim.resimulation.result import Resimulation, drove, of_seed, pipeline_step
+from resim.resimulation.result import Resimulation, is_recorded_build, of_seed, pipeline_step
 from resim.scenario import maneuvers
 
 
@@ -33,7 +33,7 @@ def report(result: Resimulation) -> dict[str, Any]:
         "build": {
             "name": result.build.name,
             "version": result.build.version,
-            "drove": drove(result.recording, result.build),
+            "drove": is_recorded_build(result.recording, result.build),
         },
         "errors": {step: _statistics(result, step) for step in STEPS},
         "sums": fidelity.sums(result.errors),

@@ -12,8 +12,8 @@ from resim.core.tracks import Tracks
 from resim.metrics.doubts.unseen import Doubts
 from resim.recordings import Recording
 from resim.recordings.settings import Settings
-from resim.resimulation.fidelity import Errors
-from resim.resimulation.perceived import Perceiving
+from resim.resimulation.fidelity import StepErrors
+from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.reaction import ego_tracks, reaction_spread
 from resim.road.checked import MapCheck
 from resim.road.opendrive import RoadNetwork
@@ -22,7 +22,7 @@ from resim.simulation.case import LEAD_IN, STEP, Case, SimulatedDrive
 from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.engine import Engine
 from resim.simulation.function.interface import Build
-from resim.simulation.perception import Ideal, Perception
+from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.sumo.engine import Sumo
 
 Basis = Literal["GT", "SD"]
@@ -61,13 +61,13 @@ class Options:
         seed: int | None = None,
         open_loop: bool = False,
     ) -> Case:
-        """Give the case of a scenario and a build. perception: `Ideal`, seed: the options', if none is given."""
+        """Give the case of a scenario and a build. perception: `IdealPerception`, seed: by default the options'."""
         return Case(
             scenario=scenario,
             network=network,
             build=build,
             engine=self.engine,
-            perception=perception or Ideal(),
+            perception=perception or IdealPerception(),
             vehicle=vehicle_model(self.vehicle),
             step=self.step,
             lead_in=self.relaxation,
@@ -112,11 +112,11 @@ class Resimulation:
     options: Options
     drives: Mapping[str, SimulatedDrive] = field(default_factory=dict)
     refits: Mapping[str, Scenario] = field(default_factory=dict)
-    errors: Mapping[str, Errors] = field(default_factory=dict)
+    errors: Mapping[str, StepErrors] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     times: Mapping[str, float] = field(default_factory=dict)
     hashes: Mapping[str, str] = field(default_factory=dict)
-    perceiving: Perceiving | None = None
+    perceiving: PerceptionSetup | None = None
     misfits: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -155,7 +155,7 @@ class Resimulation:
         """Of the drives with a perception model."""
         return tuple(drive.case.seed for drive in self.perceived().values())
 
-    def of(self, seed: int) -> tuple[SimulatedDrive, Scenario | None, Errors | None]:
+    def of(self, seed: int) -> tuple[SimulatedDrive, Scenario | None, StepErrors | None]:
         """Give the drive with a perception model and this seed, what describes it, and its pipeline error, if any."""
         source = of_seed(seed)
         return self.drives[source], self.refits.get(source), self.errors.get(pipeline_step(source))
@@ -213,7 +213,7 @@ def pipeline_step(source: str) -> str:
     return f"PIPE_{source.removeprefix('r')}"
 
 
-def drove(recording: Recording | Settings, build: Build) -> bool | None:
+def is_recorded_build(recording: Recording | Settings, build: Build) -> bool | None:
     """Say whether this build drove the recording, None where the recording does not say what did."""
     if not recording.build:
         return None

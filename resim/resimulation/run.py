@@ -18,9 +18,9 @@ from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.resimulation import fidelity
 from resim.resimulation.doubts import doubts
-from resim.resimulation.fidelity import STEPS, Errors
+from resim.resimulation.fidelity import STEPS, StepErrors
 from resim.resimulation.notes import misfits, notes, perception_notes
-from resim.resimulation.perceived import Perceiving
+from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import (
     Basis,
     Options,
@@ -77,7 +77,7 @@ def resimulate(
     build: Build,
     options: Options = Options(),
     *,
-    perceiving: Perceiving | None = None,
+    perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),
     progress: Progress = lambda stage: None,
 ) -> Resimulation:
@@ -155,7 +155,7 @@ def _is_describable(drive: SimulatedDrive) -> bool:
     return int(drive.truth.valid[0].sum()) >= 2
 
 
-def over_seeds(result: Resimulation, perceiving: Perceiving) -> Iterator[Resimulation]:
+def over_seeds(result: Resimulation, perceiving: PerceptionSetup) -> Iterator[Resimulation]:
     """Run GT with a perception model, seed after seed, each when it is asked for; with all before it."""
     from resim.perception.runtime.sensor import Sensor
 
@@ -165,7 +165,7 @@ def over_seeds(result: Resimulation, perceiving: Perceiving) -> Iterator[Resimul
         yield result
 
 
-def with_notes(result: Resimulation, perceiving: Perceiving) -> Resimulation:
+def with_notes(result: Resimulation, perceiving: PerceptionSetup) -> Resimulation:
     """Give the re-simulation with what qualifies its drives with a perception model. perceiving: with their seeds."""
     drives = [result.drives[of_seed(seed)] for seed in perceiving.seeds]
     return replace(
@@ -290,9 +290,9 @@ def run_on_gt(result: Resimulation, *, perception: Perception | None = None, see
     return replace(result, drives={**result.drives, source: drive}, refits=refits, errors=errors)
 
 
-def _errors(result: Resimulation) -> dict[str, Errors]:
+def _errors(result: Resimulation) -> dict[str, StepErrors]:
     """Of every step between what was measured, described and simulated, in the order of STEPS."""
-    out: dict[str, Errors] = {}
+    out: dict[str, StepErrors] = {}
     recording, network, whole = result.recording, result.network, result.prepared.whole
     if "SD" in whole:
         out["S"] = fidelity.sensor_error(whole["GT"], whole["SD"], ego=recording.ego)

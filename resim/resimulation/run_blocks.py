@@ -11,7 +11,7 @@ import pandas as pd
 from resim.core.tracks import Tracks
 from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import Doubts
-from resim.resimulation.assessed import How
+from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.blocks import Block, assess_block, listed, measured_functioning, plans_of
 from resim.resimulation.model_runs import MODEL, ModelRuns
 from resim.road.opendrive import RoadNetwork
@@ -82,7 +82,7 @@ def blocks_of_run(
 
 
 def model_runs(
-    gt: Block, tables: RunTables, report: Mapping[str, Any], network: RoadNetwork, how: How
+    gt: Block, tables: RunTables, report: Mapping[str, Any], network: RoadNetwork, how: AssessmentOptions
 ) -> ModelRuns | None:
     """Give the runs with a perception model, judged; None where there are none, or no criteria."""
     told = report["perception"]

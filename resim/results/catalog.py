@@ -29,7 +29,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import SQLAlchemyError
 
 from resim.core.errors import InputError
-from resim.results.entry import Entry, Input, Kind, Outcome
+from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome, Kind
 from resim.results.tables import (
     INPUT,
     OUTCOME,
@@ -57,10 +57,10 @@ class Catalog:
     def __init__(self, at: str) -> None:
         url = address(at)
         self.name = shown(url)
-        with self._told():
+        with self._explain_sql_errors():
             self._engine = engine(url)
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: CatalogEntry) -> None:
         """Put a result in, in the place of what is known of the same content in the same folder."""
         row = _result_row(entry)
         with self._connection() as connection, connection.begin():
@@ -81,7 +81,7 @@ class Catalog:
         build: str | None = None,
         recording: str | None = None,
         verdict: str | None = None,
-    ) -> list[Entry]:
+    ) -> list[CatalogEntry]:
         """Give all results that match, the newest first.
 
         build, recording: part of a label or name, or a hash or its beginning, in any case. verdict: over all, or of any
@@ -99,7 +99,7 @@ class Catalog:
             wanted.append(or_(func.lower(RESULT.c.verdict) == verdict.lower(), of_any))
         return self._entries(select(RESULT).where(*wanted))
 
-    def get(self, wanted: str) -> Entry:
+    def get(self, wanted: str) -> CatalogEntry:
         """Give a result by its id, four or more digits of it, or its folder: what it holds now, else what it held last.
 
         Raises InputError where there is none or more than one, naming near ones.
@@ -121,7 +121,7 @@ class Catalog:
         remedy = "`resim runs list` shows all; `resim runs add FOLDER` puts one in."
         raise InputError(wanted, f"is no result that the catalog {self.name} knows{told}", remedy)
 
-    def forget(self, entry: Entry) -> None:
+    def forget(self, entry: CatalogEntry) -> None:
         """Take a result out; its folder stays as it is."""
         with self._connection() as connection, connection.begin():
             connection.execute(delete(RESULT).where(RESULT.c.id == entry.id))
@@ -130,7 +130,7 @@ class Catalog:
         with self._connection() as connection:
             return connection.scalars(select(RESULT.c.id)).all()
 
-    def _entries(self, results: Select[Any]) -> list[Entry]:
+    def _entries(self, results: Select[Any]) -> list[CatalogEntry]:
         with self._connection() as connection:
             rows = connection.execute(results.order_by(RESULT.c.written.desc(), RESULT.c.id)).all()
             ids = results.with_only_columns(RESULT.c.id)
@@ -144,7 +144,7 @@ class Catalog:
 
     @contextmanager
     def _connection(self) -> Iterator[Connection]:
-        with self._told(), self._engine.connect() as connection:
+        with self._explain_sql_errors(), self._engine.connect() as connection:
             if connection.dialect.name == "sqlite":
                 connection.exec_driver_sql("PRAGMA foreign_keys = ON")
             make_tables(connection, self.name)
@@ -152,7 +152,7 @@ class Catalog:
             yield connection
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _explain_sql_errors(self) -> Iterator[None]:
         """Errors of the database in one line."""
         try:
             yield
@@ -173,25 +173,25 @@ def user_catalog() -> Catalog | None:
     return None if at is None else Catalog(at)
 
 
-def _result_row(entry: Entry) -> dict[str, Any]:
+def _result_row(entry: CatalogEntry) -> dict[str, Any]:
     row = {column.name: getattr(entry, column.name) for column in RESULT.columns}
     return {**row, "folder": str(entry.folder), "counts": dict(entry.counts)}
 
 
-def _rows(result: str, several: Sequence[Input | Outcome]) -> list[dict[str, Any]]:
+def _rows(result: str, several: Sequence[CatalogInput | CatalogOutcome]) -> list[dict[str, Any]]:
     return [{"result": result, "row": k, **asdict(one)} for k, one in enumerate(several)]
 
 
-def _entry(row: Row[Any], inputs: list[Row[Any]], outcomes: list[Row[Any]]) -> Entry:
+def _entry(row: Row[Any], inputs: list[Row[Any]], outcomes: list[Row[Any]]) -> CatalogEntry:
     told = {key: value for key, value in row._mapping.items() if key != "id"}
-    return Entry(
+    return CatalogEntry(
         **{**told, "folder": Path(row.folder)},
-        inputs=tuple(Input(**_fields(Input, i)) for i in inputs),
-        outcomes=tuple(Outcome(**_fields(Outcome, o)) for o in outcomes),
+        inputs=tuple(CatalogInput(**_fields(CatalogInput, i)) for i in inputs),
+        outcomes=tuple(CatalogOutcome(**_fields(CatalogOutcome, o)) for o in outcomes),
     )
 
 
-def _fields(kind: type[Input | Outcome], row: Row[Any]) -> dict[str, Any]:
+def _fields(kind: type[CatalogInput | CatalogOutcome], row: Row[Any]) -> dict[str, Any]:
     return {f.name: row._mapping[f.name] for f in fields(kind)}
 
 

@@ -13,13 +13,13 @@ from typing import Any, Literal
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
-from resim.results.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, Results
+from resim.results.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, FolderKind
 
 Kind = Literal["run", "assessment", "verification", "sweep"]
 State = Literal["there", "changed", "gone", "elsewhere"]
 """Of a folder: as it was; holding something else; not there; or of another machine, and not to be seen from here."""
 
-KINDS: dict[Kind, tuple[str, Results]] = {
+KINDS: dict[Kind, tuple[str, FolderKind]] = {
     "run": ("run.json", RUN),
     "verification": ("verification.json", VERIFICATION),
     "sweep": ("manifest.json", SWEEP),
@@ -30,7 +30,7 @@ assessment, too."""
 
 
 @dataclass(frozen=True)
-class Input:
+class CatalogInput:
     """Something that a result follows from.
 
     role: recording, build, against (the older build), criteria, perception, suite. name: of a recording its name, of a
@@ -44,7 +44,7 @@ class Input:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CatalogOutcome:
     """What came out for one recording and build.
 
     source: of a run and of an assessment what was judged (GT, SD, rGT, rSD), else "". verdict: "" where nothing was
@@ -67,7 +67,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Entry:
+class CatalogEntry:
     """A folder of results.
 
     folder: absolute. host: the machine that it was put into the catalog on. written: when its results were, ISO 8601 in
@@ -84,8 +84,8 @@ class Entry:
     resim: str
     verdict: str
     counts: Mapping[str, int] = field(default_factory=dict)
-    inputs: tuple[Input, ...] = ()
-    outcomes: tuple[Outcome, ...] = ()
+    inputs: tuple[CatalogInput, ...] = ()
+    outcomes: tuple[CatalogOutcome, ...] = ()
 
     @property
     def id(self) -> str:

@@ -16,7 +16,7 @@ from resim.core.files import parse_json, read_file
 
 
 @dataclass(frozen=True)
-class Results:
+class FolderKind:
     """A kind of results folder: the file that tells it from others, and the names of all that resim writes there.
 
     inside: names of the files in each folder of it.
@@ -31,21 +31,21 @@ _HALF = r"\..+\.\d+\.new"
 """A file that was being written when its process was killed."""
 _JSON, _PAGES = re.compile(rf".+\.json|{_HALF}"), re.compile(rf".+\.html|{_HALF}")
 
-RUN = Results(
+RUN = FolderKind(
     "run.json",
     re.compile(
         r"(run|report|assessment)\.json|report\.html|(tracks|answers|plans|kpis)\.parquet|r?(GT|SD)\.jscen\.json"
         r"|[\w.-]+\.xodr"
     ),
 )
-ASSESSMENT = Results("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
-CONVERSION = Results("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
-VERIFICATION = Results(
+ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
+CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
+VERIFICATION = FolderKind(
     "inputs.json",
     re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|cases|reports|{_HALF}"),
     {"cases": _JSON, "reports": _PAGES},
 )
-SWEEP = Results(
+SWEEP = FolderKind(
     "sweep.json",
     re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|runs|journal|{_HALF}"),
     {
@@ -55,7 +55,7 @@ SWEEP = Results(
 )
 
 
-def check_output(folder: Path, kind: Results = RUN) -> None:
+def check_output(folder: Path, kind: FolderKind = RUN) -> None:
     """Refuse, before any work is done, a folder that must not be replaced."""
     remedy = "Name another with --out."
     try:
@@ -84,7 +84,7 @@ def _is_result(mark: Path) -> bool:
         return False
 
 
-def remove_results(folder: Path, kind: Results) -> None:
+def remove_results(folder: Path, kind: FolderKind) -> None:
     """Delete a folder of results of this kind, or nothing at all.
 
     Raises InputError where it is none, holds anything that is no result of resim's, or cannot be deleted.
@@ -104,7 +104,7 @@ def remove_results(folder: Path, kind: Results) -> None:
         raise InputError(folder, f"cannot be deleted: {e.strerror}", remedy) from e
 
 
-def _strange(folder: Path, kind: Results) -> Iterator[str]:
+def _strange(folder: Path, kind: FolderKind) -> Iterator[str]:
     """Names of what resim does not write into such a folder."""
     for path in sorted(folder.iterdir()):
         within = kind.inside.get(path.name)
@@ -135,7 +135,7 @@ def locked(folder: Path, command: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def told_of(folder: Path) -> Iterator[None]:
+def explain_os_errors(folder: Path) -> Iterator[None]:
     """Raise InputError of the folder for what the system refuses within."""
     try:
         yield
@@ -144,14 +144,14 @@ def told_of(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def whole_folder(folder: Path, kind: Results = RUN) -> Iterator[Path]:
+def whole_folder(folder: Path, kind: FolderKind = RUN) -> Iterator[Path]:
     """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
     check_output(folder, kind)
     folder = Path(os.path.realpath(folder))  # where a link leads
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
-        with told_of(folder):
+        with explain_os_errors(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
             shutil.rmtree(beside, ignore_errors=True)
             beside.mkdir()

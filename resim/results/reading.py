@@ -15,7 +15,7 @@ import duckdb
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, plain_names, read_file
-from resim.results.entry import KINDS, Entry, Input, Kind, Outcome, digest, kind_of
+from resim.results.entry import KINDS, CatalogEntry, CatalogInput, CatalogOutcome, Kind, digest, kind_of
 from resim.results.rows import check_table
 
 JUDGED = ("PASS", "FAIL", "INVALID")
@@ -44,18 +44,18 @@ Json = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class _Found:
+class _FolderContents:
     """What a kind of results says about itself."""
 
     name: str
     versions: Json
     verdict: str
     counts: Mapping[str, int]
-    inputs: tuple[Input, ...]
-    outcomes: tuple[Outcome, ...]
+    inputs: tuple[CatalogInput, ...]
+    outcomes: tuple[CatalogOutcome, ...]
 
 
-def read_entry(folder: Path) -> Entry:
+def read_entry(folder: Path) -> CatalogEntry:
     """Read a folder of results for the catalog. Raises InputError where it is none, or not what resim writes."""
     folder = Path(os.path.normpath(folder.absolute()))
     kind = kind_of(folder)
@@ -63,7 +63,7 @@ def read_entry(folder: Path) -> Entry:
     try:
         found = _READERS[kind](folder)
         seconds = file.stat().st_mtime
-        return Entry(
+        return CatalogEntry(
             kind=kind, name=found.name, folder=folder, host=platform.node(),
             written=datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds"),
             digest=digest(folder, kind), resim=str(found.versions["resim"]), verdict=found.verdict,
@@ -73,34 +73,36 @@ def read_entry(folder: Path) -> Entry:
         raise InputError(file, "is not what resim writes, or what belongs to it is missing", REMEDY) from e
 
 
-def _run(folder: Path) -> _Found:
+def _run(folder: Path) -> _FolderContents:
     from resim.recordings.content import hash_of_hashes
 
     run, report, assessed = (_json(folder / f"{name}.json") for name in ("run", "report", "assessment"))
     hashes, build = run["hashes"], report["build"]
     label = f"{build['name']}-{build['version']}"
     told = [
-        Input("recording", report["recording"], hash=hash_of_hashes(hashes, hashes["map"])),
-        Input("build", label, hash=hashes["build"]),
+        CatalogInput("recording", report["recording"], hash=hash_of_hashes(hashes, hashes["map"])),
+        CatalogInput("build", label, hash=hashes["build"]),
     ]
     if (seen := report["perception"]) is not None:
-        told.append(Input("perception", seen["model"]["name"], hash=seen["model"]["hash"]))
+        told.append(CatalogInput("perception", seen["model"]["name"], hash=seen["model"]["hash"]))
     builds = dict.fromkeys(("rGT", "rSD", "rGT+M"), label)
     if build["drove"]:
         builds |= {"GT": label, "SD": label}
     found = list(_judged(_blocks(assessed), report["recording"], builds, report))
     verdict = FAILED if any(report["failure"].values()) else _overall(o.verdict for o in found)
     inputs = (*told, *_criteria(assessed))
-    return _Found(report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))
+    return _FolderContents(
+        report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found)
+    )
 
 
-def _assessment(folder: Path) -> _Found:
+def _assessment(folder: Path) -> _FolderContents:
     assessed = _json(folder / "assessment.json")
     of = assessed["inputs"]
-    told = [Input("recording", of["recording"]["name"], hash=of["recording"]["hash"] or "")]
+    told = [CatalogInput("recording", of["recording"]["name"], hash=of["recording"]["hash"] or "")]
     builds: dict[str, str] = {}
     if (build := of["build"]) is not None:
-        told.append(Input("build", build["label"], hash=build["hash"] or ""))
+        told.append(CatalogInput("build", build["label"], hash=build["hash"] or ""))
         simulated = "measures" not in assessed  # what drove the measured ones is not told
         sources = ("rGT", "rSD", "rGT+M") if simulated else ("GT", "SD")
         builds = dict.fromkeys(sources, build["label"])
@@ -108,27 +110,29 @@ def _assessment(folder: Path) -> _Found:
     found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))
     inputs = (*told, *_criteria(assessed))
     verdict = FAILED if assessed.get("failures") else _overall(o.verdict for o in found)
-    return _Found(name, assessed["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))
+    return _FolderContents(name, assessed["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))
 
 
-def _verification(folder: Path) -> _Found:
+def _verification(folder: Path) -> _FolderContents:
     found = _json(folder / "verification.json")
     asked, told = found["inputs"], found["summary"]
     inputs = tuple(_verification_inputs(folder, asked))
     label = asked["build"]["label"]
     outcomes = tuple(
-        Outcome(r["name"], label, verdict=r["verdict"], cause=_cause(r)) for r in found["recordings"]
+        CatalogOutcome(r["name"], label, verdict=r["verdict"], cause=_cause(r)) for r in found["recordings"]
     )
     if asked["against"] is None:
         verdict = next(v for v in ("error", "not verified", "undecided", "invalid", "verified") if told[v])
-        return _Found(
+        return _FolderContents(
             asked["name"], found["versions"], verdict, _counts(outcomes, VERIFIED), inputs, outcomes
         )
     verdict = "error" if told["error"] else "within limits" if told["good"] else "regresses"
-    return _Found(asked["name"], found["versions"], verdict, _counts(outcomes, COMPARED), inputs, outcomes)
+    return _FolderContents(
+        asked["name"], found["versions"], verdict, _counts(outcomes, COMPARED), inputs, outcomes
+    )
 
 
-def _sweep(folder: Path) -> _Found:
+def _sweep(folder: Path) -> _FolderContents:
     manifest = _json(folder / "manifest.json")
     told = manifest["inputs"]
     labels = {name: build["label"] for name, build in told["builds"].items()}
@@ -143,10 +147,12 @@ def _sweep(folder: Path) -> _Found:
         for name, of in zip((*JUDGED, FAILED), ("passes", "fails", "invalids", "failures"), strict=True)
     }
     verdict = _overall(o.verdict for o in outcomes)
-    return _Found(told["sweep"]["name"], manifest["versions"], verdict, counts, tuple(inputs), outcomes)
+    return _FolderContents(
+        told["sweep"]["name"], manifest["versions"], verdict, counts, tuple(inputs), outcomes
+    )
 
 
-_READERS: dict[Kind, Callable[[Path], _Found]] = {
+_READERS: dict[Kind, Callable[[Path], _FolderContents]] = {
     "run": _run,
     "assessment": _assessment,
     "verification": _verification,
@@ -154,7 +160,7 @@ _READERS: dict[Kind, Callable[[Path], _Found]] = {
 }
 
 
-def _swept(folder: Path, manifest: Json, labels: Mapping[str, str]) -> Iterator[Outcome]:
+def _swept(folder: Path, manifest: Json, labels: Mapping[str, str]) -> Iterator[CatalogOutcome]:
     """Outcomes of a sweep by recording and build, in its order; a table in which all runs failed has few columns."""
     columns: Sequence[str] = manifest["columns"]
     kpis = [c for c in columns if c.startswith(_KPI)]
@@ -172,7 +178,7 @@ def _swept(folder: Path, manifest: Json, labels: Mapping[str, str]) -> Iterator[
         several = {"PASS": passes, "FAIL": fails, "INVALID": invalids, FAILED: failures}
         worst = sorted(((count, c.removeprefix(_KPI)) for c, count in zip(kpis, lost, strict=True) if count),
                        key=lambda told: -told[0])  # fmt: skip
-        yield Outcome(
+        yield CatalogOutcome(
             recording, labels[build], "", _overall(v for v, count in several.items() if count),
             ", ".join(f"{name} ({count})" for count, name in worst),
             runs, passes, fails, invalids, failures, collisions, same,
@@ -183,7 +189,9 @@ def _quoted(column: str) -> str:
     return '"' + column.replace('"', '""') + '"'
 
 
-def _judged(blocks: Json, recording: str, builds: Mapping[str, str], report: Json) -> Iterator[Outcome]:
+def _judged(
+    blocks: Json, recording: str, builds: Mapping[str, str], report: Json
+) -> Iterator[CatalogOutcome]:
     """Outcomes by source; of one whose run failed there may be no block. report: of a run, else empty."""
     failures = {name: why for name, why in report.get("failure", {}).items() if why}
     decided, hit = report.get("decision", {}), report.get("collision", {})
@@ -191,7 +199,7 @@ def _judged(blocks: Json, recording: str, builds: Mapping[str, str], report: Jso
         block = blocks.get(source, {})
         bad = [name for name, k in block.get("criteria", {}).items() if k["verdict"] != "PASS"]
         simulated = source.startswith("r") and decided.get(source) is not None
-        yield Outcome(
+        yield CatalogOutcome(
             recording, builds.get(source, ""), source,
             verdict=FAILED if source in failures else block["verdict"] or "",
             cause=failures.get(source) or ", ".join(bad),
@@ -206,12 +214,12 @@ def _blocks(assessed: Json) -> Json:
     return {"GT": assessed if "measures" in assessed else assessed["GT"], **blocks}
 
 
-def _criteria(assessed: Json) -> Iterator[Input]:
+def _criteria(assessed: Json) -> Iterator[CatalogInput]:
     if (criteria := assessed.get("inputs", {}).get("criteria")) is not None:
-        yield Input("criteria", criteria["name"], hash=criteria["hash"])
+        yield CatalogInput("criteria", criteria["name"], hash=criteria["hash"])
 
 
-def _verification_inputs(folder: Path, asked: Json) -> Iterator[Input]:
+def _verification_inputs(folder: Path, asked: Json) -> Iterator[CatalogInput]:
     for name, file in asked["recordings"].items():
         yield _input(folder, "recording", name, file)
     for role in ("build", "against", "criteria", "perception", "suite"):
@@ -219,8 +227,8 @@ def _verification_inputs(folder: Path, asked: Json) -> Iterator[Input]:
             yield _input(folder, role, file.get("label") or Path(file["path"]).stem, file)
 
 
-def _input(folder: Path, role: str, name: str, file: Json) -> Input:
-    return Input(role, name, os.path.normpath(folder / file["path"]), file["hash"] or "")
+def _input(folder: Path, role: str, name: str, file: Json) -> CatalogInput:
+    return CatalogInput(role, name, os.path.normpath(folder / file["path"]), file["hash"] or "")
 
 
 def _cause(recording: Json) -> str:
@@ -238,7 +246,7 @@ def _overall(verdicts: Iterable[str]) -> str:
     return next((v for v in ("FAIL", FAILED, "INVALID", "PASS") if v in found), "")
 
 
-def _counts(outcomes: Iterable[Outcome], order: tuple[str, ...]) -> dict[str, int]:
+def _counts(outcomes: Iterable[CatalogOutcome], order: tuple[str, ...]) -> dict[str, int]:
     """How many outcomes have which verdict, in this order; {} where nothing was judged."""
     counts = Counter(o.verdict for o in outcomes if o.verdict)
     return {v: counts[v] for v in (*order, *(c for c in counts if c not in order))} if counts else {}

@@ -18,7 +18,7 @@ from resim.results.folders import ASSESSMENT, CONVERSION, RUN
 if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
     import pandas as pd
 
-    from resim.resimulation import Assessed, MapCheck, Resimulation
+    from resim.resimulation import MapCheck, Resimulation, ResimulationAssessment
 
 
 def write_json(data: Any, path: Path) -> None:
@@ -89,7 +89,7 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     write_json({"versions": versions(), **found.report()}, folder / CONVERSION.mark)
 
 
-def write_assessment(found: Assessed, folder: Path, drive: Path) -> None:
+def write_assessment(found: ResimulationAssessment, folder: Path, drive: Path) -> None:
     """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
     criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
     inputs = {**_drive_inputs(drive, found.name), "criteria": criteria}

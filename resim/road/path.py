@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, constant, sealed
 from resim.road.opendrive import RoadNetwork
-from resim.road.route import SHORTEST, Stretch, follow
+from resim.road.route import SHORTEST, RouteStretch, follow
 
 FAR = 1e4
 FEW, CHUNK = 12, 1024
@@ -134,11 +134,11 @@ class Path:
         return limits
 
     @cached_property
-    def _search(self) -> _Search:
+    def _search(self) -> _ProjectionSearch:
         return _search(self)
 
 
-class _Search(NamedTuple):
+class _ProjectionSearch(NamedTuple):
     """What `project` needs, with a far point added to either end: K + 1 segments.
 
     columns: (10, K + 1): s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
@@ -153,7 +153,7 @@ class _Search(NamedTuple):
     positions: Callable[..., Floats]
 
 
-def _search(path: Path) -> _Search:
+def _search(path: Path) -> _ProjectionSearch:
     # compiled: numba is imported where it is used only
     from resim.road import kernel
 
@@ -165,17 +165,19 @@ def _search(path: Path) -> _Search:
     columns = np.array([column[:-1] for column in starts] + [np.diff(column) for column in starts])
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
     score = np.array([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
-    return _Search(constant(columns), constant(score), constant(columns.T), kernel.foot, kernel.positions)
+    return _ProjectionSearch(
+        constant(columns), constant(score), constant(columns.T), kernel.foot, kernel.positions
+    )
 
 
-def _nearest(search: _Search, x: Floats, y: Floats) -> NDArray[np.intp]:
+def _nearest(search: _ProjectionSearch, x: Floats, y: Floats) -> NDArray[np.intp]:
     """Give the segment (N,) whose middle is nearest, whence the right one is a step or none away."""
     q = np.empty((len(x), 3))
     q[:, 0], q[:, 1], q[:, 2] = x, y, 1.0
     return np.asarray((q @ search.score).argmin(axis=1))
 
 
-def _project_few(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _project_few(search: _ProjectionSearch, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """As `_project_many`, point by point: three times faster for the handful that a step asks for."""
     nearest = _nearest(search, x, y).tolist()
     places = zip(nearest, x.tolist(), y.tolist(), strict=True)
@@ -184,7 +186,7 @@ def _project_few(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]
     return out[:, 0], out[:, 1]
 
 
-def _project_many(search: _Search, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _project_many(search: _ProjectionSearch, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Give s and d (N,) of points (N,), by the equations of `kernel.foot`."""
     i, top = _nearest(search, x, y), len(search.table) - 1
     for _ in range(TRIES):
@@ -243,7 +245,7 @@ def _walk(
     return np.concatenate(parts), reached >= length
 
 
-def _sample(net: RoadNetwork, stretch: Stretch, step: float) -> Floats:
+def _sample(net: RoadNetwork, stretch: RouteStretch, step: float) -> Floats:
     """Points (K, 8) of the stretch without its first."""
     count = max(int(np.ceil(stretch.length / step - 1e-6)), 1)
     at = np.linspace(stretch.s_from, stretch.s_to, count + 1)[1:]

@@ -17,7 +17,7 @@ MOST_STRETCHES = 10_000
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RouteStretch:
     """A lane of one lane section from s_from to s_to [m], in the order in which the route passes it."""
 
     road: str
@@ -32,7 +32,7 @@ class Stretch:
         return abs(self.s_to - self.s_from)
 
 
-def follow(net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool) -> Iterator[Stretch]:
+def follow(net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool) -> Iterator[RouteStretch]:
     """Give the stretches from (road, lane, s) on in driving direction, or against it, till the road ends.
 
     A link that the file leaves out is taken as to the lane of the same id (mirrored where two roads meet
@@ -46,7 +46,7 @@ def follow(net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool) -> 
     for _ in range(MOST_STRETCHES):
         border = _border(own, section, up)
         if abs(border - at) > SHORTEST:
-            yield Stretch(own.id, section, lane, at, border)
+            yield RouteStretch(own.id, section, lane, at, border)
         following = _next(net, own, section, lane, up)
         if following is None:
             return

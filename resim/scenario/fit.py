@@ -46,14 +46,14 @@ _EXACT = 2e-3  # m, a fifth of the error of reference sensors: a mean error belo
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class TraceFit:
     """A fitted trace, and the distance (T,) [m] of each measured position from it."""
 
     trace: Trace
     distance: Floats
 
 
-def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fit:
+def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> TraceFit:
     """Fit splines of speed and heading to measured positions x, y (T,) [m] at times t (T,) [s], T >= 2.
 
     Measured heading [rad] and v [m/s] serve as the start of the search; the heading also stands where
@@ -71,20 +71,20 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Fi
         again = _Problem(t, place, *way(t, place, heading, noise), known).solve(patience=6)
         found = min(found, again, key=lambda s: float(np.square(s.distance).mean()))
     splines = found.v.spline(found.p_v), found.heading.spline(found.p_heading)
-    return Fit(Trace(found.start.real, found.start.imag, *splines), found.distance)
+    return TraceFit(Trace(found.start.real, found.start.imag, *splines), found.distance)
 
 
-def _at_rest(t: Floats, place: Complexes, heading: Floats) -> Fit:
+def _at_rest(t: Floats, place: Complexes, heading: Floats) -> TraceFit:
     """Who does not move: at the middle of the positions, with one heading."""
     ends, middle = np.array([t[0], t[-1]]), complex(place.mean())
     constant = np.zeros((4, 1))
     constant[3] = mean_heading(heading)
     trace = Trace(middle.real, middle.imag, PPoly(np.zeros((4, 1)), ends), PPoly(constant, ends))
-    return Fit(trace, np.abs(place - middle))
+    return TraceFit(trace, np.abs(place - middle))
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class _Candidate:
     """One candidate, and what follows from it; vectors in the map are x + iy.
 
     Knots and values of both splines, and the start [m]. At the nodes: direction (1 m long) and motion [m/s]. How far
@@ -128,7 +128,7 @@ class _Problem:
         self.rule = Quadrature.over(float(t[0]), t)
         self.noise = max(noise, _LEAST_NOISE)
 
-    def solve(self, patience: int = 2) -> _State:
+    def solve(self, patience: int = 2) -> _Candidate:
         """Add segments, halved where the error is largest, until they no longer help; then move the knots."""
         span = float(self.t[-1] - self.t[0])
         segments = max(1, round(span / SEGMENT))
@@ -145,7 +145,7 @@ class _Problem:
                 stalled += 1
         return self.improve(self.again(best), rounds=5) if best.mean > _EXACT else best
 
-    def even(self, segments: int) -> _State:
+    def even(self, segments: int) -> _Candidate:
         """A candidate with evenly spaced knots and the measured speed and heading."""
         spline = Natural.over(np.linspace(self.t[0], self.t[-1], segments + 1), self.rule.nodes)
         own = spline.basis[:, self.rule.own]
@@ -154,7 +154,7 @@ class _Problem:
         p = np.asarray(np.linalg.solve(own @ own.T + ridge, own @ values), dtype=np.float64)
         return self.evaluate(spline, spline, p[:, 0], p[:, 1], complex(self.place[0]))
 
-    def split(self, state: _State) -> _State:
+    def split(self, state: _Candidate) -> _Candidate:
         """Halve the segment with the largest squared error along (speed) or across (heading) the motion."""
         error = state.off * state.direction[self.rule.own].conj()
         v, p_v = self._halved(state.v, state.p_v, error.real)
@@ -174,13 +174,13 @@ class _Problem:
         )
         return Natural.over(_apart(knots), self.rule.nodes), values
 
-    def again(self, state: _State) -> _State:
+    def again(self, state: _Candidate) -> _Candidate:
         """Cost a candidate anew, at the noise that is known by now."""
         return self.evaluate(state.v, state.heading, state.p_v, state.p_heading, state.start)
 
     def evaluate(
         self, v: Natural, heading: Natural, p_v: Floats, p_heading: Floats, start: complex
-    ) -> _State:
+    ) -> _Candidate:
         angle = p_heading @ heading.basis
         direction = np.cos(angle) + 1j * np.sin(angle)
         motion = (p_v @ v.basis) * direction
@@ -190,9 +190,9 @@ class _Problem:
             self.noise / _BEND_V * (v.second @ p_v), self.noise / _BEND_HEADING * (heading.second @ p_heading),
         ])  # fmt: skip
         cost = float(residual @ residual)
-        return _State(v, heading, p_v, p_heading, start, direction, motion, off, residual, cost)
+        return _Candidate(v, heading, p_v, p_heading, start, direction, motion, off, residual, cost)
 
-    def improve(self, state: _State, rounds: int, move_knots: bool = True) -> _State:
+    def improve(self, state: _Candidate, rounds: int, move_knots: bool = True) -> _Candidate:
         """Take up to `rounds` Levenberg-Marquardt steps."""
         damping = 1e-2
         for _ in range(rounds):
@@ -214,7 +214,7 @@ class _Problem:
                 break
         return state
 
-    def linearise(self, state: _State, move_knots: bool) -> Floats:
+    def linearise(self, state: _Candidate, move_knots: bool) -> Floats:
         """Give the derivatives (P, R) of the residual by p_v, p_heading, inner knot times of each, and the start."""
         v, heading, n = state.v, state.heading, 2 * len(self.t)
         by_v, by_heading = v.basis, heading.basis
@@ -238,7 +238,7 @@ class _Problem:
         out[first : first + len(heading.knots), end:] = self.noise / _BEND_HEADING * heading.second.T
         return out
 
-    def step(self, state: _State, delta: Floats, move_knots: bool) -> _State:
+    def step(self, state: _Candidate, delta: Floats, move_knots: bool) -> _Candidate:
         splines, first = [], 0
         for spline, p in ((state.v, state.p_v), (state.heading, state.p_heading)):
             p_new, first = p + delta[first : first + len(p)], first + len(p)

@@ -28,7 +28,7 @@ VERSION = (0, 10)
 _CONTINUOUS = 1e-6  # s; a segment starts where the one before it ends
 
 
-class _Part(BaseModel):
+class _JscenPart(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -36,7 +36,7 @@ _Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 _LONGEST = 86_400.0  # s; a trace is integrated in steps of 0.02 s
 
 
-class _Segment(_Part):
+class _Segment(_JscenPart):
     startTime: _Number
     endTime: _Number
     polynomParameter: list[_Number] = Field(min_length=4, max_length=4)
@@ -48,18 +48,18 @@ class _Segment(_Part):
         return self
 
 
-class _ReferenceObject(_Part):
+class _ReferenceObject(_JscenPart):
     odrRoad: int | str
     odrLane: int = Field(ge=-1_000_000, le=1_000_000)
 
 
-class _StartPosition(_Part):
+class _StartPosition(_JscenPart):
     tOffset: _Number
     sOffset: _Number
     referenceObj: _ReferenceObject
 
 
-class _Maneuver(_Part):
+class _Maneuver(_JscenPart):
     startPosition: _StartPosition
     velocity: list[_Segment] = Field(min_length=1)
     heading: list[_Segment] = Field(min_length=1)
@@ -86,7 +86,7 @@ class _Maneuver(_Part):
         return self
 
 
-class _Model(_Part):
+class _JscenModel(_JscenPart):
     color: str = "#000000"
     type: str = "Unknown"
     length: float | None = Field(default=None, gt=0, le=1e12)
@@ -100,9 +100,9 @@ class _Model(_Part):
         return value
 
 
-class _Vehicle(_Part):
+class _Vehicle(_JscenPart):
     maneuver: _Maneuver
-    model: _Model = Field(default_factory=_Model)
+    model: _JscenModel = Field(default_factory=_JscenModel)
     spawningTime: float
     description: str = ""
     objectId: int | str
@@ -117,13 +117,13 @@ class _Vehicle(_Part):
         return self
 
 
-class _Ego(_Part):
+class _Ego(_JscenPart):
     maneuver: _Maneuver
-    model: _Model = Field(default_factory=_Model)
+    model: _JscenModel = Field(default_factory=_JscenModel)
     objectId: int | str = "ego"
 
 
-class _ObjectPool(_Part):
+class _ObjectPool(_JscenPart):
     vehicles: list[_Vehicle]
     ego: _Ego
 
@@ -135,12 +135,12 @@ class _ObjectPool(_Part):
         return self
 
 
-class _Version(_Part):
+class _Version(_JscenPart):
     major: Literal[0]
     minor: Literal[9, 10]
 
 
-class JscenFile(_Part):
+class JscenFile(_JscenPart):
     """The file's structure; its JSON Schema is published as `jscen.schema.json` beside this module."""
 
     map: str
@@ -203,7 +203,9 @@ def _scenario(file: JscenFile) -> Scenario:
     )
 
 
-def _object(object_id: int | str, maneuver: _Maneuver, model: _Model, description: str) -> ScenarioObject:
+def _object(
+    object_id: int | str, maneuver: _Maneuver, model: _JscenModel, description: str
+) -> ScenarioObject:
     kind, start = model.type.lower(), maneuver.startPosition
     at = start.referenceObj
     return ScenarioObject(

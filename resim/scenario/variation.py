@@ -28,7 +28,7 @@ Changed = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class VariationParameter:
     """What can be changed: the unit of its amount, the largest one that is tried either way, and how exactly.
 
     change: from times, places along and across, and the amount, to new places.
@@ -67,11 +67,11 @@ def _lane_change(t: Floats, s: Floats, d: Floats, amount: float) -> Changed:
     return s, np.interp(t - amount, t, d)
 
 
-PARAMETERS: Mapping[str, Parameter] = {
-    "speed": Parameter("m/s", 6.0, 0.05, _speed, "is faster all the time"),
-    "gap": Parameter("m", 30.0, 0.25, _gap, "is further ahead all the time"),
-    "braking": Parameter("m/s²", 4.0, 0.05, _braking, "brakes harder where it brakes"),
-    "lane_change": Parameter("s", 2.0, 0.02, _lane_change, "moves across the lanes later"),
+PARAMETERS: Mapping[str, VariationParameter] = {
+    "speed": VariationParameter("m/s", 6.0, 0.05, _speed, "is faster all the time"),
+    "gap": VariationParameter("m", 30.0, 0.25, _gap, "is further ahead all the time"),
+    "braking": VariationParameter("m/s²", 4.0, 0.05, _braking, "brakes harder where it brakes"),
+    "lane_change": VariationParameter("s", 2.0, 0.02, _lane_change, "moves across the lanes later"),
 }
 """By name; what an object does where the amount is above 0."""
 

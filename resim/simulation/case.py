@@ -16,7 +16,7 @@ from resim.scenario.jscen import jscen
 from resim.scenario.scenario import Scenario
 from resim.simulation.dynamics import Kinematic, VehicleModel
 from resim.simulation.function.interface import Build, Perceived
-from resim.simulation.perception import Ideal, Perception
+from resim.simulation.perception import IdealPerception, Perception
 
 if TYPE_CHECKING:
     from resim.simulation.engine import Engine
@@ -44,7 +44,7 @@ class Case:
     network: RoadNetwork
     build: Build
     engine: Engine
-    perception: Perception = field(default_factory=Ideal)
+    perception: Perception = field(default_factory=IdealPerception)
     vehicle: VehicleModel = field(default_factory=Kinematic)
     traffic: Traffic = "traces"
     step: float = STEP

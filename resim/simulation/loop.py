@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
-from resim.core.plugins.opened import Opened
+from resim.core.plugins.opened import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork, lent
@@ -54,7 +54,7 @@ def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
     return loop.result(driver, begin)
 
 
-def _remedy(opened: Opened) -> str:
+def _remedy(opened: OpenedFiles) -> str:
     """What the user may have to write into the build file, after a failure."""
     remedy = opened.remedy()
     return f". {remedy}" if remedy else ""

@@ -52,7 +52,7 @@ class Perception(Protocol):
         """Give what is perceived of the world; called with times that increase."""
 
 
-class Ideal:
+class IdealPerception:
     """Sees every object as it is."""
 
     hash = "ideal"

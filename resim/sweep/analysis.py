@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Bools, Floats
-from resim.core.intervals import CONFIDENCE, Estimate, means, shares
+from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
 from resim.sweep.boundary import boundary
-from resim.sweep.plans.design import Parameter
-from resim.sweep.points import Outcome, Points, equal, failed, label, points_of, unit_of
-from resim.sweep.result import Swept, limits
-from resim.sweep.statistics.boundary import MESH, Map, crossings, grid_map, smooth_map
+from resim.sweep.plans.design import SweepParameter
+from resim.sweep.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
+from resim.sweep.result import SweepResult, limits
+from resim.sweep.statistics.boundary import MESH, ShareMap, crossings, grid_map, smooth_map
 from resim.sweep.statistics.indices import Sensitivity
 from resim.sweep.statistics.requirement import Requirement, Side, requirement
 from resim.sweep.statistics.response import Levels, levels
@@ -34,7 +34,7 @@ MISSING = 0.05
 WORST = 10
 
 
-def analyse(swept: Swept, place: str) -> dict[str, Any]:
+def analyse(swept: SweepResult, place: str) -> dict[str, Any]:
     """Give what report.json holds. place: the folder of the results, from where commands are to run."""
     rows = swept.rows
     place = f"./{place}" if place.startswith("-") else place  # it is no option
@@ -53,12 +53,12 @@ def analyse(swept: Swept, place: str) -> dict[str, Any]:
     }
 
 
-def _parameter(p: Parameter) -> dict[str, Any]:
+def _parameter(p: SweepParameter) -> dict[str, Any]:
     ends = [p.low, p.high] if not p.values else [min(p.values), max(p.values)]
     return {"name": p.name, "label": label(p.name), "unit": unit_of(p.name), "low": ends[0], "high": ends[1]}
 
 
-def _section(swept: Swept, rows: pd.DataFrame, place: str) -> dict[str, Any]:
+def _section(swept: SweepResult, rows: pd.DataFrame, place: str) -> dict[str, Any]:
     """What was found for one recording and build."""
     points, outcomes = points_of(swept, rows)
     recording, build = str(rows["recording"].iloc[0]), str(rows["build"].iloc[0])
@@ -76,7 +76,9 @@ def _section(swept: Swept, rows: pd.DataFrame, place: str) -> dict[str, Any]:
     }
 
 
-def _varying(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _varying(
+    swept: SweepResult, rows: pd.DataFrame, points: SweepPoints, outcomes: Sequence[SweepOutcome]
+) -> dict[str, Any]:
     """What follows from the parameters; where points lie by what came of others, nothing but the boundary."""
     if swept.file["plan"] == "adaptive":
         return {"boundary": boundary(swept, rows, points, outcomes)}
@@ -125,7 +127,7 @@ def _counts(found: pd.Series[int]) -> dict[str, int]:
     return {str(name): int(n) for name, n in ordered.items()}
 
 
-def _outcome(o: Outcome, points: Points) -> dict[str, Any]:
+def _outcome(o: SweepOutcome, points: SweepPoints) -> dict[str, Any]:
     """Responses, sensitivity, and of shares the requirements and the map."""
     estimate = shares if o.share else means
     varied = [p for p in range(points.x.shape[1]) if len(np.unique(points.x[:, p])) > 1]
@@ -155,7 +157,7 @@ def _outcome(o: Outcome, points: Points) -> dict[str, Any]:
     return out
 
 
-def _response(step: Levels, e: Estimate) -> dict[str, Any]:
+def _response(step: Levels, e: GroupMean) -> dict[str, Any]:
     return {
         "at": numbers(step.centre), "from": numbers(step.low), "to": numbers(step.high), "binned": step.binned,
         "mean": numbers(e.mean), "low": numbers(e.low), "high": numbers(e.high),
@@ -163,7 +165,7 @@ def _response(step: Levels, e: Estimate) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _sensitivity(o: Outcome, points: Points, known: Bools) -> Sensitivity | None:
+def _sensitivity(o: SweepOutcome, points: SweepPoints, known: Bools) -> Sensitivity | None:
     """Sobol indices, None where the plan or what is missing does not let them be told."""
     if points.plan == "one_at_a_time" or np.mean(~known) > MISSING:
         return None
@@ -182,7 +184,7 @@ def _sobol(s: Sensitivity, names: Sequence[str]) -> dict[str, Any]:
     return {**each, **more, "q2": None if s.q2 is None else number(s.q2), "degree": s.degree}
 
 
-def _requirements(y: Floats, points: Points, i: int) -> list[dict[str, Any]]:
+def _requirements(y: Floats, points: SweepPoints, i: int) -> list[dict[str, Any]]:
     """From each side; of a parameter around zero, and where neither side keeps it, between two bounds."""
     step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
     around = bool(step.low[0] < 0.0 < step.high[-1])
@@ -202,7 +204,7 @@ def _plain(r: Requirement) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _map(y: Floats, points: Points, i: int, j: int) -> dict[str, Any] | None:
+def _map(y: Floats, points: SweepPoints, i: int, j: int) -> dict[str, Any] | None:
     """The map over the two most influential parameters; none where they are never varied together."""
     if points.plan == "one_at_a_time":
         return None
@@ -220,21 +222,21 @@ def _map(y: Floats, points: Points, i: int, j: int) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _boundary(found: Map, level: float) -> list[dict[str, Any]]:
+def _boundary(found: ShareMap, level: float) -> list[dict[str, Any]]:
     return [
         {name: number(v) if isinstance(v, float) else v for name, v in asdict(c).items()}
         for c in crossings(found, level)
     ]
 
 
-def _mesh(p: Parameter) -> tuple[Floats, Floats]:
+def _mesh(p: SweepParameter) -> tuple[Floats, Floats]:
     """Places along a parameter, as shares of its distribution and in its unit."""
     count = len(p.values) or MESH
     share = (np.arange(count) + 0.5) / count if p.values else np.linspace(0.0, 1.0, count)
     return share, p.at(share)
 
 
-def _worst(rows: pd.DataFrame, parameters: Sequence[Parameter], place: str) -> list[dict[str, Any]]:
+def _worst(rows: pd.DataFrame, parameters: Sequence[SweepParameter], place: str) -> list[dict[str, Any]]:
     """The worst runs: without a result first, then collisions, then by risk, then by how many criteria fail."""
     kpis = [c for c in rows.columns if str(c).startswith("kpi ")]
     bad = (rows[kpis] != "PASS").sum(axis=1).to_numpy()

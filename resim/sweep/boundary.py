@@ -17,8 +17,8 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
 from resim.sweep.plans.adaptive import Lattice, Places
-from resim.sweep.points import Outcome, Points
-from resim.sweep.result import RESUME, Swept, limits
+from resim.sweep.points import SweepOutcome, SweepPoints
+from resim.sweep.result import RESUME, SweepResult, limits
 
 ISLANDS = (0.05, 0.1, 0.2)
 """Sizes of islands, as shares of each range, whose probability to be missed is told."""
@@ -27,7 +27,7 @@ Span = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _BoundaryCells:
     """Points (K, P) that were tried, which (K,) are good, and the cells (C, P) in which that changes; on a lattice."""
 
     lattice: Lattice
@@ -45,7 +45,9 @@ class _Found:
         return [low, high]
 
 
-def boundary(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def boundary(
+    swept: SweepResult, rows: pd.DataFrame, points: SweepPoints, outcomes: Sequence[SweepOutcome]
+) -> dict[str, Any]:
     """Give what is known of the boundary for one recording and build: of its rows, points (K, P), and outcomes.
 
     Raises InputError where the manifest does not tell of it.
@@ -53,12 +55,12 @@ def boundary(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequenc
     asked, lattice = swept.file["adaptive"], Lattice.over(swept.parameters)
     name = {"no collision": "collision"}.get(asked["outcome"], asked["outcome"])
     outcome = next(o for o in outcomes if o.name in (name, f"kpi {name}"))
-    told, names = _told(swept, rows), tuple(p.name for p in swept.parameters)
+    told, names = _boundary_entry(swept, rows), tuple(p.name for p in swept.parameters)
     cells = np.array(told["cells"], dtype=float).reshape(-1, len(names), 2)
     places, low, high = (_places(lattice, x) for x in (points.x, cells[:, :, 0], cells[:, :, 1]))
     good_seeds, seeds = outcome.y.sum(axis=1).astype(int), outcome.y.shape[1]
     needed = next(n for n in range(1, seeds + 1) if n / seeds >= asked["share"])
-    f = _Found(lattice, names, places, good_seeds >= needed, low, high)
+    f = _BoundaryCells(lattice, names, places, good_seeds >= needed, low, high)
     finest = (np.array(lattice.high) - np.array(lattice.low)) / lattice.counts
     return {
         "name": outcome.name, "label": outcome.label, "limit": limits(swept).get(name),
@@ -76,7 +78,7 @@ def boundary(swept: Swept, rows: pd.DataFrame, points: Points, outcomes: Sequenc
     }  # fmt: skip
 
 
-def _told(swept: Swept, rows: pd.DataFrame) -> dict[str, Any]:
+def _boundary_entry(swept: SweepResult, rows: pd.DataFrame) -> dict[str, Any]:
     """What the manifest says of the boundary of these rows."""
     pair = (rows["recording"].iloc[0], rows["build"].iloc[0])
     for told in swept.manifest["boundaries"]:
@@ -103,7 +105,7 @@ def _joined(low: Places, high: Places) -> list[Span]:
     return out
 
 
-def _ranges(f: _Found) -> Iterator[dict[str, Any]]:
+def _ranges(f: _BoundaryCells) -> Iterator[dict[str, Any]]:
     """From each end of each parameter, the largest range in which every point that was tried is good; wider than 0."""
     for i, name in enumerate(f.names):
         at, bad, last = f.places[:, i], f.places[~f.good, i], int(f.lattice.counts[i])
@@ -119,7 +121,7 @@ def _ranges(f: _Found) -> Iterator[dict[str, Any]]:
                 yield {"parameter": name, "side": side, "value": value, "points": int(inside.sum())}
 
 
-def _strips(f: _Found) -> list[dict[str, Any]]:
+def _strips(f: _BoundaryCells) -> list[dict[str, Any]]:
     """Of two parameters, by intervals of the second: where along the first the outcome changes, and what is beside it.
 
     below, above: whether it is good there, None at an end of the range. good: whether it is, where it does not change.
@@ -138,7 +140,7 @@ def _strips(f: _Found) -> list[dict[str, Any]]:
     ]
 
 
-def _across(f: _Found, b: Span) -> list[dict[str, Any]]:
+def _across(f: _BoundaryCells, b: Span) -> list[dict[str, Any]]:
     """Where along the first parameter the outcome changes, for an interval of the second."""
     there = (f.low[:, 1] <= b[0]) & (f.high[:, 1] >= b[1])
     low, high = f.low[there], f.high[there]
@@ -160,7 +162,7 @@ def _across(f: _Found, b: Span) -> list[dict[str, Any]]:
     ]
 
 
-def _good(f: _Found, at: Places, span: Span) -> bool:
+def _good(f: _BoundaryCells, at: Places, span: Span) -> bool:
     """Say whether all points (K,) that are in this interval, its ends with it, are good."""
     return bool(f.good[(at >= span[0]) & (at <= span[1])].all())
 

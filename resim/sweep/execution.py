@@ -16,7 +16,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash, parse_json, read_file, relative
-from resim.core.plugins.frozen import Frozen
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.execution import journal
 from resim.execution.child import Failure
@@ -50,7 +50,7 @@ def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
     def told(path: Path, digest: str) -> dict[str, str]:
         return {"path": relative(path, out), "hash": digest}
 
-    def kept(frozen: Frozen) -> dict[str, str]:
+    def kept(frozen: FrozenFile) -> dict[str, str]:
         return told(frozen.path, frozen.hash)
 
     read_criteria(sweep.criteria)

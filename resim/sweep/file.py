@@ -15,7 +15,7 @@ from pydantic import Field
 from resim.core.errors import InputError
 from resim.core.files import joined
 from resim.core.geometry import Floats
-from resim.core.plugins.frozen import Frozen
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.spec import Strict, read_strict
 from resim.metrics.criteria import freeze_criteria
 from resim.perception.model import freeze_model
@@ -24,12 +24,12 @@ from resim.recordings.listed import RecordingEntry, found_folders
 from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.function.interface import freeze_build
 from resim.sweep.plans.adaptive import Lattice, Places, boundary, wanted
-from resim.sweep.plans.design import Parameter, Plan, design
+from resim.sweep.plans.design import Plan, SweepParameter, design
 from resim.verification.suite import read_suite
 
 Indices = NDArray[Any]
 Row = Mapping[str, Any]
-"""What a run came to, one value a column; see `resim.sweep.single`."""
+"""What a run came to, one value a column; see `resim.sweep.prepared`."""
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
@@ -84,7 +84,7 @@ class SweepFile(Strict):
     seeds: int = Field(strict=True, default=5, ge=1, le=100_000)
     time_limit: float = Field(strict=True, default=60.0, ge=0.001, le=1e6)
     accept: tuple[str, ...] = ()
-    parameter: tuple[Parameter, ...] = Field(min_length=1)
+    parameter: tuple[SweepParameter, ...] = Field(min_length=1)
 
 
 class Sweep(Strict):
@@ -97,17 +97,17 @@ class Sweep(Strict):
     path: Path
     file: SweepFile
     folders: dict[str, Path]
-    frozen: dict[str, Frozen] = Field(default_factory=dict)
+    frozen: dict[str, FrozenFile] = Field(default_factory=dict)
     hashes: dict[str, str] = Field(default_factory=dict)
     vehicle: str = Kinematic.name
 
     @property
-    def perception(self) -> Frozen | None:
+    def perception(self) -> FrozenFile | None:
         """The base model, None without one."""
         return None if self.file.perception is None else self.frozen[self.file.perception]
 
     @property
-    def criteria(self) -> Frozen:
+    def criteria(self) -> FrozenFile:
         """What runs are judged by."""
         return self.frozen[self.file.criteria]
 
@@ -238,7 +238,9 @@ def _grown(sweep: Sweep, rows: Mapping[int, Row]) -> pd.DataFrame:
     return _table(sweep, r, b, lattice.numbers(places), number, lattice.values(places))
 
 
-def _searched(sweep: Sweep, rows: Mapping[int, Row]) -> tuple[list[_Search], list[tuple[int, int, Places]]]:
+def _searched(
+    sweep: Sweep, rows: Mapping[int, Row]
+) -> tuple[list[_BoundarySearch], list[tuple[int, int, Places]]]:
     """Go round by round: the next one follows from all results of those before; its runs come after theirs.
 
     Gives the searches, one for each recording and build, and what to run: recording, build, points.
@@ -246,7 +248,7 @@ def _searched(sweep: Sweep, rows: Mapping[int, Row]) -> tuple[list[_Search], lis
     file, count, parts = sweep.file, 0, []
     lattice = Lattice.over(file.parameter)
     pairs = np.indices((len(sweep.folders), len(file.build))).reshape(2, -1).T.tolist()
-    searches = [_Search(lattice, r, b) for r, b in pairs]
+    searches = [_BoundarySearch(lattice, r, b) for r, b in pairs]
     whole = True
     while whole and not all(search.done for search in searches):
         for search in searches:
@@ -261,7 +263,7 @@ def _searched(sweep: Sweep, rows: Mapping[int, Row]) -> tuple[list[_Search], lis
     return searches, parts
 
 
-class _Search:
+class _BoundarySearch:
     """The boundary of one recording and build as far as it is known."""
 
     def __init__(self, lattice: Lattice, recording: int, build: int) -> None:

@@ -11,8 +11,8 @@ import pandas as pd
 
 from resim.core.geometry import Bools, Floats
 from resim.perception.parameters import unit
-from resim.sweep.plans.design import Parameter
-from resim.sweep.result import Swept
+from resim.sweep.plans.design import SweepParameter
+from resim.sweep.result import SweepResult
 
 FIXED = {"verdict": "every criterion passes", "same_decision": "decides as measured",
          "collision": "no collision of the EGO"}  # fmt: skip
@@ -22,7 +22,7 @@ VALUES = {"risk": ("largest accident risk", ""), "reaction_difference": ("first 
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class SweepOutcome:
     """An outcome of the runs: y (K, S) by point and seed; of a share 1 where a run is good, of a value NaN for none."""
 
     name: str
@@ -33,10 +33,10 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class SweepPoints:
     """The points of a plan: x (K, P), and as shares of the parameters' distributions u (K, P)."""
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[SweepParameter, ...]
     plan: str
     x: Floats
     u: Floats
@@ -49,7 +49,7 @@ class Points:
         return np.asarray(np.delete(self.x == base, i, axis=1).all(axis=1))
 
 
-def points_of(swept: Swept, rows: pd.DataFrame) -> tuple[Points, list[Outcome]]:
+def points_of(swept: SweepResult, rows: pd.DataFrame) -> tuple[SweepPoints, list[SweepOutcome]]:
     """The points of a recording and build, and the outcomes at them."""
     names = [p.name for p in swept.parameters]
     _, first, of = np.unique(rows["point"].to_numpy(), return_index=True, return_inverse=True)
@@ -63,13 +63,13 @@ def points_of(swept: Swept, rows: pd.DataFrame) -> tuple[Points, list[Outcome]]:
         return y
 
     outcomes = [
-        Outcome(name, words, unit, share, by_point(v))
+        SweepOutcome(name, words, unit, share, by_point(v))
         for name, words, unit, share, v in _columns(swept, rows)
     ]
-    return Points(swept.parameters, swept.file["plan"], x, u), outcomes
+    return SweepPoints(swept.parameters, swept.file["plan"], x, u), outcomes
 
 
-def _columns(swept: Swept, rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:
+def _columns(swept: SweepResult, rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:
     """Name, label, unit, whether it is a share, and values of each outcome; what failed is not good and has none."""
     good = ~failed(rows).to_numpy()
     for name, words in FIXED.items():

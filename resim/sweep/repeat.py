@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from resim.core.errors import InputError, ResimError
-from resim.core.plugins.frozen import Frozen
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
@@ -19,11 +19,18 @@ from resim.metrics.criteria import freeze_criteria, read_criteria
 from resim.perception.model import freeze_model
 from resim.recordings.content import content_hash
 from resim.report import write_report
-from resim.resimulation import How, Options, Perceiving, assess_resimulation, examined, resimulate
+from resim.resimulation import (
+    AssessmentOptions,
+    Options,
+    PerceptionSetup,
+    assess_resimulation,
+    load_checked,
+    resimulate,
+)
 from resim.results import whole_folder, write_assessment, write_resimulation
 from resim.simulation.dynamics import vehicle_model
 from resim.simulation.function.interface import freeze_build, load_build
-from resim.sweep.result import Swept
+from resim.sweep.result import SweepResult
 from resim.sweep.runs import RunTask, run, swept_model, with_values
 
 LONGEST = 600.0
@@ -31,14 +38,14 @@ LONGEST = 600.0
 
 
 @dataclass(frozen=True)
-class Traces:
+class TraceTask:
     """A run of which to write the traces and the report into a folder."""
 
     task: RunTask
     out: Path
 
 
-def task_of(swept: Swept, number: int, vehicle: str | None = None) -> RunTask:
+def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunTask:
     """Give the task of a run. vehicle: another model than the sweep's.
 
     Raises InputError where there is no such run, or where an input has changed since, ResimError for no such model.
@@ -65,7 +72,7 @@ def task_of(swept: Swept, number: int, vehicle: str | None = None) -> RunTask:
     )  # fmt: skip
 
 
-def _row(swept: Swept, number: int) -> pd.Series[Any]:
+def _row(swept: SweepResult, number: int) -> pd.Series[Any]:
     mine = swept.rows[swept.rows["run"] == number]
     if mine.empty:
         last = int(swept.rows["run"].max())
@@ -73,7 +80,7 @@ def _row(swept: Swept, number: int) -> pd.Series[Any]:
     return mine.iloc[0]
 
 
-def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str]) -> Frozen:
+def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str]) -> FrozenFile:
     """An input, as long as it is what it was."""
     path = Path(os.path.normpath(folder / told["path"]))
     remedy = "Restore it as it was in the sweep; without it the run cannot be repeated."
@@ -84,10 +91,10 @@ def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str
     if found != told["hash"]:
         problem = f"has changed since the sweep: its hash is {found[:12]}…, was {told['hash'][:12]}…"
         raise InputError(path, problem, remedy)
-    return Frozen(path, found)
+    return FrozenFile(path, found)
 
 
-def repeat(swept: Swept, task: RunTask) -> dict[str, tuple[Any, Any]]:
+def repeat(swept: SweepResult, task: RunTask) -> dict[str, tuple[Any, Any]]:
     """Do a run again, in a child process, and give the columns that differ: in the table, and now."""
     row = _row(swept, task.run)
     _, result = next(run_all(run, [task], workers=1, time_limit=float(swept.file["time_limit"])))
@@ -104,7 +111,7 @@ def _plain(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else value
 
 
-def other_versions(swept: Swept) -> list[str]:
+def other_versions(swept: SweepResult) -> list[str]:
     """Say what was of another version in the sweep than now."""
     then, now = swept.manifest["versions"], versions()
     return [f"{name} {v}, now {now.get(name)}" for name, v in then.items() if now.get(name) != v]
@@ -112,11 +119,11 @@ def other_versions(swept: Swept) -> list[str]:
 
 def write_traces(task: RunTask, out: Path) -> str | None:
     """Write what `resim run` writes of this run, traces and report, into a folder; give why not, where it crashes."""
-    _, result = next(run_all(_write, [Traces(task, out)], workers=1, time_limit=LONGEST))
+    _, result = next(run_all(_write, [TraceTask(task, out)], workers=1, time_limit=LONGEST))
     return result.reason if isinstance(result, Failure) else None
 
 
-def _write(traces: Traces) -> None:
+def _write(traces: TraceTask) -> None:
     """Re-simulate GT with the run's build, model and seed: the same run, with all that is around it."""
     task = traces.task
     build, model = with_values(load_build(task.build), task.values), swept_model(task.perception, task.values)
@@ -126,11 +133,13 @@ def _write(traces: Traces) -> None:
             (name.removeprefix("perception."), v) for name, v in task.values if name.startswith("perception.")
         ]
         overrides = tuple(f"{name}={v!r}" for name, v in told)
-        perceiving = Perceiving(model, (task.seed,), overrides, task.perception.hash)
-    recording = examined(task.folder, accept=task.accept)
+        perceiving = PerceptionSetup(model, (task.seed,), overrides, task.perception.hash)
+    recording = load_checked(task.folder, accept=task.accept)
     options = Options(bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed)
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)
-    assessed = assess_resimulation(result, How(criteria=read_criteria(task.criteria)), model=True)
+    assessed = assess_resimulation(
+        result, AssessmentOptions(criteria=read_criteria(task.criteria)), model=True
+    )
     with whole_folder(traces.out) as folder:
         write_resimulation(result, folder)
         write_assessment(assessed, folder, folder)

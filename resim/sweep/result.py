@@ -17,23 +17,23 @@ from resim.core.files import parse_json, read_file
 from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
-from resim.sweep.plans.design import Parameter
+from resim.sweep.plans.design import SweepParameter
 
 SCHEMA = "resim-sweep-1"
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
 RESULTS = (
     "verdict", "decision", "same_decision", "collision", "risk", "reaction_difference", "end_position_error",
 )  # fmt: skip
-"""Columns of every run that has a result (`resim.sweep.single`)."""
+"""Columns of every run that has a result (`resim.sweep.prepared`)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Swept:
+class SweepResult:
     """A finished sweep in its folder: manifest.json, its parameters, and a row a run."""
 
     folder: Path
     manifest: dict[str, Any]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[SweepParameter, ...]
     rows: pd.DataFrame
 
     @property
@@ -54,7 +54,7 @@ class Swept:
         return "" if told.empty or told.iloc[0] == "1" else str(told.iloc[0])
 
 
-def limits(swept: Swept) -> dict[str, str]:
+def limits(swept: SweepResult) -> dict[str, str]:
     """Say what each criterion asks for, by name; nothing where their file is not any more what it was in the sweep."""
     told = swept.inputs["criteria"]
     try:
@@ -71,7 +71,7 @@ def limits(swept: Swept) -> dict[str, str]:
     }
 
 
-def read_swept(folder: Path) -> Swept:
+def read_swept(folder: Path) -> SweepResult:
     """Read a sweep's folder. Raises InputError where there is none, where it is not finished, or damaged."""
     resume = RESUME.format(folder=shlex.quote(str(folder)))
     if not (folder / "sweep.json").is_file():
@@ -84,7 +84,7 @@ def read_swept(folder: Path) -> Swept:
         manifest = parse_json(read_file(path, resume), path, resume)
         if manifest["schema"] != SCHEMA:
             raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
-        parameters = tuple(Parameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
+        parameters = tuple(SweepParameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
         columns, count = list(manifest["columns"]), int(manifest["runs"])
         hashes: dict[str, str] = {str(name): str(told) for name, told in manifest["files"].items()}
         _check_boundaries(manifest, len(parameters))
@@ -100,7 +100,7 @@ def read_swept(folder: Path) -> Swept:
     if lost := [name for name in columns if name not in rows]:
         raise InputError(folder / "runs", f"has no column {lost[0]!r}", resume)
     unknown = [name for name in RESULTS if name not in rows]  # as where every run failed before it began
-    return Swept(folder, manifest, parameters, rows.reindex(columns=[*rows.columns, *unknown]))
+    return SweepResult(folder, manifest, parameters, rows.reindex(columns=[*rows.columns, *unknown]))
 
 
 def _without_paths(told: Any, held: Any) -> Any:

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from resim.core.errors import InputError
-from resim.core.plugins.frozen import Frozen
+from resim.core.plugins.frozen import FrozenFile
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import PerceptionModel, read_model
 from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
-from resim.resimulation import Options, examined
+from resim.resimulation import Options, load_checked
 from resim.simulation.function.interface import Build, load_build
-from resim.sweep.single import Prepared, Row, prepare_sweep, run_once
+from resim.sweep.prepared import PreparedRuns, Row, prepare_sweep, run_once
 
 Values = tuple[tuple[str, float], ...]
 """Parameters by name, as a sweep has them, and their values."""
@@ -29,9 +29,9 @@ class RunTask:
     run: int
     folder: Path
     hash: str
-    build: Frozen
-    perception: Frozen | None
-    criteria: Frozen
+    build: FrozenFile
+    perception: FrozenFile | None
+    criteria: FrozenFile
     accept: tuple[str, ...]
     values: Values
     seed: int
@@ -49,20 +49,20 @@ def run(task: RunTask) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=32)
-def _prepared(folder: Path, digest: str, criteria: Frozen, accept: tuple[str, ...]) -> Prepared:
+def _prepared(folder: Path, digest: str, criteria: FrozenFile, accept: tuple[str, ...]) -> PreparedRuns:
     refuse_changed(folder, digest)
-    prepared = prepare_sweep(examined(folder, accept=accept), read_criteria(criteria), accept)
+    prepared = prepare_sweep(load_checked(folder, accept=accept), read_criteria(criteria), accept)
     refuse_changed(folder, digest)  # nor was it, while it was read
     return prepared
 
 
 @lru_cache(maxsize=32)
-def _build(frozen: Frozen) -> Build:
+def _build(frozen: FrozenFile) -> Build:
     return load_build(frozen)
 
 
 @lru_cache(maxsize=32)
-def swept_model(frozen: Frozen | None, values: Values) -> PerceptionModel | None:
+def swept_model(frozen: FrozenFile | None, values: Values) -> PerceptionModel | None:
     """Give the model with the parameters of it that are swept, None without one. Raises InputError."""
     if frozen is None:
         return None

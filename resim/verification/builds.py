@@ -10,26 +10,26 @@ from resim.core.plugins.opened import UNKNOWN
 from resim.metrics.criteria import Criteria
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines
-from resim.resimulation.assessed import How
+from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.assessments import assess_resimulation
-from resim.resimulation.outcome import Outcome
-from resim.resimulation.outcomes import outcomes, parted, seed_outcome
-from resim.resimulation.perceived import Perceiving
+from resim.resimulation.outcome import DriveOutcome
+from resim.resimulation.outcomes import first_divergence, outcomes, seed_outcome
+from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import Options, Resimulation, of_seed
 from resim.resimulation.run import resimulate
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
-from resim.verification.paired import Pair, pair
+from resim.verification.paired import RunPair, pair
 from resim.verification.verify import COMPARED, has_plans
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class BuildComparison:
     """Re-simulations of one recording with an old and a new build, and each pair of runs with the same seed."""
 
     old: Resimulation
     new: Resimulation
-    pairs: tuple[Pair, ...]
+    pairs: tuple[RunPair, ...]
 
     @property
     def verdict(self) -> str:
@@ -71,24 +71,26 @@ def compare_builds(
     new: Build,
     criteria: Criteria,
     options: Options = Options(),
-    perceiving: Perceiving | None = None,
+    perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),
-) -> Compared:
+) -> BuildComparison:
     """Re-simulate GT with both builds; with a perception model once a seed, else once."""
     results = [
         resimulate(recording, build, options, perceiving=perceiving, accept=accept) for build in (old, new)
     ]
     planned = all(has_plans(result) for result in results)
-    how = How(criteria=criteria, only=COMPARED, path="plan" if planned else "state")
+    how = AssessmentOptions(criteria=criteria, only=COMPARED, path="plan" if planned else "state")
     each = [_runs(result, how) for result in results]
     pairs = []
     for seed, (one, drive) in each[0].items():
         two, other = each[1][seed]
-        pairs.append(pair(seed, one, two, parted(drive.truth, other.truth, recording.ego)))
-    return Compared(results[0], results[1], tuple(pairs))
+        pairs.append(pair(seed, one, two, first_divergence(drive.truth, other.truth, recording.ego)))
+    return BuildComparison(results[0], results[1], tuple(pairs))
 
 
-def _runs(result: Resimulation, how: How) -> dict[int | None, tuple[Outcome, SimulatedDrive]]:
+def _runs(
+    result: Resimulation, how: AssessmentOptions
+) -> dict[int | None, tuple[DriveOutcome, SimulatedDrive]]:
     """What each drive on GT came to, by seed, None for that without a perception model."""
     if result.perceiving is None:
         found = outcomes(result, assess_resimulation(result, how))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from resim.resimulation.outcome import Rms
-from resim.verification.compare import Comparison, Judged
+from resim.verification.compare import DriveComparison, SeedVerdict
 from resim.verification.tolerance import Excess, Tolerances
 from resim.verification.vehicle import OpenLoop
 
@@ -33,10 +33,10 @@ class Cause:
 
 
 def cause(
-    judged: Judged,
+    judged: SeedVerdict,
     errors: Rms,
     tolerances: Tolerances,
-    recorded: Comparison | None,
+    recorded: DriveComparison | None,
     shown: str = "the truth",
     driven: OpenLoop | None = None,
     *,
@@ -74,11 +74,11 @@ def cause(
         if recorded.failure:
             tried = [f"shown what was recorded as perceived, the function failed: {recorded.failure}"]
     if recorded is None and sensor:
-        return Cause("sensor", f"{_told(sensor)}; not tried out", worst.t)
+        return Cause("sensor", f"{_excess_in_words(sensor)}; not tried out", worst.t)
     steps: tuple[Step, ...] = ("sensor", "fit", "simulation")
     for step in steps:
         if far := [excess for excess in worst.beyond if excess.step == step]:
-            return Cause(step, "; ".join([_told(far), *tried]), worst.t)
+            return Cause(step, "; ".join([_excess_in_words(far), *tried]), worst.t)
     if oracle:
         return Cause("criteria", "a KPI is at its limit: the EGO was placed where it was measured", worst.t)
     if driven is not None and driven.blamed is not None:
@@ -91,7 +91,7 @@ def cause(
     return Cause("function", "; ".join([own, *tried, *moved]), worst.t)
 
 
-def _undecided(judged: Judged) -> str:
+def _undecided(judged: SeedVerdict) -> str:
     """What the seeds leave open, and how many would tell."""
     told = judged.share
     return (
@@ -106,16 +106,16 @@ def _sensor(beyond: list[Excess], shown: str, mended: list[str], left: list[str]
         f"the function was shown {shown}; shown what was recorded as perceived, {_list(mended)} as measured"
     )
     text += f", but not {', '.join(left)}" if left else ""
-    return f"{text}. Sensor error: {_told(beyond)}" if beyond else text
+    return f"{text}. Sensor error: {_excess_in_words(beyond)}" if beyond else text
 
 
 def _list(names: list[str]) -> str:
     return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
 
-def _told(beyond: list[Excess]) -> str:
+def _excess_in_words(beyond: list[Excess]) -> str:
     return ", ".join(map(str, beyond))
 
 
-def _invalid(comparison: Comparison) -> list[str]:
+def _invalid(comparison: DriveComparison) -> list[str]:
     return [name for name, equality in comparison.kpis.items() if equality == "invalid"]

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from resim.resimulation.outcome import Kpi, Outcome, Rms
-from resim.verification.sequential import ERROR, SequentialTest, Stop
+from resim.resimulation.outcome import DriveOutcome, Kpi, Rms
+from resim.verification.sequential import ERROR, SequentialTest, StoppingPoint
 from resim.verification.share import Share
 from resim.verification.tolerance import Excess, Tolerances, excesses
 
@@ -20,7 +20,7 @@ NO_EVENT = "nothing"
 
 
 @dataclass(frozen=True)
-class Comparison:
+class DriveComparison:
     """A simulated drive beside the measured one.
 
     kpis: by criterion, "invalid" where either cannot be judged. same_decision: whether the EGO did the same, in the
@@ -70,11 +70,11 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Judged:
+class SeedVerdict:
     """All re-simulations of one way, and the verdict of the test of their share; without a test there is one run."""
 
     way: Way
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[DriveComparison, ...]
     test: SequentialTest | None = None
 
     @property
@@ -114,7 +114,7 @@ class Judged:
         return self.test.needed(self._stops(self.test)[0])
 
     @property
-    def worst(self) -> Comparison:
+    def worst(self) -> DriveComparison:
         """The first run that is the reason for the verdict; where it is undecided, the first that does not agree."""
         reasons = ("not verified", "invalid") if self.verdict == "undecided" else (self.verdict,)
         return next((c for c in self.comparisons if c.verdict in reasons), self.comparisons[0])
@@ -122,7 +122,7 @@ class Judged:
     def _count(self, verdict: Verdict) -> int:
         return sum(c.verdict == verdict for c in self.comparisons)
 
-    def _stops(self, test: SequentialTest) -> tuple[Stop, Stop]:
+    def _stops(self, test: SequentialTest) -> tuple[StoppingPoint, StoppingPoint]:
         """Where the test ends if no run that cannot be judged agrees, and if all of them do."""
         good: tuple[tuple[Verdict, ...], ...] = (("verified",), ("verified", "invalid"))
         sure, best = (test.stop([c.verdict in which for c in self.comparisons]) for which in good)
@@ -130,8 +130,8 @@ class Judged:
 
 
 def compare(
-    way: Way, measured: Outcome, simulated: Outcome, errors: Rms, tolerances: Tolerances
-) -> Comparison:
+    way: Way, measured: DriveOutcome, simulated: DriveOutcome, errors: Rms, tolerances: Tolerances
+) -> DriveComparison:
     """Set a simulated drive beside the measured one. errors: of the recording's steps."""
     kpis = {name: _equality(kpi, simulated.kpis.get(name)) for name, kpi in measured.kpis.items()}
     reaction = _minus(simulated.reaction, measured.reaction)
@@ -148,7 +148,7 @@ def compare(
         off = "" if measured.reaction_spread is None else f" ± {measured.reaction_spread:.2f}"
         told.append((begun, f"first braking {reaction:+.2f}{off} s (tolerance {tolerances.reaction:g} s)"))
     times = [t for t, _ in told if t is not None]
-    return Comparison(
+    return DriveComparison(
         kpis=kpis,
         same_decision=measured.decision == simulated.decision,
         reaction_difference=reaction,
@@ -161,7 +161,7 @@ def compare(
     )
 
 
-def _ended(measured: Outcome, simulated: Outcome) -> str:
+def _ended(measured: DriveOutcome, simulated: DriveOutcome) -> str:
     """How the simulation ended otherwise than the drive."""
     if measured.collision != simulated.collision:
         return (
@@ -179,7 +179,7 @@ def _equality(measured: Kpi, simulated: Kpi | None) -> Equality:
 
 
 def _differences(
-    kpis: Mapping[str, Equality], measured: Outcome, simulated: Outcome
+    kpis: Mapping[str, Equality], measured: DriveOutcome, simulated: DriveOutcome
 ) -> Iterator[tuple[float | None, str]]:
     """When [s] they differ, and in what."""
     if measured.decision != simulated.decision:

@@ -15,9 +15,9 @@ from resim.execution.child import Failure
 from resim.execution.journal import checksum
 from resim.execution.workers import run_all
 from resim.results import json_text, whole_file, write_json
-from resim.verification.request import Asked, tasks
+from resim.verification.request import VerificationRequest, tasks
 from resim.verification.summary import summary
-from resim.verification.tasks import Task, report, reports_of, run
+from resim.verification.tasks import VerificationTask, report, reports_of, run
 
 SCHEMA = "resim-verification-1"
 CASES, REPORTS = "cases", "reports"
@@ -30,7 +30,7 @@ Told = Callable[[str, str, bool], None]
 
 
 def verify(
-    a: Asked,
+    a: VerificationRequest,
     base: Path,
     out: Path | None,
     *,
@@ -79,7 +79,11 @@ def verify(
 
 
 def _write_reports(
-    out: Path, chosen: list[Task], found: dict[str, dict[str, Any]], keys: dict[str, str], workers: int
+    out: Path,
+    chosen: list[VerificationTask],
+    found: dict[str, dict[str, Any]],
+    keys: dict[str, str],
+    workers: int,
 ) -> dict[str, str]:
     """Write the reports of the chosen recordings that have none of this result; give why any could not be made."""
     todo = [task for task in chosen if not _reports(out, found[task.name])]
@@ -111,7 +115,7 @@ def _remove_reports(out: Path, kept: dict[str, dict[str, Any]]) -> None:
             path.unlink()
 
 
-def _case(result: dict[str, Any] | Failure, task: Task, place: str) -> dict[str, Any]:
+def _case(result: dict[str, Any] | Failure, task: VerificationTask, place: str) -> dict[str, Any]:
     """A recording's result; what failed is told without where on this machine it lies."""
     if not isinstance(result, Failure):
         return result
@@ -120,7 +124,7 @@ def _case(result: dict[str, Any] | Failure, task: Task, place: str) -> dict[str,
     return {"entry": entry, "traces": {}, "time": None}
 
 
-def _source(a: Asked, name: str) -> dict[str, Any]:
+def _source(a: VerificationRequest, name: str) -> dict[str, Any]:
     file = a.recordings[name]
     return {"folder": file.path, "hash": file.hash}
 
@@ -157,7 +161,7 @@ def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> di
     return None
 
 
-def _key(a: Asked, name: str) -> str:
+def _key(a: VerificationRequest, name: str) -> str:
     """What the result of a recording follows from."""
     told = a.model_dump(mode="json", exclude={"recordings", "wanted", "suite", "name", "limits", "reports"})
     told |= {"recording": a.recordings[name].model_dump(), "wanted": a.wanted.get(name)}

@@ -13,12 +13,12 @@ from resim.results import VERIFICATION, json_text, whole_file
 from resim.verification.execution import CASES, REPORTS
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
-from resim.verification.request import Asked
+from resim.verification.request import VerificationRequest
 
 REMEDY = "Give the verification.json that `resim verify` wrote."
 
 
-def begin(out: Path, a: Asked) -> None:
+def begin(out: Path, a: VerificationRequest) -> None:
     """Make the folder, or go on in it: say in it what is asked for, and take away what is of other recordings."""
     told = json_text({"versions": versions(), "inputs": a.model_dump(mode="json")})
     mark = out / VERIFICATION.mark

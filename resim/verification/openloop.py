@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Floats, wrap_angle
-from resim.perception.runtime.recorded import Recorded
+from resim.perception.runtime.recorded import RecordedPerception
 from resim.resimulation.outcomes import PARTED
-from resim.resimulation.result import Resimulation, drove
+from resim.resimulation.result import Resimulation, is_recorded_build
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import EgoState
 from resim.verification.tolerance import Tolerances
@@ -54,7 +54,7 @@ def _answers(result: Resimulation) -> SimulatedDrive:
     sd, shown = result.prepared.whole.get("SD"), None
     if sd is not None:
         driven = scenario.tracks(result.network, sd.t).joined()
-        shown = Recorded(driven, sd, ego=recording.ego, senses_ego=recording.senses_ego)
+        shown = RecordedPerception(driven, sd, ego=recording.ego, senses_ego=recording.senses_ego)
     return options.case(scenario, result.network, result.build, perception=shown, open_loop=True).drive()
 
 
@@ -89,7 +89,7 @@ def _function(result: Resimulation, planned: float | None) -> Function:
     recording, build = result.recording, result.build
     if planned is not None and (planned <= ALIKE or recording.sd is not None):
         return "plans otherwise" if planned > ALIKE else "plans as recorded"
-    same = bool(drove(recording, build)) and recording.build_hash == build.hash
+    same = bool(is_recorded_build(recording, build)) and recording.build_hash == build.hash
     return "is the build that drove" if same and recording.sd is not None else "unknown"
 
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import bootstrap
 
 from resim.core.geometry import Floats
-from resim.resimulation.outcome import COMFORT, Kpi, Outcome
+from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.compare import kpi_text
 
 ENDED = "lasts to the end"
@@ -19,7 +19,7 @@ ENDED = "lasts to the end"
 Change = Literal["gained", "lost", "same"]
 
 
-class Limits(BaseModel):
+class RegressionLimits(BaseModel):
     """What a new build may cost: KPIs lost, decisions changed, and the rise of the largest risk in any scenario.
 
     None: as many as there are. seeds: of how many runs of each build, with a perception model.
@@ -34,7 +34,7 @@ class Limits(BaseModel):
 
 
 @dataclass(frozen=True)
-class Pair:
+class RunPair:
     """One run of both builds, same scenario, same seed (None: without a perception model).
 
     gained, lost: KPIs; weight_lost: of these. decisions, reactions [s]: the old one's and the new one's. risk, comfort:
@@ -59,7 +59,7 @@ class Pair:
         return self.decisions[0] != self.decisions[1]
 
 
-def pair(seed: int | None, old: Outcome, new: Outcome, parted: float | None) -> Pair:
+def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, parted: float | None) -> RunPair:
     """Set the new build's run beside the old one's. parted: when [s] the EGOs part.
 
     A run that ended before there was anything to judge has lost what the other passed.
@@ -81,7 +81,7 @@ def pair(seed: int | None, old: Outcome, new: Outcome, parted: float | None) -> 
         did = [", ".join(o.decision).replace("_", " ") or "nothing" for o in (old, new)]
         told.append(f"decision: {did[0]} before, {did[1]} now")
     broken = [t for name in lost if name != ENDED and (t := now[name].t) is not None]
-    return Pair(
+    return RunPair(
         seed, gained, lost, _weight(lost, now), (old.decision, new.decision),
         (old.reaction, new.reaction),
         _minus(new.risk, old.risk), {name: _minus(new.comfort[name], old.comfort[name]) for name in COMFORT},

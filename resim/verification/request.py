@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.errors import InputError, ResimError
 from resim.core.files import relative
-from resim.core.plugins.frozen import Frozen, freeze_file
+from resim.core.plugins.frozen import FrozenFile, freeze_file
 from resim.metrics.criteria import freeze_criteria, read_criteria
 from resim.perception.model import freeze_model, read_model
 from resim.recordings.content import content_hash
@@ -21,40 +21,40 @@ from resim.resimulation import check_codes
 from resim.scenario.variation import PARAMETERS
 from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.function.interface import freeze_build, load_build
-from resim.verification.paired import Limits
+from resim.verification.paired import RegressionLimits
 from resim.verification.sequential import SequentialTest
 from resim.verification.suite import Suite
-from resim.verification.tasks import Task
+from resim.verification.tasks import VerificationTask
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import UNKNOWN, may_verify
 
 
-class _Model(BaseModel):
+class _RequestModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class File(_Model):
+class HashedFile(_RequestModel):
     """A file or folder, and the SHA-256 of what it held; None where it could not be read."""
 
     path: str
     hash: str | None
 
 
-class Named(File):
+class NamedBuild(HashedFile):
     """A build, with its name and version."""
 
     label: str
 
 
-class Asked(_Model):
+class VerificationRequest(_RequestModel):
     """Everything that a verification follows from; paths from the folder of verification.json."""
 
     name: str
-    suite: File
-    build: Named
-    against: Named | None
-    criteria: File
-    perception: File | None
+    suite: HashedFile
+    build: NamedBuild
+    against: NamedBuild | None
+    criteria: HashedFile
+    perception: HashedFile | None
     settings: tuple[str, ...]
     seeds: tuple[int, ...]
     bases: tuple[Literal["GT", "SD"], ...]
@@ -64,14 +64,14 @@ class Asked(_Model):
     driven_by: tuple[str, ...]
     vehicle: str
     tolerances: Tolerances
-    limits: Limits
+    limits: RegressionLimits
     reports: int
-    recordings: dict[str, File]
+    recordings: dict[str, HashedFile]
     wanted: dict[str, str] = Field(description="hashes that the suite wants")
 
 
 @dataclass(frozen=True)
-class Call:
+class VerifyOptions:
     """What the command line asks for besides the suite; None and () leave it to the suite."""
 
     build: Path
@@ -84,7 +84,7 @@ class Call:
     vehicle: str = Kinematic.name
 
 
-def asked(suite: Suite, call: Call, base: Path) -> Asked:
+def make_request(suite: Suite, call: VerifyOptions, base: Path) -> VerificationRequest:
     """Give what is asked for, with the hashes of all that goes in. base: folder of verification.json.
 
     Raises InputError for what cannot be read, but for recordings: each of those is an error of its own.
@@ -109,7 +109,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
     count = call.seeds or (file.seeds if call.against is None else file.limits.seeds)
     if call.against is None and perception is not None:
         _enough(suite.path, SequentialTest(file.agreement, count))
-    return Asked(
+    return VerificationRequest(
         name=file.name,
         suite=_file(freeze_file(suite.path), base),
         build=_build(call.build, base),
@@ -128,7 +128,7 @@ def asked(suite: Suite, call: Call, base: Path) -> Asked:
         limits=file.limits,
         reports=file.reports,
         recordings={
-            name: File(path=relative(folder, base), hash=_content(folder))
+            name: HashedFile(path=relative(folder, base), hash=_content(folder))
             for name, folder in suite.folders.items()
         },
         wanted=dict(suite.hashes),
@@ -142,15 +142,15 @@ def _enough(suite: Path, test: SequentialTest) -> None:
         raise InputError(suite, problem, f"Allow seeds = {test.fewest} or more; 200 if nothing is said.")
 
 
-def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:
+def asked_again(inputs: Mapping[str, Any], path: Path) -> VerificationRequest:
     """Give what the verification.json at `path` was asked for. Raises InputError where anything has changed since."""
     remedy = "Give the verification.json that `resim verify` wrote."
     try:
-        before = Asked.model_validate(inputs)
+        before = VerificationRequest.model_validate(inputs)
     except ValidationError as e:
         raise InputError(path, "is not what `resim verify` writes", remedy) from e
     base = path.parent
-    files: list[tuple[File | None, Callable[[Path], Frozen]]] = [
+    files: list[tuple[HashedFile | None, Callable[[Path], FrozenFile]]] = [
         (before.build, freeze_build), (before.against, freeze_build), (before.perception, freeze_model),
         (before.criteria, freeze_criteria),
     ]  # fmt: skip
@@ -164,7 +164,7 @@ def asked_again(inputs: Mapping[str, Any], path: Path) -> Asked:
     return before
 
 
-def refuse_others(a: Asked, base: Path) -> None:
+def refuse_others(a: VerificationRequest, base: Path) -> None:
     """Raise InputError for recordings that another function drove: the method compares what one function did twice."""
     if a.against is not None:
         return
@@ -186,12 +186,12 @@ def refuse_others(a: Asked, base: Path) -> None:
         )  # fmt: skip
 
 
-def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
+def tasks(a: VerificationRequest, base: Path, reports: Path | None) -> dict[str, VerificationTask]:
     """Give a task for each recording, by name. base: what the paths are from."""
     against = None if a.against is None else _frozen(base, a.against)
     perception = None if a.perception is None else _frozen(base, a.perception)
     return {
-        name: Task(
+        name: VerificationTask(
             name, _there(base, file), a.wanted.get(name) or file.hash, _frozen(base, a.build), against,
             _frozen(base, a.criteria), a.bases, perception, a.settings, a.seeds, a.agreement,
             a.tolerances, a.vary, a.accept, a.vehicle, reports,
@@ -200,22 +200,22 @@ def tasks(a: Asked, base: Path, reports: Path | None) -> dict[str, Task]:
     }  # fmt: skip
 
 
-def _there(base: Path, file: File) -> Path:
+def _there(base: Path, file: HashedFile) -> Path:
     return Path(os.path.normpath(base / file.path))
 
 
-def _frozen(base: Path, file: File) -> Frozen:
+def _frozen(base: Path, file: HashedFile) -> FrozenFile:
     """What was hashed when this was asked for, and nothing that came after."""
-    return Frozen(_there(base, file), str(file.hash))
+    return FrozenFile(_there(base, file), str(file.hash))
 
 
-def _file(frozen: Frozen, base: Path) -> File:
-    return File(path=relative(frozen.path, base), hash=frozen.hash)
+def _file(frozen: FrozenFile, base: Path) -> HashedFile:
+    return HashedFile(path=relative(frozen.path, base), hash=frozen.hash)
 
 
-def _build(path: Path, base: Path) -> Named:
+def _build(path: Path, base: Path) -> NamedBuild:
     build = load_build(path)
-    return Named(path=relative(path, base), hash=build.hash, label=build.label)
+    return NamedBuild(path=relative(path, base), hash=build.hash, label=build.label)
 
 
 def _content(folder: Path) -> str | None:

@@ -8,17 +8,17 @@ from statistics import median
 from typing import Any
 
 from resim.recordings.checked import finding_lines
-from resim.resimulation.outcome import Kpi, Outcome, Rms
+from resim.resimulation.outcome import DriveOutcome, Kpi, Rms
 from resim.resimulation.result import Resimulation
 from resim.verification.cause import Cause
-from resim.verification.compare import Comparison, Judged, Verdict, Way
+from resim.verification.compare import DriveComparison, SeedVerdict, Verdict, Way
 from resim.verification.share import share
-from resim.verification.validity import Validity
+from resim.verification.validity import ValidityInterval
 from resim.verification.vehicle import OpenLoop
 
 
 @dataclass(frozen=True, eq=False)
-class Verified:
+class VerificationResult:
     """What the verification of a recording gave.
 
     outcomes: of GT, SD, rGT, rSD, as far as they are there; seeds: of the runs with the perception model, by seed.
@@ -28,14 +28,14 @@ class Verified:
     """
 
     result: Resimulation
-    outcomes: Mapping[str, Outcome]
-    seeds: Mapping[int, Outcome]
+    outcomes: Mapping[str, DriveOutcome]
+    seeds: Mapping[int, DriveOutcome]
     errors: Rms
-    judged: Mapping[Way, Judged]
+    judged: Mapping[Way, SeedVerdict]
     causes: Mapping[Way, Cause | None]
-    recorded: Comparison | None
+    recorded: DriveComparison | None
     driven: OpenLoop | None
-    validity: tuple[Validity, ...] = ()
+    validity: tuple[ValidityInterval, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -114,17 +114,17 @@ class Verified:
             "unit": gt.unit,
             "weight": gt.weight,
             "difference": {way: self._off(way, name) for way in self.judged},
-            **{source: _told(outcome.kpis.get(name)) for source, outcome in self.outcomes.items()},
+            **{source: _kpi_entry(outcome.kpis.get(name)) for source, outcome in self.outcomes.items()},
             "equal": {way: j.comparisons[0].kpis[name] for way, j in self.judged.items() if way != "rGT+M"},
         }
         if "rGT+M" in self.judged:
-            out["rGT+M"] = [_told(o.kpis.get(name)) for o in self.seeds.values()]
+            out["rGT+M"] = [_kpi_entry(o.kpis.get(name)) for o in self.seeds.values()]
             equal = [c.kpis[name] == "equal" for c in self.judged["rGT+M"].comparisons]
             out["equal"]["rGT+M"] = asdict(share(equal))
         return out
 
 
-def _told(kpi: Kpi | None) -> dict[str, Any] | None:
+def _kpi_entry(kpi: Kpi | None) -> dict[str, Any] | None:
     """A KPI as JSON has it; None for a run that ended before there was anything to judge."""
     if kpi is None:
         return None
@@ -153,7 +153,7 @@ def _cause(cause: Cause | None) -> dict[str, Any] | None:
     return None if cause is None else asdict(cause)
 
 
-def _comparison(c: Comparison) -> dict[str, Any]:
+def _comparison(c: DriveComparison) -> dict[str, Any]:
     return {
         "verdict": c.verdict,
         "same_decision": c.same_decision,

@@ -26,7 +26,7 @@ Told = Literal["enough", "too few"]
 
 
 @dataclass(frozen=True)
-class Stop:
+class StoppingPoint:
     """Where the test ended: `agreed` of `of` seeds, and what that tells; None where it is undecided."""
 
     agreed: int
@@ -85,18 +85,18 @@ class SequentialTest:
         """The least with which the error is kept, however high the other limit."""
         return self._least(lambda offset: self._odds(self.better, self.most, math.inf, offset).few)
 
-    def stop(self, agrees: Sequence[bool]) -> Stop:
+    def stop(self, agrees: Sequence[bool]) -> StoppingPoint:
         """Give where the test ends, for seeds in their order."""
         agreed = 0
         for n, agree in enumerate(agrees, start=1):
             agreed += agree
             if agreed >= self.slope * n + self.above - _SAME:
-                return Stop(agreed, n, "enough")
+                return StoppingPoint(agreed, n, "enough")
             if agreed <= self.slope * n - self.below + _SAME:
-                return Stop(agreed, n, "too few")
-        return Stop(agreed, len(agrees), None)
+                return StoppingPoint(agreed, n, "too few")
+        return StoppingPoint(agreed, len(agrees), None)
 
-    def interval(self, stop: Stop) -> tuple[float, float]:
+    def interval(self, stop: StoppingPoint) -> tuple[float, float]:
         """Give the interval of the true share after a stop, exact: `ERROR` of all cases lie beyond each of its ends.
 
         Ends are ordered by what they tell: the sooner it is enough, the higher; the sooner too few, the lower (P.
@@ -107,7 +107,7 @@ class SequentialTest:
             lambda share: -self._as_low(share, stop)
         )
 
-    def needed(self, stop: Stop) -> int:
+    def needed(self, stop: StoppingPoint) -> int:
         """Give how many seeds, if their share is the one seen, would tell in all but `ERROR` of cases.
 
         With Wald's limits, since his hold whatever the most.
@@ -116,7 +116,7 @@ class SequentialTest:
         every = _walk(stop.agreed / stop.of, self.slope, wald, wald)
         return next(n for n, odds in enumerate(every) if odds.open.sum() <= ERROR)
 
-    def _as_high(self, share: float, stop: Stop) -> float:
+    def _as_high(self, share: float, stop: StoppingPoint) -> float:
         """The probability of an end as high as this one, or higher, less `ERROR`."""
         if stop.told == "too few":
             return 1.0 - self._odds(share, stop.of - 1).few - ERROR
@@ -124,7 +124,7 @@ class SequentialTest:
         still = 0.0 if stop.told else float(odds.open[max(stop.agreed - odds.first, 0) :].sum())
         return odds.enough + still - ERROR
 
-    def _as_low(self, share: float, stop: Stop) -> float:
+    def _as_low(self, share: float, stop: StoppingPoint) -> float:
         """The probability of an end as low as this one, or lower, less `ERROR`."""
         if stop.told == "enough":
             return 1.0 - self._odds(share, stop.of - 1).enough - ERROR

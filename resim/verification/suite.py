@@ -15,7 +15,7 @@ from resim.core.spec import Strict, read_strict
 from resim.recordings.content import content_hash
 from resim.recordings.listed import RecordingEntry, found_folders
 from resim.scenario.variation import PARAMETERS
-from resim.verification.paired import Limits
+from resim.verification.paired import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
 EXAMPLE = "See scenarios/suites/highway.toml, or make one with `resim suite new`."
@@ -43,7 +43,7 @@ class SuiteFile(Strict):
     accept: tuple[str, ...] = ()
     driven_by: tuple[str, ...] = ()
     tolerances: Tolerances = Tolerances()
-    limits: Limits = Limits()
+    limits: RegressionLimits = RegressionLimits()
     reports: int = Field(strict=True, default=10, ge=0)
 
     @field_validator("bases", "vary", "accept", "driven_by")

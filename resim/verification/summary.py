@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from resim.resimulation.outcome import COMFORT
-from resim.verification.paired import Limits, difference
+from resim.verification.paired import RegressionLimits, difference
 
 VERDICTS = ("verified", "not verified", "undecided", "invalid", "error")
 CHANGES = ("same", "changed", "better", "worse", "error")
@@ -17,7 +17,7 @@ Entry = Mapping[str, Any]
 """What verification.json holds of a recording."""
 
 
-def summary(recordings: Sequence[Entry], limits: Limits | None) -> dict[str, Any]:
+def summary(recordings: Sequence[Entry], limits: RegressionLimits | None) -> dict[str, Any]:
     """Give counts by verdict, and whether all is good; limits: of two builds, None for measured against simulated."""
     if limits is not None:
         return _builds(recordings, limits)
@@ -36,7 +36,7 @@ def summary(recordings: Sequence[Entry], limits: Limits | None) -> dict[str, Any
     }
 
 
-def _builds(recordings: Sequence[Entry], limits: Limits) -> dict[str, Any]:
+def _builds(recordings: Sequence[Entry], limits: RegressionLimits) -> dict[str, Any]:
     counts = Counter(r["verdict"] for r in recordings)
     pairs = {r["name"]: r["pairs"] for r in recordings if r["verdict"] != "error"}
     every = [p for each in pairs.values() for p in each]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from resim.core.files import file_hash
-from resim.core.plugins.frozen import Frozen
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.tracks import Tracks
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
@@ -20,13 +20,13 @@ from resim.recordings import Recording
 from resim.recordings.content import refuse_changed
 from resim.report import write_report
 from resim.resimulation import (
+    AssessmentOptions,
     Basis,
-    How,
     Options,
-    Perceiving,
+    PerceptionSetup,
     Resimulation,
     assess_resimulation,
-    examined,
+    load_checked,
     of_seed,
     resimulate,
 )
@@ -44,7 +44,7 @@ BUILDS = ("before", "now")
 
 
 @dataclass(frozen=True)
-class Task:
+class VerificationTask:
     """One recording to verify, or to run with two builds where `against` is one.
 
     hash: that its content must have, None where it could not be read. reports: folder for the re-simulation reports,
@@ -54,11 +54,11 @@ class Task:
     name: str
     folder: Path
     hash: str | None
-    build: Frozen
-    against: Frozen | None
-    criteria: Frozen
+    build: FrozenFile
+    against: FrozenFile | None
+    criteria: FrozenFile
     bases: tuple[Basis, ...]
-    perception: Frozen | None
+    perception: FrozenFile | None
     settings: tuple[str, ...]
     seeds: tuple[int, ...]
     agreement: float
@@ -69,24 +69,24 @@ class Task:
     reports: Path | None = None
 
 
-def run(task: Task) -> dict[str, Any]:
+def run(task: VerificationTask) -> dict[str, Any]:
     """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
     begin = time.perf_counter()
     with _unchanged(task):
-        recording = examined(task.folder, accept=task.accept)
+        recording = load_checked(task.folder, accept=task.accept)
         out = _verify(task, recording) if task.against is None else _compare(task, recording)
     return {**out, "time": time.perf_counter() - begin}
 
 
 @contextmanager
-def _unchanged(task: Task) -> Iterator[None]:
+def _unchanged(task: VerificationTask) -> Iterator[None]:
     """Raise InputError where the recording is not the one of the task, before or after it was read."""
     refuse_changed(task.folder, task.hash)
     yield
     refuse_changed(task.folder, task.hash)
 
 
-def _verify(task: Task, recording: Recording) -> dict[str, Any]:
+def _verify(task: VerificationTask, recording: Recording) -> dict[str, Any]:
     demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
     found = verify_recording(
         recording, load_build(task.build), demands, Options(bases=task.bases, vehicle=task.vehicle), _perceiving(task),
@@ -95,7 +95,7 @@ def _verify(task: Task, recording: Recording) -> dict[str, Any]:
     return {"entry": found.to_json(), "traces": _traces(found.result)}
 
 
-def _compare(task: Task, recording: Recording) -> dict[str, Any]:
+def _compare(task: VerificationTask, recording: Recording) -> dict[str, Any]:
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
     options = Options(bases=("GT",), vehicle=task.vehicle)
     found = compare_builds(
@@ -110,7 +110,7 @@ def reports_of(name: str, *, builds: bool) -> list[str]:
     return [f"{name}.{which}.html" for which in BUILDS] if builds else [f"{name}.html"]
 
 
-def report(task: Task) -> dict[str, str]:
+def report(task: VerificationTask) -> dict[str, str]:
     """Re-simulate the recording once more, and write its reports into `task.reports`; give their hashes by name."""
     assert task.reports is not None
     pages = reports_of(task.name, builds=task.against is not None)
@@ -121,8 +121,11 @@ def report(task: Task) -> dict[str, str]:
         return {name: file_hash(file) for name, file in zip(pages, files, strict=True)}
 
 
-def _write_reports(task: Task, files: Sequence[Path]) -> None:
-    recording, how = examined(task.folder, accept=task.accept), How(criteria=read_criteria(task.criteria))
+def _write_reports(task: VerificationTask, files: Sequence[Path]) -> None:
+    recording, how = (
+        load_checked(task.folder, accept=task.accept),
+        AssessmentOptions(criteria=read_criteria(task.criteria)),
+    )
     builds = [task.build] if task.against is None else [task.against, task.build]
     bases: tuple[Basis, ...] = task.bases if task.against is None else ("GT",)
     for file, build in zip(files, builds, strict=True):
@@ -136,11 +139,11 @@ def _write_reports(task: Task, files: Sequence[Path]) -> None:
         write_report(result, assess_resimulation(result, how), file)
 
 
-def _perceiving(task: Task) -> Perceiving | None:
+def _perceiving(task: VerificationTask) -> PerceptionSetup | None:
     if task.perception is None:
         return None
     model = read_model(task.perception, task.settings)
-    return Perceiving(model, task.seeds, task.settings, task.perception.hash)
+    return PerceptionSetup(model, task.seeds, task.settings, task.perception.hash)
 
 
 def _traces(result: Resimulation) -> dict[str, Any]:

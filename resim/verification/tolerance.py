@@ -9,11 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from resim.resimulation.outcome import Rms
 
 
-class _Model(BaseModel):
+class _ToleranceModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Limits(_Model):
+class ErrorLimits(_ToleranceModel):
     """Largest root mean square of distance [m], speed [m/s] and heading error [rad]; None for any."""
 
     d: float | None = Field(strict=True, default=None, ge=0.0)
@@ -21,14 +21,14 @@ class Limits(_Model):
     heading: float | None = Field(strict=True, default=None, ge=0.0)
 
 
-class StepLimits(_Model):
+class StepLimits(_ToleranceModel):
     """Limits of one step, of the EGO and of the traffic objects."""
 
-    ego: Limits = Limits()
-    to: Limits = Limits()
+    ego: ErrorLimits = ErrorLimits()
+    to: ErrorLimits = ErrorLimits()
 
 
-class Tolerances(_Model):
+class Tolerances(_ToleranceModel):
     """Limits by step, and of the difference of first braking [s].
 
     The EGO is free in the simulation: how far it is off there is judged at the end of the pipeline, once. vehicle: the
@@ -38,14 +38,14 @@ class Tolerances(_Model):
 
     reaction: float | None = Field(strict=True, default=0.2, ge=0.0)
     sensor: StepLimits = StepLimits(
-        ego=Limits(d=0.5, v=0.2, heading=0.01), to=Limits(d=1.0, v=0.5, heading=0.03)
+        ego=ErrorLimits(d=0.5, v=0.2, heading=0.01), to=ErrorLimits(d=1.0, v=0.5, heading=0.03)
     )
     fit: StepLimits = StepLimits(
-        ego=Limits(d=0.2, v=0.2, heading=0.02), to=Limits(d=0.2, v=0.2, heading=0.02)
+        ego=ErrorLimits(d=0.2, v=0.2, heading=0.02), to=ErrorLimits(d=0.2, v=0.2, heading=0.02)
     )
-    simulation: StepLimits = StepLimits(to=Limits(d=0.1, v=0.1, heading=0.01))
-    vehicle: StepLimits = StepLimits(ego=Limits(d=0.5, v=0.5, heading=0.03))
-    pipeline: StepLimits = StepLimits(ego=Limits(d=1.5, v=1.0, heading=0.03))
+    simulation: StepLimits = StepLimits(to=ErrorLimits(d=0.1, v=0.1, heading=0.01))
+    vehicle: StepLimits = StepLimits(ego=ErrorLimits(d=0.5, v=0.5, heading=0.03))
+    pipeline: StepLimits = StepLimits(ego=ErrorLimits(d=1.5, v=1.0, heading=0.03))
 
     def beyond(self, step: str, errors: Mapping[str, Mapping[str, float | None]]) -> Iterator[Excess]:
         """Give where the errors of a step, by "ego" or "to" and quantity, are larger than they may be."""
@@ -57,7 +57,7 @@ class Tolerances(_Model):
                     yield Excess(step=step, who=who, quantity=quantity, value=value, limit=limit)
 
 
-class Excess(_Model):
+class Excess(_ToleranceModel):
     """An error beyond its tolerance, both in the unit of the quantity."""
 
     step: str

@@ -13,7 +13,7 @@ Flips = Callable[[float], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class End:
+class IntervalEnd:
     """One end of the interval. amount: the last at which no KPI flips; flips: which do `resolution` further on, none
     where the search ended first.
     """
@@ -23,7 +23,7 @@ class End:
 
 
 @dataclass(frozen=True)
-class Validity:
+class ValidityInterval:
     """Within which changes of a parameter of an object all KPIs stay as they are in simulation; low <= 0 <= high.
 
     No more than that: a real drive at an end of it would legitimise the simulation in between, and nothing beyond.
@@ -32,13 +32,13 @@ class Validity:
     parameter: str
     unit: str
     object: str
-    low: End
-    high: End
+    low: IntervalEnd
+    high: IntervalEnd
     resolution: float
     tried: int
 
 
-def search(flips: Flips, most: float, resolution: float) -> tuple[End, End, int]:
+def search(flips: Flips, most: float, resolution: float) -> tuple[IntervalEnd, IntervalEnd, int]:
     """Give both ends of the interval around 0 in which nothing flips, and how many amounts were tried.
 
     Steps of most / POINTS outwards until something flips, then halves the last step down to the resolution.
@@ -54,7 +54,7 @@ def search(flips: Flips, most: float, resolution: float) -> tuple[End, End, int]
     return low, high, tried
 
 
-def _end(flips: Flips, most: float, resolution: float) -> End:
+def _end(flips: Flips, most: float, resolution: float) -> IntervalEnd:
     good: float = 0.0
     bad: float | None = None
     names: tuple[str, ...] = ()
@@ -70,4 +70,4 @@ def _end(flips: Flips, most: float, resolution: float) -> End:
             bad, names = middle, found
         else:
             good = middle
-    return End(good, names)
+    return IntervalEnd(good, names)

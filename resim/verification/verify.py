@@ -9,24 +9,24 @@ from itertools import chain
 from resim.core.errors import ResimError
 from resim.metrics.assessment import Assessment
 from resim.metrics.criteria import Criteria
-from resim.perception.runtime.recorded import Recorded
+from resim.perception.runtime.recorded import RecordedPerception
 from resim.recordings import Recording
 from resim.recordings.settings import Settings
-from resim.resimulation.assessed import How
+from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.assessments import assess_resimulation
-from resim.resimulation.outcome import COMFORT, Outcome, Rms
+from resim.resimulation.outcome import COMFORT, DriveOutcome, Rms
 from resim.resimulation.outcomes import outcomes, rms, seed_outcome
-from resim.resimulation.perceived import Perceiving
-from resim.resimulation.result import Options, Resimulation, drove
+from resim.resimulation.perceived import PerceptionSetup
+from resim.resimulation.result import Options, Resimulation, is_recorded_build
 from resim.resimulation.run import over_seeds, resimulate, run_on_gt, with_notes
 from resim.simulation.function.interface import Build
 from resim.verification.cause import Cause, cause
-from resim.verification.compare import Comparison, Judged, Way, compare
-from resim.verification.locality import critical, validity
+from resim.verification.compare import DriveComparison, SeedVerdict, Way, compare
 from resim.verification.openloop import open_loop
-from resim.verification.result import Verified
+from resim.verification.result import VerificationResult
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
+from resim.verification.variation_range import critical, validity
 from resim.verification.vehicle import OpenLoop
 
 COMPARED = (*COMFORT, "risk", "collision")
@@ -48,10 +48,10 @@ class Demands:
     agreement: float = 0.9
     vary: tuple[str, ...] = ()
 
-    def how(self, result: Resimulation) -> How:
+    def how(self, result: Resimulation) -> AssessmentOptions:
         """How drives are assessed: no more than what is compared, and all with the EGO's path from the same source."""
         planned = result.recording.plan is not None and has_plans(result)
-        return How(criteria=self.criteria, only=COMPARED, path="plan" if planned else "state")
+        return AssessmentOptions(criteria=self.criteria, only=COMPARED, path="plan" if planned else "state")
 
 
 def has_plans(result: Resimulation) -> bool:
@@ -65,7 +65,11 @@ def may_verify(recording: Recording | Settings, build: Build, driven_by: tuple[s
     driven_by: labels of builds whose recordings are taken for those of `build`, UNKNOWN where none is recorded. The
     method compares what one function did twice.
     """
-    return build.needs_truth or bool(drove(recording, build)) or (recording.build or UNKNOWN) in driven_by
+    return (
+        build.needs_truth
+        or bool(is_recorded_build(recording, build))
+        or (recording.build or UNKNOWN) in driven_by
+    )
 
 
 def verify_recording(
@@ -73,9 +77,9 @@ def verify_recording(
     build: Build,
     demands: Demands,
     options: Options = Options(),
-    perceiving: Perceiving | None = None,
+    perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),
-) -> Verified:
+) -> VerificationResult:
     """Re-simulate a recording and set every re-simulation beside the measured drive.
 
     The verdict rests on GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
@@ -92,7 +96,7 @@ def verify_recording(
     assessed = assess_resimulation(result, how)
     found, errors = outcomes(result, assessed), rms(result.errors)
     judged = _judged(found, errors, demands)
-    seeds: dict[int, Outcome] = {}
+    seeds: dict[int, DriveOutcome] = {}
     if perceiving is not None:
         result, seeds, judged["rGT+M"] = _over_seeds(
             perceiving, chain([first], every), found["GT"], errors, demands, how
@@ -109,13 +113,15 @@ def verify_recording(
         for way, j in judged.items()
     }
     notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven)]))
-    out = Verified(result, found, seeds, errors, judged, causes, recorded, driven, notes=notes)
+    out = VerificationResult(result, found, seeds, errors, judged, causes, recorded, driven, notes=notes)
     if demands.vary and out.verdict == "verified":
         return _varied(out, assessed.blocks["GT"], demands.vary, how)
     return out
 
 
-def _varied(found: Verified, measured: Assessment, parameters: tuple[str, ...], how: How) -> Verified:
+def _varied(
+    found: VerificationResult, measured: Assessment, parameters: tuple[str, ...], how: AssessmentOptions
+) -> VerificationResult:
     """Search how far the parameters can be varied; a note says where that cannot be done."""
     ranges, notes = [], []
     for parameter in parameters:
@@ -128,28 +134,28 @@ def _varied(found: Verified, measured: Assessment, parameters: tuple[str, ...], 
     return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))
 
 
-def _judged(found: Mapping[str, Outcome], errors: Rms, demands: Demands) -> dict[Way, Judged]:
+def _judged(found: Mapping[str, DriveOutcome], errors: Rms, demands: Demands) -> dict[Way, SeedVerdict]:
     ways: tuple[Way, ...] = ("rGT", "rSD")
     return {
-        way: Judged(way, (compare(way, found["GT"], found[way], errors, demands.tolerances),))
+        way: SeedVerdict(way, (compare(way, found["GT"], found[way], errors, demands.tolerances),))
         for way in ways
         if way in found
     }
 
 
 def _over_seeds(
-    perceiving: Perceiving, every: Iterator[Resimulation], measured: Outcome, errors: Rms, demands: Demands,
-    how: How,
-) -> tuple[Resimulation, dict[int, Outcome], Judged]:  # fmt: skip
+    perceiving: PerceptionSetup, every: Iterator[Resimulation], measured: DriveOutcome, errors: Rms, demands: Demands,
+    how: AssessmentOptions,
+) -> tuple[Resimulation, dict[int, DriveOutcome], SeedVerdict]:  # fmt: skip
     """Take seed after seed until the test of their share has ended."""
     test = SequentialTest(demands.agreement, len(perceiving.seeds))
-    seeds: dict[int, Outcome] = {}
-    beside: list[Comparison] = []
+    seeds: dict[int, DriveOutcome] = {}
+    beside: list[DriveComparison] = []
     for result in every:
         seed = result.seeds[-1]
         seeds[seed] = seed_outcome(result, seed, how)
         beside.append(compare("rGT+M", measured, seeds[seed], errors, demands.tolerances))
-        judged = Judged("rGT+M", tuple(beside), test)
+        judged = SeedVerdict("rGT+M", tuple(beside), test)
         if judged.verdict != "undecided":
             break
     return with_notes(result, replace(perceiving, seeds=tuple(seeds))), seeds, judged
@@ -162,12 +168,12 @@ def _driven_otherwise(driven: OpenLoop | None) -> Iterator[str]:
 
 
 def _as_recorded(
-    result: Resimulation, measured: Outcome, errors: Rms, demands: Demands, how: How
-) -> Comparison | None:
+    result: Resimulation, measured: DriveOutcome, errors: Rms, demands: Demands, how: AssessmentOptions
+) -> DriveComparison | None:
     """The run on GT that shows the function what was recorded as perceived; None where nothing was, or for oracles."""
     recording, whole = result.recording, result.prepared.whole
     if "SD" not in whole or result.build.needs_truth:
         return None
-    shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
+    shown = RecordedPerception(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
     again = run_on_gt(Resimulation(result.prepared, result.build, result.options), perception=shown)
     return compare("rGT+M", measured, seed_outcome(again, 0, how), errors, demands.tolerances)

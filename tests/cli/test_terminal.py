@@ -14,7 +14,7 @@ from rich.table import Table
 from resim.cli.entries import print_list
 from resim.cli.terminal import say, visible
 from resim.cli.verdicts import console
-from resim.results.entry import Entry
+from resim.results.entry import CatalogEntry
 
 STEERING = "\n\x1b]8;;http://a.b\x07[red]x[/red][link=http://a.b]y[/link]:warning:\x9b31m\r\u202e\x7f"
 SHOWN = r"\n\x1b]8;;http://a.b\x07[red]x[/red][link=http://a.b]y[/link]:warning:\x9b31m\r\u202e\x7f"
@@ -42,7 +42,11 @@ def test_a_name_in_a_list_of_results_is_one_line(capsys: pytest.CaptureFixture[s
     """Nothing but the list itself ends a line: a name could look like another result, or a finding."""
     name = "drive\nPASS\u2028PASS\rPASS"
     print_list(
-        [Entry("run", name, Path(f"/{name}"), "here", "2026-01-01T00:00:00", "0" * 64, "0.1.0", "PASS")]
+        [
+            CatalogEntry(
+                "run", name, Path(f"/{name}"), "here", "2026-01-01T00:00:00", "0" * 64, "0.1.0", "PASS"
+            )
+        ]
     )
     out = capsys.readouterr().out
     assert r"drive\nPASS\u2028PASS\rPASS" in "".join(out.split())

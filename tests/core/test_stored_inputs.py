@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from resim.core.plugins.frozen import Frozen, freeze_file, thaw
+from resim.core.plugins.frozen import FrozenFile, freeze_file, thaw
 
 DAY = 24 * 3600.0
 KEEPS = """
@@ -43,7 +43,7 @@ def used(copy: Path, days: float) -> None:
         os.utime(path, (then, then))
 
 
-def written(path: Path) -> Frozen:
+def written(path: Path) -> FrozenFile:
     """Freeze a new file, as any command may."""
     path.write_text(path.name)
     return freeze_file(path)

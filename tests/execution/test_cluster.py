@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from execution.deeds import act
+from execution.actions import act
 
 from resim.core.errors import InputError
 from resim.execution.child import Failure

@@ -18,8 +18,8 @@ from conftest import ROOT
 from resim.sweep.execution import begin, compact, execute, inputs
 from resim.sweep.file import read_sweep
 from resim.verification.execution import verify
-from resim.verification.request import Call as Wanted
-from resim.verification.request import asked
+from resim.verification.request import VerifyOptions as Wanted
+from resim.verification.request import make_request
 from resim.verification.suite import read_suite
 
 CRITERIA = ROOT / "scenarios" / "criteria" / "highway.toml"
@@ -45,7 +45,7 @@ class Pilot:
     def close(self):
         pass
 """
-Call = Callable[..., tuple[int, str, str]]
+VerifyOptions = Callable[..., tuple[int, str, str]]
 
 
 def build(folder: Path, acceleration: float, parameters: str = "", pilot: str = PILOT) -> Path:
@@ -90,7 +90,9 @@ def swept(
     return duckdb.sql(f"select {columns} from '{out}/runs/*.parquet' order by run").fetchall()
 
 
-def test_a_helper_of_the_same_name_in_another_build_is_another_one(call: Call, tmp_path: Path) -> None:
+def test_a_helper_of_the_same_name_in_another_build_is_another_one(
+    call: VerifyOptions, tmp_path: Path
+) -> None:
     one, two = build(tmp_path / "one", 0.0), build(tmp_path / "two", -3.0)
     out = tmp_path / "out"
     code, said, _ = call(
@@ -115,7 +117,7 @@ def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
     old, new = build(tmp_path / "old", 0.0), build(tmp_path / "new", -1.0)
     path, first, out = suite(tmp_path, criteria), tmp_path / "first", tmp_path / "out"
     call = Wanted(new, old, perception=model, seeds=1)
-    undisturbed, _ = verify(asked(read_suite(path), call, first), first, first, workers=1)
+    undisturbed, _ = verify(make_request(read_suite(path), call, first), first, first, workers=1)
 
     edited: list[str] = []
 
@@ -127,7 +129,7 @@ def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
         model.write_text("{}")
         edited.append(name)
 
-    wanted = asked(read_suite(path), call, out)
+    wanted = make_request(read_suite(path), call, out)
     found, _ = verify(wanted, out, out, workers=1, tell=edit)
     assert edited
     for name in ("recordings", "summary"):
@@ -174,7 +176,7 @@ def test_children_import_nothing_from_the_working_directory(tmp_path: Path) -> N
     there = build(tmp_path / "one", 0.0)
     code = "import sys; from resim.cli import main; main()"
     for how in (["-P", "-c", code], ["-m", "resim"]):
-        asked = [
+        make_request = [
             "verify",
             path,
             "--build",
@@ -187,13 +189,15 @@ def test_children_import_nothing_from_the_working_directory(tmp_path: Path) -> N
             "1",
         ]
         done = subprocess.run(
-            [sys.executable, *how, *map(str, asked)], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
+            [sys.executable, *how, *map(str, make_request)], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
             capture_output=True, text=True, check=False, timeout=120,
         )  # fmt: skip
         assert (done.returncode, "1 same" in done.stdout) == (0, True), done.stderr
 
 
-def test_a_recording_without_a_hash_is_verified_for_the_label_only(call: Call, tmp_path: Path) -> None:
+def test_a_recording_without_a_hash_is_verified_for_the_label_only(
+    call: VerifyOptions, tmp_path: Path
+) -> None:
     drive, out = tmp_path / "drive", tmp_path / "out"
     shutil.copytree(DRIVES[0], drive)
     settings = (drive / "recording.toml").read_text().splitlines()
@@ -211,7 +215,9 @@ def test_a_recording_without_a_hash_is_verified_for_the_label_only(call: Call, t
     assert "for the label only" in " ".join(said.split())
 
 
-def test_a_function_that_opens_what_its_build_does_not_list_is_told_of(call: Call, tmp_path: Path) -> None:
+def test_a_function_that_opens_what_its_build_does_not_list_is_told_of(
+    call: VerifyOptions, tmp_path: Path
+) -> None:
     opens = PILOT.replace(
         "import helper", f"import helper; open({str(tmp_path / 'one' / 'w.json')!r}).close()"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from execution import slow_start
-from execution.deeds import act, call, doubled, leave_the_folder, linger, load, order, start_others
+from execution.actions import act, call, doubled, leave_the_folder, linger, load, order, start_others
 
 from resim.core.errors import FunctionError
 from resim.execution import workers
@@ -63,7 +63,7 @@ def test_sets_have_the_same_order_in_every_process() -> None:
 
 def test_a_task_that_raises_what_ends_a_process_costs_itself_only(capfd: pytest.CaptureFixture[str]) -> None:
     found = dict(run_all(act, [("interrupt", 0), ("print", 1)], workers=1, time_limit=30.0))
-    assert found[0] == Failure("unexpected KeyboardInterrupt() in act (deeds.py)", crashed=True)
+    assert found[0] == Failure("unexpected KeyboardInterrupt() in act (actions.py)", crashed=True)
     assert found[1][0] == 1
     out, err = capfd.readouterr()
     assert (out, err) == ("", "what a function has to say\n")

@@ -12,7 +12,7 @@ from resim.core.errors import ResimError
 from resim.metrics.assessment import assess
 from resim.metrics.criteria import Criteria, Criterion, read_criteria
 from resim.metrics.drive import drive
-from resim.metrics.objectifications import Subject, contacts
+from resim.metrics.objectifications import MeasureInputs, contacts
 from resim.metrics.risk import accident_risk
 
 HIGHWAY = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
@@ -28,7 +28,7 @@ def overtaking(described, network):
 
 
 def judged(network, tracks, ego):
-    return assess(Subject(drive(tracks, ego=ego), network), HIGHWAY)
+    return assess(MeasureInputs(drive(tracks, ego=ego), network), HIGHWAY)
 
 
 def other(tracks, ego):
@@ -120,7 +120,7 @@ def test_a_collision_between_two_scenes_or_after_the_last_is_none_the_less_one(o
     assert hits == ((float(fine.t[at]), str(tracks.ids[n])),)
     late = ((float(made.t[-1]) + 0.03, "who has no track"),)
     for some, scene in ((hits, 20), (late, 49)):
-        found = assess(Subject(made, network, hits=some), HIGHWAY)
+        found = assess(MeasureInputs(made, network, hits=some), HIGHWAY)
         verdict = found.verdicts["no collision"]
         assert (verdict.outcome, verdict.t, verdict.object) == ("FAIL", made.t[scene], some[0][1])
         worst = next(w for w in found.worst() if w.name == "collision")
@@ -129,7 +129,7 @@ def test_a_collision_between_two_scenes_or_after_the_last_is_none_the_less_one(o
 
 def test_a_flaw_of_the_drive_is_never_a_pass(overtaking, network):
     tracks, ego = overtaking
-    found = assess(Subject(drive(tracks, ego=ego), network), HIGHWAY, flaw="the function failed")
+    found = assess(MeasureInputs(drive(tracks, ego=ego), network), HIGHWAY, flaw="the function failed")
     assert (found.verdict, found.to_json()["flaw"]) == ("INVALID", "the function failed")
     assert "the function failed" in found.notes()
 
@@ -138,7 +138,7 @@ def test_a_duration_that_the_drive_does_not_last_is_invalid_where_the_limit_is_b
     tracks, ego = overtaking
     long = Criterion(name="long", measure="speed over limit", above=-100.0, duration=1000.0)
     kept = Criterion(name="kept", measure="speed over limit", above=100.0, duration=1000.0)
-    found = assess(Subject(drive(tracks, ego=ego), network), Criteria("long", (long, kept)))
+    found = assess(MeasureInputs(drive(tracks, ego=ego), network), Criteria("long", (long, kept)))
     assert found.verdicts["long"].outcome == "INVALID"
     assert found.verdicts["long"].reason.endswith("the drive has less than 1000 s in this part")
     assert found.verdicts["kept"].outcome == "PASS"
@@ -159,7 +159,7 @@ def test_a_missing_ego_is_a_clear_error(overtaking):
 def test_a_part_without_scenes_is_invalid(overtaking, network):
     tracks, ego = overtaking
     late = Criteria("late", (Criterion(name="late", measure="TTC", below=1.0, start=60.0),))
-    found = assess(Subject(drive(tracks, ego=ego), network), late)
+    found = assess(MeasureInputs(drive(tracks, ego=ego), network), late)
     assert (found.verdict, found.verdicts["late"].reason) == (
         "INVALID",
         "the drive has no scene in this part",

@@ -10,7 +10,7 @@ import pytest
 from resim.metrics import functional as f
 from resim.metrics.criticality import State
 from resim.metrics.drive import drive
-from resim.metrics.functional import Functioning
+from resim.metrics.functional import FunctionActivity
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def at_work(drive, *, every=0.2, until=5.0, lost=()):
     seen = np.ones((len(drive.ids), len(lists)), dtype=bool)
     for name, start, end in lost:
         seen[drive.ids.index(name), (lists >= start - 1e-9) & (lists < end - 1e-9)] = False
-    return Functioning(lists, np.array(drive.ids), seen, every, lists)
+    return FunctionActivity(lists, np.array(drive.ids), seen, every, lists)
 
 
 def test_all_is_well_where_lists_and_answers_come_in_time(overtaking):

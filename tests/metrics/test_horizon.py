@@ -11,7 +11,7 @@ from resim.metrics.criteria import Criteria, Criterion
 from resim.metrics.criticality import Pairs
 from resim.metrics.horizon import LONGEST, ahead
 from resim.recordings.checks import CODES
-from resim.resimulation import How, assess_recording, examined
+from resim.resimulation import AssessmentOptions, assess_recording, load_checked
 
 GROUND = ROOT / "networks" / "proving_ground.xodr"
 T = np.round(np.arange(0.0, 3.001, 0.04), 2)
@@ -36,8 +36,8 @@ def judge(tmp_path):
         (tmp_path / "recording.toml").write_text(f'name = "d"\nmap = "{GROUND}"\nego = "ego"\n')
         both.to_csv(tmp_path / "gt.csv", index=False)
         criteria = Criteria("one", (Criterion(name="one", measure=measure, **limit),))
-        how = How(criteria=criteria, only=())
-        return assess_recording(examined(tmp_path, accept=tuple(CODES)), how).blocks["GT"].verdicts["one"]
+        how = AssessmentOptions(criteria=criteria, only=())
+        return assess_recording(load_checked(tmp_path, accept=tuple(CODES)), how).blocks["GT"].verdicts["one"]
 
     return of
 

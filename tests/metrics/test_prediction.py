@@ -12,7 +12,7 @@ from resim.core.errors import InputError, ResimError
 from resim.core.geometry import wrap_angle
 from resim.core.tracks import KINDS, Tracks
 from resim.metrics.risk import PUBLISHED
-from resim.metrics.risk.fitting import Points, free, log_likelihood, refit
+from resim.metrics.risk.fitting import MotionPoints, free, log_likelihood, refit
 from resim.metrics.risk.prediction import (
     CTRA,
     WALKING,
@@ -168,7 +168,7 @@ def drawn(motion, count, seed):
     a0, w0 = rng.normal(0.0, 1.0, count), rng.normal(0.0, 0.5 if walks else 0.06, count)
     inputs = motion.inputs(v, a0, w0)
     first, second = (inputs[:, k] + inputs[:, k + 1] * rng.standard_normal(count) for k in (0, 2))
-    return Points(
+    return MotionPoints(
         v=v, a0=a0, w0=w0, a=first, w=second, along=first, across=second,
         item=np.arange(count) // 20, block=np.arange(count) // 5,
     )  # fmt: skip
@@ -210,7 +210,7 @@ def test_errors_grow_where_points_depend_on_each_other():
     fivefold = {
         name: np.repeat(getattr(points, name), 5) for name in ("v", "a0", "w0", "a", "w", "along", "across")
     }
-    copies = Points(**fivefold, item=np.zeros(5000, dtype=int), block=np.repeat(np.arange(1000), 5))
+    copies = MotionPoints(**fivefold, item=np.zeros(5000, dtype=int), block=np.repeat(np.arange(1000), 5))
     alone = replace(points, block=np.arange(1000))
     one, five = refit(alone, PUBLISHED), refit(copies, PUBLISHED)
     for name, error in one.errors.items():
@@ -219,14 +219,14 @@ def test_errors_grow_where_points_depend_on_each_other():
 
 def test_the_points_of_an_object_are_its_states_and_what_followed():
     v, heading = np.array([1.0, 2.0, 2.0]), np.array([0.0, 0.0, np.pi / 2])
-    points = Points.of_object(v, heading, np.array([0.5, 0.6, 0.7]), np.array([0.0, 0.1, 0.2]))
+    points = MotionPoints.of_object(v, heading, np.array([0.5, 0.6, 0.7]), np.array([0.0, 0.1, 0.2]))
     assert points.v.tolist() == [1.0, 2.0]
     assert points.a0.tolist() == [0.5, 0.6]
     assert points.a.tolist() == [1.0, 0.0]
     assert points.w == pytest.approx([0.0, np.pi / 2])
     assert points.along == pytest.approx([1.0, -2.0])
     assert points.across == pytest.approx([0.0, 2.0])
-    joined = Points.joined([points, points])
+    joined = MotionPoints.joined([points, points])
     assert joined.item.tolist() == [0, 0, 1, 1]
     assert joined.block.tolist() == [0, 0, 1, 1]
 

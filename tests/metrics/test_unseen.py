@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 from conftest import ROOT
 
-from resim.core.objects import Whom
+from resim.core.objects import ObjectIds
 from resim.core.tracks import Tracks
 from resim.metrics.criteria import read_criteria
 from resim.metrics.doubts.reach import MOST, Reach
 from resim.metrics.doubts.unseen import Absence, absences
 from resim.recordings.checks import CODES
-from resim.resimulation import How, assess_recording, examined
+from resim.resimulation import AssessmentOptions, assess_recording, load_checked
 
 TRAFFIC = ROOT / "scenarios" / "criteria" / "traffic.toml"
 GROUND = ROOT / "networks" / "proving_ground.xodr"
@@ -58,8 +58,8 @@ def judge(tmp_path):
                 pd.concat(tables).sort_values("t", kind="stable").to_csv(
                     tmp_path / f"{name}.csv", index=False
                 )
-        recording = examined(tmp_path, accept=tuple(CODES))
-        found = assess_recording(recording, How(criteria=read_criteria(criteria), only=()))
+        recording = load_checked(tmp_path, accept=tuple(CODES))
+        found = assess_recording(recording, AssessmentOptions(criteria=read_criteria(criteria), only=()))
         return found.blocks["GT" if sd is None else "SD"].verdicts
 
     return of
@@ -189,7 +189,7 @@ def test_who_is_lost_with_others_at_one_moment_is_lost_by_the_sensor():
     """Three side by side; the EGO ends short of the line at which they were lost."""
     abreast = [rows(str(k), 340.0 + V * T, -5.25 + 3.5 * k, V) for k in range(3)]
     drive = pd.concat([ego()[ego().t < 5.9], *(car[car.t < 4.0] for car in abreast)])
-    found = absences(Whom.of(Tracks.from_frame(drive), ego="ego"))[0]
+    found = absences(ObjectIds.of(Tracks.from_frame(drive), ego="ego"))[0]
     assert [a.object for a in found] == ["0", "1", "2"]
 
 
@@ -272,7 +272,7 @@ def test_the_reach_in_the_middle_is_a_sixteenth_of_what_it_would_be_free_to_end(
 def test_absences_survive_their_file():
     car = standing()
     tracks = Tracks.from_frame(pd.concat([ego(), away(3.0)(car)]))
-    (one,) = absences(Whom.of(tracks, without_speed(car[car.t == 5.0]), ego="ego"))[0]
+    (one,) = absences(ObjectIds.of(tracks, without_speed(car[car.t == 5.0]), ego="ego"))[0]
     again = Absence.from_json(one.to_json())
     assert (again.object, again.start, again.end, again.why) == (one.object, one.start, one.end, one.why)
     assert np.array_equal(again.t, one.t)
@@ -422,7 +422,7 @@ def test_a_place_that_is_repeated_while_he_drives_is_none(judge):
     assert judge(ego(), held)["no collision"].outcome == "INVALID"
     tracks = Tracks.from_frame(pd.concat([ego(), held]))
     before = tracks.valid.copy()
-    assert absences(Whom.of(tracks, ego="ego"))[0]
+    assert absences(ObjectIds.of(tracks, ego="ego"))[0]
     assert np.array_equal(tracks.valid, before)  # what is looked at stays as it is
 
 

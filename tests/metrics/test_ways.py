@@ -7,8 +7,8 @@ import pytest
 
 from resim.core.errors import ResimError
 from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk.lane_paths import LanePaths, _resampled, lane_paths
 from resim.metrics.risk.prediction import WALKING
-from resim.metrics.risk.ways import Ways, _resampled, ways
 from resim.road.opendrive import load
 
 CAR = (4.7, 1.9)
@@ -37,7 +37,7 @@ def both(network, plan, *states, sigma=True):
         [1, 1, 1, 1] if sigma else [1, 0, 1, 0]
     )
     made = Scenes(plan[None], np.array([CAR]), state, size, inputs)
-    known = replace(made, ways=ways(network, state, size, horizon=4.0))
+    known = replace(made, ways=lane_paths(network, state, size, horizon=4.0))
     return accident_risk(made), accident_risk(known)
 
 
@@ -107,7 +107,7 @@ def test_who_has_no_way_is_predicted_as_before(network):
     state = np.array([[far, against, on(network, -1, STRAIGHT, 10.0), far]])
     size = np.broadcast_to(CAR, (1, 4, 2)).copy()
     size[0, 3] = 0.0
-    found = ways(network, state, size, horizon=4.0)
+    found = lane_paths(network, state, size, horizon=4.0)
     assert found.count.tolist() == [[0, 0, 1, 0]]
     before, after = both(network, driven(network, -1, STRAIGHT - 60.0, 20.0), against)
     assert after.r_ind[0] == before.r_ind[0] > 0.0
@@ -124,18 +124,18 @@ def test_who_walks_needs_no_way(network):
         np.array([[[0.0, 0.3, 0.0, 0.3]]]),
         np.full((1, 1), WALKING, np.uint8),
     )
-    known = replace(made, ways=ways(network, state, size, horizon=4.0))
+    known = replace(made, ways=lane_paths(network, state, size, horizon=4.0))
     assert accident_risk(known).r_ind[0] == accident_risk(made).r_ind[0] > 0.0
 
 
 def test_the_published_mode_knows_no_road(network):
     state, size = np.array([[on(network, -1, STRAIGHT, 10.0)]]), np.array([[CAR]])
     made = Scenes(driven(network, -1, 100.0, 10.0)[None], np.array([CAR]), state, size, np.zeros((1, 1, 4)),
-                  ways=ways(network, state, size, horizon=4.0))  # fmt: skip
+                  lane_paths=lane_paths(network, state, size, horizon=4.0))  # fmt: skip
     with pytest.raises(ResimError, match="published"):
         accident_risk(made, Parameters(mode="published"))
     with pytest.raises(ResimError, match="ways are those of"):
-        replace(made, ways=Ways.none((3, 2)))
+        replace(made, ways=LanePaths.none((3, 2)))
 
 
 LANE = '<lane id="-1" type="driving">{}<width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
@@ -174,7 +174,7 @@ def test_where_the_lane_forks_samples_take_both_ways(fork):
     """Somebody stands on the one way or the other: half of the samples meet him."""
     state = np.array([[[45.0, -1.75, 0.0, 12.0, 0.0, 0.0]]])
     inputs = np.array([[[0.0, 0.3, 0.0, 0.005]]])
-    known = ways(fork, state, np.array([[CAR]]), horizon=4.0)
+    known = lane_paths(fork, state, np.array([[CAR]]), horizon=4.0)
     assert known.count[0, 0] == 2
     hits = []
     for name in ("2", "3"):
@@ -223,7 +223,7 @@ def test_contact_on_ways_is_not_missed_by_coarse_steps(network):
             np.broadcast_to(CAR, (1, 2, 2)).copy(),
             PUBLISHED.inputs(*np.moveaxis(state[..., 3:6], -1, 0)),
         )
-        known = ways(network, state, size, horizon=4.0)
+        known = lane_paths(network, state, size, horizon=4.0)
         coarse, fine = (
             accident_risk(
                 Scenes(plan[None], np.array([CAR]), state, size, inputs, ways=known), Parameters(step=0.1 / part)

@@ -13,13 +13,13 @@ from resim.perception.model import (
     QUANTITIES,
     Averaging,
     Detection,
+    EgoStateError,
     Error,
-    Errors,
+    ErrorModels,
     FalseObjects,
     FieldOfView,
     Latency,
     Localisation,
-    Own,
     PerceptionModel,
     Response,
     Spread,
@@ -300,7 +300,7 @@ KNOWN = {
     "noise": PerceptionModel(
         name="noise",
         latency=Latency(position=0.05, speed=0.3, heading=0.2),
-        errors=Errors(
+        errors=ErrorModels(
             longitudinal=Error(
                 bias=Response(constant=0.5, range=0.01), noise=Spread(constant=0.1, range=0.01)
             ),
@@ -313,7 +313,7 @@ KNOWN = {
         name="drift",
         latency=Latency(position=0.1, speed=0.8, heading=0.8),
         averaging=Averaging(speed=1.2, heading=1.2),
-        errors=Errors(
+        errors=ErrorModels(
             longitudinal=Error(
                 bias=Response(constant=1.5), drift=Spread(constant=0.25), correlation_time=0.5,
                 noise=Spread(constant=0.03),
@@ -329,7 +329,7 @@ KNOWN = {
         name="everything",
         latency=Latency(position=0.08, speed=0.6, heading=0.4),
         averaging=Averaging(speed=0.8, heading=0.5),
-        errors=Errors(
+        errors=ErrorModels(
             longitudinal=Error(
                 bias=Response(constant=1.0, range=0.005), drift=Spread(constant=0.2, range=0.005),
                 correlation_time=0.6, noise=Spread(constant=0.05),
@@ -351,9 +351,9 @@ KNOWN = {
         id_switch=0.2,
         false_objects=FalseObjects(rate=0.5, lifetime=0.6, range=70.0, bearing=0.4, speed=20.0, speed_spread=4.0),
         ego=Localisation(
-            longitudinal=Own(bias=-0.1, noise=0.05),
-            lateral=Own(bias=0.19, drift=0.05, correlation_time=1.0, noise=0.02),
-            speed=Own(bias=0.04, noise=0.04),
+            longitudinal=EgoStateError(bias=-0.1, noise=0.05),
+            lateral=EgoStateError(bias=0.19, drift=0.05, correlation_time=1.0, noise=0.02),
+            speed=EgoStateError(bias=0.04, noise=0.04),
         ),
     ),
 }  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 
 from resim.core.geometry import from_frame
 from resim.core.tracks import Tracks
-from resim.perception.runtime.recorded import Recorded
+from resim.perception.runtime.recorded import RecordedPerception
 from resim.recordings import read_recording
 from resim.resimulation import Options, resimulate
 from resim.resimulation.run import measured_tracks, run_on_gt
@@ -55,7 +55,7 @@ def world(t: float, ego: EgoState) -> World:
 
 def test_errors_follow_an_ego_that_drives_otherwise() -> None:
     """1.5 m too far ahead and 0.2 m too far left stay that, seen from an EGO that is elsewhere and turned."""
-    shown = Recorded(GT, SD, ego="ego", senses_ego=False)
+    shown = RecordedPerception(GT, SD, ego="ego", senses_ego=False)
     ego = EgoState(8.0, -1.0, 0.1, 17.0)
     seen = shown.perceive(world(0.52, ego))
     row = seen.ids.tolist().index("1")
@@ -66,13 +66,13 @@ def test_errors_follow_an_ego_that_drives_otherwise() -> None:
 
 
 def test_who_was_not_on_the_list_is_not_shown() -> None:
-    shown = Recorded(GT, SD, ego="ego", senses_ego=False)
+    shown = RecordedPerception(GT, SD, ego="ego", senses_ego=False)
     assert shown.perceive(world(0.95, EgoState(19.0, 0.0, 0.0, 20.0))).ids.tolist() == ["1", "2"]
     assert shown.perceive(world(1.05, EgoState(21.0, 0.0, 0.0, 20.0))).ids.tolist() == ["2"]
 
 
 def test_before_the_first_list_its_errors_hold() -> None:
-    shown = Recorded(GT, SD, ego="ego", senses_ego=True)
+    shown = RecordedPerception(GT, SD, ego="ego", senses_ego=True)
     seen = shown.perceive(world(-1.0, EgoState(-20.0, 0.0, 0.0, 20.0)))
     assert seen.x_ego.tolist() == pytest.approx([31.5, -15.0])
     assert seen.ego.v == pytest.approx(18.0)
@@ -84,7 +84,7 @@ def test_the_corner_case_shown_what_was_recorded_is_the_measured_drive() -> None
     build = load_build(ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml")
     result = resimulate(recording, build, Options(bases=("GT",)))
     whole = measured_tracks(recording)
-    shown = Recorded(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
+    shown = RecordedPerception(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
     again = run_on_gt(result, perception=shown)
     run, pipe = again.drives["rGT+M0"], again.errors["PIPE_GT+M0"]
     assert maneuvers.decision(run.truth, result.network, ego="ego") == ["brake"]

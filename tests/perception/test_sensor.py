@@ -26,7 +26,7 @@ from resim.perception.model import PerceptionModel, read_model
 from resim.perception.runtime.sensor import Sensor
 from resim.scenario.maneuvers import MANEUVERS
 from resim.simulation.case import Case
-from resim.simulation.perception import Ideal, Perception, World
+from resim.simulation.perception import IdealPerception, Perception, World
 from resim.simulation.sumo.engine import Sumo
 
 
@@ -40,7 +40,7 @@ from resim.simulation.sumo.engine import Sumo
     ],
 )  # fmt: skip
 def test_without_errors_it_sees_what_is_to_the_bit(parts: dict[str, Any]) -> None:
-    sensor, ideal = Sensor(model(**parts)), Ideal()
+    sensor, ideal = Sensor(model(**parts)), IdealPerception()
     for t in steps(8.0):
         assert same(sensor.perceive(changing(t)), ideal.perceive(changing(t)))
 
@@ -107,7 +107,7 @@ def test_samples_outside_of_the_models_range_are_counted() -> None:
 
 def test_in_the_loop(described: Any, network: Any, net: Any, build: Any) -> None:
     def drive(perception: Perception | None, seed: int = 0) -> Any:
-        shown = perception or Ideal()
+        shown = perception or IdealPerception()
         return Case(
             described("cut_in_brake"), network, build("highway_pilot"), Sumo(), shown, seed=seed
         ).drive()

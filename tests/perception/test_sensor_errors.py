@@ -10,7 +10,7 @@ from perception.worlds import PLACES, STEP, column, correlation, look, model, ri
 
 from resim.perception.model import QUANTITIES
 from resim.perception.runtime.sensor import Sensor
-from resim.simulation.perception import Ideal
+from resim.simulation.perception import IdealPerception
 
 
 def errors_of(
@@ -18,7 +18,7 @@ def errors_of(
 ) -> dict[str, Any]:
     """Errors (T, n) of objects that stand around the EGO, by quantity."""
     times = times or steps(duration)
-    seen, truth = (look(p, ring(n), times, standing) for p in (sensor, Ideal()))
+    seen, truth = (look(p, ring(n), times, standing) for p in (sensor, IdealPerception()))
     return {q: column(seen, c) - column(truth, c) for q, c in PLACES.items()}
 
 
@@ -59,9 +59,9 @@ def test_drifts_are_coupled() -> None:
     start = np.array(
         [column(look(Sensor(model(errors=error)), ring(60), [0.0], standing, s), "x_ego") for s in range(20)]
     )
-    assert (start - column(look(Ideal(), ring(60), [0.0], standing), "x_ego")).std() == pytest.approx(
-        0.05, rel=0.07
-    )
+    assert (
+        start - column(look(IdealPerception(), ring(60), [0.0], standing), "x_ego")
+    ).std() == pytest.approx(0.05, rel=0.07)
 
 
 def test_drifts_are_coupled_from_the_first_list_on() -> None:
@@ -70,7 +70,7 @@ def test_drifts_are_coupled_from_the_first_list_on() -> None:
     error = {q: {"drift": {"constant": 0.05}} for q in ("longitudinal", "heading")} | {
         "coupling": coupling.tolist()
     }
-    sensor, truth = Sensor(model(errors=error)), look(Ideal(), ring(60), [0.0], standing)[0]
+    sensor, truth = Sensor(model(errors=error)), look(IdealPerception(), ring(60), [0.0], standing)[0]
     first = [look(sensor, ring(60), [0.0], standing, seed)[0] for seed in range(20)]
     ahead, turned = (
         np.array([getattr(p, c) - getattr(truth, c) for p in first]) for c in ("x_ego", "heading_ego")

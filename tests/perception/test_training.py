@@ -12,12 +12,12 @@ from resim.core.errors import InputError
 from resim.core.tracks import Tracks
 from resim.perception.model import (
     Error,
-    Errors,
-    Estimate,
+    ErrorModels,
     Latency,
     PerceptionModel,
     Response,
     Spread,
+    TrainedParameter,
 )
 from resim.perception.runtime.sensor import Sensor
 from resim.perception.training import train
@@ -36,7 +36,7 @@ def trained(name: str, seed: int = 1) -> PerceptionModel:
     return train(drives(KNOWN[name], seed), name=name)
 
 
-def estimate(model: PerceptionModel, name: str) -> Estimate:
+def estimate(model: PerceptionModel, name: str) -> TrainedParameter:
     assert model.training is not None
     return model.training.estimates[name]
 
@@ -80,7 +80,7 @@ def test_a_correlation_time_of_2_s_is_known_as_well_as_the_data_can() -> None:
     """20 drives of 10 s are some 400 times 2 s of objects: over 8 seeds estimates scatter by 7 % about 1.92 s, one of
     them is more than 10 % off. The interval says so, and holds the truth."""
     slow = Error(drift=Spread(constant=0.25), correlation_time=2.0, noise=Spread(constant=0.03))
-    model = train(drives(PerceptionModel(name="slow", errors=Errors(longitudinal=slow)), 1), name="slow")
+    model = train(drives(PerceptionModel(name="slow", errors=ErrorModels(longitudinal=slow)), 1), name="slow")
     found = estimate(model, "errors.longitudinal.correlation_time")
     assert found.low < 2.0 < found.high
     assert 0.1 < (found.high - found.low) / (2 * 2.0) < 0.4

@@ -10,11 +10,11 @@ from perception.generator import KNOWN, Beyond, drives
 
 from resim.perception.model import (
     Error,
-    Errors,
-    Fit,
+    ErrorModels,
+    FailedAssumption,
     Latency,
     LeftOut,
-    Misfit,
+    ModelFit,
     PerceptionModel,
     Response,
     Spread,
@@ -26,7 +26,7 @@ from resim.perception.training.clusters import FEWEST
 PROPER = PerceptionModel(
     name="proper",
     latency=Latency(position=0.1, speed=0.4, heading=0.2),
-    errors=Errors(
+    errors=ErrorModels(
         longitudinal=Error(
             bias=Response(constant=0.5),
             drift=Spread(constant=0.1),
@@ -40,14 +40,14 @@ PROPER = PerceptionModel(
 )
 
 
-def fit_of(beyond: Beyond, count: int = 10, seed: int = 3) -> tuple[PerceptionModel, Fit]:
+def fit_of(beyond: Beyond, count: int = 10, seed: int = 3) -> tuple[PerceptionModel, ModelFit]:
     model = train(drives(PROPER, seed, count, rate=10.0, beyond=beyond), name="trained")
     assert model.training is not None
     assert model.training.fit is not None
     return model, model.training.fit
 
 
-def told(fit: Fit, quantity: str, assumption: str, on: str = "") -> Misfit:
+def told(fit: ModelFit, quantity: str, assumption: str, on: str = "") -> FailedAssumption:
     found = [m for m in fit.misfits if (m.quantity, m.assumption) == (quantity, assumption) and on in m.on]
     assert found, [m.text for m in fit.misfits]
     return found[0]
@@ -91,7 +91,7 @@ def test_a_bias_while_braking_is_not_taken_for_latency_without_a_word() -> None:
 
 def test_too_few_drives_test_nothing_and_say_so() -> None:
     model, fit = fit_of(Beyond(tails=3.0), FEWEST - 1)
-    assert fit == Fit(drives=FEWEST - 1)
+    assert fit == ModelFit(drives=FEWEST - 1)
     assert model.training is not None
     assert "was not tested" in fit_in_words(model.training)[0]
     unasked = model.training.model_copy(update={"fit": None})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from resim.core.errors import InputError
-from resim.recordings import Tables, read_recording, read_tables, recording_of, write_recording
+from resim.recordings import RecordingTables, read_recording, read_tables, recording_of, write_recording
 
 HEADER = "t,id,x,y,heading,v,length,width,kind"
 EGO = "0.0,ego,0.0,0.0,0.0,20.0,4.7,1.9,car\n0.1,ego,2.0,0.0,0.0,20.0,4.7,1.9,car\n"
@@ -269,7 +269,7 @@ def test_what_was_repaired_is_kept_counted_and_written(make: Make, tmp_path: Pat
 def test_tables_of_a_recording_give_it_again(make: Make) -> None:
     sd = f"{HEADER},gt_id,existence_probability\n0.0,7,1,0,0,2,4,2,car,a,0.5\n0.1,7,1,0,0,2,4,2,car,a,\n"
     recording = read_recording(make(sd=sd))
-    again = recording_of(Tables.of(recording))
+    again = recording_of(RecordingTables.of(recording))
     assert again.gt.to_frame().equals(recording.gt.to_frame())
     assert (again.sd_gt_id, again.environment) == (recording.sd_gt_id, recording.environment)
     np.testing.assert_array_equal(again.existence_probability, recording.existence_probability)

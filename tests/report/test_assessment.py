@@ -14,14 +14,14 @@ from hostile import HOSTILE, harmless
 from resim.metrics.criteria import read_criteria
 from resim.report import write_assessment_page
 from resim.report.assessment.marks import least, marked
-from resim.resimulation import How, assess_folder
+from resim.resimulation import AssessmentOptions, assess_folder
 
 HIGHWAY = ROOT / "scenarios" / "criteria" / "highway.toml"
 
 
 @pytest.fixture(scope="module")
 def collision():
-    return assess_folder(ROOT / "scenarios" / "rear_end", How(criteria=read_criteria(HIGHWAY)))
+    return assess_folder(ROOT / "scenarios" / "rear_end", AssessmentOptions(criteria=read_criteria(HIGHWAY)))
 
 
 def html(assessed, folder):
@@ -62,7 +62,7 @@ def test_the_least_of_no_object_is_none(collision):
 
 
 def test_without_criteria_it_says_so(tmp_path):
-    text = html(assess_folder(ROOT / "scenarios" / "overtake", How()), tmp_path)
+    text = html(assess_folder(ROOT / "scenarios" / "overtake", AssessmentOptions()), tmp_path)
     assert "no criteria were given" in text
     assert "PASS" not in text[text.index("<main>") :]
 
@@ -91,7 +91,9 @@ def test_names_units_and_sources_make_no_elements(collision, tmp_path):
     (tmp_path / "hostile_measures.py").write_text("def beside(drive, network):\n    return drive.t\n")
     text = json.dumps(HOSTILE)
     (tmp_path / "own.toml").write_text(OWN.format(text=text))
-    found = assess_folder(ROOT / "scenarios" / "rear_end", How(criteria=read_criteria(tmp_path / "own.toml")))
+    found = assess_folder(
+        ROOT / "scenarios" / "rear_end", AssessmentOptions(criteria=read_criteria(tmp_path / "own.toml"))
+    )
     blocks = {}
     for name, a in found.blocks.items():
         verdicts = {k: replace(v, reason=HOSTILE, object=HOSTILE) for k, v in a.verdicts.items()}

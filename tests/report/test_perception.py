@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from hostile import HOSTILE, harmless
 
-from resim.perception.model import Fit, LeftOut, Misfit, read_model
+from resim.perception.model import FailedAssumption, LeftOut, ModelFit, read_model
 from resim.perception.validation import judge
 from resim.recordings import read_recording
 from resim.report import write_perception_page
@@ -56,12 +56,12 @@ def test_a_report_is_json_and_drop_outs_are_drawn(model, found, tmp_path):
 
 def test_the_page_says_whether_the_model_fits_and_what_was_left_out(model, found, tmp_path):
     assert model.training is not None
-    misfit = Misfit(
+    misfit = FailedAssumption(
         quantity="speed", assumption="bias", on="speed", size=0.7, unit="m/s", p=1e-6, text="speed is <3 %> too high"
     )  # fmt: skip
     part = LeftOut(what="samples", reason="outliers", count=7, of=900)
     pages = []
-    for fit in (None, Fit(drives=10, tests=90), Fit(drives=10, tests=90, misfits=(misfit,))):
+    for fit in (None, ModelFit(drives=10, tests=90), ModelFit(drives=10, tests=90, misfits=(misfit,))):
         training = model.training.model_copy(update={"fit": fit, "left_out": (part,)})
         write_perception_page(model.model_copy(update={"training": training}), found, tmp_path / "page")
         pages.append((tmp_path / "page").read_text(encoding="utf-8"))

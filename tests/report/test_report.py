@@ -15,9 +15,9 @@ from resim.perception.model import read_model
 from resim.recordings import Recording, read_recording
 from resim.report import write_report
 from resim.resimulation import (
-    How,
+    AssessmentOptions,
     Options,
-    Perceiving,
+    PerceptionSetup,
     Resimulation,
     assess_resimulation,
     resimulate,
@@ -64,7 +64,7 @@ def recording(name: str) -> Recording:
 
 
 def html(result: Resimulation, folder: Path) -> str:
-    write_report(result, assess_resimulation(result, How()), folder / "report.html")
+    write_report(result, assess_resimulation(result, AssessmentOptions()), folder / "report.html")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -199,7 +199,7 @@ def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float,
     build.write_text(
         f'name = "odd"\nversion = "1"\nfactory = "faulty_for_report:Faulty"\n[parameters]\nat = {at}\n'
     )
-    result = resimulate(recording("rear_end"), load_build(build), perceiving=Perceiving(NONE, (0, 1)))
+    result = resimulate(recording("rear_end"), load_build(build), perceiving=PerceptionSetup(NONE, (0, 1)))
     found = result.report["perception"]
     assert found["same_decision"] == 0
     for one, told in zip(found["seeds"], provenance(result)["perception"]["seeds"], strict=True):
@@ -213,7 +213,7 @@ def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float,
 
 def test_a_perception_model_stands_beside_the_runs_without(cut_in: Resimulation, tmp_path: Path) -> None:
     model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
-    seen = Perceiving(model, (0, 1, 2))
+    seen = PerceptionSetup(model, (0, 1, 2))
     result = resimulate(recording("cut_in_brake"), load_build(PILOT), perceiving=seen)
     source, seeds = html(result, tmp_path), result.report["perception"]["seeds"]
     table = source[source.index('<table class="outcome">') :].partition("</table>")[0]
@@ -270,7 +270,7 @@ def test_nothing_in_a_recording_a_build_or_a_model_makes_elements(tmp_path: Path
     model = NONE.model_copy(update={"name": HOSTILE, "provenance": HOSTILE})
     result = resimulate(
         evil, dataclasses.replace(build, name=HOSTILE, version=HOSTILE),
-        perceiving=Perceiving(model, (0,), (HOSTILE,)), accept=("odd" + HOSTILE,),
+        perceiving=PerceptionSetup(model, (0,), (HOSTILE,)), accept=("odd" + HOSTILE,),
     )  # fmt: skip
     result = dataclasses.replace(result, warnings=(*result.warnings, HOSTILE))
     page = harmless(html(result, tmp_path))

@@ -76,7 +76,7 @@ def test_statistics_are_numpys_over_all_samples_that_there_are() -> None:
     rng = np.random.default_rng(0)
     x = rng.normal(size=(3, 40))
     x[1, 10:20] = np.nan
-    errors = fidelity.Errors(np.arange(40.0), np.array(["e", "1", "2"]), x, 0.0 * x, x + 1.0, 2.0 * x)
+    errors = fidelity.StepErrors(np.arange(40.0), np.array(["e", "1", "2"]), x, 0.0 * x, x + 1.0, 2.0 * x)
     to = errors.statistics(TO_ROWS)
     v = x[1:][np.isfinite(x[1:])] + 1.0
     assert to["v"] == pytest.approx(

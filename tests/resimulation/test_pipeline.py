@@ -14,7 +14,7 @@ from resim.core.tracks import Tracks
 from resim.recordings import Recording, read_commonroad
 from resim.resimulation import (
     STAGES,
-    How,
+    AssessmentOptions,
     Options,
     Resimulation,
     assess_resimulation,
@@ -83,7 +83,7 @@ def test_what_was_measured_is_judged_as_long_as_it_was_simulated(shipped: Shippe
     replay = load_build(Path(__file__).parents[2] / "adfunc" / "builds" / "replay-1.0.toml")
     result = resimulate(recording, replay)
     assert result.described["GT"].duration == pytest.approx(3.1)
-    blocks = assess_resimulation(result, How(path="state", only=("TTC", "THW"))).blocks
+    blocks = assess_resimulation(result, AssessmentOptions(path="state", only=("TTC", "THW"))).blocks
     assert {name: block.drive.t[-1] for name, block in blocks.items()} == {"GT": 3.0, "rGT": 3.0}
     for name in ("TTC", "THW"):
         np.testing.assert_array_equal(blocks["GT"].measures[name].value, blocks["rGT"].measures[name].value)

@@ -13,13 +13,13 @@ from sqlalchemy import create_engine, text
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
-from resim.results.entry import Entry, Input, Outcome
+from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
 from resim.results.tables import RESULT, address, engine, where
 
 HASH = "68b76f997ff01c2d44bf22c0f9b9ea4e67737fab120d4a1615a1173006f5a03a"
 
 
-def entry(name: str = "late", day: int = 1, build: str = "pilot-1.0", **more: object) -> Entry:
+def entry(name: str = "late", day: int = 1, build: str = "pilot-1.0", **more: object) -> CatalogEntry:
     told: dict[str, object] = {
         "kind": "sweep",
         "folder": Path("/results") / name,
@@ -28,15 +28,15 @@ def entry(name: str = "late", day: int = 1, build: str = "pilot-1.0", **more: ob
         "verdict": "FAIL",
         "counts": {"PASS": 3, "FAIL": 1, "INVALID": 0, "failed": 1},
         "inputs": (
-            Input("recording", "cut_in", "/drives/cut_in", HASH),
-            Input("build", build, "/b.toml", "ab" * 32),
+            CatalogInput("recording", "cut_in", "/drives/cut_in", HASH),
+            CatalogInput("build", build, "/b.toml", "ab" * 32),
         ),
         "outcomes": (
-            Outcome("cut_in", build, "", "FAIL", "distance (1)", 5, 3, 1, 0, 1, 2, 0.6),
-            Outcome("overtake", build, verdict="INVALID"),
+            CatalogOutcome("cut_in", build, "", "FAIL", "distance (1)", 5, 3, 1, 0, 1, 2, 0.6),
+            CatalogOutcome("overtake", build, verdict="INVALID"),
         ),
     } | more
-    return Entry(name=name, written=f"2026-11-{day:02}T05:00:00.000+00:00", resim="0.1.0", **told)  # type: ignore[arg-type]
+    return CatalogEntry(name=name, written=f"2026-11-{day:02}T05:00:00.000+00:00", resim="0.1.0", **told)  # type: ignore[arg-type]
 
 
 def test_a_result_comes_back_whole_and_is_never_double(database: str) -> None:
@@ -54,9 +54,13 @@ def test_a_result_comes_back_whole_and_is_never_double(database: str) -> None:
 
 def test_results_are_found_by_kind_build_recording_and_verdict_the_newest_first(database: str) -> None:
     catalog = Catalog(database)
-    run = entry("run", 3, "idm-2.0", kind="run", verdict="PASS", outcomes=(Outcome("jam", "idm-2.0", "rGT", "PASS"),),
-                inputs=(Input("recording", "jam_100%", hash="cd" * 32), Input("build", "idm-2.0")))  # fmt: skip
-    newer = entry("newer", 2, inputs=(Input("build", "pilot-1.1"), Input("against", "pilot-1.0")))
+    run = entry("run", 3, "idm-2.0", kind="run", verdict="PASS",
+                outcomes=(CatalogOutcome("jam", "idm-2.0", "rGT", "PASS"),),
+                inputs=(CatalogInput("recording", "jam_100%", hash="cd" * 32),
+                        CatalogInput("build", "idm-2.0")))  # fmt: skip
+    newer = entry(
+        "newer", 2, inputs=(CatalogInput("build", "pilot-1.1"), CatalogInput("against", "pilot-1.0"))
+    )
     older = entry("older", 1)
     for each in (newer, older, run):
         catalog.add(each)
@@ -92,7 +96,7 @@ def test_a_result_is_named_by_id_by_some_digits_of_it_or_by_its_folder(database:
 def test_digits_that_two_results_begin_with_are_refused(
     database: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Entry, "id", property(lambda e: f"abcd{e.written[9]}ef012345678"))
+    monkeypatch.setattr(CatalogEntry, "id", property(lambda e: f"abcd{e.written[9]}ef012345678"))
     catalog = Catalog(database)
     for day in (1, 2):
         catalog.add(entry(day=day))

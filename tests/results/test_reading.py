@@ -15,7 +15,7 @@ from swept import state_hashes
 from resim.core.errors import InputError
 from resim.recordings.content import content_hash
 from resim.results import write_parquet
-from resim.results.entry import Input
+from resim.results.entry import CatalogInput
 from resim.results.reading import VERDICTS, read_entry
 
 ROOT = Path(__file__).parents[2]
@@ -23,7 +23,7 @@ DRIVE = ROOT / "scenarios" / "cut_in_brake"
 PILOT = "highway_pilot-1.0"
 
 
-def hashes(inputs: tuple[Input, ...]) -> dict[str, str]:
+def hashes(inputs: tuple[CatalogInput, ...]) -> dict[str, str]:
     return {i.role: i.hash for i in inputs}
 
 
@@ -58,7 +58,7 @@ def test_a_verification_is_told_by_its_recordings(made: Path) -> None:
         ("overtake", PILOT, "verified"),
     ]
     assert found.outcomes[0].cause.startswith("sensor: ")
-    assert Input("recording", "cut_in_brake", str(DRIVE), content_hash(DRIVE)) in found.inputs
+    assert CatalogInput("recording", "cut_in_brake", str(DRIVE), content_hash(DRIVE)) in found.inputs
 
 
 def test_a_sweep_is_told_by_recording_and_build(made: Path) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from resim.scenario.fit import MIN_SEGMENT, Fit, fit_trace
+from resim.scenario.fit import MIN_SEGMENT, TraceFit, fit_trace
 from resim.scenario.trace import Trace
 
 RATE = 25.0
@@ -36,7 +36,7 @@ def times(end: float, rate: float = RATE) -> np.ndarray:
     return np.arange(int(end * rate + 1e-9) + 1) / rate
 
 
-def from_truth(fit: Fit, truth: Trace, t: np.ndarray) -> np.ndarray:
+def from_truth(fit: TraceFit, truth: Trace, t: np.ndarray) -> np.ndarray:
     one, two = fit.trace.states(t), truth.states(t)
     return np.hypot(one.x - two.x, one.y - two.y)
 

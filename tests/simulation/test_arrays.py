@@ -15,7 +15,7 @@ from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.function.interface import Build
-from resim.simulation.perception import Ideal, Perception
+from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.sumo.engine import Sumo
 
 Make = Callable[..., Build]
@@ -41,7 +41,9 @@ def run(
 ) -> Callable[[Build, Perception | None], SimulatedDrive]:
     """Simulate the EGO behind a slower car, the same scenario each time."""
     scenario = Scenario("m", 2.0, member("e", 300.0, 20.0), (member("1", 340.0, 15.0), member("2", 280.0)))
-    return lambda build, perception: Case(scenario, network, build, Sumo(), perception or Ideal()).drive()
+    return lambda build, perception: Case(
+        scenario, network, build, Sumo(), perception or IdealPerception()
+    ).drive()
 
 
 @pytest.mark.parametrize("period", [None, 0.0, 0.2])

@@ -399,9 +399,9 @@ def test_an_object_of_one_sample_after_windowing_is_no_trouble(
 
 
 def test_a_seed_reaches_the_perception(drive: Drive, function: Make, member: Member) -> None:
-    from resim.simulation.perception import Ideal, World
+    from resim.simulation.perception import IdealPerception, World
 
-    class Noisy(Ideal):
+    class Noisy(IdealPerception):
         hash, shown, outside = "own", 0, 0
 
         def reset(self, rng: np.random.Generator) -> None:

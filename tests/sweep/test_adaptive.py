@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from resim.sweep.plans.adaptive import Lattice, boundary, wanted
-from resim.sweep.plans.design import Parameter
+from resim.sweep.plans.design import SweepParameter
 
 
 def grown(lattice: Lattice, passes: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -18,10 +18,10 @@ def grown(lattice: Lattice, passes: Callable[[np.ndarray], np.ndarray]) -> tuple
     return places, passed
 
 
-def parameters(*width: float, steps: int = 5) -> list[Parameter]:
+def parameters(*width: float, steps: int = 5) -> list[SweepParameter]:
     names = ("perception.latency.speed", "perception.latency.position", "function.time_gap")
     return [
-        Parameter(name=name, low=0.0, high=1.0, steps=steps, width=w)
+        SweepParameter(name=name, low=0.0, high=1.0, steps=steps, width=w)
         for name, w in zip(names, width, strict=False)
     ]
 

@@ -9,10 +9,10 @@ import pytest
 from pydantic import ValidationError
 from scipy.stats import qmc
 
-from resim.sweep.plans.design import Parameter, Plan, design
+from resim.sweep.plans.design import Plan, SweepParameter, design
 
-LATENCY = Parameter(name="perception.latency.speed", low=0.0, high=1.0, steps=5)
-BIAS = Parameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=3)
+LATENCY = SweepParameter(name="perception.latency.speed", low=0.0, high=1.0, steps=5)
+BIAS = SweepParameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=3)
 DRAWN = ("sobol", "halton", "latin_hypercube")
 
 
@@ -48,7 +48,7 @@ def test_a_plan_is_the_same_for_the_same_seed(plan: Plan) -> None:
 
 
 def test_a_normal_distribution_is_cut_off_at_its_ends() -> None:
-    parameter = Parameter(name="function.threat_time", low=2.0, high=5.0, mean=4.0, std=1.0)
+    parameter = SweepParameter(name="function.threat_time", low=2.0, high=5.0, mean=4.0, std=1.0)
     values = design((parameter,), "sobol", 4096, 0)[:, 0]
     assert values.min() >= 2.0
     assert values.max() <= 5.0
@@ -57,7 +57,7 @@ def test_a_normal_distribution_is_cut_off_at_its_ends() -> None:
 
 
 def test_single_values_are_taken_as_they_are() -> None:
-    parameter = Parameter(name="build.cycle_time", values=(0.04, 0.08, 0.2))
+    parameter = SweepParameter(name="build.cycle_time", values=(0.04, 0.08, 0.2))
     assert design((parameter,), "grid", 0, 0)[:, 0].tolist() == [0.04, 0.08, 0.2]
     counts = np.unique(design((parameter,), "latin_hypercube", 300, 0), return_counts=True)[1]
     assert counts.tolist() == [100, 100, 100]
@@ -76,6 +76,6 @@ def test_single_values_are_taken_as_they_are() -> None:
 )
 def test_a_parameter_that_is_none_is_refused(fields: dict[str, object], fault: str) -> None:
     with pytest.raises(ValidationError, match=fault):
-        Parameter.model_validate({"name": "function.threat_time", **fields})
+        SweepParameter.model_validate({"name": "function.threat_time", **fields})
     with pytest.raises(ValidationError, match="pattern"):
-        Parameter(name="threat_time", low=0.0, high=1.0)
+        SweepParameter(name="threat_time", low=0.0, high=1.0)

@@ -9,12 +9,14 @@ import pytest
 from scipy.stats import qmc
 
 from resim.core.geometry import Floats
-from resim.sweep.plans.design import Parameter, design
+from resim.sweep.plans.design import SweepParameter, design
 from resim.sweep.statistics.indices import Sensitivity
 from resim.sweep.statistics.sensitivity import full_grid, ranking, sensitivity
 
 NAMES = ("perception.latency.speed", "perception.latency.position", "perception.latency.heading")
-GRID = tuple(Parameter(name=n, low=0.0, high=1.0, steps=k) for n, k in zip(NAMES[:2], (7, 5), strict=True))
+GRID = tuple(
+    SweepParameter(name=n, low=0.0, high=1.0, steps=k) for n, k in zip(NAMES[:2], (7, 5), strict=True)
+)
 
 
 def ishigami(share: Floats) -> Floats:
@@ -144,12 +146,12 @@ def test_too_few_points_tell_nothing() -> None:
 @pytest.mark.parametrize(
     "parameter",
     [
-        Parameter(name=NAMES[0], low=-1.0, high=3.0),
-        Parameter(name=NAMES[0], low=0.0, high=1.0, mean=0.3, std=0.2),
-        Parameter(name=NAMES[0], values=(3.0, 1.0, 2.0)),
+        SweepParameter(name=NAMES[0], low=-1.0, high=3.0),
+        SweepParameter(name=NAMES[0], low=0.0, high=1.0, mean=0.3, std=0.2),
+        SweepParameter(name=NAMES[0], values=(3.0, 1.0, 2.0)),
     ],
 )
-def test_shares_of_a_distribution_are_found_again(parameter: Parameter) -> None:
+def test_shares_of_a_distribution_are_found_again(parameter: SweepParameter) -> None:
     share = np.array([0.0, 0.2, 0.4, 0.5, 0.7, 0.9])
     again = parameter.at(parameter.share(parameter.at(share)))
     assert again == pytest.approx(parameter.at(share))

@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from resim.resimulation.outcome import COMFORT, Kpi, Outcome
+from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.cause import cause
-from resim.verification.compare import Comparison, Judged, compare
+from resim.verification.compare import DriveComparison, SeedVerdict, compare
 from resim.verification.sequential import SequentialTest
-from resim.verification.tolerance import Excess, Limits, StepLimits, Tolerances
+from resim.verification.tolerance import ErrorLimits, Excess, StepLimits, Tolerances
 from resim.verification.vehicle import OpenLoop
 
 FREE = Tolerances(
-    sensor=StepLimits(to=Limits(d=1.0)), fit=StepLimits(to=Limits(d=0.2)), simulation=StepLimits(to=Limits(d=0.1)),
-    pipeline=StepLimits(ego=Limits(d=1.5)),
+    sensor=StepLimits(to=ErrorLimits(d=1.0)), fit=StepLimits(to=ErrorLimits(d=0.2)),
+    simulation=StepLimits(to=ErrorLimits(d=0.1)),
+    pipeline=StepLimits(ego=ErrorLimits(d=1.5)),
 )  # fmt: skip
 SMALL = {step: {"ego": {"d": 0.01}, "to": {"d": 0.01}} for step in ("S", "FIT_GT", "SIM_GT", "PIPE_GT")}
 
@@ -24,9 +25,9 @@ def kpi(outcome: str, value: float = 1.0, t: float = 2.0) -> Kpi:
     return Kpi(outcome, value, "s", t, "1", 1.0, "")  # type: ignore[arg-type]
 
 
-def drive(events: tuple[tuple[float, str], ...] = ((3.0, "brake"),), **kpis: Kpi) -> Outcome:
+def drive(events: tuple[tuple[float, str], ...] = ((3.0, "brake"),), **kpis: Kpi) -> DriveOutcome:
     reaction = next((t for t, name in events if name == "brake"), None)
-    return Outcome(kpis or {"gap": kpi("PASS")}, events, reaction, 0.01, dict.fromkeys(COMFORT), False)
+    return DriveOutcome(kpis or {"gap": kpi("PASS")}, events, reaction, 0.01, dict.fromkeys(COMFORT), False)
 
 
 def test_equal_drives_are_verified() -> None:
@@ -110,9 +111,9 @@ MADE = {
 TEST = SequentialTest(0.9, 200)
 
 
-def judged(*verdicts: str, test: SequentialTest = TEST) -> Judged:
+def judged(*verdicts: str, test: SequentialTest = TEST) -> SeedVerdict:
     runs = (compare("rGT+M", drive(), MADE[verdict], SMALL, FREE) for verdict in verdicts)
-    return Judged("rGT+M", tuple(runs), test)
+    return SeedVerdict("rGT+M", tuple(runs), test)
 
 
 def test_seeds_are_verified_only_where_they_tell_it() -> None:
@@ -152,9 +153,9 @@ def errors(**steps: float) -> dict[str, dict[str, dict[str, float | None]]]:
     return {step: {"ego": {}, "to": {"d": steps.get(step, 0.01)}} for step in SMALL}
 
 
-def found_cause(far: dict[str, float], recorded: Comparison | None, driven: OpenLoop | None = None):
+def found_cause(far: dict[str, float], recorded: DriveComparison | None, driven: OpenLoop | None = None):
     told = errors(**far)
-    one = Judged("rGT", (compare("rGT", drive(), drive(()), told, FREE),))
+    one = SeedVerdict("rGT", (compare("rGT", drive(), drive(()), told, FREE),))
     return cause(one, told, FREE, recorded, driven=driven)
 
 
@@ -191,7 +192,7 @@ def test_a_large_sensor_error_that_explains_nothing_is_not_the_cause() -> None:
 
 def test_the_sensor_is_the_cause_of_an_ego_that_only_drives_elsewhere() -> None:
     told = errors() | {"PIPE_GT": {"ego": {"d": 2.0}, "to": {"d": 0.01}}}
-    one = Judged("rGT", (compare("rGT", drive(), drive(), told, FREE),))
+    one = SeedVerdict("rGT", (compare("rGT", drive(), drive(), told, FREE),))
     assert one.verdict == "not verified"
     found = cause(one, told, FREE, AS_MEASURED)
     assert found is not None
@@ -205,7 +206,7 @@ def test_what_mends_little_is_not_the_cause() -> None:
     recorded = compare(
         "rGT+M", measured, replace(simulated, kpis=simulated.kpis | {"gap": kpi("PASS")}), SMALL, FREE
     )
-    one = Judged("rGT", (compare("rGT", measured, simulated, errors(S=1.6), FREE),))
+    one = SeedVerdict("rGT", (compare("rGT", measured, simulated, errors(S=1.6), FREE),))
     found = cause(one, errors(S=1.6), FREE, recorded)
     assert found is not None
     assert (found.step, "decision, risk are not as measured either" in found.text) == ("function", True)
@@ -219,7 +220,7 @@ def test_without_sensor_data_the_chain_begins_at_the_fit() -> None:
 
 
 def test_what_cannot_be_judged_is_named() -> None:
-    one = Judged("rGT", (compare("rGT", drive(gap=kpi("INVALID")), drive(), SMALL, FREE),))
+    one = SeedVerdict("rGT", (compare("rGT", drive(gap=kpi("INVALID")), drive(), SMALL, FREE),))
     found = cause(one, errors(), FREE, None)
     assert found is not None
     assert (found.step, found.text) == ("criteria", "cannot be judged: gap")
@@ -263,7 +264,7 @@ def test_what_the_sensor_leaves_over_is_the_vehicles() -> None:
         drive((), gap=kpi("FAIL"), risk=kpi("FAIL")),
     )
     mended = compare("rGT+M", measured, drive(gap=kpi("PASS"), risk=kpi("FAIL")), SMALL, FREE)
-    one = Judged("rGT", (compare("rGT", measured, simulated, errors(S=1.6), FREE),))
+    one = SeedVerdict("rGT", (compare("rGT", measured, simulated, errors(S=1.6), FREE),))
     for function, step in (("plans as recorded", "sensor and vehicle"), ("unknown", "sensor")):
         found = cause(one, errors(S=1.6), FREE, mended, driven=open_loop(function))
         assert (found.step, "but not risk" in found.text, "EGO speed 2 m/s" in found.text) == (
@@ -274,4 +275,4 @@ def test_what_the_sensor_leaves_over_is_the_vehicles() -> None:
 
 
 def test_a_good_verdict_has_no_cause() -> None:
-    assert cause(Judged("rGT", (AS_MEASURED,)), errors(), FREE, None) is None
+    assert cause(SeedVerdict("rGT", (AS_MEASURED,)), errors(), FREE, None) is None

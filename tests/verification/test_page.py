@@ -20,7 +20,7 @@ from resim.verification.execution import verify
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
 from resim.verification.page.axes import SEEN, seen, ticks
-from resim.verification.request import Call, asked
+from resim.verification.request import VerifyOptions, make_request
 from resim.verification.suite import read_suite
 
 BUILDS = ROOT / "adfunc" / "builds"
@@ -55,13 +55,15 @@ def suite(tmp_path_factory):
 def measured(suite, tmp_path_factory):
     """A corner case of which GT with the model agrees or not, a drive of another build, and a broken recording."""
     out = tmp_path_factory.mktemp("measured")
-    return verify(asked(suite, Call(PILOT, perception=MODEL, seeds=5), out), out, out, workers=1)
+    return verify(
+        make_request(suite, VerifyOptions(PILOT, perception=MODEL, seeds=5), out), out, out, workers=1
+    )
 
 
 @pytest.fixture(scope="module")
 def builds(suite, tmp_path_factory):
     out = tmp_path_factory.mktemp("builds")
-    return verify(asked(suite, Call(BLIND, against=PILOT), out), out, out, workers=1)
+    return verify(make_request(suite, VerifyOptions(BLIND, against=PILOT), out), out, out, workers=1)
 
 
 @pytest.fixture

@@ -7,15 +7,15 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from resim.resimulation.outcome import COMFORT, Kpi, Outcome
-from resim.verification.paired import Limits, Pair, difference, pair
+from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
+from resim.verification.paired import RegressionLimits, RunPair, difference, pair
 from resim.verification.summary import summary
 
 
-def drive(outcome: str, *, risk: float = 0.01, braking: float = 2.0, **other: object) -> Outcome:
+def drive(outcome: str, *, risk: float = 0.01, braking: float = 2.0, **other: object) -> DriveOutcome:
     kpis = {"gap": Kpi(outcome, 1.0, "s", 4.0, "1", 3.0, "")}  # type: ignore[arg-type]
     comfort = dict.fromkeys(COMFORT, braking)
-    return replace(Outcome(kpis, ((3.0, "brake"),), 3.0, risk, comfort, False), **other)  # type: ignore[arg-type]
+    return replace(DriveOutcome(kpis, ((3.0, "brake"),), 3.0, risk, comfort, False), **other)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_differences_have_intervals_over_recordings_not_over_seeds() -> None:
     assert difference([[None]]) is None
 
 
-def entry(name: str, *pairs: Pair) -> dict[str, object]:
+def entry(name: str, *pairs: RunPair) -> dict[str, object]:
     worse = any(p.lost for p in pairs)
     return {"name": name, "verdict": "worse" if worse else "same", "pairs": [asdict(p) for p in pairs]}
 
@@ -69,10 +69,10 @@ def test_limits_decide_and_the_worst_come_first() -> None:
     bad = entry("bad", pair(None, drive("PASS"), drive("FAIL", risk=0.03), 2.0))
     worse = entry("worse", pair(None, drive("PASS"), drive("FAIL", risk=0.5), 2.0))
     fine = entry("fine", pair(None, drive("PASS"), drive("PASS"), None))
-    told = summary([bad, fine, worse], Limits())
+    told = summary([bad, fine, worse], RegressionLimits())
     assert told["worst"] == ["worse", "bad"]
     assert told["limits"]["lost"] == {"value": 2, "limit": 0, "kept": False}
     assert not told["good"]
-    assert summary([bad, fine], Limits(lost=1))["good"]
-    assert not summary([worse], Limits(lost=1, risk=0.1))["good"]
-    assert summary([fine], Limits())["good"]
+    assert summary([bad, fine], RegressionLimits(lost=1))["good"]
+    assert not summary([worse], RegressionLimits(lost=1, risk=0.1))["good"]
+    assert summary([fine], RegressionLimits())["good"]

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from resim.verification.sequential import ERROR, SequentialTest, Stop
+from resim.verification.sequential import ERROR, SequentialTest, StoppingPoint
 
-Ends = dict[Stop, list[tuple[int, int]]]
+Ends = dict[StoppingPoint, list[tuple[int, int]]]
 
 
 @cache
@@ -80,7 +80,7 @@ def test_drawn_seeds_give_the_probabilities_that_were_summed_up() -> None:
 
 def test_the_interval_misses_the_true_share_as_often_as_it_says_and_agrees_with_the_verdict() -> None:
     test = SequentialTest(0.8, 60)
-    bounds = {key: test.interval(Stop(*key)) for key in ends(test)}
+    bounds = {key: test.interval(StoppingPoint(*key)) for key in ends(test)}
     for (_, _, told), (low, high) in bounds.items():
         assert told != "enough" or low >= 0.8
         assert told != "too few" or high <= 0.9
@@ -96,7 +96,7 @@ def test_the_interval_misses_the_true_share_as_often_as_it_says_and_agrees_with_
 def test_so_many_seeds_as_are_said_to_be_needed_do() -> None:
     test = SequentialTest(0.8, 60)
     stop = test.stop([*[True] * 6, False] * 8 + [True] * 4)
-    assert stop == Stop(52, 60, None)
+    assert stop == StoppingPoint(52, 60, None)
     needed = test.needed(stop)
     assert 60 < needed < 1000
     assert odds(SequentialTest(0.8, needed), 52 / 60)[None] <= ERROR

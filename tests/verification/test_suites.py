@@ -18,8 +18,8 @@ import pytest
 from resim.core.errors import InputError
 from resim.recordings.content import content_hash, refuse_changed
 from resim.verification.execution import verify
-from resim.verification.request import Asked, asked
-from resim.verification.request import Call as Wanted
+from resim.verification.request import VerificationRequest, make_request
+from resim.verification.request import VerifyOptions as Wanted
 from resim.verification.suite import read_suite
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +30,7 @@ MODEL = ROOT / "adfunc" / "perception" / "proving_ground.json"
 CORNER_CASE, OVERTAKE = SCENARIOS / "cut_in_brake", SCENARIOS / "overtake"
 NEIGHBOURS = SCENARIOS / "neighbours"
 
-Call = Callable[..., tuple[int, str, str]]
+VerifyOptions = Callable[..., tuple[int, str, str]]
 WriteSuite = Callable[..., Path]
 
 
@@ -67,7 +67,7 @@ def verdicts(out: Path) -> dict[str, str]:
 
 
 def test_the_corner_case_on_the_truth_is_not_verified_because_of_the_sensor(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     code, said, error = call("verify", suite(CORNER_CASE), "--build", PILOT, "--out", out, "--workers", 1)
@@ -82,7 +82,7 @@ def test_the_corner_case_on_the_truth_is_not_verified_because_of_the_sensor(
 
 
 def test_with_the_trained_model_the_corner_case_is_verified(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     """As soon as its seeds tell so, of all that the suite allows."""
     out, path = tmp_path / "out", suite(CORNER_CASE, more="agreement = 0.5")
@@ -102,7 +102,7 @@ def test_with_the_trained_model_the_corner_case_is_verified(
 
 
 def test_seeds_that_do_not_tell_leave_it_undecided_which_is_not_good(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     out, path = tmp_path / "out", suite(CORNER_CASE, more="agreement = 0.5\nseeds = 5\nreports = 0")
     code, said, error = call(
@@ -119,7 +119,7 @@ def test_seeds_that_do_not_tell_leave_it_undecided_which_is_not_good(
 
 
 def test_the_mirrored_lane_check_is_found_with_scenario_and_second(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     out, name = tmp_path / "out", "slow_lead_left_taken"
     code, _, error = call(
@@ -137,7 +137,7 @@ def test_the_mirrored_lane_check_is_found_with_scenario_and_second(
     assert verdicts(out)["overtake"] == "same"
 
 
-def test_replay_is_verified_on_the_whole_highway_suite(call: Call, tmp_path: Path) -> None:
+def test_replay_is_verified_on_the_whole_highway_suite(call: VerifyOptions, tmp_path: Path) -> None:
     out = tmp_path / "out"
     call("verify", HIGHWAY, "--build", REPLAY, "--out", out, "--workers", 2)
     found = verdicts(out)
@@ -146,7 +146,7 @@ def test_replay_is_verified_on_the_whole_highway_suite(call: Call, tmp_path: Pat
 
 
 def test_a_broken_recording_stops_no_other_and_is_an_error(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     broken, out = copied(CORNER_CASE, tmp_path / "broken"), tmp_path / "out"
     (broken / "gt.csv").write_text("t,id\n0.0,ego\n")
@@ -167,7 +167,7 @@ def test_what_was_done_is_kept_and_only_what_changed_is_repeated(suite: WriteSui
     def again() -> dict[str, bool]:
         told: dict[str, bool] = {}
         out.mkdir(exist_ok=True)
-        wanted = asked(read_suite(path), Wanted(REPLAY), out)
+        wanted = make_request(read_suite(path), Wanted(REPLAY), out)
         verify(wanted, out, out, workers=1, tell=lambda name, verdict, kept: told.update({name: kept}))
         return told
 
@@ -191,14 +191,14 @@ DAMAGE: dict[str, Callable[[str], str]] = {
 
 
 def test_a_result_that_is_not_as_it_was_written_is_made_again(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     path, out = suite(OVERTAKE), tmp_path / "out"
     command = ("verify", path, "--build", REPLAY, "--out", out, "--workers", 1)
     assert call(*command)[0] == 0
     (case,) = (out / "cases").glob("*.json")
     whole, found = case.read_text(), (out / "verification.json").read_bytes()
-    damaged, wanted = [], Asked.model_validate(result(out)["inputs"])
+    damaged, wanted = [], VerificationRequest.model_validate(result(out)["inputs"])
     for name, damage in DAMAGE.items():
         assert damage(whole) != whole, name
         case.write_text(damage(whole))
@@ -214,7 +214,7 @@ def test_a_result_that_is_not_as_it_was_written_is_made_again(
 
 
 def test_killed_and_repeated_it_gives_the_bytes_of_an_undisturbed_one_with_any_number_of_workers(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     path = suite(*(NEIGHBOURS / n for n in ("cut_in_only", "cut_in_softer", "slow_overtaking")), OVERTAKE)
     command = [sys.executable, "-m", "resim", "verify", path, "--build", REPLAY, "--workers", "1", "--out"]
@@ -258,7 +258,7 @@ def reported(
 ) -> dict[str, Any]:
     """Verify a suite driven by anybody; give the entries, with the `lost` reports."""
     out.mkdir(exist_ok=True)
-    wanted = asked(
+    wanted = make_request(
         read_suite(path), Wanted(build, driven_by=("constant_velocity-1.0", "highway_pilot-1.0")), out
     )
     lost: dict[str, str] = {}
@@ -308,7 +308,7 @@ def test_a_report_of_a_recording_that_has_changed_since_is_not_made_and_it_is_sa
 
 
 def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     drive, out = copied(OVERTAKE, tmp_path / "drive"), tmp_path / "out"
     assert call("verify", suite(drive), "--build", REPLAY, "--out", out, "--workers", 1)[0] == 0
@@ -329,7 +329,7 @@ def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
 
 
 def test_another_function_is_refused_unless_asked_for_by_name(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     out, other = tmp_path / "out", BUILDS / "highway_pilot-1.1.toml"
     code, _, error = call("verify", suite(OVERTAKE), "--build", other, "--out", out, "--workers", 1)
@@ -341,7 +341,7 @@ def test_another_function_is_refused_unless_asked_for_by_name(
     assert call("verify", suite(OVERTAKE), "--build", other, *asked_for)[0] == 0
 
 
-def test_suite_new_writes_the_hash_of_every_recording_it_finds(call: Call, tmp_path: Path) -> None:
+def test_suite_new_writes_the_hash_of_every_recording_it_finds(call: VerifyOptions, tmp_path: Path) -> None:
     path = tmp_path / "new.toml"
     code, said, _ = call("suite", "new", NEIGHBOURS, "--criteria", CRITERIA, "--out", path)
     assert code == 0
@@ -374,7 +374,7 @@ def test_the_hashes_of_the_highway_suite_are_those_of_the_recordings() -> None:
     ],
 )
 def test_a_suite_that_is_wrong_is_refused_with_the_reason(
-    call: Call, suite: WriteSuite, tmp_path: Path, more: str, folder: str, expected: str
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path, more: str, folder: str, expected: str
 ) -> None:
     path, out = suite(folder, more=more), tmp_path / "out"
     code, _, error = call("verify", path, "--build", REPLAY, "--out", out)
@@ -385,7 +385,7 @@ def test_a_suite_that_is_wrong_is_refused_with_the_reason(
 
 
 def test_a_recording_that_is_not_the_one_of_the_suite_is_an_error(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     path, out = suite(OVERTAKE), tmp_path / "out"
     path.write_text(path.read_text() + f'hash = "{64 * "0"}"\n')
@@ -394,7 +394,9 @@ def test_a_recording_that_is_not_the_one_of_the_suite_is_an_error(
     assert "has the hash" in error
 
 
-def test_a_recording_with_two_hashes_is_refused(call: Call, suite: WriteSuite, tmp_path: Path) -> None:
+def test_a_recording_with_two_hashes_is_refused(
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
+) -> None:
     path, out = suite(OVERTAKE), tmp_path / "out"
     text = path.read_text() + f'hash = "{64 * "0"}"\n'
     folder = f"{OVERTAKE.parent}/./{OVERTAKE.name}"
@@ -420,7 +422,7 @@ def test_a_recording_that_had_no_hash_when_the_verification_began_is_an_error(tm
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems take no such names")
 def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     strange, out = os.fsdecode(b"drive\xff\xfe"), tmp_path / "out"
     drive = copied(OVERTAKE, tmp_path / strange)
@@ -440,7 +442,7 @@ def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
 
 
 def test_a_vehicle_model_is_recorded_and_its_results_are_its_own(
-    call: Call, suite: WriteSuite, tmp_path: Path
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
     out, told = tmp_path / "out", {}
     for vehicle in ("kinematic", "single-track", "kinematic"):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from resim.verification.execution import verify
-from resim.verification.request import Call, asked
+from resim.verification.request import VerifyOptions, make_request
 from resim.verification.suite import read_suite
 
 ROOT = Path(__file__).parents[2]
@@ -46,7 +46,7 @@ def verdicts(few: Path) -> Verdicts:
     """Verify the vehicles with a build; gives verdict and step of the cause by recording."""
 
     def run(build: str, *driven_by: str) -> dict[str, tuple[str, str | None]]:
-        wanted = asked(read_suite(few), Call(BUILDS / build, driven_by=driven_by), few.parent)
+        wanted = make_request(read_suite(few), VerifyOptions(BUILDS / build, driven_by=driven_by), few.parent)
         found, _ = verify(wanted, few.parent, None, workers=1)
         causes = {r["name"]: r["cause"] for r in found["recordings"]}
         return {

@@ -19,9 +19,9 @@ from resim.road.sumo import SumoNet
 from resim.simulation.case import Case
 from resim.simulation.dynamics import Kinematic, Vehicle, VehicleModel, VehicleState
 from resim.simulation.function.interface import load_build
-from resim.simulation.perception import Ideal
+from resim.simulation.perception import IdealPerception
 from resim.simulation.sumo.engine import Sumo
-from resim.verification.result import Verified
+from resim.verification.result import VerificationResult
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import Demands, verify_recording
 
@@ -75,7 +75,7 @@ def driven(network: RoadNetwork, net: SumoNet) -> Drive:
             )
             run = Case(
                 tool.stage(wanted, network), network, build, Sumo(),
-                tool.Sensor(wanted.sensor) if sees else Ideal(), VEHICLES[vehicle](), step=tool.STEP,
+                tool.Sensor(wanted.sensor) if sees else IdealPerception(), VEHICLES[vehicle](), step=tool.STEP,
                 seed=wanted.seed, stop_at_collision=False,
             ).drive()  # fmt: skip
             made[name, vehicle, sees] = Recording(
@@ -88,13 +88,13 @@ def driven(network: RoadNetwork, net: SumoNet) -> Drive:
     return drive
 
 
-def verified(recording: Recording, build: str = "highway_pilot-1.0") -> Verified:
+def verified(recording: Recording, build: str = "highway_pilot-1.0") -> VerificationResult:
     demands = Demands(read_criteria(CRITERIA), Tolerances())
     path: Path = ROOT / "adfunc" / "builds" / f"{build}.toml"
     return verify_recording(recording, load_build(path), demands, Options(bases=("GT",)))
 
 
-def step_of(found: Verified) -> str | None:
+def step_of(found: VerificationResult) -> str | None:
     cause = found.causes["rGT"]
     return None if cause is None else cause.step
 

@@ -1,5 +1,5 @@
-"""A cycle of a perception model in the loop: with all of its parts, and with less; beside `Ideal` and the sensor of
-tools/virtual_sensor.py.
+"""A cycle of a perception model in the loop: with all of its parts, and with less; beside
+`IdealPerception` and the sensor of tools/virtual_sensor.py.
 
 Ten objects around the EGO on a motorway at 25 Hz; some of them brake, some change lane, some hide others.
 
@@ -21,7 +21,7 @@ from resim.perception.model import FEATURES, QUANTITIES, PerceptionModel
 from resim.perception.runtime.sensor import Sensor
 from resim.scenario.maneuvers import MANEUVERS
 from resim.simulation.function.interface import EgoState
-from resim.simulation.perception import Ideal, Perception, World
+from resim.simulation.perception import IdealPerception, Perception, World
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from virtual_sensor import Sensor as VirtualSensor
@@ -98,7 +98,7 @@ def cases() -> dict[str, Perception]:
     flat = whole["detection"] | {"occlusion_edges": (0, 1)}
     flat |= {name: [[row[:1] for row in table] for table in flat[name]] for name in ("loss", "gain")}
     return {
-        "Ideal": Ideal(),
+        "Ideal": IdealPerception(),
         "virtual sensor": VirtualSensor(),
         "model: nothing": sensor(),
         "model: latency": sensor(latency=whole["latency"]),

@@ -18,7 +18,7 @@ import numpy as np
 
 from resim.metrics.drive import drive
 from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
-from resim.metrics.risk.ways import ways
+from resim.metrics.risk.lane_paths import lane_paths
 from resim.recordings import Recording, read_commonroad, read_recording
 from resim.resimulation.run import describe_recording
 from resim.road.opendrive import RoadNetwork, load
@@ -131,7 +131,7 @@ def main() -> int:
     for name, some, network in real(Path(sys.argv[1] if len(sys.argv) > 1 else "../shared/data")):
         span = 0.1 * len(some.state)
         begin = time.perf_counter()
-        lanes = ways(network, some.state, some.size, horizon=4.0)
+        lanes = lane_paths(network, some.state, some.size, horizon=4.0)
         rates[f"{name}_ways_s"] = time.perf_counter() - begin
         rates[f"{name}_published"] = span / seconds(some, Parameters(mode="published"))
         rates[f"{name}_continuous"] = span / seconds(some, Parameters())

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from resim.verification.execution import verify
-from resim.verification.request import Call, asked, refuse_others
+from resim.verification.request import VerifyOptions, make_request, refuse_others
 from resim.verification.suite import new_suite, read_suite
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -56,7 +56,7 @@ def took(folders: list[Path], home: Path, workers: int, reports: bool) -> tuple[
     suite.write_text(new_suite(folders, CRITERIA, suite, f"bench {len(folders)}"), encoding="utf-8")
     out.mkdir()
     begin = time.perf_counter()
-    wanted = asked(read_suite(suite), Call(BUILD), out)
+    wanted = make_request(read_suite(suite), VerifyOptions(BUILD), out)
     refuse_others(wanted, out)
     found, _ = verify(wanted, out, out if reports else None, workers=workers)
     seconds = time.perf_counter() - begin

@@ -35,7 +35,7 @@ _locked: dict[tuple[Path, int], int] = {}
 
 
 @dataclass(frozen=True)
-class Frozen:
+class FrozenFile:
     """A file and all that belongs to it, as it was read. path: as the user names it, for messages. hash: SHA-256."""
 
     path: Path
@@ -43,7 +43,7 @@ class Frozen:
 
 
 @dataclass(frozen=True, eq=False)
-class Copy:
+class FrozenCopy:
     """The frozen copy of a file, found to be whole.
 
     raw: its bytes. folder: where the files that belong to it lie, as they lay beside it. names: of these files, as seen
@@ -58,7 +58,7 @@ class Copy:
 
 def freeze(
     path: Path, raw: bytes, sources: Mapping[str, bytes] | None = None, data: Mapping[str, Path] | None = None
-) -> Frozen:
+) -> FrozenFile:
     """Keep a copy of the file at `path`, which holds `raw`, with the files that belong to it.
 
     sources: bytes by name, as seen from the file's folder; data: where others lie, by name. The hash is of bytes and
@@ -68,7 +68,7 @@ def freeze(
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in sources.items()}
     digests |= {name: file_hash(file) for name, file in data.items()}
     index = json.dumps(digests, sort_keys=True).encode() if digests else b""
-    frozen = Frozen(path, _digest(raw, index))
+    frozen = FrozenFile(path, _digest(raw, index))
     if _read(frozen.hash) is None:
         try:
             _write(frozen.hash, raw, index, sources, data)
@@ -84,12 +84,12 @@ def freeze(
     return frozen
 
 
-def freeze_file(path: Path, remedy: str = "") -> Frozen:
+def freeze_file(path: Path, remedy: str = "") -> FrozenFile:
     """Freeze a file that nothing else belongs to. Raises InputError."""
     return freeze(path, read_file(path, remedy))
 
 
-def thaw(frozen: Frozen, again: Callable[[Path], Frozen] = freeze_file) -> Copy:
+def thaw(frozen: FrozenFile, again: Callable[[Path], FrozenFile] = freeze_file) -> FrozenCopy:
     """Give the copy, checked against its hash.
 
     again: freezes the file once more where its copy is gone or belongs to another machine. Raises InputError where the
@@ -104,7 +104,7 @@ def thaw(frozen: Frozen, again: Callable[[Path], Frozen] = freeze_file) -> Copy:
     return found
 
 
-def find_copy(beginning: str) -> Copy | None:
+def find_copy(beginning: str) -> FrozenCopy | None:
     """Give the copy whose hash begins so; None where there is none."""
     found = next(cache_folder("inputs").glob(f"{beginning}*"), None)
     return None if found is None else _read(found.name)
@@ -114,7 +114,7 @@ def _digest(raw: bytes, index: bytes) -> str:
     return hashlib.sha256(raw + b"\0" + index if index else raw).hexdigest()
 
 
-def _read(digest: str) -> Copy | None:
+def _read(digest: str) -> FrozenCopy | None:
     """The copy of this hash; None where there is none, or a file of it is damaged."""
     root = cache_folder("inputs") / digest
     _lock(root)
@@ -129,7 +129,7 @@ def _read(digest: str) -> Copy | None:
         held |= {name: file_hash(home / name) for name in digests if name not in sources}
     except InputError:
         return None
-    return Copy(raw, home, sources, frozenset(digests)) if held == digests else None
+    return FrozenCopy(raw, home, sources, frozenset(digests)) if held == digests else None
 
 
 def _write(

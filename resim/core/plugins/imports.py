@@ -22,7 +22,7 @@ _BY_NAME = ("import_module", "__import__", "__all__")
 
 
 @dataclass(frozen=True)
-class Home:
+class UserModules:
     """A folder of modules of the user; top: the one package in it that is his, None for all."""
 
     folder: Path
@@ -66,7 +66,7 @@ def own_sources(path: Path, modules: Iterable[str], also: Iterable[str] = ()) ->
     imported under a name that is computed is not found.
     """
     found: dict[str, bytes] = {}
-    homes = [Home(path.parent)]
+    homes = [UserModules(path.parent)]
     todo = list(modules)
     for module in todo:
         if not homes[0].files(module) and (home := installed_home(module)) is not None:
@@ -107,7 +107,7 @@ def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[s
     return out
 
 
-def installed_home(module: str) -> Home | None:
+def installed_home(module: str) -> UserModules | None:
     """Where an installed module lies with what is its own; None for one that is built in, or is not there."""
     top = module.partition(".")[0]
     try:
@@ -117,12 +117,12 @@ def installed_home(module: str) -> Home | None:
     if spec is None or top in _SHARED:
         return None
     if spec.submodule_search_locations:
-        return Home(Path(next(iter(spec.submodule_search_locations))).parent, top)
+        return UserModules(Path(next(iter(spec.submodule_search_locations))).parent, top)
     if spec.origin is None or not spec.has_location:
         return None
     folder = Path(spec.origin).parent
     common = folder.name in ("site-packages", "dist-packages") or folder == Path(sysconfig.get_path("stdlib"))
-    return Home(folder, top if common else None)
+    return UserModules(folder, top if common else None)
 
 
 def _is_installed(top: str) -> bool:

@@ -20,10 +20,10 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from resim.core.errors import ChangedError, FunctionError, InputError, StopError
-from resim.core.plugins.frozen import Copy, Frozen, find_copy, freeze
+from resim.core.plugins.frozen import FrozenCopy, FrozenFile, find_copy, freeze
 from resim.core.plugins.imports import is_own, options, own_data, own_sources
 from resim.core.plugins.modules import OwnModules
-from resim.core.plugins.opened import Opened
+from resim.core.plugins.opened import OpenedFiles
 from resim.core.plugins.surroundings import same_surroundings
 from resim.core.plugins.watchdog import Watchdog, said
 
@@ -31,7 +31,7 @@ LOAD_LIMIT = 180.0
 """s of wall clock for the import of a module: those of large libraries take a minute where the disk is cold."""
 
 
-def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[str] = ()) -> Frozen:
+def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[str] = ()) -> FrozenFile:
     """Freeze the file at `path`, which holds `raw`, with the code and the data that belong to it.
 
     named: the "module:name" that it says. files: what it lists as data. Raises InputError.
@@ -43,7 +43,7 @@ def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[st
     return freeze(path, raw, sources, {name: file for name, file in data.items() if name not in sources})
 
 
-def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> Named:
+def load_named(frozen: FrozenFile, copy: FrozenCopy, named: str, what: str) -> LoadedCallable:
     """Give the callable that a frozen file names as "module:name" for its field `what`, from its copy.
 
     Raises InputError for a module or name that is not there, FunctionError for one that takes longer than LOAD_LIMIT,
@@ -51,7 +51,7 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> Named:
     """
     path = frozen.path
     module_name, _, name = named.partition(":")
-    code = Named(frozen, copy, named)
+    code = LoadedCallable(frozen, copy, named)
     problem = f"{what} module {module_name!r} cannot be imported"
     remedy = f"Install it, or put the module's file beside {path.name}."
     try:
@@ -69,19 +69,19 @@ def load_named(frozen: Frozen, copy: Copy, named: str, what: str) -> Named:
     return code
 
 
-class Named:
+class LoadedCallable:
     """A callable of a user's code. opened: unlisted files beside the user's file that its runs opened, all together."""
 
-    def __init__(self, frozen: Frozen, copy: Copy, named: str) -> None:
+    def __init__(self, frozen: FrozenFile, copy: FrozenCopy, named: str) -> None:
         private = f"{_PRIVATE}{frozen.hash[:16]}"
         if private not in _spaces:
             _spaces[private] = _Space(private, copy)
         self._space = _spaces[private]
         self._module, _, self._name = named.partition(":")
-        self.opened = Opened(frozen.path, copy.folder, copy.names, self._space.modules)
+        self.opened = OpenedFiles(frozen.path, copy.folder, copy.names, self._space.modules)
 
     @contextmanager
-    def afresh(self, seed: int = 0) -> Iterator[Opened]:
+    def afresh(self, seed: int = 0) -> Iterator[OpenedFiles]:
         """Context of one run of the code: it knows nothing of runs before, and leaves nothing to those after.
 
         Its own modules are executed again when they are imported. seed: of what draws without a generator of its own.
@@ -108,7 +108,7 @@ class _FailedImport:
     cause: BaseException
 
 
-def _loaded(code: Named) -> Any:
+def _loaded(code: LoadedCallable) -> Any:
     try:
         return code.load()
     except StopError:
@@ -123,7 +123,7 @@ class _Space:
     modules: those that they put into `sys.modules`. compiled: those that are no Python; a process has them once.
     """
 
-    def __init__(self, name: str, copy: Copy) -> None:
+    def __init__(self, name: str, copy: FrozenCopy) -> None:
         self.name, self.copy, self.modules = name, copy, OwnModules()
         self.compiled: dict[str, ModuleType] = {}
         self._codes: dict[str, CodeType] = {}

@@ -23,7 +23,7 @@ _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 """Between the words of a command line."""
 
 
-class Opened:
+class OpenedFiles:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
     path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
@@ -42,13 +42,13 @@ class Opened:
         self._names, self._modules = names, modules
         self._held = set[str]()  # folders that it holds open, for opening what is in them
 
-    def of_a_run(self) -> Opened:
+    def of_a_run(self) -> OpenedFiles:
         """Give the same that has heard of no file yet."""
         run = copy(self)
         run.found, run._held = set(), set()
         return run
 
-    def __enter__(self) -> Opened:
+    def __enter__(self) -> OpenedFiles:
         if not _watching:
             integrity.begin(self.path)
         self._modules.__enter__()
@@ -112,7 +112,7 @@ class Opened:
         )
 
 
-_watching: list[Opened] = []
+_watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
 _EVENTS = {
     "ctypes.dlopen": (0,),

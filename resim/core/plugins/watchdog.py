@@ -99,7 +99,7 @@ class Watchdog:
             except BaseException as e:
                 if type(e) is FunctionError or _is_of_others(e):
                     raise
-                failure = _told(e)
+                failure = _in_words(e)
             finally:
                 self._inside = False
                 if os.getpid() != self._process:
@@ -128,7 +128,7 @@ def _is_of_others(e: BaseException) -> bool:
     return False
 
 
-def _told(e: BaseException) -> str:
+def _in_words(e: BaseException) -> str:
     """What a function raised, in words; its text is the function's code, too."""
     if issubclass(type(e), SystemExit):
         return f"tried to end the program: SystemExit({_said(lambda: str(getattr(e, 'code', '')))})"

@@ -22,8 +22,10 @@ def longitudinal_acceleration(tracks: Tracks, *, window: float = WINDOW) -> Meas
     NOT_DEFINED where the window is not filled (ends of a track, gaps); NOT_COMPUTED where there is no sample.
     """
     if tracks.a is not None:
-        return _told("longitudinal acceleration", "m/s²", tracks.a, tracks.valid)
-    return _told("longitudinal acceleration", "m/s²", slope(tracks.t, tracks.v, window=window), tracks.valid)
+        return _measure("longitudinal acceleration", "m/s²", tracks.a, tracks.valid)
+    return _measure(
+        "longitudinal acceleration", "m/s²", slope(tracks.t, tracks.v, window=window), tracks.valid
+    )
 
 
 def lateral_acceleration(tracks: Tracks, *, window: float = WINDOW) -> Measure:
@@ -31,7 +33,7 @@ def lateral_acceleration(tracks: Tracks, *, window: float = WINDOW) -> Measure:
 
     The yaw rate is as measured (`tracks.yaw_rate`), else the `slope` of the heading over `window` [s].
     """
-    return _told("lateral acceleration", "m/s²", _lateral(tracks, window), tracks.valid)
+    return _measure("lateral acceleration", "m/s²", _lateral(tracks, window), tracks.valid)
 
 
 def longitudinal_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
@@ -40,13 +42,13 @@ def longitudinal_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
     Where no acceleration was measured two windows stand in a row: 1 s of v with the default.
     """
     a = longitudinal_acceleration(tracks, window=window).value
-    return _told("longitudinal jerk", "m/s³", slope(tracks.t, a, window=window), tracks.valid)
+    return _measure("longitudinal jerk", "m/s³", slope(tracks.t, a, window=window), tracks.valid)
 
 
 def lateral_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
     """Give the `slope` over `window` [s] of the lateral acceleration (N, T) [m/s³]. States as above."""
     a = _lateral(tracks, window)
-    return _told("lateral jerk", "m/s³", slope(tracks.t, a, window=window), tracks.valid)
+    return _measure("lateral jerk", "m/s³", slope(tracks.t, a, window=window), tracks.valid)
 
 
 def slope(t: Floats, y: Floats, *, window: float) -> Floats:
@@ -87,7 +89,7 @@ def _lateral(tracks: Tracks, window: float) -> Floats:
     return np.asarray(tracks.v * yaw_rate(tracks, window=window))
 
 
-def _told(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
+def _measure(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
     """Both signs are uncomfortable: the worst is the strongest in either direction."""
     state = np.where(np.isfinite(value), State.VALUE, State.NOT_DEFINED)
     state = np.where(valid, state, State.NOT_COMPUTED).astype(np.uint8)

@@ -11,14 +11,14 @@ from resim.core.geometry import Bools, Floats, to_frame
 from resim.metrics.criticality import motion
 from resim.metrics.criticality.contact import Rows, first_contact
 from resim.metrics.criticality.measure import Measure, States, stated
-from resim.metrics.criticality.pairs import Pair, Pairs
+from resim.metrics.criticality.pairs import CompletePairs, Pairs
 from resim.metrics.criticality.times import planned_contact
 from resim.metrics.risk import DEFAULTS, Parameters
 
 HALVINGS = 12
 COARSE, MOST = 1.0, 20.0  # m/s²; DRAC is looked for in steps of COARSE up to MOST, then bisected
 
-Evasion = Callable[[Pair, Floats, Floats], Floats]
+Evasion = Callable[[CompletePairs, Floats, Floats], Floats]
 """The EGO's motion (P, N, 4) at times (P, N) after the evasion began, at `start` (P,) [s]."""
 
 
@@ -59,7 +59,7 @@ def longest(ttb: Measure, ttk: Measure, tts: Measure) -> Measure:
 
 
 def _along_path(a: float) -> Evasion:
-    def go(p: Pair, start: Floats, t: Floats) -> Floats:
+    def go(p: CompletePairs, start: Floats, t: Floats) -> Floats:
         s = motion.way_at(p.plan, p.step, np.minimum(start, _end(p))[:, None])
         v = np.abs(p.planned(start[:, None])[..., 3])
         s = s + np.maximum(start - _end(p), 0.0)[:, None] * v
@@ -69,12 +69,12 @@ def _along_path(a: float) -> Evasion:
     return go
 
 
-def _end(p: Pair) -> float:
+def _end(p: CompletePairs) -> float:
     return float((p.plan.shape[1] - 1) * p.step)
 
 
 def _turning(limits: Parameters, side: float) -> Evasion:
-    def go(p: Pair, start: Floats, t: Floats) -> Floats:
+    def go(p: CompletePairs, start: Floats, t: Floats) -> Floats:
         state = np.zeros((len(t), 6))
         state[:, :4] = p.planned(start[:, None])[:, 0]
         v = np.abs(state[:, 3])
@@ -84,13 +84,13 @@ def _turning(limits: Parameters, side: float) -> Evasion:
     return go
 
 
-def _avoids(p: Pair, evasion: Evasion, start: Floats) -> Bools:
+def _avoids(p: CompletePairs, evasion: Evasion, start: Floats) -> Bools:
     return np.isinf(
         first_contact(evasion(p, start, p.t), p.expected(start[:, None] + p.t), p.h, p.ego_size, p.size)
     )
 
 
-def _latest(evasions: list[Evasion], p: Pair) -> tuple[Floats, States]:
+def _latest(evasions: list[Evasion], p: CompletePairs) -> tuple[Floats, States]:
     """The latest start over all evasions: last success on the grid (Algorithm 4.2), then bisected."""
     contact = planned_contact(p)
     conflict = np.isfinite(contact)
@@ -101,7 +101,7 @@ def _latest(evasions: list[Evasion], p: Pair) -> tuple[Floats, States]:
     return stated(value, conflict=conflict)
 
 
-def _latest_of(p: Pair, evasion: Evasion, contact: Floats) -> Floats:
+def _latest_of(p: CompletePairs, evasion: Evasion, contact: Floats) -> Floats:
     h = p.h[0]
     grid = np.floor(contact / h).astype(int)
     low, high = np.full(len(contact), -1.0), contact.copy()
@@ -134,7 +134,7 @@ def drac(pairs: Pairs) -> Measure:
     return pairs.measured("DRAC", "m/s²", "high", _drac, columns=4)
 
 
-def _drac(p: Pair) -> tuple[Floats, States]:
+def _drac(p: CompletePairs) -> tuple[Floats, States]:
     def avoids(rows: Rows, braking: Floats) -> Bools:
         q = p.rows(rows)
         t = np.arange(2 * q.steps + 1) * q.h[:, None]
@@ -159,7 +159,7 @@ def _drac(p: Pair) -> tuple[Floats, States]:
     return stated(np.where(np.isinf(need) & _behind(p), 0.0, need), conflict=conflict)
 
 
-def _behind(p: Pair) -> Bools:
+def _behind(p: CompletePairs) -> Bools:
     """Whether the object's box (P,) lies wholly behind the EGO's."""
     ahead, _ = to_frame(p.state[:, 0], p.state[:, 1], p.plan[:, 0, 0], p.plan[:, 0, 1], p.plan[:, 0, 2])
     turn = p.state[:, 2] - p.plan[:, 0, 2]

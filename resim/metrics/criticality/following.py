@@ -11,7 +11,7 @@ from resim.core.geometry import Floats, to_frame, wrap_angle
 from resim.metrics.criticality import motion
 from resim.metrics.criticality.contact import first_contact
 from resim.metrics.criticality.measure import Measure, State, States, stated
-from resim.metrics.criticality.pairs import Pair, Pairs
+from resim.metrics.criticality.pairs import CompletePairs, Pairs
 
 RANGE = 150.0  # m; how far ahead is looked for somebody
 SAME_WAY = 0.25 * np.pi  # rad; who heads less than this off the EGO's path drives the same way
@@ -29,7 +29,7 @@ def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> Measure:
     return pairs.measured("gap", "m", "low", partial(_gap, reach), columns=4)
 
 
-def _gap(reach: float, p: Pair) -> tuple[Floats, States]:
+def _gap(reach: float, p: CompletePairs) -> tuple[Floats, States]:
     n = max(2, int(np.ceil(reach / 2.0)))
     scenes, of = np.unique(p.scene, return_inverse=True)
     s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(scenes), n + 1))
@@ -90,7 +90,7 @@ def overtaking_right(pairs: Pairs, *, beside: float = 5.5) -> Measure:
     return pairs.measured("overtaking on the right", "m/s", "high", partial(_right, beside), columns=4)
 
 
-def _right(beside: float, p: Pair) -> tuple[Floats, States]:
+def _right(beside: float, p: CompletePairs) -> tuple[Floats, States]:
     ego, other = p.plan[:, 0], p.state
     along, left = to_frame(other[:, 0], other[:, 1], ego[:, 0], ego[:, 1], ego[:, 2])
     turn = wrap_angle(other[:, 2] - ego[:, 2])

@@ -9,7 +9,7 @@ import numpy as np
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.metrics.criticality.contact import distance, first_contact
 from resim.metrics.criticality.measure import Measure, States, stated
-from resim.metrics.criticality.pairs import Pair, Pairs
+from resim.metrics.criticality.pairs import CompletePairs, Pairs
 from resim.metrics.criticality.times import planned_contact
 
 PARTS = 16
@@ -32,7 +32,7 @@ def tpmd(pairs: Pairs) -> Measure:
     return pairs.measured("TPMD", "s", "low", partial(_nearest, 1))
 
 
-def _nearest(which: int, p: Pair) -> tuple[Floats, States]:
+def _nearest(which: int, p: CompletePairs) -> tuple[Floats, States]:
     t = p.t
     near, at = _apart(p, t), t
     a, b = p.planned(t), p.expected(t)
@@ -60,7 +60,7 @@ def _nearest(which: int, p: Pair) -> tuple[Floats, States]:
     return stated(np.where(touch, (0.0, contact)[which], (best, when)[which]), conflict=np.ones_like(touch))
 
 
-def _apart(p: Pair, t: Floats) -> Floats:
+def _apart(p: CompletePairs, t: Floats) -> Floats:
     return distance(p.planned(t), p.expected(t), p.ego_size[:, None], p.size[:, None])
 
 
@@ -81,7 +81,7 @@ def pet(pairs: Pairs) -> Measure:
     return pairs.measured("PET", "s", "low", _pet)
 
 
-def _pet(p: Pair) -> tuple[Floats, States]:
+def _pet(p: CompletePairs) -> tuple[Floats, States]:
     low = np.full(len(p.plan), np.nan)
     earliest = _least_shift(p)
     unknown = np.isfinite(earliest)
@@ -102,7 +102,7 @@ def _pet(p: Pair) -> tuple[Floats, States]:
     return stated(low, conflict=np.isfinite(low))
 
 
-def _least_shift(p: Pair) -> Floats:
+def _least_shift(p: CompletePairs) -> Floats:
     """Fewest steps (P,) between the circles around both boxes being at one place, less one; inf: never at one."""
     a, b = p.planned(p.t)[..., :2], p.expected(p.t)[..., :2]
     reach = 0.5 * (np.hypot(*p.ego_size.T) + np.hypot(*p.size.T))
@@ -115,7 +115,7 @@ def _least_shift(p: Pair) -> Floats:
     return least - 1.0
 
 
-def _share(p: Pair, shift: Floats) -> Bools:
+def _share(p: CompletePairs, shift: Floats) -> Bools:
     """Whether the EGO at t and the object at t + shift touch, both within the horizon."""
     n = p.steps
     h = (p.horizon - np.abs(shift)) / n

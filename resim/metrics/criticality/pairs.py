@@ -19,7 +19,7 @@ CHUNK = 2048  # pairs looked at together: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class CompletePairs:
     """P pairs of the EGO and one object, all complete; fields as in `Pairs`, rows (P, ...).
 
     every: the scenes that they are of, pair p of scene[p].
@@ -50,7 +50,7 @@ class Pair:
         """Times (P, N + 1) [s] over the horizon."""
         return np.arange(self.steps + 1) * self.h[:, None]
 
-    def rows(self, rows: Rows) -> Pair:
+    def rows(self, rows: Rows) -> CompletePairs:
         """Give these pairs."""
         path = None if self.path is None else self.path[rows]
         return replace(
@@ -154,7 +154,7 @@ class Pairs:
         return np.asarray(np.all(ego, axis=0)[:, None] & np.all(objects, axis=0))
 
     def measured(
-        self, name: str, unit: str, bad: Bad, of: Callable[[Pair], tuple[Floats, States]],
+        self, name: str, unit: str, bad: Bad, of: Callable[[CompletePairs], tuple[Floats, States]],
         *, columns: int = 6,
     ) -> Measure:  # fmt: skip
         """Give a measure (S, K) of all complete pairs; NOT_COMPUTED where NaN or a size of 0 stands in the input.
@@ -169,6 +169,8 @@ class Pairs:
             path = None if self.path is None else self.path[i, j]
             state_ij, size = self.state[i, j], self.size[i, j]
             value[i, j], state[i, j] = of(
-                Pair(self, i, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span)
+                CompletePairs(
+                    self, i, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span
+                )
             )
         return Measure(name, unit, value, state, bad)

@@ -20,7 +20,7 @@ def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
     """
     place, _ = _places(tracks, network)
     limit = np.where(place.on_road, network.speed_limit(place.road, place.lane, place.s), np.nan)
-    return _told("speed over limit", "m/s", tracks.v[tracks.valid] - limit, tracks.valid)
+    return _measure("speed over limit", "m/s", tracks.v[tracks.valid] - limit, tracks.valid)
 
 
 def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
@@ -35,7 +35,7 @@ def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
     length, width = _sizes(tracks)
     half = 0.5 * (length * np.abs(np.sin(turn)) + width * np.abs(np.cos(turn)))
     over = np.abs(place.t) + half - 0.5 * network.lane_width(place.road, place.lane, place.s)
-    return _told("lane overhang", "m", over, tracks.valid)
+    return _measure("lane overhang", "m", over, tracks.valid)
 
 
 def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
@@ -46,7 +46,7 @@ def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
     length, width = _sizes(tracks)
     _, on_road = _places(tracks, network)
     off = np.where(np.isfinite(length + width), 4.0 - on_road.sum(axis=1), np.nan)
-    return _told("corners off the road", "1", off, tracks.valid)
+    return _measure("corners off the road", "1", off, tracks.valid)
 
 
 @lru_cache(maxsize=1)
@@ -72,7 +72,7 @@ def _sizes(tracks: Tracks) -> tuple[Floats, Floats]:
     return length, width
 
 
-def _told(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
+def _measure(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
     """A measure (N, T) of the values (samples,) of all valid samples."""
     every = np.full(valid.shape, np.nan)
     every[valid] = value

@@ -8,7 +8,7 @@ from resim.core.geometry import Floats
 from resim.metrics.criticality import motion
 from resim.metrics.criticality.contact import first_contact
 from resim.metrics.criticality.measure import Measure, States, stated
-from resim.metrics.criticality.pairs import Pair, Pairs
+from resim.metrics.criticality.pairs import CompletePairs, Pairs
 
 
 def ttc(pairs: Pairs) -> Measure:
@@ -21,7 +21,7 @@ def ttc(pairs: Pairs) -> Measure:
     return pairs.measured("TTC", "s", "low", _ttc, columns=4)
 
 
-def _ttc(p: Pair) -> tuple[Floats, States]:
+def _ttc(p: CompletePairs) -> tuple[Floats, States]:
     at = first_contact(p.steady, motion.straight(p.state, p.t), p.h, p.ego_size, p.size)
     return stated(at, conflict=np.isfinite(at))
 
@@ -37,12 +37,12 @@ def ettc(pairs: Pairs) -> Measure:
     return pairs.measured("ETTC", "s", "low", _ettc)
 
 
-def _ettc(p: Pair) -> tuple[Floats, States]:
+def _ettc(p: CompletePairs) -> tuple[Floats, States]:
     at = planned_contact(p)
     return stated(at, conflict=np.isfinite(at))
 
 
-def planned_contact(p: Pair) -> Floats:
+def planned_contact(p: CompletePairs) -> Floats:
     """Give the first contact (P,) [s] of the EGO's plan with the expected motion of the objects, inf for none."""
     return first_contact(p.planned(p.t), p.expected(p.t), p.h, p.ego_size, p.size)
 
@@ -56,7 +56,7 @@ def thw(pairs: Pairs) -> Measure:
     return pairs.measured("THW", "s", "low", _thw, columns=4)
 
 
-def _thw(p: Pair) -> tuple[Floats, States]:
+def _thw(p: CompletePairs) -> tuple[Floats, States]:
     there = p.state.copy()
     there[:, 3] = 0.0
     at = first_contact(p.steady, motion.straight(there, p.t), p.h, p.ego_size, p.size)

@@ -22,7 +22,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.metrics.criticality.measure import Measure, State, States, stated
-from resim.metrics.criticality.pairs import Pair, Pairs
+from resim.metrics.criticality.pairs import CompletePairs, Pairs
 from resim.metrics.risk import Parameters, Risk, Scenes
 
 FRICTION, GRAVITY = 0.9, 9.81
@@ -70,7 +70,7 @@ def turned(v: Floats, t: Floats, most: float, curvature: float) -> Floats:
     return np.asarray(np.where(v > best, fast, slow) + top * (t - until))
 
 
-def _wttc(most: float, curvature: float, p: Pair) -> tuple[Floats, States]:
+def _wttc(most: float, curvature: float, p: CompletePairs) -> tuple[Floats, States]:
     a, b = p.plan[:, 0], p.state
     dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
     vx = b[:, 3] * np.cos(b[:, 2]) - a[:, 3] * np.cos(a[:, 2])

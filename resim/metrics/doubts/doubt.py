@@ -17,8 +17,8 @@ from resim.metrics.criticality.following import KMH
 from resim.metrics.doubts.reach import MOST, Reach, Then
 from resim.metrics.doubts.unseen import Absence, Doubts
 from resim.metrics.functional import RANGE as DETECTED
-from resim.metrics.horizon import Ahead
-from resim.metrics.objectifications import Objectification, Subject
+from resim.metrics.horizon import LookAhead
+from resim.metrics.objectifications import MeasureInputs, Objectification
 
 BESIDE = 5.5
 """Distance [m] up to which somebody is overtaken on the right (`following.overtaking_right`)."""
@@ -31,10 +31,10 @@ _SAME = 1e-9
 class _Unseen:
     """An absent object beside the EGO in the P scenes `at` of a drive, looked for as far as `seen`."""
 
-    subject: Subject
+    subject: MeasureInputs
     at: Rows
     reach: Reach
-    seen: Ahead
+    seen: LookAhead
 
     @cached_property
     def pairs(self) -> Pairs:
@@ -138,9 +138,9 @@ def doubted(
     criterion: Criterion,
     asked: Objectification,
     measure: Measure,
-    subject: Subject,
+    subject: MeasureInputs,
     doubts: Doubts,
-    seen: Ahead,
+    seen: LookAhead,
 ) -> Verdict:
     """Give a verdict, INVALID in place of PASS where somebody can have broken the criterion.
 
@@ -185,7 +185,12 @@ def _overlaps(absence: Absence, criterion: Criterion, t: Floats) -> bool:
 
 
 def _possible(
-    absence: Absence, criterion: Criterion, name: str, measure: Measure, subject: Subject, seen: Ahead
+    absence: Absence,
+    criterion: Criterion,
+    name: str,
+    measure: Measure,
+    subject: MeasureInputs,
+    seen: LookAhead,
 ) -> Bools:
     """In which scenes (S,) the limit can have been broken by the absent."""
     t = subject.drive.t
@@ -204,18 +209,18 @@ def _possible(
     return out
 
 
-def _own(whose: tuple[str, ...], subject: Subject) -> Bools:
+def _own(whose: tuple[str, ...], subject: MeasureInputs) -> Bools:
     """Which ids (N,) of the drive are an object's, or its parts'."""
     return np.array([whole_id(name, set(whose)) in whose for name in subject.drive.ids], dtype=bool)
 
 
-def _broken(whose: tuple[str, ...], criterion: Criterion, measure: Measure, subject: Subject) -> Bools:
+def _broken(whose: tuple[str, ...], criterion: Criterion, measure: Measure, subject: MeasureInputs) -> Bools:
     """In which scenes (S,) the limit is broken: by an object under any of its ids, or in the whole scene (())."""
     bad = criterion.badness(measure.value) > 0.0
     return bad if bad.ndim == 1 else np.asarray(bad[:, _own(whose, subject)].any(axis=1))
 
 
-def _lasting(bad: Bools, whose: tuple[str, ...], subject: Subject) -> Bools:
+def _lasting(bad: Bools, whose: tuple[str, ...], subject: MeasureInputs) -> Bools:
     """The scenes (S,) that are bad, and those between two that are, in which an object has none of its ids."""
     there = np.flatnonzero(subject.drive.present[:, _own(whose, subject)].any(axis=1))
     if len(whose) < 2 or not len(there):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import Floats, to_frame
-from resim.core.objects import MISS, Whom, reaches
+from resim.core.objects import MISS, ObjectIds, reaches
 from resim.core.sightings import MOVES, SAME, Sightings
 
 CORRIDOR = 10.0
@@ -21,7 +21,7 @@ OFTEN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SightEdges:
     """What shows where seeing ends. whom: who is there; place: (m, 2) m, of everybody, the EGO too; step: s, usual one.
 
     t: (T,) s, own: (T, 5) the EGO's state, its heading unwrapped.
@@ -29,7 +29,7 @@ class Seen:
     first or last amid the drive: number of the object, t [s], x, y [m], and the velocity [m/s] out of what is seen.
     """
 
-    whom: Whom
+    whom: ObjectIds
     place: Floats
     step: float
     t: Floats
@@ -43,7 +43,7 @@ class Seen:
         return 2.0 * self.step + SAME
 
     @classmethod
-    def of(cls, whom: Whom) -> Seen:
+    def of(cls, whom: ObjectIds) -> SightEdges:
         """Give what the objects show."""
         step, whole = whom.ego.step, whom.ego.usable
         t, own = whom.ego.t[whole], whom.ego.state[whole]
@@ -106,8 +106,8 @@ def _places(k: Sightings) -> Floats:
     return np.asarray(k.state[np.unique([*some, *ends, *(ends + 1), len(k.t) - 1]), :2])
 
 
-def _turns(whom: Whom, slack: float) -> Floats:
-    """Where objects are seen first or last, as in `Seen`, but for the first and last moments of all.
+def _turns(whom: ObjectIds, slack: float) -> Floats:
+    """Where objects are seen first or last, as in `SightEdges`, but for the first and last moments of all.
 
     Who can be somebody else that is seen before, or goes on as somebody else, shows no edge.
     """

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from resim.core.geometry import Bools, Floats
-from resim.core.objects import GAP, Whom
+from resim.core.objects import GAP, ObjectIds
 from resim.core.sightings import SAME, Sightings
 from resim.core.tracks import Tracks
-from resim.metrics.doubts.edges import Seen
+from resim.metrics.doubts.edges import SightEdges
 
 NEARER = 2.0
 """Distance [m] by which another EGO has to be nearer to somebody who has left than the measured one."""
@@ -122,13 +122,13 @@ WHOLE = Doubts()
 """Of a source that leaves nothing open."""
 
 
-def absences(whom: Whom) -> tuple[tuple[Absence, ...], tuple[Absence, ...]]:
+def absences(whom: ObjectIds) -> tuple[tuple[Absence, ...], tuple[Absence, ...]]:
     """Give who is absent when, by object, then by time; and who is excused, as seeing ends where it is.
 
     The EGO is where its samples are farther apart than GAP, or where it has rows before its first sample or after its
     last.
     """
-    seen = Seen.of(whom)
+    seen = SightEdges.of(whom)
     found = [told for k in whom.others for told in _of_object(k, seen)]
     absent = (*_of_ego(whom.ego, seen.slack), *(a for a, excused in found if not excused))
     return absent, tuple(a for a, excused in found if excused)
@@ -150,7 +150,7 @@ def _nearer(excused: Sequence[Absence], own: Tracks, measured: Tracks) -> Iterat
             yield replace(a, start=float(own.t[first]), end=float(own.t[after - 1]), why=LEFT)
 
 
-def cut_off(whom: Whom) -> Iterator[Absence]:
+def cut_off(whom: ObjectIds) -> Iterator[Absence]:
     """Give when others are seen and the EGO is not yet, or no more, but where it comes or goes at an edge.
 
     whom: of all samples of a source.
@@ -164,7 +164,7 @@ def cut_off(whom: Whom) -> Iterator[Absence]:
     early, late = first < me.t[0] - slack, last > me.t[-1] + slack
     if not early and not late:
         return
-    seen = Seen.of(whom)
+    seen = SightEdges.of(whom)
     if early and not seen.at_edge(me, float(me.t[0]), -1):
         yield _absent(me, first, float(me.t[0]))
     if late and not seen.at_edge(me, float(me.t[-1]), 1):
@@ -182,7 +182,7 @@ def _of_ego(k: Sightings, slack: float) -> Iterator[Absence]:
         yield _absent(k, float(whole[-1]), float(rows.max()))
 
 
-def _of_object(k: Sightings, seen: Seen) -> Iterator[tuple[Absence, bool]]:
+def _of_object(k: Sightings, seen: SightEdges) -> Iterator[tuple[Absence, bool]]:
     """When it is absent, and whether it is excused."""
     if not len(k.t):  # nobody knows where it is
         yield _absent(k, float(k.blind.min()), float(k.blind.max())), False
@@ -213,7 +213,7 @@ def _of_object(k: Sightings, seen: Seen) -> Iterator[tuple[Absence, bool]]:
         yield _absent(k, float(t[a]), float(t[b])), False
 
 
-def _driven(k: Sightings, seen: Seen) -> tuple[Bools, Bools]:
+def _driven(k: Sightings, seen: SightEdges) -> tuple[Bools, Bools]:
     """Between which whole samples (n - 1,) its trace is driven on, and between which it has left and come back."""
     t, part = k.t[k.usable], k.part[k.usable]
     traced = np.bincount(part, minlength=len(k.ids)) > 1
@@ -226,7 +226,7 @@ def _driven(k: Sightings, seen: Seen) -> tuple[Bools, Bools]:
     return out, left
 
 
-def _comes_or_goes(k: Sightings, seen: Seen, way: int) -> bool:
+def _comes_or_goes(k: Sightings, seen: SightEdges, way: int) -> bool:
     """Whether an object has a reason to be seen first (way -1) or last (way 1) where it is."""
     t = float(k.t[0] if way < 0 else k.t[-1])
     if (way * (k.blind - t) > 0.0).any():  # it has rows beyond

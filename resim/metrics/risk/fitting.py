@@ -40,7 +40,7 @@ _RANGE = (0.005, 0.995)  # quantiles of the initial states that bound what a fit
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class MotionPoints:
     """N scenes of objects of one kind: their state, and the mean of what they did over the next second.
 
     v [m/s], a0 [m/s²], w0 [rad/s]: state. a [m/s²], w [rad/s]: answers in the terms of CTRA; along, across [m/s²]:
@@ -62,7 +62,7 @@ class Points:
         return len(self.v)
 
     @classmethod
-    def of_object(cls, v: Floats, heading: Floats, a: Floats, yaw_rate: Floats) -> Points:
+    def of_object(cls, v: Floats, heading: Floats, a: Floats, yaw_rate: Floats) -> MotionPoints:
         """Make the points of one object of its states (M,) at times AHEAD apart; heading not wrapped [rad]."""
         turn, now = np.diff(heading), np.asarray(v[:-1])
         number = np.arange(len(turn))
@@ -73,7 +73,7 @@ class Points:
         )  # fmt: skip
 
     @classmethod
-    def joined(cls, parts: Iterable[Points]) -> Points:
+    def joined(cls, parts: Iterable[MotionPoints]) -> MotionPoints:
         """Give the points of several objects, each by `of_object`, in one."""
         every = list(parts)
         columns = {
@@ -95,7 +95,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Bin:
+class MotionBin:
     """Points whose origin lies between low and high: mean and spread in the data, and as the motion has them."""
 
     what: str
@@ -118,13 +118,13 @@ class Refit:
 
     motion: Motion
     old: Motion
-    points: Points
+    points: MotionPoints
     errors: Mapping[str, float | None]
     before: float
     after: float
     within_before: float
     within: float
-    bins: tuple[Bin, ...]
+    bins: tuple[MotionBin, ...]
 
     @property
     def objects(self) -> int:
@@ -137,14 +137,14 @@ def free(motion: Motion) -> list[str]:
     return [f.name for f in dataclasses.fields(motion) if f.name in _BOUNDS]
 
 
-def log_likelihood(motion: Motion, points: Points) -> float:
+def log_likelihood(motion: Motion, points: MotionPoints) -> float:
     """Give the mean over the points of the logarithm of the density of both answers (Eq. 4.3, 4.4)."""
     mu, sigma = _normal(motion, points)
     z = (points.answers(motion) - mu) / sigma
     return float(np.mean((-0.5 * np.log(2.0 * np.pi) - np.log(sigma) - 0.5 * z**2).sum(axis=1)))
 
 
-def refit(points: Points, start: Motion) -> Refit:
+def refit(points: MotionPoints, start: Motion) -> Refit:
     """Fit the parameters of a motion to points by maximum likelihood, from those of `start` on.
 
     Raises ResimError where the points are too few, not finite or do not vary.
@@ -176,7 +176,7 @@ def refit(points: Points, start: Motion) -> Refit:
     )  # fmt: skip
 
 
-def _check(points: Points, start: Motion) -> None:
+def _check(points: MotionPoints, start: Motion) -> None:
     if len(points) < LEAST:
         raise ResimError(f"{len(points)} points, at least {LEAST} are fitted")
     if not all(np.isfinite(getattr(points, f.name)).all() for f in dataclasses.fields(points)):
@@ -190,18 +190,18 @@ def _with(motion: Motion, names: list[str], q: Floats) -> Motion:
     return dataclasses.replace(motion, **dict(zip(names, np.exp(q).tolist(), strict=True)))
 
 
-def _normal(motion: Motion, points: Points) -> tuple[Floats, Floats]:
+def _normal(motion: Motion, points: MotionPoints) -> tuple[Floats, Floats]:
     """Means and standard deviations (N, 2) of both answers."""
     inputs = motion.inputs(points.v, points.a0, points.w0)
     return inputs[:, ::2], inputs[:, 1::2]
 
 
-def _within(motion: Motion, points: Points) -> float:
+def _within(motion: Motion, points: MotionPoints) -> float:
     mu, sigma = _normal(motion, points)
     return float((np.abs(points.answers(motion) - mu) <= 3.0 * sigma).all(axis=1).mean())
 
 
-def _scores(motion: Motion, names: list[str], points: Points) -> tuple[Floats, Floats]:
+def _scores(motion: Motion, names: list[str], points: MotionPoints) -> tuple[Floats, Floats]:
     """Derivatives (N, P) of each point's log-likelihood by the logarithms of parameters, and their information (P, P).
 
     Means and standard deviations are differentiated numerically, so that their equations stand in one place.
@@ -219,7 +219,7 @@ def _scores(motion: Motion, names: list[str], points: Points) -> tuple[Floats, F
     return score.T, scaled_mu @ scaled_mu.T + 2.0 * scaled_sigma @ scaled_sigma.T
 
 
-def _errors(motion: Motion, names: list[str], points: Points, inside: Bools) -> dict[str, float | None]:
+def _errors(motion: Motion, names: list[str], points: MotionPoints, inside: Bools) -> dict[str, float | None]:
     """Standard errors that hold where the points of a block depend on each other, or are not quite normal."""
     score, information = _scores(motion, names, points)
     known = np.flatnonzero(inside & (np.diag(information) > _CURVED * len(points)))
@@ -233,7 +233,7 @@ def _errors(motion: Motion, names: list[str], points: Points, inside: Bools) -> 
     return out
 
 
-def _with_ranges(motion: Motion, points: Points) -> Motion:
+def _with_ranges(motion: Motion, points: MotionPoints) -> Motion:
     """The motion with the ranges of what it was fitted to."""
 
     def span(values: Floats) -> tuple[float, float]:
@@ -249,7 +249,7 @@ def _with_ranges(motion: Motion, points: Points) -> Motion:
     return dataclasses.replace(motion, **ranges)  # type: ignore[arg-type]
 
 
-def _bins(motion: Motion, points: Points) -> tuple[Bin, ...]:
+def _bins(motion: Motion, points: MotionPoints) -> tuple[MotionBin, ...]:
     """Points in bins of equal number by origin, for both answers."""
     mu, sigma = _normal(motion, points)
     answers, origins = points.answers(motion), points.origins(motion)
@@ -259,7 +259,7 @@ def _bins(motion: Motion, points: Points) -> tuple[Bin, ...]:
         for part in np.array_split(order, BINS):
             own, off = origins[part, k], answers[part, k] - mu[part, k]
             out.append(
-                Bin(
+                MotionBin(
                     what, float(own.min()), float(own.max()), len(part),
                     float(answers[part, k].mean()), float(mu[part, k].mean()),
                     float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(sigma[part, k] ** 2))),

@@ -12,7 +12,7 @@ from scipy.stats import qmc
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
-from resim.metrics.risk.ways import Ways
+from resim.metrics.risk.lane_paths import LanePaths
 
 Mode = Literal["published", "continuous"]
 
@@ -61,7 +61,7 @@ class Scenes:
     motion: (S, K) `prediction.CTRA` (Eq. 4.1; everybody where it is None) or WALKING. Who walks is not bound to a
     heading: inputs are mu, sigma of the acceleration along the heading, then of that across it (left positive)
     [m/s²], kept for 1 s; the velocity is kept after that, and the box keeps its heading.
-    ways: of who drives and is to follow his lane (`resim.metrics.risk.ways.ways`), in the continuous mode alone.
+    ways: of who drives and is to follow his lane (`resim.metrics.risk.lane_paths.ways`), in the continuous mode alone.
     """
 
     plan: Floats
@@ -70,7 +70,7 @@ class Scenes:
     size: Floats
     inputs: Floats
     motion: NDArray[np.uint8] | None = None
-    ways: Ways | None = None
+    ways: LanePaths | None = None
 
     def __post_init__(self) -> None:
         shape = self.state.shape[:2]
@@ -127,7 +127,7 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
 
 
 def _road(scenes: Scenes) -> tuple[Any, ...]:
-    ways = scenes.ways or Ways.none((scenes.state.shape[0], scenes.state.shape[1]))
+    ways = scenes.ways or LanePaths.none((scenes.state.shape[0], scenes.state.shape[1]))
     return tuple(map(np.ascontiguousarray, (ways.points, ways.begin, ways.first, ways.count, ways.s, ways.d)))
 
 

@@ -123,7 +123,7 @@ def _within(
 Motion = Surfaces | Walking
 
 
-class Fitted(BaseModel):
+class PredictionSources(BaseModel):
     """What parameters were fitted to: `sources` are recordings and the SHA-256 of their ground truth.
 
     v [m/s], a [m/s²], w [rad/s]: least and largest of the initial states. log_likelihood: per point, of this kind's
@@ -143,7 +143,7 @@ class Fitted(BaseModel):
     standard_errors: dict[str, float | None]
 
 
-class Entry(BaseModel):
+class PredictionEntry(BaseModel):
     """The parameters of one kind, or the kind whose parameters it takes; and where they come from."""
 
     model_config = _FROZEN
@@ -152,10 +152,10 @@ class Entry(BaseModel):
     ctra: Surfaces | None = None
     walking: Walking | None = None
     like: Kind | None = None
-    fitted: Fitted | None = None
+    fitted: PredictionSources | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Entry:
+    def _one(self) -> PredictionEntry:
         if sum(part is not None for part in (self.ctra, self.walking, self.like)) != 1:
             raise ValueError("expected one of ctra, walking and like")
         return self
@@ -168,7 +168,7 @@ class PredictionSet(BaseModel):
 
     name: str = Field(min_length=1)
     provenance: str = ""
-    kinds: dict[Kind, Entry] = Field(min_length=1)
+    kinds: dict[Kind, PredictionEntry] = Field(min_length=1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ def read_prediction(path: Path) -> Prediction:
 def _resolved(source: str | Path, found: PredictionSet) -> Prediction:
     """Every kind with its parameters, its own or those of the kind that it is like."""
     both = (_shipped()["published"].kinds, found.kinds)
-    entries: dict[str, Entry] = {kind: entry for kinds in both for kind, entry in kinds.items()}
+    entries: dict[str, PredictionEntry] = {kind: entry for kinds in both for kind, entry in kinds.items()}
     motions: dict[str, Motion] = {}
     for kind in KINDS:
         at, seen = kind, [kind]

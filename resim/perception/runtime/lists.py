@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, wrap_angle
-from resim.perception.model import FEATURES, FalseObjects, Validity
+from resim.perception.model import FEATURES, FalseObjects, TrainedRange
 from resim.perception.runtime.clutter import KIND, FalseObject
 from resim.simulation.function.interface import EgoState, Perceived
 
 
-class Held:
+class HeldList:
     """A list until the next: its objects stay in the map where they were, as far as the EGO knew where it was."""
 
     def __init__(self, seen: Perceived) -> None:
@@ -57,7 +57,7 @@ def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, e
     return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
 
 
-def limits(validity: Validity) -> Floats:
+def limits(validity: TrainedRange) -> Floats:
     """Give least and largest (5, 2) of the features and of the EGO's speed; infinite where there is no limit."""
     spans = [getattr(validity, name) for name in (*FEATURES, "ego_speed")]
     return np.array([span or (-np.inf, np.inf) for span in spans])

@@ -16,7 +16,7 @@ from resim.simulation.perception import World
 _SAME = 1e-6  # s
 
 
-class Recorded:
+class RecordedPerception:
     """Shows the objects of sensor data, with the errors that they have there (a `simulation.perception.Perception`).
 
     gt, sd: tracks with the same ids, EGO included. senses_ego: whether sd has the EGO's own state, and not the ground

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from resim.core.geometry import Floats
 from resim.core.tracks import Strings
 from resim.perception.model import PerceptionModel
-from resim.perception.runtime.chance import Rows, Streams
 from resim.perception.runtime.clutter import Clutter
+from resim.perception.runtime.detection import DetectionState
+from resim.perception.runtime.ego_state import PerceivedEgoState, is_wrong
 from resim.perception.runtime.history import History
 from resim.perception.runtime.kernel import IDENTITY, Q, perceive
-from resim.perception.runtime.lists import Held, limits, with_false
-from resim.perception.runtime.own import OwnState, is_wrong
-from resim.perception.runtime.sight import Sight
-from resim.perception.runtime.wrong import Wrong
+from resim.perception.runtime.lists import HeldList, limits, with_false
+from resim.perception.runtime.object_errors import ObjectErrorState
+from resim.perception.runtime.streams import RandomRows, Streams
 from resim.scenario.maneuvers import MANEUVERS
 from resim.simulation.function.interface import EgoState, Perceived
 from resim.simulation.perception import World
@@ -38,8 +38,8 @@ class Sensor:
         sets, own = [model.pooled, *model.maneuvers.values()], list(model.maneuvers)
         set_of = np.array([own.index(m) + 1 if m in own else 0 for m in MANEUVERS])
         self._history = History(sets, set_of)
-        self._errors = Wrong(sets)
-        self._sight = Sight(model.detection, model.field_of_view)
+        self._errors = ObjectErrorState(sets)
+        self._sight = DetectionState(model.detection, model.field_of_view)
         self._limits = limits(model.validity)
         self.reset(np.random.default_rng(0))
 
@@ -47,16 +47,16 @@ class Sensor:
         """Forget the last run; every random draw of the next comes from `rng`."""
         model, self._streams = self.model, Streams(rng)
         of = self._streams.of
-        self._own = OwnState(model.ego, of("ego")) if is_wrong(model.ego) else None
+        self._own = PerceivedEgoState(model.ego, of("ego")) if is_wrong(model.ego) else None
         self._clutter = Clutter(model.false_objects, of("false")) if model.false_objects.rate > 0.0 else None
         self._timing = of("update")
         self._t = self._listed = self._due = -math.inf
-        self._held: Held | None = None
+        self._held: HeldList | None = None
         self._names: list[str] = []
         self._ids: Strings | None = None
         self._shown: Strings | None = None
         self._switched: dict[str, int] = {}
-        self._rows = Rows()
+        self._rows = RandomRows()
         for part in (self._history, self._errors, self._sight):
             part.clear()
         self._shown_so_far = self._outside = 0
@@ -82,7 +82,7 @@ class Sensor:
         self._listed = world.t
         if self.model.update.period > 0.0:
             self._schedule(world.t)
-            self._held = Held(seen)
+            self._held = HeldList(seen)
         return seen
 
     def _take_in(self, world: World) -> float:

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.perception.model import FEATURES, QUANTITIES, Detection, Errors, Spread
+from resim.perception.model import FEATURES, QUANTITIES, Detection, ErrorModels, Spread
 from resim.perception.runtime.chain import detected_share, probabilities
 from resim.perception.runtime.kernel import (
     BIAS,
@@ -55,7 +55,7 @@ class ErrorTables(_ByStep):
     Errors of heading have the other sign: what they are added to is pi less the heading.
     """
 
-    def __init__(self, sets: list[Errors]) -> None:
+    def __init__(self, sets: list[ErrorModels]) -> None:
         super().__init__()
         self.sets = sets
         self.root = _root(_coupling(sets[0])[0])  # makes drifts, as they are at first, of normals
@@ -69,7 +69,7 @@ class ErrorTables(_ByStep):
         return np.array([_table(one, dt) for one in self.sets])
 
 
-def _table(errors: Errors, dt: float) -> Floats:
+def _table(errors: ErrorModels, dt: float) -> Floats:
     out = np.zeros((ERROR_ROWS, Q))
     for k, name in enumerate(QUANTITIES):
         error = getattr(errors, name)
@@ -94,7 +94,7 @@ def _log_spread(spread: Spread) -> Floats:
     return row
 
 
-def _coupling(errors: Errors) -> tuple[Floats, Floats]:
+def _coupling(errors: ErrorModels) -> tuple[Floats, Floats]:
     """Give the correlation (Q, Q) of the drifts, and the rates [1/s] (Q,) at which they are forgotten."""
     times = np.array([getattr(errors, name).correlation_time for name in QUANTITIES])
     driving = np.eye(Q) if errors.coupling is None else np.array(errors.coupling)

@@ -35,7 +35,7 @@ class Component:
 
 
 @dataclass(frozen=True, eq=False)
-class Aligned:
+class AlignmentResult:
     """late, over [s]; biases: per component, the constant and slopes (1 + F,), 0 where there is none, with
     standard errors se, and se_mean that of the bias at the mean of the features.
 
@@ -53,7 +53,7 @@ class Aligned:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class AlignmentProblem:
     """What to align: components with one latency, what their biases may depend on (R, T, F), steps [s] (R, T) between
     samples, drives (R,) of the rows. averages: whether an averaging time is sought; fixed: whether lags are given."""
 
@@ -74,7 +74,7 @@ class Task:
         return out
 
 
-def first_guess(task: Task) -> float:
+def first_guess(task: AlignmentProblem) -> float:
     """Give the latency [s] on a grid at which the truth, with an offset, fits best.
 
     All are judged on the same samples: those whose truth is known for the latest.

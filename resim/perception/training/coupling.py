@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
-from resim.perception.model import QUANTITIES, Estimate
+from resim.perception.model import QUANTITIES, TrainedParameter
 from resim.perception.training.clusters import FEWEST, between_drives, by_drive, certain
 from resim.perception.training.errors import ObjectErrors, sizes_of
 from resim.perception.training.lists import around
@@ -19,7 +19,7 @@ SURE = 3.3
 
 def fit_coupling(
     objects: ObjectErrors, group: NDArray[np.intp]
-) -> tuple[tuple[tuple[float, ...], ...] | None, dict[str, Estimate]]:
+) -> tuple[tuple[tuple[float, ...], ...] | None, dict[str, TrainedParameter]]:
     """Give the correlation (6, 6) of what drives the drifts, None where none is sure.
 
     Of standardised residuals of two quantities a sample apart: white noise is not in them. With correlation times

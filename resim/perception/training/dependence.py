@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from resim.core.geometry import Floats
-from resim.perception.model import Assumption, Misfit, Quantity
+from resim.perception.model import Assumption, FailedAssumption, Quantity
 from resim.perception.parameters import PER, UNITS
 from resim.perception.training.clusters import FEWEST
 from resim.perception.training.errors import NEGLIGIBLE
@@ -47,7 +47,7 @@ class Dependence:
             out[name] = (float(p), *found)
         return out
 
-    def failures(self, level: float) -> Iterator[Misfit]:
+    def failures(self, level: float) -> Iterator[FailedAssumption]:
         """Give what is surely there, and no trifle."""
         base, looked = list(self.base), self.first
         while looked:
@@ -66,7 +66,7 @@ class Dependence:
                 assumption: Assumption = "spread" if self.spread else "bias"
                 assumption = "latency" if self.spread and name == "latency" else assumption
                 size, unit, text = told
-                yield Misfit(
+                yield FailedAssumption(
                     quantity=self.quantity,
                     assumption=assumption,
                     on="braking" if name.startswith("braking") else name,

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.stats import beta, chi2
 
 from resim.core.geometry import Bools, Floats
-from resim.perception.model import Detection, Estimate, FieldOfView
+from resim.perception.model import Detection, FieldOfView, TrainedParameter
 from resim.perception.runtime.chain import rates
 from resim.perception.runtime.world import occlusion
-from resim.perception.training.drive import Drive
+from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.matching import Matching
 
 CHANCE = 1e-4
@@ -30,7 +30,7 @@ Chosen = list[list[int]]
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class DetectionSamples:
     """Whether true objects were seen, list by list: S samples of range [m], |bearing| [rad], occlusion and seen, and
     the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track (S,)."""
 
@@ -41,7 +41,9 @@ class Sightings:
     track: NDArray[np.intp]
 
 
-def sightings_of(drives: Sequence[Drive], matchings: Sequence[Matching], late: float) -> Sightings:
+def sightings_of(
+    drives: Sequence[TrainingDrive], matchings: Sequence[Matching], late: float
+) -> DetectionSamples:
     """Gather them; places are those of `late` seconds ago in the EGO's frame of now."""
     places, seen, pairs, steps, tracks = [], [], [], [], []
     total = 0
@@ -66,10 +68,10 @@ def sightings_of(drives: Sequence[Drive], matchings: Sequence[Matching], late: f
         steps.append(np.broadcast_to(np.diff(drive.t), both.shape)[both])
         total, number = total + int(known.sum()), number + len(x)
     gathered = [np.concatenate(part) for part in (places, seen, pairs, steps, tracks)]
-    return Sightings(*gathered)
+    return DetectionSamples(*gathered)
 
 
-def _occlusions(drive: Drive, x: Floats, y: Floats, heading: Floats) -> Floats:
+def _occlusions(drive: TrainingDrive, x: Floats, y: Floats, heading: Floats) -> Floats:
     out = np.zeros(x.shape)
     if len(x) < 2:
         return out
@@ -81,7 +83,7 @@ def _occlusions(drive: Drive, x: Floats, y: Floats, heading: Floats) -> Floats:
     return out
 
 
-def field_of_view(s: Sightings, step: float) -> tuple[FieldOfView, dict[str, Estimate]]:
+def field_of_view(s: DetectionSamples, step: float) -> tuple[FieldOfView, dict[str, TrainedParameter]]:
     """Give where the field of view ends: at who was seen farthest, if others were beyond for long and never seen.
 
     The interval reaches from there to the nearest who was not seen.
@@ -99,14 +101,14 @@ def field_of_view(s: Sightings, step: float) -> tuple[FieldOfView, dict[str, Est
         enough = beyond.sum() * step >= BEYOND and len(np.unique(s.track[beyond])) >= 3
         if enough and s.seen[rim].mean() >= LIKELY:
             found[name] = edge
-            estimates[f"field_of_view.{name}"] = Estimate(
+            estimates[f"field_of_view.{name}"] = TrainedParameter(
                 value=edge, low=edge, high=float(value[beyond].min()), samples=int(rim.sum() + beyond.sum())
             )
             inside &= value <= edge
     return FieldOfView(**found), estimates
 
 
-def fit_detection(s: Sightings, view: FieldOfView) -> tuple[Detection, dict[str, Estimate]]:
+def fit_detection(s: DetectionSamples, view: FieldOfView) -> tuple[Detection, dict[str, TrainedParameter]]:
     """Give rates by bins. Edges are put where losses or gains change, one after the other, as long as the likelihood
     gains more than chance would; where nothing was ever lost everything is always detected."""
     inside = np.ones(len(s.seen), dtype=bool)
@@ -207,7 +209,7 @@ def _pruned(counts: Floats, chosen: Chosen) -> Chosen:
     return chosen
 
 
-def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection, dict[str, Estimate]]:
+def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection, dict[str, TrainedParameter]]:
     """Probabilities of a step, smoothed by half an event at the rate of all bins; then rates."""
     stays, lost, away, gained = counts
     probabilities, limits = [], []
@@ -224,7 +226,7 @@ def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection,
     ):  # fmt: skip
         for at in np.ndindex(value.shape):
             factor = value[at] / p[at]
-            estimates[f"detection.{name}." + ".".join(map(str, at))] = Estimate(
+            estimates[f"detection.{name}." + ".".join(map(str, at))] = TrainedParameter(
                 value=float(value[at]),
                 low=float(low[at] * factor),
                 high=float(high[at] * factor),

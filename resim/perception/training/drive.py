@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
 from resim.core.tracks import Strings, Tracks
-from resim.perception.training.truth import Truth
+from resim.perception.training.truth import TrueMotion
 from resim.recordings.recording import Recording
 
 Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class TrainingDrive:
     """K lists of M perceived objects beside N true ones.
 
     t: (K,) s. ego: (5, K) true x, y, heading, v, a of the EGO. own: (4, K) its perceived x, y, heading, v, or None
@@ -39,7 +39,7 @@ class Drive:
     length: Floats
     width: Floats
     gt_ids: Strings
-    truth: tuple[Truth, ...]
+    truth: tuple[TrueMotion, ...]
     states: Floats
     gt_length: Floats
     gt_width: Floats
@@ -55,7 +55,7 @@ class Drive:
         return x, y, wrap_angle(states[..., 2, :] - self.ego[2])
 
 
-def drive_of(recording: Recording) -> Drive:
+def drive_of(recording: Recording) -> TrainingDrive:
     """Lay a recording out for training. Raises InputError where it has no SD, or no EGO in its GT."""
     sd, gt = recording.sd, recording.gt
     if sd is None or not len(sd):
@@ -64,7 +64,7 @@ def drive_of(recording: Recording) -> Drive:
     if recording.ego not in gt.ids:
         raise InputError(recording.name, f"the EGO {recording.ego!r} is not in the ground truth")
     names = np.full(len(sd), "") if recording.sd_gt_id is None else recording.sd_gt_id
-    ego = Truth.of(gt, gt.index(recording.ego))
+    ego = TrueMotion.of(gt, gt.index(recording.ego))
     here = np.isfinite(ego.states(sd.t)[0])
     rows: Rows = np.flatnonzero((names == recording.ego) & sd.valid.any(axis=1))
     rows = rows if len(rows) or recording.sd_gt_id is not None else _on_top(sd, ego)
@@ -78,9 +78,9 @@ def drive_of(recording: Recording) -> Drive:
     )
     x_ego, y_ego = to_frame(x, y, *centre)
     traffic = np.flatnonzero((gt.ids != recording.ego) & gt.valid.any(axis=1))
-    truth = tuple(Truth.of(gt, int(row)) for row in traffic)
+    truth = tuple(TrueMotion.of(gt, int(row)) for row in traffic)
     states = np.array([k.states(t) for k in truth]).reshape(len(truth), 5, len(t))
-    return Drive(
+    return TrainingDrive(
         recording.name, t, pose, own, sd.ids[others], names[others], x_ego, y_ego, wrap_angle(heading - centre[2]), v,
         sd.length[others], sd.width[others], gt.ids[traffic], truth, states, gt.length[traffic], gt.width[traffic],
     )  # fmt: skip
@@ -108,7 +108,7 @@ def _own(sd: Tracks, rows: Rows, column: Rows) -> Floats:
     return np.where(column >= 0, np.stack([c[row, column] for c in (sd.x, sd.y, sd.heading, sd.v)]), np.nan)
 
 
-def _on_top(sd: Tracks, ego: Truth) -> Rows:
+def _on_top(sd: Tracks, ego: TrueMotion) -> Rows:
     """Rows of SD objects that lie within the EGO all the time: the EGO itself, where the recording names nobody."""
     states = ego.states(sd.t)
     with np.errstate(invalid="ignore"):

@@ -9,10 +9,17 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats
 from resim.perception.model import FEATURES, Averaging, Error, Latency, Quantity, Response, Spread
-from resim.perception.training.alignment import Aligned, Component, Task, first_guess, trusted, without
+from resim.perception.training.alignment import (
+    AlignmentProblem,
+    AlignmentResult,
+    Component,
+    first_guess,
+    trusted,
+    without,
+)
 from resim.perception.training.gauss_newton import align
-from resim.perception.training.samples import Samples
-from resim.perception.training.spread import Problem, Spreads, fit_spreads
+from resim.perception.training.samples import TrainingSamples
+from resim.perception.training.spread import SpreadProblem, Spreads, fit_spreads
 from resim.perception.training.variogram import reconsidered
 from resim.perception.training.whiten import whiten
 
@@ -25,10 +32,10 @@ MEASURED: tuple[Quantity, ...] = ("longitudinal", "lateral", "speed", "heading")
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedQuantity:
     """One quantity: what it was aligned by, its spreads or none, and where it is known and no outlier (R, T)."""
 
-    aligned: Aligned
+    aligned: AlignmentResult
     component: int
     spreads: Spreads | None
     known: Bools
@@ -45,19 +52,19 @@ class ObjectErrors:
 
     latency: Latency
     averaging: Averaging
-    fitted: Mapping[str, Fitted]
+    fitted: Mapping[str, FittedQuantity]
     steps: Floats
     features: Floats
 
 
-def fit_objects(samples: Samples) -> ObjectErrors:
+def fit_objects(samples: TrainingSamples) -> ObjectErrors:
     """Estimate all of it from the matched samples, in two rounds: features depend on latencies."""
     steps = steps_of(samples)
     latency, averaging = Latency(), Averaging()
-    fitted: dict[str, Fitted] = {}
+    fitted: dict[str, FittedQuantity] = {}
     for last in (False, True):
         features = samples.features(latency, averaging)
-        found: dict[str, Fitted] = {}
+        found: dict[str, FittedQuantity] = {}
         for names in (("longitudinal", "lateral"), ("speed",), ("heading",)):
             found |= _fit(samples, names, features, steps, fitted, final=last)
         fitted = found
@@ -69,21 +76,21 @@ def fit_objects(samples: Samples) -> ObjectErrors:
     return ObjectErrors(latency, averaging, fitted, steps, features)
 
 
-def steps_of(samples: Samples) -> Floats:
+def steps_of(samples: TrainingSamples) -> Floats:
     """Give (R, T) the time [s] since the sample before, the usual one where there is none."""
     steps = np.diff(samples.t, axis=1, prepend=np.nan)
     return np.asarray(np.round(np.where(np.isfinite(steps), steps, samples.step), 6), dtype=float)
 
 
 def _fit(
-    samples: Samples,
+    samples: TrainingSamples,
     names: tuple[str, ...],
     features: Floats,
     steps: Floats,
-    before: Mapping[str, Fitted],
+    before: Mapping[str, FittedQuantity],
     *,
     final: bool,
-) -> dict[str, Fitted]:
+) -> dict[str, FittedQuantity]:
     """Fit quantities that share a latency."""
     task = _task(samples, names, features, steps)
     if not before:
@@ -102,7 +109,7 @@ def _fit(
         for name, component, residual in zip(names, task.components, aligned.residual, strict=True):
             known = np.isfinite(residual) & np.isfinite(features).all(axis=-1)
             spread = _spreads(
-                name, Problem(residual, known, steps, sizes_of(features), samples.drive), final=last
+                name, SpreadProblem(residual, known, steps, sizes_of(features), samples.drive), final=last
             )
             component = with_spread(component, spread, features, name)
             known = trusted(known, component, residual, steps)
@@ -112,12 +119,14 @@ def _fit(
         task = replace(task, components=components)
     aligned = align(task, late, over) if final else aligned
     return {
-        name: Fitted(aligned, c, spreads[c], kept[c] & np.isfinite(aligned.residual[c]))
+        name: FittedQuantity(aligned, c, spreads[c], kept[c] & np.isfinite(aligned.residual[c]))
         for c, name in enumerate(names)
     }
 
 
-def _task(samples: Samples, names: tuple[str, ...], features: Floats, steps: Floats) -> Task:
+def _task(
+    samples: TrainingSamples, names: tuple[str, ...], features: Floats, steps: Floats
+) -> AlignmentProblem:
     nothing = np.zeros(samples.t.shape)
     measured = {
         "longitudinal": samples.x,
@@ -137,10 +146,10 @@ def _task(samples: Samples, names: tuple[str, ...], features: Floats, steps: Flo
     if names == ("speed",):  # a speed error that goes with acceleration is a latency, to first order
         features = np.concatenate([features[..., :3], np.zeros((*features.shape[:2], 1))], axis=-1)
     averages = names[0] in ("speed", "heading")
-    return Task(components, expected, features, steps, samples.drive, averages)
+    return AlignmentProblem(components, expected, features, steps, samples.drive, averages)
 
 
-def _guessed(task: Task, c: int) -> Component:
+def _guessed(task: AlignmentProblem, c: int) -> Component:
     """The component with a guess of its spreads: mostly drift, by how far its errors vary without any latency."""
     error = task.errors(0.0, 0.0)[c]
     size = max(float(np.nanstd(error)), 1e-3) if np.isfinite(error).any() else 1.0
@@ -148,7 +157,7 @@ def _guessed(task: Task, c: int) -> Component:
     return replace(task.components[c], drift=full, noise=0.2 * full)
 
 
-def _spreads(name: str, problem: Problem, *, final: bool) -> Spreads | None:
+def _spreads(name: str, problem: SpreadProblem, *, final: bool) -> Spreads | None:
     used = problem.residual[problem.known]
     if not len(used) or float(np.std(used)) < NEGLIGIBLE[name]:
         return None
@@ -171,7 +180,7 @@ def with_spread(component: Component, spread: Spreads | None, features: Floats, 
     return replace(component, drift=drift, noise=np.maximum(noise, least), tau=spread.tau)
 
 
-def _spread_of(component: Component, fitted: Fitted, features: Floats) -> Component:
+def _spread_of(component: Component, fitted: FittedQuantity, features: Floats) -> Component:
     spread = fitted.spreads
     size = fitted.residual[fitted.known]
     if spread is None:
@@ -180,23 +189,25 @@ def _spread_of(component: Component, fitted: Fitted, features: Floats) -> Compon
     return with_spread(component, spread, features, "")
 
 
-def refit(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -> Fitted:
+def refit(samples: TrainingSamples, objects: ObjectErrors, name: str, mask: Bools) -> FittedQuantity:
     """Fit bias and spreads of one quantity anew, of these samples (R, T) only, at the latencies that are known."""
     names = ("longitudinal", "lateral") if name in ("longitudinal", "lateral") else (name,)
     pooled, c = objects.fitted[name], names.index(name)
     whole = _task(samples, names, objects.features, objects.steps)
     component = without(with_spread(whole.components[c], pooled.spreads, objects.features, name), mask)
-    task = Task(
+    task = AlignmentProblem(
         [component], lambda late, over: [whole.expected(late, over)[c]], whole.features, whole.steps, samples.drive,
         fixed=True,
     )  # fmt: skip
     aligned = align(task, pooled.aligned.late, pooled.aligned.over)
     known = mask & np.isfinite(aligned.residual[0])
-    problem = Problem(aligned.residual[0], known, objects.steps, sizes_of(objects.features), samples.drive)
-    return Fitted(aligned, 0, _spreads(name, problem, final=True), known)
+    problem = SpreadProblem(
+        aligned.residual[0], known, objects.steps, sizes_of(objects.features), samples.drive
+    )
+    return FittedQuantity(aligned, 0, _spreads(name, problem, final=True), known)
 
 
-def surprises(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -> bool:
+def surprises(samples: TrainingSamples, objects: ObjectErrors, name: str, mask: Bools) -> bool:
     """Whether these samples (R, T) are so far off in the mean, or vary so much more or less than the fit of all
     expects, that a fit of their own is worth it. That one is judged by how drives differ."""
     pooled = objects.fitted[name]
@@ -213,7 +224,7 @@ def surprises(samples: Samples, objects: ObjectErrors, name: str, mask: Bools) -
     )
 
 
-def error_of(fitted: Fitted) -> Error:
+def error_of(fitted: FittedQuantity) -> Error:
     """Give the error as the model has it."""
     bias, spread = fitted.aligned.biases[fitted.component], fitted.spreads
     names = ("constant", *FEATURES)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.perception.model import FEATURES, Estimate
+from resim.perception.model import FEATURES, TrainedParameter
 from resim.perception.training.clusters import quantile
-from resim.perception.training.errors import Fitted, ObjectErrors
+from resim.perception.training.errors import FittedQuantity, ObjectErrors
 from resim.perception.training.lists import around
 from resim.perception.training.localisation import spread_estimates
 
@@ -15,7 +15,7 @@ LAGS = {"position": "longitudinal", "speed": "speed", "heading": "heading"}
 """Which quantity tells each latency."""
 
 
-def lag_estimates(objects: ObjectErrors, drive: NDArray[np.intp]) -> dict[str, Estimate]:
+def lag_estimates(objects: ObjectErrors, drive: NDArray[np.intp]) -> dict[str, TrainedParameter]:
     """Give the estimates of latencies and averaging times."""
     out = {}
     groups = len(np.unique(drive))
@@ -25,11 +25,13 @@ def lag_estimates(objects: ObjectErrors, drive: NDArray[np.intp]) -> dict[str, E
         out[f"latency.{name}"] = around(aligned.late, aligned.se_late, n, groups, least=0.0)
         if name != "position":
             low, high = aligned.over_limits
-            out[f"averaging.{name}"] = Estimate(value=aligned.over, low=low, high=high, samples=n)
+            out[f"averaging.{name}"] = TrainedParameter(value=aligned.over, low=low, high=high, samples=n)
     return out
 
 
-def error_estimates(prefix: str, fitted: Fitted, drive: NDArray[np.intp]) -> dict[str, Estimate]:
+def error_estimates(
+    prefix: str, fitted: FittedQuantity, drive: NDArray[np.intp]
+) -> dict[str, TrainedParameter]:
     """Give the estimates of one quantity's bias, drift and noise; parameters that are left out have none."""
     n, groups, out = int(fitted.known.sum()), len(np.unique(drive)), {}
     bias, se = fitted.aligned.biases[fitted.component], fitted.aligned.se[fitted.component]
@@ -44,7 +46,7 @@ def error_estimates(prefix: str, fitted: Fitted, drive: NDArray[np.intp]) -> dic
     for part, by in (("drift", spread.drift_by), ("noise", spread.noise_by)):
         for f, slope in by.items():
             half = quantile(groups) * spread.se[f"{part}.{f}"]
-            out[f"{prefix}.{part}.{FEATURES[f]}"] = Estimate(
+            out[f"{prefix}.{part}.{FEATURES[f]}"] = TrainedParameter(
                 value=slope, low=slope - half, high=slope + half, samples=n
             )
     return out

@@ -11,13 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from resim.perception.model import Fit, Quantity
+from resim.perception.model import ModelFit, Quantity
 from resim.perception.training.clusters import FEWEST
 from resim.perception.training.dependence import Dependence
 from resim.perception.training.errors import MEASURED, ObjectErrors
-from resim.perception.training.residuals import Own, Residuals, of_mean, of_spread, residuals_of
-from resim.perception.training.samples import Samples
-from resim.perception.training.single import Single, latencies, tails, together, white
+from resim.perception.training.residuals import OwnErrorSamples, Residuals, of_mean, of_spread, residuals_of
+from resim.perception.training.samples import TrainingSamples
+from resim.perception.training.single import SingleStatistic, latencies, tails, together, white
 
 ALPHA = 0.05
 """Probability that something is told of a model that fits."""
@@ -25,7 +25,9 @@ LAG = 0.5
 """Time [s] between errors that are to be independent, beside one list."""
 
 
-def fit_of(samples: Samples, objects: ObjectErrors, own: Mapping[str, Sequence[Own]]) -> Fit:
+def fit_of(
+    samples: TrainingSamples, objects: ObjectErrors, own: Mapping[str, Sequence[OwnErrorSamples]]
+) -> ModelFit:
     """Test the model; own: samples with errors of their own, by quantity. Too few drives test nothing."""
     drives = len(np.unique(samples.drive))
     every = {
@@ -34,15 +36,15 @@ def fit_of(samples: Samples, objects: ObjectErrors, own: Mapping[str, Sequence[O
         if objects.fitted[q].spreads is not None
     }
     if drives < FEWEST:
-        return Fit(drives=drives)
+        return ModelFit(drives=drives)
     tests = [test for q, r in every.items() for test in _tests(q, r, objects)]
     misfits = [m for test in tests for m in test.failures(ALPHA / max(sum(t.count for t in tests), 1))]
-    return Fit(
+    return ModelFit(
         drives=drives, tests=sum(t.count for t in tests), misfits=tuple(sorted(misfits, key=lambda m: m.p))
     )
 
 
-def _tests(quantity: Quantity, r: Residuals, objects: ObjectErrors) -> Iterator[Single | Dependence]:
+def _tests(quantity: Quantity, r: Residuals, objects: ObjectErrors) -> Iterator[SingleStatistic | Dependence]:
     yield tails(quantity, r)
     lags = {1, max(round(LAG / r.step), 1)}
     yield from (white(quantity, r, lag) for lag in sorted(lags))

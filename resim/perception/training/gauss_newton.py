@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.perception.training.alignment import PRIOR, Aligned, Task
+from resim.perception.training.alignment import PRIOR, AlignmentProblem, AlignmentResult
 from resim.perception.training.clusters import FEWEST, between_drives, by_drive, certain, larger, quantile
 from resim.perception.training.whiten import whiten
 
@@ -25,7 +25,7 @@ LATEST_OF_ALL = 3.0
 _D_LATE, _D_OVER = 0.01, 0.02  # s, s²; steps of the derivatives
 
 
-def align(task: Task, late: float, over: float = 0.0) -> Aligned:
+def align(task: AlignmentProblem, late: float, over: float = 0.0) -> AlignmentResult:
     """Refine the latency from a start, with the averaging time and the biases; features that tell nothing go.
 
     Gauss-Newton; late >= 0, 0 <= over <= 2 late.
@@ -48,7 +48,7 @@ class _Column:
 
 
 class _Solver:
-    def __init__(self, task: Task, late: float, over: float) -> None:
+    def __init__(self, task: AlignmentProblem, late: float, over: float) -> None:
         self.task, self.late, self.square = task, late, over**2
         self.columns = [_Column(-1, 0)] + ([_Column(-1, 1)] if task.averages else [])
         self.middle, self.width = [], []
@@ -204,7 +204,7 @@ class _Solver:
             self.unsure_square = self.square, float(np.sqrt(self.covariance[1, 1]))
             self.square = 0.0
 
-    def result(self) -> Aligned:
+    def result(self) -> AlignmentResult:
         """Give all in the units of quantities and features."""
         se = np.sqrt(np.maximum(np.diag(self.covariance), TINY))
         biases, errors, residuals, means = [], [], [], []
@@ -229,7 +229,7 @@ class _Solver:
             residuals.append(now[c] - bias[0] - (features @ bias[1:] if bias[1:].any() else 0.0))
             biases.append(bias)
             errors.append(error)
-        return Aligned(
+        return AlignmentResult(
             self.late,
             self.over,
             float(se[0]),

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from resim.perception.model import LeftOut
-from resim.perception.training.drive import Drive
+from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.errors import MEASURED, ObjectErrors
 from resim.perception.training.matching import Matching
-from resim.perception.training.samples import Samples
+from resim.perception.training.samples import TrainingSamples
 from resim.recordings.recording import Recording
 
 
 def left_out(
-    recordings: Sequence[Recording], drives: Sequence[Drive], matchings: Sequence[Matching], samples: Samples,
+    recordings: Sequence[Recording], drives: Sequence[TrainingDrive], matchings: Sequence[Matching],
+    samples: TrainingSamples,
     objects: ObjectErrors,
 ) -> tuple[LeftOut, ...]:  # fmt: skip
     """Count lists, objects, samples and drives that no error was learned from; reasons of which there are none are

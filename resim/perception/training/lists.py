@@ -8,16 +8,16 @@ import numpy as np
 from scipy.stats import gamma
 
 from resim.core.geometry import Floats
-from resim.perception.model import Estimate, FalseObjects, Update
+from resim.perception.model import FalseObjects, TrainedParameter, Update
 from resim.perception.training.clusters import quantile
-from resim.perception.training.drive import Drive
+from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.matching import Matching
 
 REGULAR = 0.02
 """Share of the period below which its variation is none: clocks and rounding."""
 
 
-def fit_update(drives: Sequence[Drive]) -> tuple[Update, dict[str, Estimate]]:
+def fit_update(drives: Sequence[TrainingDrive]) -> tuple[Update, dict[str, TrainedParameter]]:
     """Give period and jitter of the lists; gaps of more than one and a half periods are lists that are missing."""
     steps = np.concatenate([np.diff(d.t) for d in drives])
     if not len(steps):
@@ -32,7 +32,7 @@ def fit_update(drives: Sequence[Drive]) -> tuple[Update, dict[str, Estimate]]:
     }
 
 
-def fit_switches(matchings: Sequence[Matching], step: float) -> tuple[float, dict[str, Estimate]]:
+def fit_switches(matchings: Sequence[Matching], step: float) -> tuple[float, dict[str, TrainedParameter]]:
     """Give the rate of id switches, 1/s of the time that objects are detected, with those across drop-outs."""
     count = sum(m.switches for m in matchings)
     samples = sum(int((m.row >= 0).sum()) for m in matchings)
@@ -41,8 +41,8 @@ def fit_switches(matchings: Sequence[Matching], step: float) -> tuple[float, dic
 
 
 def fit_false(
-    drives: Sequence[Drive], matchings: Sequence[Matching], step: float
-) -> tuple[FalseObjects, dict[str, Estimate]]:
+    drives: Sequence[TrainingDrive], matchings: Sequence[Matching], step: float
+) -> tuple[FalseObjects, dict[str, TrainedParameter]]:
     """Give how objects that are nobody come, live and go; where they are and how fast, as they were seen first."""
     births = deaths = risk = 0
     first_seen = []
@@ -85,21 +85,23 @@ def fit_false(
     return false, {f"false_objects.{name}": e for name, e in sure.items()}
 
 
-def _largest(value: float, seen: Floats) -> Estimate:
+def _largest(value: float, seen: Floats) -> TrainedParameter:
     """Give the estimate of the end of a uniform distribution."""
     low, n = float(seen.max()), len(seen)
-    return Estimate(value=value, low=low, high=low * 0.025 ** (-1.0 / n), samples=n)
+    return TrainedParameter(value=value, low=low, high=low * 0.025 ** (-1.0 / n), samples=n)
 
 
-def around(value: float, se: float, samples: int, groups: int = 1000, least: float = -np.inf) -> Estimate:
+def around(
+    value: float, se: float, samples: int, groups: int = 1000, least: float = -np.inf
+) -> TrainedParameter:
     """Give an estimate with the interval that its standard error makes."""
     half = quantile(groups) * float(se)
-    return Estimate(value=value, low=max(value - half, least), high=value + half, samples=samples)
+    return TrainedParameter(value=value, low=max(value - half, least), high=value + half, samples=samples)
 
 
-def counted(rate: float, count: int, samples: int) -> Estimate:
+def counted(rate: float, count: int, samples: int) -> TrainedParameter:
     """Give the estimate of a rate of `count` events, with Jeffreys' interval."""
     per = rate / count if count else 0.0
     high = float(gamma.ppf(0.975, count + 0.5))
     low = float(gamma.ppf(0.025, count + 0.5)) if count else 0.0
-    return Estimate(value=rate, low=low * per, high=high * per, samples=samples)
+    return TrainedParameter(value=rate, low=low * per, high=high * per, samples=samples)

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
-from resim.perception.model import Error, Estimate, Localisation, Own, Response, Spread
+from resim.perception.model import EgoStateError, Error, Localisation, Response, Spread, TrainedParameter
 from resim.perception.training.clusters import quantile
-from resim.perception.training.drive import Drive
+from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.lists import around
 from resim.perception.training.matching import Matching
 from resim.perception.training.samples import LONGEST
-from resim.perception.training.spread import Problem, Spreads, fit_spreads
+from resim.perception.training.spread import SpreadProblem, Spreads, fit_spreads
 from resim.perception.training.whiten import whiten
 
 LEAST = {"longitudinal": 1e-3, "lateral": 1e-3, "heading": 1e-4, "speed": 1e-3}
@@ -23,7 +23,7 @@ LASTING = 1000.0
 """Correlation time [s] of what does not change as long as an object is seen: its size."""
 
 
-def fit_localisation(drives: Sequence[Drive]) -> tuple[Localisation, dict[str, Estimate]]:
+def fit_localisation(drives: Sequence[TrainingDrive]) -> tuple[Localisation, dict[str, TrainedParameter]]:
     """Give bias, drift and noise of the EGO's own state, of the drives that recorded it."""
     known = [(k, d) for k, d in enumerate(drives) if d.own is not None]
     if not known:
@@ -41,8 +41,8 @@ def fit_localisation(drives: Sequence[Drive]) -> tuple[Localisation, dict[str, E
                 parts[name].append(error[span])
             steps.append(step[span])
             group.append(k)
-    fitted: dict[str, Own] = {}
-    estimates: dict[str, Estimate] = {}
+    fitted: dict[str, EgoStateError] = {}
+    estimates: dict[str, TrainedParameter] = {}
     for name in LEAST:
         fitted[name], found = _own(name, _padded(parts[name], np.nan), _padded(steps, 0.04), np.array(group))
         estimates |= {f"ego.{name}.{part}": e for part, e in found.items()}
@@ -56,24 +56,28 @@ def _padded(rows: Sequence[Floats], value: float) -> Floats:
     return out
 
 
-def _own(name: str, error: Floats, steps: Floats, group: NDArray[np.intp]) -> tuple[Own, dict[str, Estimate]]:
+def _own(
+    name: str, error: Floats, steps: Floats, group: NDArray[np.intp]
+) -> tuple[EgoStateError, dict[str, TrainedParameter]]:
     known = np.isfinite(error)
     n, groups = int(known.sum()), len(np.unique(group))
     if n < 3:
-        return Own(), {}
+        return EgoStateError(), {}
     bias, se, spread = float(np.mean(error[known])), 0.0, None
     for final in (False, True):
         if float(np.std(error[known])) < LEAST[name]:
             break
-        problem = Problem(error - bias, known, steps, np.zeros((*error.shape, 0)), group)
+        problem = SpreadProblem(error - bias, known, steps, np.zeros((*error.shape, 0)), group)
         spread = fit_spreads(problem, select=False, final=final)
         if spread is None:
             break
         bias, se = _mean(error, known, steps, spread)
     if spread is None:
-        return Own(bias=bias), {"bias": around(bias, float(np.std(error[known])) / np.sqrt(n), n, groups)}
+        return EgoStateError(bias=bias), {
+            "bias": around(bias, float(np.std(error[known])) / np.sqrt(n), n, groups)
+        }
     drift, noise = (0.0 if level is None else float(np.exp(level)) for level in (spread.drift, spread.noise))
-    own = Own(bias=bias, drift=drift, noise=noise, correlation_time=spread.tau)
+    own = EgoStateError(bias=bias, drift=drift, noise=noise, correlation_time=spread.tau)
     found = {"bias": around(bias, se, n, groups)}
     return own, found | spread_estimates(spread, n, groups)
 
@@ -89,7 +93,7 @@ def _mean(error: Floats, known: Bools, steps: Floats, spread: Spreads) -> tuple[
     return float(x @ y) / weight, weight**-0.5
 
 
-def spread_estimates(spread: Spreads, samples: int, groups: int) -> dict[str, Estimate]:
+def spread_estimates(spread: Spreads, samples: int, groups: int) -> dict[str, TrainedParameter]:
     """Give the estimates "drift", "noise" and "correlation_time", intervals from logarithms."""
     out = {}
     levels = {"drift": spread.drift, "noise": spread.noise}
@@ -98,13 +102,13 @@ def spread_estimates(spread: Spreads, samples: int, groups: int) -> dict[str, Es
         if log is not None:
             half = quantile(groups) * spread.se["tau" if name == "correlation_time" else name]
             low, value, high = (float(np.exp(np.clip(log + s, -50.0, 50.0))) for s in (-half, 0.0, half))
-            out[name] = Estimate(value=value, low=low, high=high, samples=samples)
+            out[name] = TrainedParameter(value=value, low=low, high=high, samples=samples)
     return out
 
 
 def fit_size(
-    drives: Sequence[Drive], matchings: Sequence[Matching], size: str
-) -> tuple[Error, dict[str, Estimate]]:
+    drives: Sequence[TrainingDrive], matchings: Sequence[Matching], size: str
+) -> tuple[Error, dict[str, TrainedParameter]]:
     """Give the error of "length" or "width". A recording has one size per perceived object: bias is their mean error,
     drift, that lasts, how they vary; dependences on features and noise within a track do not show."""
     errors = []

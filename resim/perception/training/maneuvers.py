@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from resim.core.geometry import Bools
-from resim.perception.model import Error, Errors, Estimate, Maneuver, Objects
+from resim.perception.model import Error, ErrorModels, Maneuver, Objects, TrainedParameter
 from resim.perception.training.clusters import certain
 from resim.perception.training.errors import (
     MEASURED,
-    Fitted,
+    FittedQuantity,
     ObjectErrors,
     error_of,
     refit,
@@ -17,8 +17,8 @@ from resim.perception.training.errors import (
     surprises,
 )
 from resim.perception.training.estimates import error_estimates
-from resim.perception.training.residuals import Own
-from resim.perception.training.samples import Samples
+from resim.perception.training.residuals import OwnErrorSamples
+from resim.perception.training.samples import TrainingSamples
 from resim.scenario.maneuvers import MANEUVERS
 
 SAMPLES, TRACKS = 300, 8
@@ -28,14 +28,14 @@ SURE = 3.3
 
 
 def fit_maneuvers(
-    samples: Samples, objects: ObjectErrors, errors: Errors
-) -> tuple[dict[Maneuver, Objects], dict[str, Estimate], dict[str, list[Own]]]:
+    samples: TrainingSamples, objects: ObjectErrors, errors: ErrorModels
+) -> tuple[dict[Maneuver, Objects], dict[str, TrainedParameter], dict[str, list[OwnErrorSamples]]]:
     """Give the maneuvers that differ, and by quantity the samples that they are fitted to. Latencies and averaging
     times are those of all: they are the sensors' own."""
     does = samples.maneuvers(objects.latency.speed)
     found: dict[Maneuver, Objects] = {}
-    estimates: dict[str, Estimate] = {}
-    parts: dict[str, list[Own]] = {}
+    estimates: dict[str, TrainedParameter] = {}
+    parts: dict[str, list[OwnErrorSamples]] = {}
     for index, name in enumerate(MANEUVERS):
         own: dict[str, Error] = {}
         for quantity in MEASURED:
@@ -49,7 +49,7 @@ def fit_maneuvers(
             drives = len(np.unique(samples.drive[mask.any(axis=1)]))
             if _differs(pooled, fitted, mask, objects, certain(SURE, drives)):
                 own[quantity] = error_of(fitted)
-                parts.setdefault(quantity, []).append(Own(mask, fitted))
+                parts.setdefault(quantity, []).append(OwnErrorSamples(mask, fitted))
                 prefix = f"maneuvers.{name}.errors.{quantity}"
                 estimates |= error_estimates(prefix, fitted, samples.drive)
         if own:
@@ -59,7 +59,9 @@ def fit_maneuvers(
     return found, estimates, parts
 
 
-def _differs(pooled: Fitted, own: Fitted, mask: Bools, objects: ObjectErrors, sure: float) -> bool:
+def _differs(
+    pooled: FittedQuantity, own: FittedQuantity, mask: Bools, objects: ObjectErrors, sure: float
+) -> bool:
     """Whether bias, or a spread, where this maneuver is, differs from that of all by `sure` standard errors."""
     middle = np.concatenate([[1.0], objects.features[mask].mean(axis=0)])
     off = float((own.aligned.biases[0] - pooled.aligned.biases[pooled.component]) @ middle)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.perception.training.drive import Drive, Rows
+from resim.perception.training.drive import Rows, TrainingDrive
 
 ALONG, ACROSS, SPEED = 12.0, 3.0, 12.0
 """Gates of the first round [m, m, m/s], along and across the true object's heading: a latency of 0.4 s at 30 m/s."""
@@ -41,14 +41,14 @@ class _Expected:
     gates: tuple[float, float, float] = (ALONG, ACROSS, SPEED)
 
 
-def match(drives: Sequence[Drive]) -> list[Matching]:
+def match(drives: Sequence[TrainingDrive]) -> list[Matching]:
     """Match every drive, in two rounds: the second knows the usual offset and delay of the first."""
     first = [_matched(drive, _Expected()) for drive in drives]
     expected = _learned(drives, first)
     return [_matched(drive, expected) for drive in drives]
 
 
-def _offsets(drive: Drive) -> tuple[Floats, Floats, Floats]:
+def _offsets(drive: TrainingDrive) -> tuple[Floats, Floats, Floats]:
     """Give (N, M, K) each perceived object's offset from each true one, along and across its heading [m], and in
     speed [m/s]."""
     x, y, heading = drive.in_frame(drive.states)
@@ -57,7 +57,7 @@ def _offsets(drive: Drive) -> tuple[Floats, Floats, Floats]:
     return c * dx + s * dy, c * dy - s * dx, drive.v[None] - drive.states[:, None, 3]
 
 
-def _matched(drive: Drive, expected: _Expected) -> Matching:
+def _matched(drive: TrainingDrive, expected: _Expected) -> Matching:
     along, across, speed = _offsets(drive)
     along = along - (expected.offset - expected.delay * drive.states[:, None, 3])
     across = across - expected.across
@@ -102,7 +102,7 @@ def _switches(row: Rows) -> int:
     return sum(int((np.diff(r[r >= 0]) != 0).sum()) for r in row)
 
 
-def _learned(drives: Sequence[Drive], matchings: Sequence[Matching]) -> _Expected:
+def _learned(drives: Sequence[TrainingDrive], matchings: Sequence[Matching]) -> _Expected:
     """Give the usual offset and delay of the matched, and gates about them by how far they spread."""
     parts = []
     for drive, matching in zip(drives, matchings, strict=True):
@@ -129,7 +129,7 @@ def _learned(drives: Sequence[Drive], matchings: Sequence[Matching]) -> _Expecte
     return _Expected(float(fit[0]), float(fit[1]), middle, (gates[0], gates[1], gates[2]))
 
 
-def paired(drive: Drive, row: Rows) -> tuple[Floats, Floats, Floats, Floats]:
+def paired(drive: TrainingDrive, row: Rows) -> tuple[Floats, Floats, Floats, Floats]:
     """Give (N, K) x, y [m], heading [rad] and v [m/s] as perceived of each true object, NaN where it is not."""
     if not len(drive.ids):
         none = np.full(row.shape, np.nan)

@@ -13,8 +13,8 @@ from resim.core.geometry import Bools, Floats
 from resim.perception.model import FEATURES
 from resim.perception.training.alignment import Component
 from resim.perception.training.clusters import between_drives, by_drive, larger
-from resim.perception.training.errors import Fitted, ObjectErrors, sizes_of, with_spread
-from resim.perception.training.samples import Samples
+from resim.perception.training.errors import FittedQuantity, ObjectErrors, sizes_of, with_spread
+from resim.perception.training.samples import TrainingSamples
 from resim.perception.training.whiten import whiten
 from resim.scenario.maneuvers import SEEN_BRAKING
 
@@ -25,11 +25,11 @@ LEAST_OWN = 0.02
 """Share of a variable that others must not explain for its effect to be told from theirs."""
 
 
-class Own(NamedTuple):
+class OwnErrorSamples(NamedTuple):
     """Samples (R, T) that have errors of their own in the model, and their fit."""
 
     mask: Bools
-    fitted: Fitted
+    fitted: FittedQuantity
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +44,15 @@ class Residuals:
     spread: Floats
     raw: Mapping[str, Floats]
     columns: Mapping[str, Floats]
-    fitted: Fitted
+    fitted: FittedQuantity
     drive: NDArray[np.intp]
     t: Floats
     step: float
 
 
-def residuals_of(samples: Samples, objects: ObjectErrors, quantity: str, own: Sequence[Own]) -> Residuals:
+def residuals_of(
+    samples: TrainingSamples, objects: ObjectErrors, quantity: str, own: Sequence[OwnErrorSamples]
+) -> Residuals:
     """Lay out what is left of one quantity's errors, each sample judged by the parameters that the model has for it."""
     pooled = objects.fitted[quantity]
     raw = {
@@ -64,7 +66,7 @@ def residuals_of(samples: Samples, objects: ObjectErrors, quantity: str, own: Se
     z, total = np.zeros(samples.t.shape), np.zeros(samples.t.shape)
     columns = {name: np.zeros(samples.t.shape) for name in raw}
     known = np.zeros(samples.t.shape, dtype=bool)
-    for part in (Own(rest, pooled), *own):
+    for part in (OwnErrorSamples(rest, pooled), *own):
         here = part.mask & inside & np.isfinite(part.fitted.residual)
         component = with_spread(
             Component(samples.x, samples.x, samples.x, 1.0), part.fitted.spreads, objects.features, quantity
@@ -88,7 +90,7 @@ def residuals_of(samples: Samples, objects: ObjectErrors, quantity: str, own: Se
     )
 
 
-def variables(samples: Samples, objects: ObjectErrors) -> dict[str, Floats]:
+def variables(samples: TrainingSamples, objects: ObjectErrors) -> dict[str, Floats]:
     """Give what errors may depend on (R, T), by name."""
     late, features = objects.latency.speed, objects.features
     begin = np.array([np.nanmin(samples.t[samples.drive == d]) for d in samples.drive.tolist()])
@@ -101,7 +103,7 @@ def variables(samples: Samples, objects: ObjectErrors) -> dict[str, Floats]:
     }
 
 
-def _braking(samples: Samples, late: float) -> dict[str, Floats]:
+def _braking(samples: TrainingSamples, late: float) -> dict[str, Floats]:
     """Give who brakes (R, T) at other latencies: one that braking is taken for is wrong for braking itself."""
     times = {f"braking{by:+g}": late + by for by in EARLIER if late + by >= 0.0}
     return {
@@ -110,7 +112,7 @@ def _braking(samples: Samples, late: float) -> dict[str, Floats]:
     }
 
 
-def _lags(samples: Samples, fitted: Fitted, quantity: str) -> dict[str, Floats]:
+def _lags(samples: TrainingSamples, fitted: FittedQuantity, quantity: str) -> dict[str, Floats]:
     """How what is expected changes with the latency, and with the square of the averaging time, where there is one."""
 
     def expected(late: float, over: float) -> Floats:

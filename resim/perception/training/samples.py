@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
 from resim.perception.model import Averaging, Latency
 from resim.perception.runtime.world import features
-from resim.perception.training.drive import Drive
+from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.matching import Matching, paired
-from resim.perception.training.truth import HEADING, Truth, V
+from resim.perception.training.truth import HEADING, TrueMotion, V
 from resim.scenario.maneuvers import momentary
 
 LONGEST = 400
@@ -27,7 +27,7 @@ class _Own(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class TrainingSamples:
     """R rows of up to T samples, NaN beyond their end; each row one object in one drive, or a part of that.
 
     drive: (R,). t [s], x, y [m], heading [rad], v [m/s]: (R, T) as perceived, in the EGO's frame. ego: (4, R, T) true
@@ -41,7 +41,7 @@ class Samples:
     heading: Floats
     v: Floats
     ego: Floats
-    truth: tuple[Truth, ...]
+    truth: tuple[TrueMotion, ...]
 
     @property
     def seen(self) -> Bools:
@@ -91,7 +91,7 @@ class Samples:
             -1,
         )
 
-    def _of_rows(self, value: Callable[[Truth, Floats], Floats], columns: int) -> Floats:
+    def _of_rows(self, value: Callable[[TrueMotion, Floats], Floats], columns: int) -> Floats:
         out = np.full((columns, *self.t.shape), np.nan)
         for r, truth in enumerate(self.truth):
             n = int(np.isfinite(self.t[r]).sum())
@@ -99,7 +99,7 @@ class Samples:
         return out
 
 
-def samples_of(drives: Sequence[Drive], matchings: Sequence[Matching]) -> Samples:
+def samples_of(drives: Sequence[TrainingDrive], matchings: Sequence[Matching]) -> TrainingSamples:
     """Gather the rows, in the order of drives and objects."""
     rows = list(_rows(drives, matchings))
     longest = max((values.shape[1] for _, _, values in rows), default=0)
@@ -108,10 +108,12 @@ def samples_of(drives: Sequence[Drive], matchings: Sequence[Matching]) -> Sample
         table[:, r, : values.shape[1]] = values
     drive = np.array([d for d, _, _ in rows], dtype=np.intp)
     t, x, y, heading, v = table[:5]
-    return Samples(drive, t, x, y, heading, v, table[5:], tuple(truth for _, truth, _ in rows))
+    return TrainingSamples(drive, t, x, y, heading, v, table[5:], tuple(truth for _, truth, _ in rows))
 
 
-def _rows(drives: Sequence[Drive], matchings: Sequence[Matching]) -> Iterator[tuple[int, Truth, Floats]]:
+def _rows(
+    drives: Sequence[TrainingDrive], matchings: Sequence[Matching]
+) -> Iterator[tuple[int, TrueMotion, Floats]]:
     for d, (drive, matching) in enumerate(zip(drives, matchings, strict=True)):
         perceived = paired(drive, matching.row)
         for n, truth in enumerate(drive.truth):

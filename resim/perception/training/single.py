@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from resim.core.geometry import Floats
-from resim.perception.model import Assumption, Misfit, Quantity
+from resim.perception.model import Assumption, FailedAssumption, Quantity
 from resim.perception.parameters import UNITS
 from resim.perception.training.clusters import FEWEST, between_drives, by_drive
 from resim.perception.training.residuals import Residuals
@@ -23,7 +23,7 @@ LEAST_LATE = 0.005
 """Least variation [s] of a latency that is told."""
 
 
-class Single:
+class SingleStatistic:
     """One statistic: the mean of something over its weight that is 0 in a model that fits.
 
     sums, weights: (R,) by row; variance: of the sum by the model.
@@ -52,11 +52,11 @@ class Single:
         z = self.value / se
         self.p = float(student.sf(z if one_sided else abs(z), len(by) - 1)) * (1.0 if one_sided else 2.0)
 
-    def failures(self, level: float) -> Iterator[Misfit]:
+    def failures(self, level: float) -> Iterator[FailedAssumption]:
         """Give the misfit, where there is one."""
         if self.p < level and (told := self.told()) is not None:
             size, unit, text = told
-            yield Misfit(
+            yield FailedAssumption(
                 quantity=self.quantity, assumption=self.assumption, on=self.on, size=size, unit=unit, p=self.p,
                 text=text,
             )  # fmt: skip
@@ -109,28 +109,30 @@ def _beyond(r: Residuals) -> tuple[float, float]:
     return float(np.quantile(errors, 0.999)), float(np.mean(sizes > 3.0))
 
 
-def tails(quantity: Quantity, r: Residuals) -> Single:
+def tails(quantity: Quantity, r: Residuals) -> SingleStatistic:
     """The fourth Hermite polynomial of errors, which their variance does not move, clipped: only heavy tails count."""
     z = np.clip(_scaled(r), -CLIP, CLIP)
     value = np.where(
         r.known, z**4 - 6.0 * z**2 + 3.0, np.where(r.outlier, CLIP**4 - 6.0 * CLIP**2 + 3.0, 0.0)
     )
     number = (r.known | r.outlier).sum(axis=1).astype(float)
-    return Single(quantity, "tails", r, value.sum(axis=1), number, 24.0 * number.sum(), one_sided=True)
+    return SingleStatistic(
+        quantity, "tails", r, value.sum(axis=1), number, 24.0 * number.sum(), one_sided=True
+    )
 
 
-def white(quantity: Quantity, r: Residuals, lag: int) -> Single:
+def white(quantity: Quantity, r: Residuals, lag: int) -> SingleStatistic:
     """Products of errors a lag apart."""
     both = r.known[:, lag:] & r.known[:, :-lag]
     z = _scaled(r)
     products = np.where(both, z[:, lag:] * z[:, :-lag], 0.0).sum(axis=1)
     number = both.sum(axis=1).astype(float)
-    return Single(
+    return SingleStatistic(
         quantity, "white", r, products, number, number.sum(), one_sided=False, on=f"{lag * r.step:.2g} s"
     )
 
 
-def together(quantity: Quantity, r: Residuals) -> Single:
+def together(quantity: Quantity, r: Residuals) -> SingleStatistic:
     """Products of errors of two objects in one list; a list's are laid to the first row of its drive."""
     sums, pairs, scaled = np.zeros(len(r.drive)), np.zeros(len(r.drive)), _scaled(r)
     for drive in np.unique(r.drive):
@@ -140,10 +142,10 @@ def together(quantity: Quantity, r: Residuals) -> Single:
         z = scaled[rows][known]
         one, square, number = (np.bincount(lists, v) for v in (z, z**2, np.ones(len(z))))
         sums[rows[0]], pairs[rows[0]] = ((one**2 - square) / 2.0).sum(), (number * (number - 1.0) / 2.0).sum()
-    return Single(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
+    return SingleStatistic(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
 
 
-def latencies(quantity: Quantity, r: Residuals) -> Single:
+def latencies(quantity: Quantity, r: Residuals) -> SingleStatistic:
     """How far apart the latencies of single objects are, beyond chance: their squares less what noise makes of them."""
     x = np.stack([r.columns["constant"], r.columns["latency"]], axis=-1)
     normal, right = np.einsum("rti,rtj->rij", x, x), np.einsum("rti,rt->ri", x, r.z)
@@ -153,4 +155,6 @@ def latencies(quantity: Quantity, r: Residuals) -> Single:
     score = score - known * score.sum() / max(float(known.sum()), 1e-12)
     known = np.where(known > 1e-3 * known.max(initial=0.0), known, 0.0)
     sums = np.where(known > 0.0, score**2 - known, 0.0)
-    return Single(quantity, "latency", r, sums, known**2, float(2.0 * (known**2).sum()), one_sided=True)
+    return SingleStatistic(
+        quantity, "latency", r, sums, known**2, float(2.0 * (known**2).sum()), one_sided=True
+    )

@@ -30,7 +30,7 @@ LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class SpreadProblem:
     """Residuals (R, T) with where they are known, steps [s], what they may depend on (R, T, F, not negative), and
     the drive of each row."""
 
@@ -67,7 +67,7 @@ class Spreads:
         return parts[0], parts[1]
 
 
-def fit_spreads(problem: Problem, *, select: bool = True, final: bool = True) -> Spreads | None:
+def fit_spreads(problem: SpreadProblem, *, select: bool = True, final: bool = True) -> Spreads | None:
     """Fit; None where the residuals are all but nothing.
 
     select: whether features may enter. final: whether what is not needed goes, and standard errors are given.
@@ -83,7 +83,7 @@ def fit_spreads(problem: Problem, *, select: bool = True, final: bool = True) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class _FreeParameters:
     """Names of the free parameters, and their values."""
 
     names: tuple[str, ...]
@@ -94,7 +94,7 @@ class _State:
 class _Fitter:
     """Parameters by name: "drift", "noise" (logs, of the scaled residual), "tau" (log), "drift.f", "noise.f"."""
 
-    def __init__(self, problem: Problem, scale: float) -> None:
+    def __init__(self, problem: SpreadProblem, scale: float) -> None:
         self.problem, self.scale = problem, scale
         known = problem.known
         used = problem.features[known]
@@ -110,11 +110,11 @@ class _Fitter:
         self.limits = {"tau": (np.log(0.5 * step), np.log(max(duration, 2.0 * step)))}
         self.tau_0 = np.log(np.clip(0.1 * duration, 2.0 * step, 2.0))
 
-    def both(self) -> _State:
+    def both(self) -> _FreeParameters:
         """Drift and noise."""
         return self.fit(("drift", "noise", "tau"), np.array([-0.3, -1.0, self.tau_0]))
 
-    def best(self) -> _State:
+    def best(self) -> _FreeParameters:
         """Drift and noise, or the one of them that is enough."""
         both = self.both()
         alone = [
@@ -127,7 +127,7 @@ class _Fitter:
             return alone[1]
         return max(enough, key=lambda s: s.loglik) if enough else both
 
-    def fit(self, names: tuple[str, ...], start: Floats) -> _State:
+    def fit(self, names: tuple[str, ...], start: Floats) -> _FreeParameters:
         """Maximise the likelihood over these parameters."""
         bounds = [self.limits.get(n, (-9.0, 4.0) if n in ("drift", "noise") else (-1.5, 1.5)) for n in names]
 
@@ -138,7 +138,7 @@ class _Fitter:
         found = minimize(
             value, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60, "ftol": 1e-9}
         )
-        return _State(names, np.asarray(found.x), -float(found.fun))
+        return _FreeParameters(names, np.asarray(found.x), -float(found.fun))
 
     def rows(self, names: tuple[str, ...], sets: Floats) -> Floats:
         """Give the log-likelihood (B, R) of each row for sets (B, P)."""
@@ -158,14 +158,14 @@ class _Fitter:
                 log[part] = log[part] + 20.0 + sets[:, k, None, None]
         return log_likelihood(self.y, p.known, p.steps, np.exp(log["drift"]), np.exp(log["noise"]), tau)
 
-    def row_scores(self, state: _State) -> Floats:
+    def row_scores(self, state: _FreeParameters) -> Floats:
         """Give the derivative (R, P) of each row's log-likelihood by the parameters."""
         n = len(state.values)
         sets = np.vstack([state.values + 1e-4 * np.eye(n), state.values - 1e-4 * np.eye(n)])
         rows = self.rows(state.names, sets)
         return np.asarray((rows[:n] - rows[n:]).T / 2e-4)
 
-    def with_features(self, state: _State) -> _State:
+    def with_features(self, state: _FreeParameters) -> _FreeParameters:
         """Let features in, one after the other, the most telling first, as long as one keeps its word."""
         for _ in range(4):
             more = next((m for m in self.trials(state) if self.earned(m, state)), None)
@@ -174,7 +174,7 @@ class _Fitter:
             state = more
         return state
 
-    def trials(self, state: _State) -> Iterator[_State]:
+    def trials(self, state: _FreeParameters) -> Iterator[_FreeParameters]:
         """Give the fits with one dependence more, in the order of their scores."""
         free = [
             f"{part}.{f}"
@@ -188,13 +188,13 @@ class _Fitter:
             if scores[name] > WORTH:
                 yield self.fit((*state.names, name), np.append(state.values, 0.0))
 
-    def earned(self, more: _State, state: _State) -> bool:
+    def earned(self, more: _FreeParameters, state: _FreeParameters) -> bool:
         """Whether the last parameter surely differs from none, by the likelihood and by how drives differ."""
         return 2.0 * (more.loglik - state.loglik) >= GAIN and bool(
             abs(more.values[-1]) >= certain(SURE, self.drives) * self.errors(more)[-1]
         )
 
-    def gains(self, state: _State, free: list[str]) -> list[float]:
+    def gains(self, state: _FreeParameters, free: list[str]) -> list[float]:
         """Give by how many standard errors the scores of these parameters, at 0, differ from none.
 
         What the scores of the state's own explain of it is taken out, as they vary from row to row.
@@ -203,13 +203,13 @@ class _Fitter:
             return []
         n = len(state.values)
         rows = self.row_scores(
-            _State((*state.names, *free), np.append(state.values, np.zeros(len(free))), state.loglik)
+            _FreeParameters((*state.names, *free), np.append(state.values, np.zeros(len(free))), state.loglik)
         )
         own = rows[:, n:] - rows[:, :n] @ np.linalg.lstsq(rows[:, :n], rows[:, n:], rcond=None)[0]
         spread = np.sqrt(np.maximum((own**2).sum(axis=0), 1e-12))
         return [float(z) for z in np.abs(own.sum(axis=0)) / spread]
 
-    def information(self, state: _State) -> Floats:
+    def information(self, state: _FreeParameters) -> Floats:
         """Give minus the second derivatives (R, P, P) of each row's log-likelihood."""
         n, d = len(state.values), 2e-3
         eye = d * np.eye(n)
@@ -223,11 +223,11 @@ class _Fitter:
         h[:, one, other] = h[:, other, one] = -(pp - pm - mp + mm).T / (4.0 * d * d)
         return h
 
-    def errors(self, state: _State) -> Floats:
+    def errors(self, state: _FreeParameters) -> Floats:
         """Give the standard errors (P,): the larger of the model's and those between drives."""
         return np.sqrt(np.diag(self.covariance(state)))
 
-    def covariance(self, state: _State) -> Floats:
+    def covariance(self, state: _FreeParameters) -> Floats:
         rows = self.information(state)
         h = rows.sum(axis=0)
         floor = 1e-6 * max(float(np.trace(h)), 1e-6)
@@ -241,7 +241,7 @@ class _Fitter:
         )
         return larger(model, between_drives(scores, information))
 
-    def result(self, state: _State, *, errors: bool) -> Spreads:
+    def result(self, state: _FreeParameters, *, errors: bool) -> Spreads:
         """Give the parameters in the units of residuals and features."""
         at = dict(zip(state.names, state.values.tolist(), strict=True))
         covariance = self.covariance(state) if errors else np.zeros((len(at), len(at)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from resim.core.errors import InputError, ResimError
 from resim.core.tracks import Tracks
-from resim.perception.model import FEATURES, Errors, PerceptionModel, Training, Validity
+from resim.perception.model import FEATURES, ErrorModels, PerceptionModel, TrainedRange, Training
 from resim.perception.training.coupling import fit_coupling
 from resim.perception.training.detection import field_of_view, fit_detection, sightings_of
 from resim.perception.training.drive import drive_of
@@ -21,7 +21,7 @@ from resim.perception.training.lists import fit_false, fit_switches, fit_update
 from resim.perception.training.localisation import fit_localisation, fit_size
 from resim.perception.training.maneuvers import fit_maneuvers
 from resim.perception.training.matching import match
-from resim.perception.training.samples import Samples, samples_of
+from resim.perception.training.samples import TrainingSamples, samples_of
 from resim.recordings.recording import Recording
 
 FEWEST = 50
@@ -52,7 +52,7 @@ def train(recordings: Sequence[Recording], *, name: str) -> PerceptionModel:
         estimates |= found
     coupling, found = fit_coupling(objects, samples.drive)
     estimates |= found
-    errors = Errors(**{q: error_of(objects.fitted[q]) for q in MEASURED}, **sizes, coupling=coupling)
+    errors = ErrorModels(**{q: error_of(objects.fitted[q]) for q in MEASURED}, **sizes, coupling=coupling)
     maneuvers, found, own_errors = fit_maneuvers(samples, objects, errors)
     estimates |= found
     sightings = sightings_of(drives, matchings, objects.latency.position)
@@ -105,7 +105,7 @@ def _enough(recordings: Sequence[Recording], matched: int, perceived: int) -> No
         raise InputError(names, problem, "Give more or longer drives.")
 
 
-def _validity(samples: Samples, objects: ObjectErrors) -> Validity:
+def _validity(samples: TrainingSamples, objects: ObjectErrors) -> TrainedRange:
     """Give the states that stand behind the model."""
     known = samples.seen & np.isfinite(objects.features).all(axis=-1)
     used = objects.features[known]
@@ -117,7 +117,7 @@ def _validity(samples: Samples, objects: ObjectErrors) -> Validity:
         feature: (float(used[:, k].min()), float(used[:, k].max())) for k, feature in enumerate(FEATURES)
     }
     speed = samples.ego[3][known]
-    return Validity(**limits, ego_speed=(float(speed.min()), float(speed.max())))
+    return TrainedRange(**limits, ego_speed=(float(speed.min()), float(speed.max())))
 
 
 def _sources(recordings: Sequence[Recording]) -> dict[str, str]:

@@ -19,7 +19,7 @@ X, Y, HEADING, V = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class TrueMotion:
     """One object's motion. pieces: cubic splines of x, y [m], heading [rad, not wrapped], v [m/s] over time [s]."""
 
     pieces: tuple[BSpline, ...]
@@ -27,7 +27,7 @@ class Truth:
     integrals: tuple[BSpline, ...]
 
     @classmethod
-    def of(cls, tracks: Tracks, row: int) -> Truth:
+    def of(cls, tracks: Tracks, row: int) -> TrueMotion:
         """Fit the track in this row; runs of fewer than two samples say nothing."""
         known = np.flatnonzero(tracks.valid[row])
         values = np.column_stack(

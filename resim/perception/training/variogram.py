@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.perception.training.clusters import FEWEST, certain
-from resim.perception.training.spread import Problem, Spreads
+from resim.perception.training.spread import SpreadProblem, Spreads
 
 LONGEST, LAGS = 3.0, 24
 """Lags [s] that are looked at, and how many."""
@@ -23,7 +23,7 @@ SURE = 3.0
 believed."""
 
 
-def reconsidered(spreads: Spreads, problem: Problem) -> Spreads:
+def reconsidered(spreads: Spreads, problem: SpreadProblem) -> Spreads:
     """Give the spreads, of the variogram where the errors are surely no autoregression with white noise."""
     if spreads.drift is None:
         return spreads

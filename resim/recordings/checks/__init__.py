@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import pandas as pd
 
 from resim.core.finding import Finding, Source
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.beside import misnamed, pairs, strangers
 from resim.recordings.checks.bodies import impossible, overlaps, sizes, swapped
 from resim.recordings.checks.clock import in_order
-from resim.recordings.checks.codes import CODES, Code, Found, worst_first
+from resim.recordings.checks.codes import CODES, FindingCode, RankedFinding, worst_first
 from resim.recordings.checks.delay import clocks
 from resim.recordings.checks.headings import headings
 from resim.recordings.checks.identity import broken, jumps, parts_of
@@ -21,12 +21,12 @@ from resim.recordings.checks.offsets import offsets
 from resim.recordings.checks.place import places
 from resim.recordings.checks.reference import reference_points
 from resim.recordings.checks.samples import duplicates, holes, missing_values, repeated
-from resim.recordings.checks.tracks import Table, table_of
+from resim.recordings.checks.tracks import CheckedTable, table_of
 from resim.recordings.checks.units import mirrored, speed_units
 from resim.recordings.tables import GT_ID
 from resim.road.opendrive import RoadNetwork
 
-__all__ = ["CODES", "Code", "examine"]
+__all__ = ["CODES", "FindingCode", "examine"]
 
 TORN = ("ID_SWITCH", "ID_REUSED", "POSITION_JUMP")
 """Findings that tear a track: what differs from the other source, the map or other boxes after them follows."""
@@ -45,7 +45,7 @@ EXPLAINED = {
 """Findings that are symptoms where the same object, or its table, has one of these."""
 
 
-def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
+def examine(tables: RecordingTables, network: RoadNetwork | None) -> tuple[Finding, ...]:
     """Give what is wrong with a recording, worst first; the same tables give the same findings.
 
     network: the recording's map, None where there is none to look at. A look goes from cause to symptom: what
@@ -54,7 +54,7 @@ def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
     """
     ego = tables.settings.ego
     gt, out = _source("gt", tables.gt, {}, ego)
-    sd: Table | None = None
+    sd: CheckedTable | None = None
     if tables.sd is not None:
         sd, more = _source("sd", tables.sd, _gt_names(tables.sd, tables.gt), ego)
         out += more
@@ -70,7 +70,7 @@ def examine(tables: Tables, network: RoadNetwork | None) -> tuple[Finding, ...]:
 
 def _source(
     source: Source, frame: pd.DataFrame, gt_id: dict[str, str], ego: str
-) -> tuple[Table, list[Found]]:
+) -> tuple[CheckedTable, list[RankedFinding]]:
     """What the rows of one source show, and its table in SI units."""
     frame, out = in_order(source, frame)
     out += missing_values(source, frame)
@@ -87,7 +87,9 @@ def _source(
     return table, out
 
 
-def _motion(table: Table, network: RoadNetwork | None, ego: str) -> tuple[Table, list[Found]]:
+def _motion(
+    table: CheckedTable, network: RoadNetwork | None, ego: str
+) -> tuple[CheckedTable, list[RankedFinding]]:
     """What the motion of one source shows, and its table, cut where tracks are torn."""
     if not table.tracks:
         return table, []
@@ -101,7 +103,9 @@ def _motion(table: Table, network: RoadNetwork | None, ego: str) -> tuple[Table,
     return table, out
 
 
-def _both(gt: Table, sd: Table, known: list[Found], ego: str) -> Iterator[Found]:
+def _both(
+    gt: CheckedTable, sd: CheckedTable, known: list[RankedFinding], ego: str
+) -> Iterator[RankedFinding]:
     """What the two sources show beside each other, but for what a whole table on the wrong map explains.
 
     Tracks that are torn have no one clock or name; where the tear is no error, their pieces are compared as well.
@@ -134,11 +138,11 @@ def _gt_names(sd: pd.DataFrame, gt: pd.DataFrame) -> dict[str, str]:
     return {name: name if name in known else "" for name in dict.fromkeys(sd["id"])}
 
 
-def _causes(everything: list[Found]) -> list[Found]:
+def _causes(everything: list[RankedFinding]) -> list[RankedFinding]:
     """The findings without symptoms, and of each code and object the worst (each gap stays)."""
     have = {(f.finding.code, f.finding.source, f.finding.object) for f in everything}
     whole = {(f.finding.code, f.finding.source) for f in everything if not f.finding.object}
-    best: dict[tuple[object, ...], Found] = {}
+    best: dict[tuple[object, ...], RankedFinding] = {}
     for one in everything:
         f = one.finding
         causes = EXPLAINED.get(f.code, ())

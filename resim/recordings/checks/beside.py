@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.recordings.checks.codes import Found, found
-from resim.recordings.checks.tracks import Table, Track
+from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.tracks import CheckedTable, Track
 
 MISTAKEN = 0.3
 """Part of its distance from the object that it names at which an SD object lies on another."""
@@ -20,7 +20,7 @@ NEAREST = 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class MatchedTrack:
     """An SD object beside its GT at K common times: t (K,) s, offset (K,) m SD less GT, in GT's own frame (x ahead,
     y left), v (K,) m/s."""
 
@@ -32,13 +32,13 @@ class Pair:
     v: Floats
 
 
-def pairs(gt: Table, sd: Table) -> list[Pair]:
+def pairs(gt: CheckedTable, sd: CheckedTable) -> list[MatchedTrack]:
     """Give every SD object, or piece of it, that has GT at common times."""
     named = [(k, own) for k in sd.tracks for own in gt.tracks if own.id == sd.gt_id.get(k.id, "")]
     return [pair for track, own in named if (pair := beside(track, own)) is not None]
 
 
-def beside(track: Track, own: Track, shift: float = 0.0) -> Pair | None:
+def beside(track: Track, own: Track, shift: float = 0.0) -> MatchedTrack | None:
     """The SD track, its times shifted [s], beside its GT; None with fewer than three common times."""
     t = track.t + shift
     there = (t >= own.t[0]) & (t <= own.t[-1])
@@ -47,10 +47,10 @@ def beside(track: Track, own: Track, shift: float = 0.0) -> Pair | None:
     t = t[there]
     off = track.p[there] - np.interp(t, own.t, own.p)
     off = off * np.exp(-1j * np.interp(t, own.t, own.heading))
-    return Pair(track, own, t, off.real, off.imag, np.interp(t, own.t, own.v))
+    return MatchedTrack(track, own, t, off.real, off.imag, np.interp(t, own.t, own.v))
 
 
-def misnamed(gt: Table, known: list[Pair]) -> tuple[list[Pair], list[Found]]:
+def misnamed(gt: CheckedTable, known: list[MatchedTrack]) -> tuple[list[MatchedTrack], list[RankedFinding]]:
     """Give the pairs that are one object, and findings of SD objects that lie on another one than they name."""
     right, out = [], []
     for pair in known:
@@ -71,7 +71,9 @@ def misnamed(gt: Table, known: list[Pair]) -> tuple[list[Pair], list[Found]]:
     return right, out
 
 
-def strangers(sd: Table, known: list[Pair], explained: set[str], parts: set[str]) -> Iterator[Found]:
+def strangers(
+    sd: CheckedTable, known: list[MatchedTrack], explained: set[str], parts: set[str]
+) -> Iterator[RankedFinding]:
     """Give SD objects without GT, together where they are many, and those far from the GT that they name.
 
     explained: SD ids whose distance a clock explains; parts: ids under which broken tracks go on.

@@ -9,8 +9,8 @@ import pandas as pd
 
 from resim.core.finding import Source
 from resim.core.geometry import boxes_overlap
-from resim.recordings.checks.codes import Found, found
-from resim.recordings.checks.tracks import Table, Track, runs
+from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.tracks import CheckedTable, Track, runs
 
 DEEP = 0.3
 """Depth [m] from which on two boxes are in each other: what measured positions and sizes may miss."""
@@ -45,7 +45,7 @@ MUCH = 0.1
 """Part of the size by which it changes when it matters."""
 
 
-def overlaps(table: Table) -> Iterator[Found]:
+def overlaps(table: CheckedTable) -> Iterator[RankedFinding]:
     """Give pairs whose boxes are in each other for longer than a collision lasts; where they are many, the table."""
     pairs = list(_pairs_inside(table))
     concerned = {name for one in pairs for name in (one.finding.object, one.other)}
@@ -61,7 +61,7 @@ def overlaps(table: Table) -> Iterator[Found]:
         )
 
 
-def _pairs_inside(table: Table) -> Iterator[Found]:
+def _pairs_inside(table: CheckedTable) -> Iterator[RankedFinding]:
     tracks = sorted((k for k in table.tracks if len(k) > 1), key=lambda k: k.t[0])
     boxes = [_bounds(k) for k in tracks]
     for n, a in enumerate(tracks):
@@ -104,7 +104,7 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
     return span if span is not None and span[1] - span[0] >= LONG - 0.5 * step else None
 
 
-def swapped(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Found]]:
+def swapped(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[RankedFinding]]:
     """Give vehicles that are wider than long, where most are as one finding of the table; and the table put right.
 
     One alone may be seen from behind by a sensor: of the SD it is a note, and stays.
@@ -131,7 +131,7 @@ def swapped(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fou
     return frame, out
 
 
-def impossible(source: Source, frame: pd.DataFrame) -> list[Found]:
+def impossible(source: Source, frame: pd.DataFrame) -> list[RankedFinding]:
     """Give objects that are smaller or larger than any of their kind, whichever side is called length; where they are
     many, the table."""
     by_id = frame.groupby("id", sort=False)
@@ -158,11 +158,13 @@ def impossible(source: Source, frame: pd.DataFrame) -> list[Found]:
     return out
 
 
-def _impossible(source: Source, name: str, span: tuple[float, float], times: float, text: str) -> Found:
+def _impossible(
+    source: Source, name: str, span: tuple[float, float], times: float, text: str
+) -> RankedFinding:
     return found("SIZE_IMPOSSIBLE", source, name, span, times, "1", text, limit=1.0)
 
 
-def _wide(source: Source, name: str, rows: pd.DataFrame) -> Found:
+def _wide(source: Source, name: str, rows: pd.DataFrame) -> RankedFinding:
     length, width = rows["length"].median(), rows["width"].median()
     return found(
         "SIZE_SWAPPED", source, name, (rows["t"].min(), rows["t"].max()), width / length, "1",
@@ -171,7 +173,7 @@ def _wide(source: Source, name: str, rows: pd.DataFrame) -> Found:
     )  # fmt: skip
 
 
-def sizes(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
+def sizes(source: Source, frame: pd.DataFrame) -> Iterator[RankedFinding]:
     """Give objects whose length, width or kind is not the same in all rows."""
     by_id = frame.groupby("id", sort=False)
     sides = by_id[["length", "width"]]

@@ -8,7 +8,7 @@ import pandas as pd
 from resim.core.finding import Source
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings
-from resim.recordings.checks.codes import Found, found
+from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.tracks import Ints, runs
 
 JUMP = 0.06
@@ -23,7 +23,7 @@ SHARE = 0.3
 """Part of the jump by which the objects may differ in it."""
 
 
-def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Found]]:
+def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[RankedFinding]]:
     """Give clock jumps and rows that run back in time; and the rows with the jumps taken out, by time.
 
     A jump is one that all objects share, and after which the motion in the order of the file goes on; else
@@ -35,7 +35,7 @@ def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Fo
     return frame.sort_values("t", kind="stable"), out
 
 
-def jump_corrections(source: Source, frame: pd.DataFrame) -> tuple[Floats, list[Found]]:
+def jump_corrections(source: Source, frame: pd.DataFrame) -> tuple[Floats, list[RankedFinding]]:
     """Give what each row's time has to be moved by (K,) [s] for the clock's jumps, and the findings of them."""
     whole = np.flatnonzero(np.isfinite(frame[["x", "y", "heading", "v"]].to_numpy(float)).all(axis=1))
     steps = _steps(frame.iloc[whole])
@@ -147,7 +147,7 @@ def _scale(steps: dict[str, Floats]) -> Floats:
     return out
 
 
-def _backwards(source: Source, frame: pd.DataFrame) -> list[Found]:
+def _backwards(source: Source, frame: pd.DataFrame) -> list[RankedFinding]:
     """Objects whose rows run back in time; one finding where every object of several does."""
     step = frame.groupby("id", sort=False)["t"].diff().to_numpy(float)
     back: Bools = step < 0.0

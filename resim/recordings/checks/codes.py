@@ -9,7 +9,7 @@ from resim.core.finding import SEVERITIES, Finding, Severity, Source
 
 
 @dataclass(frozen=True)
-class Code:
+class FindingCode:
     """One kind of finding. repair is "" where none is safe."""
 
     severity: Severity
@@ -17,127 +17,127 @@ class Code:
     repair: str = ""
 
 
-CODES: Mapping[str, Code] = {
-    "MISSING_VALUES": Code(
+CODES: Mapping[str, FindingCode] = {
+    "MISSING_VALUES": FindingCode(
         "warning",
         "rows without a position, heading or speed cannot be used",
         "interpolate the values like a gap, marked; in longer gaps they stay empty",
     ),
-    "MISSING_SAMPLES": Code(
+    "MISSING_SAMPLES": FindingCode(
         "note", "the track is interpolated over the hole", "fill the hole along the track, marked"
     ),
-    "GAP": Code(
+    "GAP": FindingCode(
         "warning",
         "no error is computed inside the gap; after more than 1 s the object counts as another one",
         "bridge it along the track where it is no longer than --max-gap (1 s), marked",
     ),
-    "DUPLICATE_SAMPLES": Code(
+    "DUPLICATE_SAMPLES": FindingCode(
         "warning", "one time and object stand more than once", "keep the first of the rows"
     ),
-    "REPEATED_SAMPLES": Code(
+    "REPEATED_SAMPLES": FindingCode(
         "warning",
         "the object stands still in the data and catches up in one step: accelerations there are false",
         "drop the repeated values and interpolate, marked",
     ),
-    "TIME_BACKWARDS": Code(
+    "TIME_BACKWARDS": FindingCode(
         "warning", "rows stand in the wrong order", "sort each object's rows by time"
     ),
-    "CLOCK_JUMP": Code(
+    "CLOCK_JUMP": FindingCode(
         "error",
         "all times after the jump are off: speeds, gaps and errors against the other source are wrong",
         "shift the times after the jump by the amount that the motion shows",
     ),
-    "CLOCK_DRIFT": Code(
+    "CLOCK_DRIFT": FindingCode(
         "error",
         "one clock runs faster: the offset between GT and SD grows, and sensor errors with it",
         "scale the times of this source by the rate found",
     ),
-    "CLOCK_OFFSET": Code(
+    "CLOCK_OFFSET": FindingCode(
         "error",
         "speed times delay enters every position error, and reaction times are off by the delay",
         "shift the times by the delay found; a latency that the sensor has goes with it",
     ),
-    "ID_REUSED": Code(
+    "ID_REUSED": FindingCode(
         "error",
         "two objects share one id: the trace between them was never driven",
         "give the later object an id of its own",
     ),
-    "ID_SWITCH": Code(
+    "ID_SWITCH": FindingCode(
         "error", "two objects change ids: both traces jump", "change the ids back from there on"
     ),
-    "TRACK_BROKEN": Code(
+    "TRACK_BROKEN": FindingCode(
         "warning",
         "the object vanishes and another one appears in its place, at its speed",
         "give both parts one id, where they are surely one",
     ),
-    "POSITION_JUMP": Code(
+    "POSITION_JUMP": FindingCode(
         "error", "the object moves farther in one step than it can: the fit bends through the jump"
     ),
-    "OUTLIER": Code(
+    "OUTLIER": FindingCode(
         "warning", "single samples far off the track bend the fit", "drop them and interpolate, marked"
     ),
-    "SPEED_DISAGREES": Code(
+    "SPEED_DISAGREES": FindingCode(
         "warning",
         "speed and positions tell different motions: the speed spline, TTC and reaction times follow the speed",
         "take the speed from the positions, marked",
     ),
-    "HEADING_DISAGREES": Code(
+    "HEADING_DISAGREES": FindingCode(
         "warning",
         "heading and positions tell different motions: boxes are turned, and lateral motion is false",
         "take the heading from the positions, marked",
     ),
-    "ACCELERATION": Code(
+    "ACCELERATION": FindingCode(
         "warning",
         "no vehicle of its kind can do it: the speed fit follows noise, peaks are not to be trusted",
         "drop single spikes of the speed and interpolate, marked",
     ),
-    "YAW_RATE": Code(
+    "YAW_RATE": FindingCode(
         "warning",
         "no vehicle of its kind can turn so: the heading fit follows noise",
         "drop single spikes of the heading and interpolate, marked",
     ),
-    "OVERLAP": Code(
+    "OVERLAP": FindingCode(
         "warning", "two boxes are in each other for longer than a collision lasts: sizes, positions or a double"
     ),
-    "SIZE_CHANGES": Code(
+    "SIZE_CHANGES": FindingCode(
         "warning", "the first size is taken for the whole track", "take the median size of the object"
     ),
-    "SIZE_IMPOSSIBLE": Code(
+    "SIZE_IMPOSSIBLE": FindingCode(
         "error", "nothing of its kind is so small or so large: gaps, contacts and overlaps are wrong"
     ),
-    "SIZE_SWAPPED": Code(
+    "SIZE_SWAPPED": FindingCode(
         "error", "length and width are swapped: gaps, contacts and overlaps are wrong", "swap length and width"
     ),
-    "OFF_MAP": Code(
+    "OFF_MAP": FindingCode(
         "warning", "no lane lies there: lane-based results and the re-simulation's road do not hold for it"
     ),
-    "WRONG_WAY": Code("warning", "it drives against its lane: a real wrong-way driver, or a wrong map or frame"),
-    "REFERENCE_POINT": Code(
+    "WRONG_WAY": FindingCode("warning", "it drives against its lane: a real wrong-way driver, or a wrong map or frame"),
+    "REFERENCE_POINT": FindingCode(
         "error",
         "positions name another point than the box centre: distances are off by as much",
     ),
-    "SPEED_UNIT": Code("error", "every result that uses speed is wrong", "convert the speeds to m/s"),
-    "HEADING_UNIT": Code("error", "every result that uses heading is wrong", "convert the headings to radians"),
-    "HEADING_TURNED": Code(
+    "SPEED_UNIT": FindingCode("error", "every result that uses speed is wrong", "convert the speeds to m/s"),
+    "HEADING_UNIT": FindingCode("error", "every result that uses heading is wrong", "convert the headings to radians"),
+    "HEADING_TURNED": FindingCode(
         "error", "front and rear are exchanged: it seems to drive backwards", "turn the headings by pi"
     ),
-    "HEADING_CONVENTION": Code(
+    "HEADING_CONVENTION": FindingCode(
         "error", "every result that uses heading is wrong", "count the headings anticlockwise from +x, in radians"
     ),
-    "MIRRORED_Y": Code(
+    "MIRRORED_Y": FindingCode(
         "error", "left and right are exchanged, and lanes with them", "turn the sign of y and of the heading"
     ),
-    "SENSOR_OFFSET": Code(
+    "SENSOR_OFFSET": FindingCode(
         "warning",
         "sensor data has it elsewhere than ground truth, by more than sensors usually err: SD is judged by it there",
     ),
-    "SD_WITHOUT_GT": Code("note", "no sensor error can be computed for it; rSD has it all the same"),
+    "SD_WITHOUT_GT": FindingCode("note", "no sensor error can be computed for it; rSD has it all the same"),
 }  # fmt: skip
 """Every code: its usual severity, what it means, and the repair."""
 
 
 @dataclass(frozen=True)
-class Found:
+class RankedFinding:
     """A finding, how many times its threshold it is (the order within a severity), and whether it stands by itself.
 
     own: it is no symptom, whatever else is found. other: a second object concerned, "" for none.
@@ -164,7 +164,7 @@ def found(
     own: bool = False,
     other: str = "",
     details: Mapping[str, float | str] | None = None,
-) -> Found:
+) -> RankedFinding:
     """Give a finding with the terms of its code. span: start and end [s]; limit: what value had to exceed."""
     terms = CODES[code]
     finding = Finding(
@@ -172,13 +172,13 @@ def found(
         end=float(span[1]), value=float(value), unit=unit, text=text, meaning=terms.meaning,
         repair=terms.repair if repair is None else repair, details=details or {},
     )  # fmt: skip
-    return Found(finding, abs(float(value)) / limit, own, other)
+    return RankedFinding(finding, abs(float(value)) / limit, own, other)
 
 
-def worst_first(everything: Iterable[Found]) -> tuple[Finding, ...]:
+def worst_first(everything: Iterable[RankedFinding]) -> tuple[Finding, ...]:
     """Give the findings by severity, then by how far they are beyond their threshold."""
 
-    def rank(one: Found) -> tuple[int, float, str, str, str, float]:
+    def rank(one: RankedFinding) -> tuple[int, float, str, str, str, float]:
         f = one.finding
         return SEVERITIES.index(f.severity), -one.excess, f.code, f.source, f.object, f.start
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from resim.core.finding import Severity, Source
 from resim.core.geometry import Floats
-from resim.recordings.checks.beside import Pair, beside
-from resim.recordings.checks.codes import Found, found
+from resim.recordings.checks.beside import MatchedTrack, beside
+from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.derived import motion
 from resim.recordings.checks.pooled import DRIFTED, USUAL, pooled
 from resim.recordings.checks.reference import CONSTANT, is_point
-from resim.recordings.checks.tracks import Table, Track
+from resim.recordings.checks.tracks import CheckedTable, Track
 
 BIN = 1.0
 """Time [s] over which offsets are taken in the median: white noise goes, slow sensor errors stay."""
@@ -47,7 +47,9 @@ class Delay:
     left: float
 
 
-def clocks(gt: Table, sd: Table, known: list[Pair], ego: str) -> tuple[list[Found], set[str]]:
+def clocks(
+    gt: CheckedTable, sd: CheckedTable, known: list[MatchedTrack], ego: str
+) -> tuple[list[RankedFinding], set[str]]:
     """Give drift and delay between the clocks, or of single objects; and the SD objects that these explain."""
     fits = {p.sd.id: fit for p in known if (fit := delay_of(p)) is not None}
     if not fits:
@@ -67,7 +69,9 @@ def clocks(gt: Table, sd: Table, known: list[Pair], ego: str) -> tuple[list[Foun
     return _single(gt, sd, fits, by_id)
 
 
-def _drift(gt: Table, sd: Table, fits: dict[str, Delay], by_id: dict[str, Pair]) -> Found | None:
+def _drift(
+    gt: CheckedTable, sd: CheckedTable, fits: dict[str, Delay], by_id: dict[str, MatchedTrack]
+) -> RankedFinding | None:
     """The drift that every object that is seen for long shows by itself."""
     long = [f for n, f in fits.items() if by_id[n].t[-1] - by_id[n].t[0] >= LONG]
     if not long:
@@ -86,7 +90,7 @@ def _drift(gt: Table, sd: Table, fits: dict[str, Delay], by_id: dict[str, Pair])
     return _drifting(source, span, drift)
 
 
-def delay_of(pair: Pair) -> Delay | None:
+def delay_of(pair: MatchedTrack) -> Delay | None:
     """Fit offset = b - v (delay + drift (t - middle)) to the offsets, again and again with SD put earlier by it.
 
     Usual sizes are its prior. At constant speed a constant offset and a delay look the same: the spread says
@@ -113,7 +117,7 @@ def delay_of(pair: Pair) -> Delay | None:
     return Delay(delay, float(spread[1]), float(fit[2]), float(spread[2]), left)
 
 
-def _binned(pair: Pair) -> tuple[Floats, Floats, Floats]:
+def _binned(pair: MatchedTrack) -> tuple[Floats, Floats, Floats]:
     """Offset ahead [m], speed and time of each bin, in the median."""
     number = np.floor((pair.t - pair.t[0]) / BIN).astype(int)
     edges = np.flatnonzero(np.diff(number)) + 1
@@ -122,7 +126,7 @@ def _binned(pair: Pair) -> tuple[Floats, Floats, Floats]:
     return e, v, t
 
 
-def _drifting(source: Source, span: tuple[float, float], drift: float) -> Found:
+def _drifting(source: Source, span: tuple[float, float], drift: float) -> RankedFinding:
     text = f"the delay of SD against GT grows by {drift:+.3f} s from {span[0]:.2f} to {span[1]:.2f} s"
     known = source != "recording"
     return found(
@@ -131,7 +135,7 @@ def _drifting(source: Source, span: tuple[float, float], drift: float) -> Found:
     )  # fmt: skip
 
 
-def _whose_clock(gt: Table, sd: Table, rate: float) -> Source:
+def _whose_clock(gt: CheckedTable, sd: CheckedTable, rate: float) -> Source:
     """The source in which more objects' speeds are off their positions by the rate; "recording" where none is."""
     best: tuple[int, float, Source] = (0, 0.0, "recording")
     for table, expected in ((gt, -rate), (sd, rate)):
@@ -148,7 +152,7 @@ def _whose_clock(gt: Table, sd: Table, rate: float) -> Source:
     return best[2]
 
 
-def _shared(sd: Table, fits: dict[str, Delay]) -> Found | None:
+def _shared(sd: CheckedTable, fits: dict[str, Delay]) -> RankedFinding | None:
     """The delay that every object shows by itself."""
     delays = np.array([f.delay for f in fits.values()])
     spreads = np.array([f.spread for f in fits.values()])
@@ -160,8 +164,8 @@ def _shared(sd: Table, fits: dict[str, Delay]) -> Found | None:
 
 
 def _single(
-    gt: Table, sd: Table, fits: dict[str, Delay], by_id: dict[str, Pair]
-) -> tuple[list[Found], set[str]]:
+    gt: CheckedTable, sd: CheckedTable, fits: dict[str, Delay], by_id: dict[str, MatchedTrack]
+) -> tuple[list[RankedFinding], set[str]]:
     """The delays of single objects, and the SD objects that these explain."""
     out, explained = [], set()
     for name, fit in fits.items():
@@ -187,7 +191,7 @@ def _sure(delay: float, spread: float) -> bool:
 
 def _delayed(
     source: Source, name: str, span: tuple[float, float], delay: float, who: str, point: float = 0.0
-) -> Found:
+) -> RankedFinding:
     """The finding of a delay; point [m]: how far off another reference point would be that explains as much."""
     when = "late" if delay > 0.0 else "early"
     text = f"{who} comes {abs(delay):.2f} s too {when} against the other source"
@@ -205,7 +209,7 @@ def _delayed(
     )  # fmt: skip
 
 
-def _stamped(table: Table, track: Track, delay: float) -> bool:
+def _stamped(table: CheckedTable, track: Track, delay: float) -> bool:
     """Whether the track's stamps lie off those of the table's other objects as this delay would have it."""
     others = [k for k in table.tracks if k.id != track.id and len(k) > 1]
     if not others or abs(delay) < 0.5 * table.step:

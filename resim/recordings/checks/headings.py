@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from resim.core.geometry import Floats, wrap_angle
-from resim.recordings.checks.codes import Found
-from resim.recordings.checks.tracks import PEDESTRIAN, Table, Track
+from resim.recordings.checks.codes import RankedFinding
+from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Track
 from resim.recordings.checks.units import MOVING, over
 
 DEGREES = 180.0 / np.pi
@@ -69,17 +69,17 @@ CONVENTIONS = tuple(
 PLAIN = CONVENTIONS[0]
 
 
-def headings(table: Table) -> tuple[Table, list[Found]]:
+def headings(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
     """Give objects whose heading fits their course in another convention, and the table in radians, unwrapped."""
     misfits = {k.id: m for k in table.tracks if (m := _misfits(k, table.step)) is not None}
     if not misfits:
-        return _told(table, {}, {})
+        return _finding(table, {}, {})
     if len(misfits) > 1:
         mean = np.mean(list(misfits.values()), axis=0)
         of_all = _best(mean, list(table.tracks), table.step)
         k = CONVENTIONS.index(of_all)
         if of_all is not PLAIN and all(m[k] < min(FITS, MISFITS * m[0]) for m in misfits.values()):
-            return _told(table, {"": of_all}, {"": mean})
+            return _finding(table, {"": of_all}, {"": mean})
     found = {}
     for track in table.tracks:
         if track.id in misfits:
@@ -87,7 +87,7 @@ def headings(table: Table) -> tuple[Table, list[Found]]:
             fast = float(np.median(np.abs(track.v))) > REVERSES
             if best.code == "HEADING_UNIT" or (best is not PLAIN and fast):
                 found[track.id] = best
-    return _told(table, found, misfits)
+    return _finding(table, found, misfits)
 
 
 def _best(misfit: Floats, tracks: list[Track], step: float) -> Convention:
@@ -106,9 +106,9 @@ def _best(misfit: Floats, tracks: list[Track], step: float) -> Convention:
     return best
 
 
-def _told(
-    table: Table, found: dict[str, Convention], misfits: dict[str, Floats]
-) -> tuple[Table, list[Found]]:
+def _finding(
+    table: CheckedTable, found: dict[str, Convention], misfits: dict[str, Floats]
+) -> tuple[CheckedTable, list[RankedFinding]]:
     """The findings, and the table converted and unwrapped; who may skid instead is told so and left as it is."""
     out, sure = [], {}
     for name, convention in found.items():

@@ -9,8 +9,8 @@ import numpy as np
 
 from resim.core.finding import Severity
 from resim.core.geometry import Floats
-from resim.recordings.checks.codes import Found, found
-from resim.recordings.checks.tracks import PEDESTRIAN, Complex, Table, Track
+from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Complex, Track
 
 REACH = 0.6
 """Distance [m] by which a step may miss what speed or the steps around it say, besides noise."""
@@ -47,9 +47,9 @@ class _Jump:
     miss: complex
 
 
-def jumps(table: Table) -> tuple[Table, list[Found]]:
+def jumps(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
     """Give outliers, jumps, and ids that switch or are reused; and the table cut where its tracks are torn."""
-    out: list[Found] = []
+    out: list[RankedFinding] = []
     kept: list[Track] = []
     torn: list[_Jump] = []
     for track in table.tracks:
@@ -101,7 +101,7 @@ def _around(velocity: Complex) -> Complex:
     return np.asarray(np.nanmedian(near.real, axis=1) + 1j * np.nanmedian(near.imag, axis=1))
 
 
-def _without_outliers(table: Table, track: Track) -> tuple[Track, list[Found]]:
+def _without_outliers(table: CheckedTable, track: Track) -> tuple[Track, list[RankedFinding]]:
     """The track without samples that are off it and come back, and the finding of them."""
     miss, limit = _residuals(track, table.step)
     big = np.flatnonzero(np.abs(miss) > limit)
@@ -147,7 +147,7 @@ def _switches(tracks: list[Track], torn: list[_Jump]) -> Iterator[tuple[_Jump, _
                 yield first, second
 
 
-def _switched(table: Table, tracks: list[Track], first: _Jump, second: _Jump) -> Found:
+def _switched(table: CheckedTable, tracks: list[Track], first: _Jump, second: _Jump) -> RankedFinding:
     a, b = tracks[first.track], tracks[second.track]
     at = float(a.t[first.k + 1])
     text = f"changes ids with {b.id!r} at {at:.2f} s: each goes on {abs(first.miss):.1f} m away, where the other was"
@@ -157,7 +157,7 @@ def _switched(table: Table, tracks: list[Track], first: _Jump, second: _Jump) ->
     )  # fmt: skip
 
 
-def _torn(table: Table, track: Track, jump: _Jump) -> Found:
+def _torn(table: CheckedTable, track: Track, jump: _Jump) -> RankedFinding:
     """A jump for good: another object where it follows a hole or a change of size, else a jump."""
     before, after = float(track.t[jump.k]), float(track.t[jump.k + 1])
     far, hole = abs(jump.miss), after - before
@@ -169,13 +169,13 @@ def _torn(table: Table, track: Track, jump: _Jump) -> Found:
     return found(name, table.source, track.id, (before, after), far, "m", text, limit=REACH, severity=grave)
 
 
-def broken(table: Table) -> list[Found]:
+def broken(table: CheckedTable) -> list[RankedFinding]:
     """Give tracks that end amid the recording and go on under another id."""
     begins, ends = table.span
     by_id: dict[str, list[Track]] = {}
     for track in table.tracks:
         by_id.setdefault(track.id, []).append(track)
-    out: list[Found] = []
+    out: list[RankedFinding] = []
     firsts = {name: pieces[0] for name, pieces in by_id.items() if pieces[0].t[0] > begins + 1.5 * table.step}
     for name, pieces in by_id.items():
         last = pieces[-1]
@@ -221,6 +221,6 @@ def _continues(ended: Track, begun: Track, step: float) -> float | None:
     return float(far) if sizes < 0.3 else None
 
 
-def parts_of(known: list[Found]) -> set[str]:
+def parts_of(known: list[RankedFinding]) -> set[str]:
     """Give the SD ids under which broken tracks go on."""
     return {f.other for f in known if f.finding.code == "TRACK_BROKEN" and f.finding.source == "sd"}

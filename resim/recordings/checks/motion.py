@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from resim.core.geometry import Bools, Floats, unwrap_angle, wrap_angle
-from resim.recordings.checks.codes import Found, found
+from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.derived import WINDOW, Motion, motion
-from resim.recordings.checks.tracks import PEDESTRIAN, Complex, Table, Track, runs
+from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Complex, Track, runs
 
 SPEED_RUN, SPEED_SHARE = 0.5, 0.01
 """Difference of speeds [m/s], and part of the speed, beyond which it must not stay for RUN."""
@@ -46,7 +46,7 @@ TURNING = 2.0
 """Yaw rate [rad/s] that no vehicle has at any speed at which it can turn."""
 
 
-def speed(table: Table) -> Iterator[Found]:
+def speed(table: CheckedTable) -> Iterator[RankedFinding]:
     """Give, per object, the worst disagreement of speed and positions, with the delay that would explain it."""
     for track in table.tracks:
         m = motion(track, table.step)
@@ -83,7 +83,7 @@ def speed(table: Table) -> Iterator[Found]:
         )  # fmt: skip
 
 
-def heading(table: Table) -> Iterator[Found]:
+def heading(table: CheckedTable) -> Iterator[RankedFinding]:
     """Give, per vehicle, the worst disagreement of heading and course, with the delay that would explain it."""
     for track in table.tracks:
         m = motion(track, table.step)
@@ -168,7 +168,7 @@ def _explained(text: str, delay: float, left: float, unit: str) -> tuple[str, st
     return f"{text}; {abs(delay):.2f} s {when} would explain it ({left:.2g} {unit} left)", None
 
 
-def limits(table: Table) -> Iterator[Found]:
+def limits(table: CheckedTable) -> Iterator[RankedFinding]:
     """Give, per object, acceleration and yaw rate that none of its kind reaches."""
     for track in table.tracks:
         m = motion(track, table.step)
@@ -207,7 +207,7 @@ def _rates(track: Track, values: Floats, over: float, step: float) -> tuple[Floa
 
 
 def _beyond(
-    table: Table,
+    table: CheckedTable,
     track: Track,
     code: str,
     t: Floats,
@@ -215,7 +215,7 @@ def _beyond(
     most: Floats,
     shown: tuple[Floats, Floats, Floats],
     unit: str,
-) -> Iterator[Found]:
+) -> Iterator[RankedFinding]:
     """The finding where the value exceeds the most; its own where the positions show a good part of it."""
     over = np.abs(value) > most
     if not over.any():

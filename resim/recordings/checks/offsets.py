@@ -9,9 +9,9 @@ import numpy as np
 
 from resim.core.finding import Severity
 from resim.core.geometry import Floats
-from resim.recordings.checks.beside import APART, Pair
-from resim.recordings.checks.codes import Found, found
-from resim.recordings.checks.tracks import Table, runs
+from resim.recordings.checks.beside import APART, MatchedTrack
+from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.tracks import CheckedTable, runs
 
 BIN = 1.0
 """Time [s] over which offsets are taken in the median: white noise goes."""
@@ -27,7 +27,7 @@ AHEAD, LATE = 3.0, 0.3
 class _Off:
     """One object's worst offset [m] ahead and to the left, from start to end [s]."""
 
-    pair: Pair
+    pair: MatchedTrack
     along: float
     across: float
     start: float
@@ -45,7 +45,7 @@ class _Off:
         )
 
 
-def offsets(sd: Table, known: list[Pair], explained: set[str]) -> Iterator[Found]:
+def offsets(sd: CheckedTable, known: list[MatchedTrack], explained: set[str]) -> Iterator[RankedFinding]:
     """Give SD objects that are off their GT for a second or longer; where most are, one finding of the table.
 
     explained: SD ids whose offset ahead a clock explains, or a reference point.
@@ -61,21 +61,21 @@ def offsets(sd: Table, known: list[Pair], explained: set[str]) -> Iterator[Found
             f"{len(off)} of {len(every)} objects are off their ground truth for a second or longer, {side} in the "
             f"median; {worst.pair.sd.id!r} worst, {worst.words} it"
         )
-        yield _told(sd, "", sd.span, worst.far, text)
+        yield _finding(sd, "", sd.span, worst.far, text)
         return
     for name, one in off.items():
         text = (
             f"is {one.words} {one.pair.gt.id!r} of the ground truth from {one.start:.2f} to {one.end:.2f} s"
         )
-        yield _told(sd, name, (one.start, one.end), one.far, text)
+        yield _finding(sd, name, (one.start, one.end), one.far, text)
 
 
-def _told(sd: Table, name: str, span: tuple[float, float], far: float, text: str) -> Found:
+def _finding(sd: CheckedTable, name: str, span: tuple[float, float], far: float, text: str) -> RankedFinding:
     severity: Severity = "error" if far > APART else "warning"
     return found("SENSOR_OFFSET", sd.source, name, span, far, "m", text, limit=ASIDE, severity=severity)
 
 
-def _off(pair: Pair, explained: bool) -> _Off | None:
+def _off(pair: MatchedTrack, explained: bool) -> _Off | None:
     """The longest time in which the offset, in bins of 1 s, is beyond what is usual; None where it never is."""
     number = np.floor((pair.t - pair.t[0]) / BIN).astype(int)
     edges = np.flatnonzero(np.diff(number)) + 1

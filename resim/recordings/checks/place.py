@@ -9,8 +9,8 @@ import numpy as np
 
 from resim.core.finding import Severity
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.recordings.checks.codes import Found, found
-from resim.recordings.checks.tracks import PEDESTRIAN, Table, Track, longest_run
+from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Track, longest_run
 from resim.road.opendrive import RoadNetwork
 
 EVERY = 0.5
@@ -33,7 +33,7 @@ WALKERS = (PEDESTRIAN, "bicycle", "unknown")
 _Hit: TypeAlias = tuple[Track, tuple[float, float], float]
 
 
-def places(table: Table, network: RoadNetwork, ego: str) -> Iterator[Found]:
+def places(table: CheckedTable, network: RoadNetwork, ego: str) -> Iterator[RankedFinding]:
     """Give vehicles that drive on no lane, or against theirs; where most do, the table.
 
     An EGO that is off the map nearly all the time is an error: it cannot be re-simulated there.
@@ -52,8 +52,8 @@ def places(table: Table, network: RoadNetwork, ego: str) -> Iterator[Found]:
             off.append((whole, span, float(beyond[drives].max())))
         if (span := _lasting(drives & (turned > AGAINST) & (beyond <= 0.0), track.t)) is not None:
             against.append((whole, span, span[1] - span[0]))
-    yield from _told(table, "OFF_MAP", "m", off, len(drivers), _off_text, BESIDE, ego=ego)
-    yield from _told(table, "WRONG_WAY", "s", against, len(drivers), _against_text, LONG)
+    yield from _finding(table, "OFF_MAP", "m", off, len(drivers), _off_text, BESIDE, ego=ego)
+    yield from _finding(table, "WRONG_WAY", "s", against, len(drivers), _against_text, LONG)
 
 
 def _look(network: RoadNetwork, track: Track) -> tuple[Floats, Floats]:
@@ -79,8 +79,8 @@ def _against_text(value: float, span: tuple[float, float]) -> str:
     return f"drives against its lane for {span[1] - span[0]:.2f} s"
 
 
-def _told(
-    table: Table,
+def _finding(
+    table: CheckedTable,
     code: str,
     unit: str,
     hits: list[_Hit],
@@ -89,7 +89,7 @@ def _told(
     limit: float,
     *,
     ego: str = "",
-) -> Iterator[Found]:
+) -> Iterator[RankedFinding]:
     """One finding per object, or one of the table where most are concerned."""
     names = list(dict.fromkeys(track.id for track, _, _ in hits))
     if len(names) > 2 and len(names) > MOST * drivers:

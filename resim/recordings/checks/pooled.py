@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.recordings.checks.beside import Pair
+from resim.recordings.checks.beside import MatchedTrack
 from resim.recordings.checks.tracks import PEDESTRIAN
 
 BIN = 1.0
@@ -55,14 +55,14 @@ class Pooled:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _PooledFit:
     value: Floats
     spread: Floats
     cost: float
     astray: float
 
 
-def pooled(known: list[Pair], ego: str) -> Pooled:
+def pooled(known: list[MatchedTrack], ego: str) -> Pooled:
     """Tell a common delay and a common drift of SD from another reference point."""
     pairs = [p for p in known if p.gt.kind != PEDESTRIAN]
     if not pairs:
@@ -90,7 +90,7 @@ def pooled(known: list[Pair], ego: str) -> Pooled:
     return Pooled("either", delay, 0.0, span, point)
 
 
-def _at_side(pair: Pair) -> bool:
+def _at_side(pair: MatchedTrack) -> bool:
     """Whether the object is off by half its width to a side: a corner."""
     across = abs(float(np.median(pair.across)))
     return across > SIDE and abs(across - 0.5 * pair.gt.width) < SIDE_NEAR
@@ -109,7 +109,7 @@ class _Bins:
     prior: Floats
 
     @classmethod
-    def of(cls, pairs: list[Pair], ego: str) -> _Bins:
+    def of(cls, pairs: list[MatchedTrack], ego: str) -> _Bins:
         rows = []
         for n, pair in enumerate(pairs):
             number = np.floor((pair.t - pair.t[0]) / BIN).astype(int)
@@ -126,7 +126,7 @@ class _Bins:
         prior = np.r_[LOCALISED, SHARED, np.full(len(pairs), OWN)]
         return cls(e, v, (t - t.min()) / lasts - 0.5, half, biases, prior)
 
-    def fit(self, terms: int, point: float | Floats = 0.0) -> _Fit:
+    def fit(self, terms: int, point: float | Floats = 0.0) -> _PooledFit:
         """The most likely delay (terms 1) and drift (2), given that the point is so many half lengths off (K,)."""
         clocks = np.stack([-self.v, -self.v * self.u], axis=1)[:, :terms]
         design = np.concatenate([clocks, self.biases], axis=1)
@@ -141,4 +141,4 @@ class _Bins:
         cost = float(loss.sum() + 0.5 * (weight * value**2).sum())
         usual = np.r_[value[:terms], np.clip(value[terms:], -SURE * self.prior, SURE * self.prior)]
         astray = float(np.mean(np.abs(e - design @ usual) > FAR))
-        return _Fit(value, np.sqrt(np.diag(covariance)), cost, astray)
+        return _PooledFit(value, np.sqrt(np.diag(covariance)), cost, astray)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from resim.recordings.checks.beside import Pair
-from resim.recordings.checks.codes import Found, found
+from resim.recordings.checks.beside import MatchedTrack
+from resim.recordings.checks.codes import RankedFinding, found
 
 CONSTANT = 1.5
 """Constant position error of a sensor [m] that is usual."""
@@ -23,7 +23,7 @@ CLEAR = 1.0
 """Offset [m] along the box from which on a reference point is asked for: Mcity's sensor is 1.1 m off at most."""
 
 
-def reference_points(known: list[Pair], explained: set[str], ego: str) -> Iterator[Found]:
+def reference_points(known: list[MatchedTrack], explained: set[str], ego: str) -> Iterator[RankedFinding]:
     """Give SD objects that lie by a constant offset of half a box off their GT; either may be the wrong one."""
     for pair in known:
         if pair.sd.id in explained or not is_point(pair, _peers(pair, known, ego)):
@@ -45,7 +45,7 @@ def reference_points(known: list[Pair], explained: set[str], ego: str) -> Iterat
         )  # fmt: skip
 
 
-def is_point(pair: Pair, peers: float = 0.0) -> bool:
+def is_point(pair: MatchedTrack, peers: float = 0.0) -> bool:
     """Whether the offset is constant, and at a front, a rear or a corner of the box.
 
     peers: offset ahead [m] that other objects of the sensor have as well.
@@ -68,7 +68,7 @@ def is_point(pair: Pair, peers: float = 0.0) -> bool:
     return at_side and abs(abs(along) - half) < CONSTANT + POINT
 
 
-def _peers(pair: Pair, known: list[Pair], ego: str) -> float:
+def _peers(pair: MatchedTrack, known: list[MatchedTrack], ego: str) -> float:
     """Offset ahead [m] that other objects of the sensor share, 0 where that is not known."""
     others = [float(np.median(p.along)) for p in known if p is not pair and p.gt.id != ego]
     if len(others) < 2 or pair.gt.id == ego or np.ptp(others) > 2.0 * POINT:

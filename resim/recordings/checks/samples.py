@@ -10,8 +10,8 @@ import pandas as pd
 
 from resim.core.finding import Severity, Source
 from resim.core.geometry import Floats
-from resim.recordings.checks.codes import Found, found
-from resim.recordings.checks.tracks import Table, Track, runs
+from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.tracks import CheckedTable, Track, runs
 
 VALUES = ("x", "y", "heading", "v")
 HOLE = 1.5
@@ -29,7 +29,7 @@ FROZEN_WAY = 0.1
 centimetres repeat a position by chance only below."""
 
 
-def missing_values(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
+def missing_values(source: Source, frame: pd.DataFrame) -> Iterator[RankedFinding]:
     """Give, per object, rows in which x, y, heading or v is missing."""
     missing = ~np.isfinite(frame[list(VALUES)].to_numpy(float))
     for name, rows in frame[missing.any(axis=1)].groupby("id", sort=False):
@@ -43,7 +43,7 @@ def missing_values(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
         )  # fmt: skip
 
 
-def duplicates(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
+def duplicates(source: Source, frame: pd.DataFrame) -> Iterator[RankedFinding]:
     """Give, per object, times that stand more than once: the same row, or rows that contradict each other."""
     twice = frame[frame.duplicated(["t", "id"], keep=False)]
     for name, rows in twice.groupby("id", sort=False):
@@ -60,7 +60,7 @@ def duplicates(source: Source, frame: pd.DataFrame) -> Iterator[Found]:
         )  # fmt: skip
 
 
-def holes(table: Table, ego: str) -> Iterator[Found]:
+def holes(table: CheckedTable, ego: str) -> Iterator[RankedFinding]:
     """Give missing samples and gaps; those that every object there has are the table's."""
     wide: dict[tuple[float, float], list[str]] = defaultdict(list)
     for track in table.tracks:
@@ -78,8 +78,8 @@ def holes(table: Table, ego: str) -> Iterator[Found]:
 
 
 def _holes(
-    table: Table, name: str, spans: list[tuple[float, float]], samples: int, *, is_ego: bool
-) -> Iterator[Found]:
+    table: CheckedTable, name: str, spans: list[tuple[float, float]], samples: int, *, is_ego: bool
+) -> Iterator[RankedFinding]:
     """The gaps of one object one by one, its short holes together."""
     who = "no object has a sample" if not name else "no sample"
     short = [(a, b) for a, b in spans if b - a <= SHORT + 0.5 * table.step]
@@ -99,7 +99,7 @@ def _holes(
         )  # fmt: skip
 
 
-def repeated(table: Table) -> tuple[Table, list[Found]]:
+def repeated(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
     """Give positions that stand still to the last digit while the speed says otherwise; and the table without."""
     out, tracks = [], []
     for track in table.tracks:
@@ -126,7 +126,7 @@ def _way(track: Track) -> Floats:
     return np.asarray(0.5 * np.abs(track.v[1:] + track.v[:-1]) * np.diff(track.t))
 
 
-def _frozen(table: Table, track: Track, frozen: list[tuple[int, int]], way: Floats) -> Found:
+def _frozen(table: CheckedTable, track: Track, frozen: list[tuple[int, int]], way: Floats) -> RankedFinding:
     count = sum(b - a + 1 for a, b in frozen)
     longest = max(frozen, key=lambda run: float(way[run[0] : run[1] + 1].sum()))
     lost = float(way[longest[0] : longest[1] + 1].sum())

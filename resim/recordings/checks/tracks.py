@@ -55,7 +55,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class CheckedTable:
     """One source: its tracks, its usual time step [s], and for the SD the GT id of each object."""
 
     source: Source
@@ -63,11 +63,11 @@ class Table:
     tracks: tuple[Track, ...]
     gt_id: dict[str, str]
 
-    def replaced(self, tracks: list[Track]) -> Table:
+    def replaced(self, tracks: list[Track]) -> CheckedTable:
         """Give the table with other tracks."""
         return replace(self, tracks=tuple(tracks))
 
-    def shaped(self, **change: Any) -> Table:
+    def shaped(self, **change: Any) -> CheckedTable:
         """Give the table with every track changed: each value is a function of the track."""
         return self.replaced([replace(k, **{n: f(k) for n, f in change.items()}) for k in self.tracks])
 
@@ -80,7 +80,7 @@ class Table:
 
 def table_of(
     source: Source, frame: pd.DataFrame, gt_id: dict[str, str], *, incomplete: bool = False
-) -> Table:
+) -> CheckedTable:
     """Give the complete rows, or all, by object and time; of rows at one time the first."""
     whole = frame
     if not incomplete:
@@ -88,7 +88,9 @@ def table_of(
     whole = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
     tracks = [_track(str(name), rows) for name, rows in whole.groupby("id", sort=False)]
     steps = np.concatenate([np.zeros(0), *(np.diff(k.t) for k in tracks)])
-    return Table(source, max(float(np.median(steps)), FINEST) if len(steps) else LONE, tuple(tracks), gt_id)
+    return CheckedTable(
+        source, max(float(np.median(steps)), FINEST) if len(steps) else LONE, tuple(tracks), gt_id
+    )
 
 
 def _track(name: str, rows: pd.DataFrame) -> Track:

@@ -9,10 +9,10 @@ import numpy as np
 
 from resim.core.finding import Severity
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.recordings.checks.codes import Found, found
+from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.derived import motion
 from resim.recordings.checks.place import WALKERS
-from resim.recordings.checks.tracks import PEDESTRIAN, Table, Track
+from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Track
 from resim.road.opendrive import RoadNetwork
 
 SPEED_UNITS = {"km/h": 3.6, "mph": 2.236936}
@@ -33,7 +33,7 @@ MIRROR_FAR = 2.0
 """Distance of SD and GT [m] from which on a mirror image is looked for."""
 
 
-def speed_units(table: Table) -> tuple[Table, list[Found]]:
+def speed_units(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
     """Give objects whose speed is a unit's factor larger than their positions', and the table in m/s."""
     units: dict[str, str] = {}
     moving = 0
@@ -69,7 +69,7 @@ def speed_units(table: Table) -> tuple[Table, list[Found]]:
 
 
 def over(
-    table: Table,
+    table: CheckedTable,
     name: str,
     code: str,
     value: float,
@@ -79,7 +79,7 @@ def over(
     details: Mapping[str, float] | None = None,
     repair: str | None = None,
     severity: Severity | None = None,
-) -> Found:
+) -> RankedFinding:
     """Give a finding over all of the object's time, or the table's."""
     own = [k for k in table.tracks if k.id == name]
     span = (own[0].t[0], own[-1].t[-1]) if own else table.span
@@ -113,10 +113,10 @@ class _Mirror:
 
 
 def mirrored(
-    gt: Table, sd: Table | None, network: RoadNetwork | None
-) -> tuple[Table, Table | None, list[Found]]:
+    gt: CheckedTable, sd: CheckedTable | None, network: RoadNetwork | None
+) -> tuple[CheckedTable, CheckedTable | None, list[RankedFinding]]:
     """Give sources whose y points down, by the map, and by each other; and the tables with y up."""
-    out: list[Found] = []
+    out: list[RankedFinding] = []
     on_road = {k.source: _on_road(k, network) for k in (gt, sd) if k is not None and network is not None}
     wrong = {source for source, look in on_road.items() if look is not None and look.is_one and look.sure}
     if sd is not None and (far := _apart(gt, sd, np.asarray)) > MIRROR_FAR:
@@ -144,13 +144,13 @@ def mirrored(
     return tables[0], tables[1], out  # type: ignore[return-value]
 
 
-def _turned(table: Table) -> Table:
+def _turned(table: CheckedTable) -> CheckedTable:
     """The table with y turned; headings too where they fit then."""
     sign = -1.0 if headings_turn(table) else 1.0
     return table.shaped(heading=lambda k: sign * k.heading, p=lambda k: np.conj(k.p))
 
 
-def headings_turn(table: Table) -> bool:
+def headings_turn(table: CheckedTable) -> bool:
     """Say whether the headings fit the tracks better with their signs turned, once y is turned."""
     as_is = turned = 0.0
     for track in table.tracks:
@@ -160,7 +160,7 @@ def headings_turn(table: Table) -> bool:
     return as_is >= turned
 
 
-def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:
+def _on_road(table: CheckedTable, network: RoadNetwork | None) -> _Mirror | None:
     """Share of the moving vehicles' places on a lane in its direction, as they stand and mirrored."""
     vehicles = [k for k in table.tracks if k.kind != PEDESTRIAN]
     some = [
@@ -186,7 +186,7 @@ def _on_road(table: Table, network: RoadNetwork | None) -> _Mirror | None:
     return _Mirror(float(as_is.mean()), float(turned.mean()), sure)
 
 
-def _apart(gt: Table, sd: Table, turn: Callable[..., np.ndarray]) -> float:
+def _apart(gt: CheckedTable, sd: CheckedTable, turn: Callable[..., np.ndarray]) -> float:
     """Median distance [m] of SD, turned, from its GT; NaN without a common time."""
     truth = {k.id: k for k in gt.tracks}
     far = [np.zeros(0)]

@@ -9,7 +9,7 @@ from itertools import groupby
 import pandas as pd
 
 from resim.core.finding import Finding, Source
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks import examine
 from resim.recordings.repairs.clocks import clock_drift, clock_jump, clock_offset
 from resim.recordings.repairs.frames import SOURCES, Count, counted, frame_of, numbered, with_frame
@@ -23,14 +23,14 @@ from resim.recordings.repairs.order import (
     time_backwards,
 )
 from resim.recordings.repairs.outliers import outlier, repeated_samples, spikes
-from resim.recordings.repairs.settings import FILTERS, Filter, How
+from resim.recordings.repairs.settings import FILTERS, Filter, RepairOptions
 from resim.recordings.repairs.units import heading, mirrored_y, speed_unit
 from resim.recordings.tables import FILLED, JOINED, PARTED, REPAIRED
 from resim.road.opendrive import RoadNetwork
 
-__all__ = ["FILTERS", "JUDGED", "Count", "Done", "Filter", "Repaired", "repair"]
+__all__ = ["FILTERS", "JUDGED", "AppliedRepair", "Count", "Filter", "Repaired", "repair"]
 
-Repair = Callable[[Tables, Finding, How], Tables]
+Repair = Callable[[RecordingTables, Finding, RepairOptions], RecordingTables]
 
 REPAIRS: dict[str, Repair] = {
     "SPEED_UNIT": speed_unit,
@@ -83,7 +83,7 @@ MOST_ROUNDS = 200
 
 
 @dataclass(frozen=True)
-class Done:
+class AppliedRepair:
     """What was repaired of one code in one source: of which objects ("" for the whole table), and how many rows."""
 
     code: str
@@ -96,13 +96,13 @@ class Done:
 class Repaired:
     """The repaired tables, what was done, and the findings that are left, worst first."""
 
-    tables: Tables
-    done: tuple[Done, ...]
+    tables: RecordingTables
+    done: tuple[AppliedRepair, ...]
     left: tuple[Finding, ...]
 
 
 def repair(
-    tables: Tables, network: RoadNetwork | None, *, max_gap: float = 1.0, outliers: Filter = "robust"
+    tables: RecordingTables, network: RoadNetwork | None, *, max_gap: float = 1.0, outliers: Filter = "robust"
 ) -> Repaired:
     """Repair what is safe to repair, and mark each row that was changed or added with the code, in `repaired`.
 
@@ -111,7 +111,7 @@ def repair(
     longest gap that is filled. outliers: the filter that tells them. The tables given stay as they are. Raises
     InputError for settings that are none.
     """
-    how = How(max_gap, outliers)
+    how = RepairOptions(max_gap, outliers)
     state = numbered(tables, 0)
     findings = examine(state, network)
     done: list[tuple[Finding, Count]] = []
@@ -152,7 +152,9 @@ def _next(findings: tuple[Finding, ...], futile: Collection[tuple[str, ...]]) ->
     return now[:1] if now and now[0].code in ONE_BY_ONE else now
 
 
-def _apply(state: Tables, now: list[Finding], how: How) -> tuple[Tables, list[Count]]:
+def _apply(
+    state: RecordingTables, now: list[Finding], how: RepairOptions
+) -> tuple[RecordingTables, list[Count]]:
     counts = []
     for finding in now:
         after = REPAIRS[finding.code](state, finding, how)
@@ -185,7 +187,7 @@ def _key(finding: Finding) -> tuple[str, ...]:
     return finding.code, finding.source, finding.object, when, str(finding.details.get("other", ""))
 
 
-def _given(tables: Tables, state: Tables) -> Tables:
+def _given(tables: RecordingTables, state: RecordingTables) -> RecordingTables:
     """The tables with rows numbered as in a file, and the column of marks where there are any, or were."""
     out = numbered(state, 2)
     for source in SOURCES:
@@ -204,7 +206,7 @@ def _typed(frame: pd.DataFrame, before: pd.DataFrame) -> pd.DataFrame:
     return frame.astype({c: before[c].dtype for c in text})
 
 
-def _summed(done: list[tuple[Finding, Count]]) -> tuple[Done, ...]:
+def _summed(done: list[tuple[Finding, Count]]) -> tuple[AppliedRepair, ...]:
     """What was done, by code and source in the order of the repairs."""
     order = list(REPAIRS)
 
@@ -217,5 +219,5 @@ def _summed(done: list[tuple[Finding, Count]]) -> tuple[Done, ...]:
         objects = tuple(dict.fromkeys(f.object for f, _ in some))
         count = sum((c for _, c in some), Count())
         if count.samples:
-            out.append(Done(some[0][0].code, some[0][0].source, objects, count))
+            out.append(AppliedRepair(some[0][0].code, some[0][0].source, objects, count))
     return tuple(out)

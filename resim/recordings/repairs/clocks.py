@@ -6,12 +6,12 @@ import numpy as np
 
 from resim.core.finding import Finding, Source
 from resim.core.geometry import Floats
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.beside import pairs
 from resim.recordings.checks.clock import jump_corrections
 from resim.recordings.checks.delay import LONG, delay_of
 from resim.recordings.repairs.frames import changed, frame_of, rows_of, table, with_frame
-from resim.recordings.repairs.settings import How
+from resim.recordings.repairs.settings import RepairOptions
 
 ROUNDS = 4
 """Times that the rate is fitted again, with what is left of it."""
@@ -23,14 +23,14 @@ ON_GRID = 0.1
 """Part of the step by which stamps may miss a grid that they are on."""
 
 
-def clock_jump(tables: Tables, finding: Finding, how: How) -> Tables:
+def clock_jump(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the source's times with all its clock's jumps taken out, of each the amount beyond the usual step."""
     frame = frame_of(tables, finding.source)
     correction, _ = jump_corrections(finding.source, frame)
     return _moved(tables, finding, np.asarray(correction != 0.0), frame["t"].to_numpy(float) + correction)
 
 
-def clock_offset(tables: Tables, finding: Finding, how: How) -> Tables:
+def clock_offset(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the times of the object, or of all, without the delay.
 
     A single object's stamps belong on those of the others, where these have a grid: its delay is then known
@@ -45,7 +45,7 @@ def clock_offset(tables: Tables, finding: Finding, how: How) -> Tables:
     return _moved(tables, finding, rows, t + shift)
 
 
-def clock_drift(tables: Tables, finding: Finding, how: How) -> Tables:
+def clock_drift(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the source's times at the rate of the other source's: t' = t0 + (t - t0) / (1 + rate).
 
     t0 is the start where the clocks agree there as well as sensors do, else when they do agree, within the
@@ -74,7 +74,7 @@ def _agree(rate: float, delay: float, middle: float, first: float, last: float) 
     return float(np.clip(middle - delay / rate, first, last))
 
 
-def _common(tables: Tables) -> tuple[float, float] | None:
+def _common(tables: RecordingTables) -> tuple[float, float] | None:
     """Rate of SD's delay [s/s] and the delay [s], of all objects that tell; None where none does."""
     rates, delays, noise = [], [], []
     for pair in pairs(table(tables, "gt"), table(tables, "sd")):
@@ -107,7 +107,7 @@ def _onto_grid(own: Floats, shift: float, others: Floats) -> float:
     return shift - step * float(np.median(back))
 
 
-def _moved(tables: Tables, finding: Finding, rows: np.ndarray, t: Floats) -> Tables:
+def _moved(tables: RecordingTables, finding: Finding, rows: np.ndarray, t: Floats) -> RecordingTables:
     source: Source = finding.source
     frame = changed(frame_of(tables, source), rows, finding.code, t=np.round(t, 9))
     by_time = bool((np.diff(frame_of(tables, source)["t"].to_numpy(float)) >= 0.0).all())

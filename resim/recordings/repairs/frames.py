@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from resim.core.finding import Source
 from resim.core.geometry import Bools, unwrap_angle
-from resim.recordings import Tables
-from resim.recordings.checks.tracks import Table, Track, table_of
+from resim.recordings import RecordingTables
+from resim.recordings.checks.tracks import CheckedTable, Track, table_of
 from resim.recordings.tables import GT_ID, REPAIRED, TOLD, VALUES
 
 SOURCES: tuple[Source, ...] = ("gt", "sd")
@@ -37,7 +37,7 @@ class Count:
         return self.changed + self.added + self.removed
 
 
-def frame_of(tables: Tables, source: Source) -> pd.DataFrame:
+def frame_of(tables: RecordingTables, source: Source) -> pd.DataFrame:
     """Give the table of the source."""
     frame = tables.gt if source == "gt" else tables.sd
     if frame is None:
@@ -45,12 +45,12 @@ def frame_of(tables: Tables, source: Source) -> pd.DataFrame:
     return frame
 
 
-def with_frame(tables: Tables, source: Source, frame: pd.DataFrame) -> Tables:
+def with_frame(tables: RecordingTables, source: Source, frame: pd.DataFrame) -> RecordingTables:
     """Give the tables with another one for the source."""
     return replace(tables, gt=frame) if source == "gt" else replace(tables, sd=frame)
 
 
-def numbered(tables: Tables, start: int) -> Tables:
+def numbered(tables: RecordingTables, start: int) -> RecordingTables:
     """Give the tables with their rows numbered from start on, and a column for the marks."""
     out = tables
     for source in SOURCES:
@@ -110,7 +110,7 @@ def inserted(frame: pd.DataFrame, rows: pd.DataFrame, after: Iterable[int]) -> p
     return out.sort_values("t", kind="stable") if by_time else out
 
 
-def counted(before: Tables, after: Tables) -> Count:
+def counted(before: RecordingTables, after: RecordingTables) -> Count:
     """Give the rows that changed: their marks, or where nothing else did, their place in the file."""
     out = Count()
     for source in SOURCES:
@@ -140,7 +140,7 @@ def complete(frame: pd.DataFrame) -> Bools:
     return np.asarray(np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1))
 
 
-def table(tables: Tables, source: Source) -> Table:
+def table(tables: RecordingTables, source: Source) -> CheckedTable:
     """Give the source as the checks look at it, headings unwrapped."""
     frame = frame_of(tables, source)
     gt_id = frame.groupby("id", sort=False)[GT_ID].first().to_dict() if GT_ID in frame else {}
@@ -160,17 +160,17 @@ def track(frame: pd.DataFrame, rows: Bools) -> tuple[Track, pd.Index] | None:
     return replace(one, heading=unwrap_angle(one.heading)), own.index
 
 
-def new_id(tables: Tables, name: str) -> str:
+def new_id(tables: RecordingTables, name: str) -> str:
     """Give an id that no object has, made of this one."""
     known = {str(i) for source in SOURCES for i in _ids(tables, source)}
     return next(free for k in range(2, len(known) + 3) if (free := f"{name}_{k}") not in known)
 
 
-def _ids(tables: Tables, source: Source) -> Iterable[str]:
+def _ids(tables: RecordingTables, source: Source) -> Iterable[str]:
     return [] if source == "sd" and tables.sd is None else frame_of(tables, source)["id"].unique()
 
 
-def with_gt_id(tables: Tables) -> Tables:
+def with_gt_id(tables: RecordingTables) -> RecordingTables:
     """Give the tables with `gt_id` in the SD: written out before ids of the GT change."""
     if tables.sd is None or GT_ID in tables.sd:
         return tables

@@ -8,7 +8,7 @@ import pandas as pd
 from resim.core.finding import Finding
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import OPTIONAL_COLUMNS
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.samples import HOLE, SHORT
 from resim.recordings.checks.tracks import PEDESTRIAN, Complex, Track
 from resim.recordings.repairs.frames import (
@@ -20,7 +20,7 @@ from resim.recordings.repairs.frames import (
     track,
     with_frame,
 )
-from resim.recordings.repairs.settings import How
+from resim.recordings.repairs.settings import RepairOptions
 from resim.recordings.tables import EXISTENCE, VALUES
 
 SLOW = 0.5
@@ -84,7 +84,7 @@ def filled(frame: pd.DataFrame, name: str, missing: Bools, code: str, max_gap: f
     return changed(frame, lost, code, **{c: values[:, n] for n, c in enumerate(VALUES)})
 
 
-def missing_values(tables: Tables, finding: Finding, how: How) -> Tables:
+def missing_values(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object's missing values as the track around them has them."""
     frame = frame_of(tables, finding.source)
     missing = ~np.isfinite(frame[list(VALUES)].to_numpy(float))
@@ -94,7 +94,7 @@ def missing_values(tables: Tables, finding: Finding, how: How) -> Tables:
     )
 
 
-def holes(tables: Tables, finding: Finding, how: How) -> Tables:
+def holes(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the samples that miss in the object, or in all, in holes of the finding's kind up to max_gap."""
     whole = table(tables, finding.source)
     names = [finding.object] if finding.object else [k.id for k in whole.tracks]
@@ -104,7 +104,9 @@ def holes(tables: Tables, finding: Finding, how: How) -> Tables:
     return with_frame(tables, finding.source, frame)
 
 
-def _object(frame: pd.DataFrame, finding: Finding, name: str, how: How, step: float) -> pd.DataFrame:
+def _object(
+    frame: pd.DataFrame, finding: Finding, name: str, how: RepairOptions, step: float
+) -> pd.DataFrame:
     """The table with the object's holes filled."""
     if (found := track(frame, rows_of(frame, name))) is None:
         return frame

@@ -11,7 +11,7 @@ from resim.core.finding import Finding
 from resim.core.geometry import Bools
 from resim.core.objects import GAP, successions
 from resim.core.tracks import Tracks
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.beside import NEAREST, beside
 from resim.recordings.repairs.frames import (
     changed,
@@ -24,11 +24,11 @@ from resim.recordings.repairs.frames import (
     with_frame,
     with_gt_id,
 )
-from resim.recordings.repairs.settings import How
+from resim.recordings.repairs.settings import RepairOptions
 from resim.recordings.tables import GT_ID
 
 
-def id_reused(tables: Tables, finding: Finding, how: How) -> Tables:
+def id_reused(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object from the end of the hole on an id of its own; in the SD, the GT object on which it lies.
 
     The last row before the hole is marked, too: that the track ends there, only the repair says.
@@ -50,7 +50,7 @@ def id_reused(tables: Tables, finding: Finding, how: How) -> Tables:
     return tables
 
 
-def id_switch(tables: Tables, finding: Finding, how: How) -> Tables:
+def id_switch(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give both objects their ids back from the switch on."""
     tables = with_gt_id(tables)
     other = str(finding.details["other"])
@@ -63,7 +63,7 @@ def id_switch(tables: Tables, finding: Finding, how: How) -> Tables:
     return _one_gt_id(tables, finding.code)
 
 
-def track_broken(tables: Tables, finding: Finding, how: How) -> Tables:
+def track_broken(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give both parts the first's id, where judging takes them for one, too. What named the other names the whole."""
     first, other = finding.object, str(finding.details["other"])
     given, tables = tables, with_gt_id(tables)
@@ -98,7 +98,7 @@ def _one(frame: pd.DataFrame, first: str, other: str, ego: str) -> bool:
     return (first, other) in successions(tracks)
 
 
-def _renamed(tables: Tables, finding: Finding, rows: Bools, name: str) -> Tables:
+def _renamed(tables: RecordingTables, finding: Finding, rows: Bools, name: str) -> RecordingTables:
     frame = frame_of(tables, finding.source)
     names = np.full(len(frame), name, dtype=object)
     return with_frame(tables, finding.source, changed(frame, rows, finding.code, id=names))
@@ -112,7 +112,7 @@ def _both_known(frame: pd.DataFrame, first: str, other: str) -> bool:
     return bool(a and b and a != b)
 
 
-def _one_gt_id(tables: Tables, code: str) -> Tables:
+def _one_gt_id(tables: RecordingTables, code: str) -> RecordingTables:
     """Each SD object with one GT id, the first that its rows have."""
     if tables.sd is None or GT_ID not in tables.sd:
         return tables
@@ -123,7 +123,7 @@ def _one_gt_id(tables: Tables, code: str) -> Tables:
     return replace(tables, sd=frame)
 
 
-def _lies_on(tables: Tables, name: str) -> np.ndarray:
+def _lies_on(tables: RecordingTables, name: str) -> np.ndarray:
     """The GT id (K,) of the object's rows: of the object nearest in the median, "" where none is near."""
     frame = frame_of(tables, "sd")
     best, near = "", NEAREST

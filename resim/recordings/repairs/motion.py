@@ -7,7 +7,7 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.derived import WINDOW, Motion, motion
 from resim.recordings.checks.motion import (
     BIAS_SHARE,
@@ -21,7 +21,7 @@ from resim.recordings.checks.motion import (
 from resim.recordings.checks.samples import HOLE
 from resim.recordings.checks.tracks import PEDESTRIAN, Complex, Track, runs
 from resim.recordings.repairs.frames import changed, frame_of, rows_of, table, track, with_frame
-from resim.recordings.repairs.settings import How
+from resim.recordings.repairs.settings import RepairOptions
 
 EDGE = 0.3
 """Part of the limit down to which a disagreement reaches."""
@@ -29,7 +29,7 @@ ASTRAY = 0.35
 """Angle [rad] between heading and course from which on the heading is not asked for the speed."""
 
 
-def speed_disagrees(tables: Tables, finding: Finding, how: How) -> Tables:
+def speed_disagrees(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object the speed of its positions where its own is another, in all of it where it is so on the whole."""
     found = _own(tables, finding, how)
     if found is None:
@@ -47,7 +47,7 @@ def speed_disagrees(tables: Tables, finding: Finding, how: How) -> Tables:
     return _set(tables, finding, labels[here], "v", v[here])
 
 
-def heading_disagrees(tables: Tables, finding: Finding, how: How) -> Tables:
+def heading_disagrees(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object's heading without the constant by which it is off its course, else its course where it is off.
 
     Where it is too slow to have a course, the heading is linear in between.
@@ -96,7 +96,9 @@ def velocity_of(t: Floats, p: Complex, step: float) -> Complex:
     return np.asarray(np.linalg.solve(square, right[..., None])[:, 1, 0] / (half * step))
 
 
-def _own(tables: Tables, finding: Finding, how: How) -> tuple[Track, np.ndarray, Motion, float] | None:
+def _own(
+    tables: RecordingTables, finding: Finding, how: RepairOptions
+) -> tuple[Track, np.ndarray, Motion, float] | None:
     """The object's track, its rows' labels, its motion and the step; None where it is torn, or too short."""
     frame = frame_of(tables, finding.source)
     found = track(frame, rows_of(frame, finding.object))
@@ -117,7 +119,9 @@ def _where(own: Track, m: Motion, off: Floats, step: float) -> Bools:
     return out
 
 
-def _set(tables: Tables, finding: Finding, labels: np.ndarray, column: str, values: Floats) -> Tables:
+def _set(
+    tables: RecordingTables, finding: Finding, labels: np.ndarray, column: str, values: Floats
+) -> RecordingTables:
     frame = frame_of(tables, finding.source)
     new = frame[column].to_numpy(float).copy()
     place = frame.index.get_indexer(pd.Index(labels))

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.finding import Finding
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.bodies import SHAPELESS
 from resim.recordings.repairs.frames import (
     changed,
@@ -17,11 +17,11 @@ from resim.recordings.repairs.frames import (
     rows_of,
     with_frame,
 )
-from resim.recordings.repairs.settings import How
+from resim.recordings.repairs.settings import RepairOptions
 from resim.recordings.tables import TOLD
 
 
-def time_backwards(tables: Tables, finding: Finding, how: How) -> Tables:
+def time_backwards(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object's rows, or everyone's, in order of time, in the places of the file that they have."""
     frame = frame_of(tables, finding.source)
     place = np.arange(len(frame))
@@ -36,7 +36,7 @@ def time_backwards(tables: Tables, finding: Finding, how: How) -> Tables:
     return with_frame(tables, finding.source, frame)
 
 
-def duplicate_samples(tables: Tables, finding: Finding, how: How) -> Tables:
+def duplicate_samples(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the first of the object's rows at each time; it is marked, and keeps the sizes that the others told."""
     frame = frame_of(tables, finding.source)
     own = rows_of(frame, finding.object)
@@ -49,7 +49,7 @@ def duplicate_samples(tables: Tables, finding: Finding, how: How) -> Tables:
     return with_frame(tables, finding.source, frame[~again])
 
 
-def size_changes(tables: Tables, finding: Finding, how: How) -> Tables:
+def size_changes(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give all rows of the object its median length and width and its most frequent kind; what they told is kept."""
     frame = frame_of(tables, finding.source)
     own = rows_of(frame, finding.object)
@@ -59,7 +59,7 @@ def size_changes(tables: Tables, finding: Finding, how: How) -> Tables:
     return with_frame(tables, finding.source, resized(frame, own, finding.code, **values))
 
 
-def size_swapped(tables: Tables, finding: Finding, how: How) -> Tables:
+def size_swapped(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object, or every object that is wider than long, its width for its length.
 
     Where most are, length and width are surely swapped; of a single object what was told is kept.

@@ -9,14 +9,14 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import Bools
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.identity import REACH
 from resim.recordings.checks.samples import frozen_runs
 from resim.recordings.checks.tracks import Track, runs
 from resim.recordings.repairs.filters import Values, moving_average_outliers, robust_outliers
 from resim.recordings.repairs.frames import frame_of, rows_of, table, track, with_frame
 from resim.recordings.repairs.gaps import filled
-from resim.recordings.repairs.settings import Filter, How
+from resim.recordings.repairs.settings import Filter, RepairOptions
 from resim.recordings.tables import VALUES
 
 WINDOW, FEWEST = 0.4, 9
@@ -30,7 +30,7 @@ BRIEF = 3
 REST = 1e-9
 
 
-def outlier(tables: Tables, finding: Finding, how: How) -> Tables:
+def outlier(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object's track without the samples off it; interpolated, at its ends left empty.
 
     The filter looks at what is left of the positions when the way that speed and heading tell is taken off.
@@ -38,12 +38,12 @@ def outlier(tables: Tables, finding: Finding, how: How) -> Tables:
     return _replaced(tables, finding, how, ("x", "y"))
 
 
-def spikes(tables: Tables, finding: Finding, how: How) -> Tables:
+def spikes(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object's speeds, or headings, without single values off their course: interpolated."""
     return _replaced(tables, finding, how, ("v",) if finding.code == "ACCELERATION" else ("heading",))
 
 
-def repeated_samples(tables: Tables, finding: Finding, how: How) -> Tables:
+def repeated_samples(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the object's track with the samples that stand still interpolated: of speed and heading where these
     stand as well."""
     frame = frame_of(tables, finding.source)
@@ -61,7 +61,9 @@ def repeated_samples(tables: Tables, finding: Finding, how: How) -> Tables:
     )
 
 
-def _replaced(tables: Tables, finding: Finding, how: How, columns: tuple[str, ...]) -> Tables:
+def _replaced(
+    tables: RecordingTables, finding: Finding, how: RepairOptions, columns: tuple[str, ...]
+) -> RecordingTables:
     frame = frame_of(tables, finding.source)
     if (found := track(frame, rows_of(frame, finding.object))) is None:
         return tables
@@ -76,11 +78,11 @@ def _replaced(tables: Tables, finding: Finding, how: How, columns: tuple[str, ..
     return with_frame(tables, finding.source, _interpolated(frame, finding, missing, how))
 
 
-def _interpolated(frame: pd.DataFrame, finding: Finding, missing: Bools, how: How) -> pd.DataFrame:
+def _interpolated(frame: pd.DataFrame, finding: Finding, missing: Bools, how: RepairOptions) -> pd.DataFrame:
     return filled(frame, finding.object, missing, finding.code, how.max_gap) if missing.any() else frame
 
 
-def _pieces(own: Track, finding: Finding, how: How) -> list[slice]:
+def _pieces(own: Track, finding: Finding, how: RepairOptions) -> list[slice]:
     """The track between its jumps for good."""
     cuts = {int(np.searchsorted(own.t, f.end - REST)) for f in how.torn(finding)}
     edges = [0, *sorted(cuts - {0, len(own)}), len(own)]

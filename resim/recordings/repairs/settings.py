@@ -16,7 +16,7 @@ FILTERS: tuple[Filter, ...] = ("robust", "moving-average")
 
 
 @dataclass(frozen=True)
-class How:
+class RepairOptions:
     """max_gap [s]: the longest gap that is filled. outliers: the filter that tells them.
 
     findings: what else is known to be wrong, for repairs that must not reach across it.

@@ -6,14 +6,14 @@ import numpy as np
 
 from resim.core.finding import Finding
 from resim.core.geometry import wrap_angle
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks.tracks import table_of
 from resim.recordings.checks.units import headings_turn
 from resim.recordings.repairs.frames import changed, complete, frame_of, rows_of, with_frame
-from resim.recordings.repairs.settings import How
+from resim.recordings.repairs.settings import RepairOptions
 
 
-def speed_unit(tables: Tables, finding: Finding, how: How) -> Tables:
+def speed_unit(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the speeds of the object, or of all, in m/s: divided by the unit's factor."""
     frame = frame_of(tables, finding.source)
     values = frame["v"].to_numpy(float) / float(finding.details["factor"])
@@ -21,7 +21,7 @@ def speed_unit(tables: Tables, finding: Finding, how: How) -> Tables:
     return with_frame(tables, finding.source, changed(frame, rows, finding.code, v=values))
 
 
-def heading(tables: Tables, finding: Finding, how: How) -> Tables:
+def heading(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the headings of the object, or of all, in radians, anticlockwise from +x."""
     frame, d = frame_of(tables, finding.source), finding.details
     values = float(d["sign"]) * frame["heading"].to_numpy(float) / float(d["factor"]) + float(d["offset"])
@@ -31,7 +31,7 @@ def heading(tables: Tables, finding: Finding, how: How) -> Tables:
     return with_frame(tables, finding.source, changed(frame, rows, finding.code, heading=values))
 
 
-def mirrored_y(tables: Tables, finding: Finding, how: How) -> Tables:
+def mirrored_y(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the source with y turned; and headings and yaw rates, where the tracks then fit them."""
     frame = frame_of(tables, finding.source)
     whole = table_of(finding.source, frame[complete(frame)], {})

@@ -15,7 +15,7 @@ from resim.report.lanes import Box, lane_traces
 from resim.report.markup import html
 from resim.report.plots import FAINT, clock_words, compact, fade, line, number, style
 from resim.report.view import OTHERS
-from resim.resimulation import Assessed
+from resim.resimulation import ResimulationAssessment
 from resim.road.opendrive import LaneShape, RoadNetwork
 
 BEHIND, AHEAD, ASIDE = 45.0, 95.0, 6.6
@@ -28,7 +28,7 @@ OBJECT = "#D55E00"
 PERCENT = 100.0
 
 
-def risk_figure(assessed: Assessed) -> go.Figure:
+def risk_figure(assessed: ResimulationAssessment) -> go.Figure:
     """Draw the accident risk of GT, SD, rGT and rSD over time: linear above, logarithmic below."""
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
     largest = max(float(np.nan_to_num(a.risk.r_ind).max()) for a in assessed.blocks.values())
@@ -53,7 +53,7 @@ def risk_figure(assessed: Assessed) -> go.Figure:
     return figure
 
 
-def _limits(assessed: Assessed) -> list[float]:
+def _limits(assessed: ResimulationAssessment) -> list[float]:
     every = assessed.criteria.criteria if assessed.criteria is not None else ()
     return [c.limit for c in every if c.measure == "risk"]
 

@@ -13,13 +13,13 @@ from resim.report.document import document
 from resim.report.markup import Markup, html, join
 from resim.report.plots import sample, to_html
 from resim.report.tables import NONE, table
-from resim.resimulation import Assessed
+from resim.resimulation import ResimulationAssessment
 from resim.resimulation.model_runs import WORST, ModelRuns
 
 SIGNS = {"PASS": "✓", "FAIL": "✕", "INVALID": "?"}
 
 
-def section(assessed: Assessed) -> Markup:
+def section(assessed: ResimulationAssessment) -> Markup:
     """Give the section's HTML: verdicts, four risk curves, the scenes of each source, the worst of everything."""
     parts = [_notes(assessed), _verdicts(assessed), _curves(assessed)]
     for name, a in assessed.blocks.items():
@@ -43,7 +43,7 @@ def section(assessed: Assessed) -> Markup:
     return join((part for part in parts if part), "\n")
 
 
-def write_assessment_page(assessed: Assessed, path: Path) -> None:
+def write_assessment_page(assessed: ResimulationAssessment, path: Path) -> None:
     """Write the section as a page of its own: one HTML file; the same assessment gives the same bytes."""
     body = html(
         "<main>\n"
@@ -55,12 +55,12 @@ def write_assessment_page(assessed: Assessed, path: Path) -> None:
     path.write_text(document(f"{assessed.name} · assessment", body), encoding="utf-8", newline="\n")
 
 
-def _notes(assessed: Assessed) -> Markup:
+def _notes(assessed: ResimulationAssessment) -> Markup:
     items = join(html("<li>{}</li>", note) for note in [*assessed.findings, *assessed.notes()])
     return html('<div class="warnings"><b>Note</b><ul>{}</ul></div>', items) if items else Markup()
 
 
-def _verdicts(assessed: Assessed) -> Markup:
+def _verdicts(assessed: ResimulationAssessment) -> Markup:
     if assessed.criteria is None:
         return Markup("<p>Not judged: no criteria were given (<code>--criteria FILE</code>).</p>")
     rows = []
@@ -103,7 +103,7 @@ def _cell(verdict: Verdict) -> str:
     return html("{}{}{}{}", _badge(verdict.outcome), Markup("<br>") if words else "", words, reason)
 
 
-def _curves(assessed: Assessed) -> Markup:
+def _curves(assessed: ResimulationAssessment) -> Markup:
     entries = join(sample(name, block_color(name), dashed=name.startswith("r")) for name in assessed.blocks)
     figure = to_html(risk_figure(assessed), "risk")
     return html(
@@ -120,7 +120,7 @@ def _key() -> Markup:
     return html('<div class="key-here">{}{}</div>', entries, sample("risk", RISK))
 
 
-def _worst(assessed: Assessed) -> Markup:
+def _worst(assessed: ResimulationAssessment) -> Markup:
     """The worst of every objectification, a column for each source."""
     found = {name: {w.name: w for w in a.worst()} for name, a in assessed.blocks.items()}
     kinds = next(iter(assessed.blocks.values())).kinds

@@ -25,7 +25,7 @@ NARROW = 0.1
 JUST_INSIDE = 1e-9
 
 
-class End(NamedTuple):
+class SectionEnd(NamedTuple):
     """One end of a lane section: road, index of the section, whether it is the end (else the start)."""
 
     road: str
@@ -33,7 +33,7 @@ class End(NamedTuple):
     at_end: bool
 
 
-Joint = tuple[End, int, End, int]
+Joint = tuple[SectionEnd, int, SectionEnd, int]
 """A lane at an end, and the lane it goes on into."""
 
 
@@ -110,12 +110,12 @@ def _lane_links(network: RoadNetwork, road: Road, joints: list[Joint]) -> Iterat
                 if lane.id == 0 or named is None:
                     continue
                 if named in lanes:
-                    joints.append((End(road.id, index, at_end), lane.id, target, named))
+                    joints.append((SectionEnd(road.id, index, at_end), lane.id, target, named))
                 else:
                     yield _missing_lane(road, index, at_end, lane, target, named)
 
 
-def _missing_lane(road: Road, index: int, at_end: bool, lane: Lane, target: End, named: int) -> Flaw:
+def _missing_lane(road: Road, index: int, at_end: bool, lane: Lane, target: SectionEnd, named: int) -> Flaw:
     section = road.sections[index]
     text = (
         f"road {road.id}, lane section {index}, lane {lane.id}: its {'successor' if at_end else 'predecessor'} "
@@ -125,19 +125,19 @@ def _missing_lane(road: Road, index: int, at_end: bool, lane: Lane, target: End,
                 min(section.end, road.length) if at_end else section.start, math.nan, "", text)  # fmt: skip
 
 
-def _beyond(network: RoadNetwork, road: Road, index: int, at_end: bool) -> End | None:
+def _beyond(network: RoadNetwork, road: Road, index: int, at_end: bool) -> SectionEnd | None:
     """The end that follows the section's end: of the next section, or of the linked road."""
     following = index + (1 if at_end else -1)
     if 0 <= following < len(road.sections):
-        return End(road.id, following, not at_end)
+        return SectionEnd(road.id, following, not at_end)
     link = road.successor if at_end else road.predecessor
     if link is None or link.kind != "road" or link.s is not None or link.id not in network.roads:
         return None
     return _road_end(network.roads[link.id], _contact(link, at_end))
 
 
-def _road_end(road: Road, at_end: bool) -> End:
-    return End(road.id, len(road.sections) - 1 if at_end else 0, at_end)
+def _road_end(road: Road, at_end: bool) -> SectionEnd:
+    return SectionEnd(road.id, len(road.sections) - 1 if at_end else 0, at_end)
 
 
 def _connection(
@@ -188,13 +188,13 @@ def _lane_gaps(network: RoadNetwork, joints: list[Joint]) -> Iterator[Flaw]:
                    round(_s(network, end), 6), gap, "m", text)  # fmt: skip
 
 
-def _s(network: RoadNetwork, end: End) -> float:
+def _s(network: RoadNetwork, end: SectionEnd) -> float:
     road = network.roads[end.road]
     section = road.sections[end.section]
     return min(section.end, road.length) - JUST_INSIDE if end.at_end else section.start
 
 
-def _has_length(network: RoadNetwork, end: End) -> bool:
+def _has_length(network: RoadNetwork, end: SectionEnd) -> bool:
     road = network.roads[end.road]
     section = road.sections[end.section]
     return min(section.end, road.length) - section.start > 2.0 * JUST_INSIDE

@@ -49,7 +49,7 @@ class _Copy:
         pickler.dump(network)
         stream.seek(0)
         self.network: RoadNetwork = _Unpickler(stream, pickler.shared).load()
-        parts = [_Part(name, thing) for name, thing in _things("", self.network)]
+        parts = [_LentPart(name, thing) for name, thing in _things("", self.network)]
         self._lazy = [part for part in parts if part.later]
         self._parts = [part for part in parts if not part.later]
         self._held = [part.held for part in self._parts]
@@ -67,7 +67,7 @@ class _Copy:
         return chain(chain.from_iterable(map(dict.values, self._held)), chain.from_iterable(self._tables))
 
 
-class _Part:
+class _LentPart:
     """A table or an object of the map, and what it held."""
 
     def __init__(self, name: str, thing: Any) -> None:

@@ -17,8 +17,8 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.patch import Via
 from resim.road.sumo.pieces import SHORTEST
 from resim.road.sumo.plain import Plain
-from resim.road.sumo.shapes import Stretch
-from resim.road.sumo.truth import Truth
+from resim.road.sumo.shapes import LaneStretch
+from resim.road.sumo.truth import RawLanes
 
 EXACT = 0.005
 VARIED = 0.01
@@ -119,13 +119,13 @@ class Conversion:
                    tuple(data["lost"]))  # fmt: skip
 
 
-class _Found(NamedTuple):
+class _ComparedLane(NamedTuple):
     """What was compared of a lane: K exact places, at s (K,), against the net, and M points of the net against it.
 
     distance: (K + M,) m; xy: (K + M, 2) m; line: the exact centre line, in driving direction.
     """
 
-    stretch: Stretch
+    stretch: LaneStretch
     sumo: tuple[str, ...]
     width: Floats
     s: Floats
@@ -147,11 +147,11 @@ def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversi
 
     Of `network`, which made the net, it takes the types of lanes and the junctions of roads only.
     """
-    truth = Truth(network.path)
-    found: dict[LaneKey, list[_Found]] = defaultdict(list)
+    truth = RawLanes(network.path)
+    found: dict[LaneKey, list[_ComparedLane]] = defaultdict(list)
     for each in _compared(truth, _shapes(net), _uses(made, via)):
         found[each.stretch.key].append(each)
-    whole = [Stretch(*lane, forward=True) for lane in truth.lanes()]
+    whole = [LaneStretch(*lane, forward=True) for lane in truth.lanes()]
     whole = [stretch for stretch in whole if stretch.end - stretch.start > SHORTEST]
     there = [c for c in made.connections if (c.origin, c.target) in via]
     lost = [c for c in made.connections if (c.origin, c.target) not in via]
@@ -171,9 +171,11 @@ def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversi
     return Conversion(tuple(lanes), len(there), tuple(jumps), tuple(links))
 
 
-def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[Stretch]]:
+def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[LaneStretch]]:
     """The stretches that each SUMO lane, or the internal lanes of a connection, stand for."""
-    uses: dict[tuple[str, ...], list[Stretch]] = {(name,): [own.stretch] for name, own in made.lanes.items()}
+    uses: dict[tuple[str, ...], list[LaneStretch]] = {
+        (name,): [own.stretch] for name, own in made.lanes.items()
+    }
     for connection in made.connections:
         if connection.stretches and (connection.origin, connection.target) in via:
             uses[via[connection.origin, connection.target]] = list(connection.stretches)
@@ -181,8 +183,8 @@ def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[Stretch]]:
 
 
 def _compared(
-    truth: Truth, shapes: Mapping[str, Floats], uses: Mapping[tuple[str, ...], list[Stretch]]
-) -> Iterator[_Found]:
+    truth: RawLanes, shapes: Mapping[str, Floats], uses: Mapping[tuple[str, ...], list[LaneStretch]]
+) -> Iterator[_ComparedLane]:
     """Compare both ways: places on the exact lane with the net, and the points of the net with the lane."""
     stretches = [stretch for own in uses.values() for stretch in own]
     if not stretches:
@@ -202,11 +204,11 @@ def _compared(
             part = slice(exact.first[row], exact.first[row + 1])
             xy, mine = exact.xy[part], nearest == i
             distance = np.concatenate([shapely.distance(net, shapely.points(xy)), back[i, mine]])
-            yield _Found(stretch, names, exact.width[part], exact.s[part], distance,
+            yield _ComparedLane(stretch, names, exact.width[part], exact.s[part], distance,
                          np.concatenate([xy, points[mine]]), lines[row])  # fmt: skip
 
 
-def _error(network: RoadNetwork, whole: Stretch, found: list[_Found]) -> LaneError:
+def _error(network: RoadNetwork, whole: LaneStretch, found: list[_ComparedLane]) -> LaneError:
     key = whole.key
     found = sorted(found, key=lambda f: f.stretch.start if f.stretch.forward else -f.stretch.start)
     worst = max(found, key=lambda f: float(f.distance.max()))
@@ -227,7 +229,7 @@ def _error(network: RoadNetwork, whole: Stretch, found: list[_Found]) -> LaneErr
     )  # fmt: skip
 
 
-def _missing(network: RoadNetwork, truth: Truth, whole: Stretch, *, lost: bool) -> LaneError:
+def _missing(network: RoadNetwork, truth: RawLanes, whole: LaneStretch, *, lost: bool) -> LaneError:
     road, (x, y) = network.roads[whole.road], truth.sample([whole], whole.end - whole.start).xy[0]
     return LaneError(
         *whole.key, road.sections[whole.section].lanes[whole.lane].type, road.junction, (),

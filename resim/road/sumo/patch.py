@@ -13,7 +13,7 @@ from lxml import etree
 
 from resim.core.errors import ConversionError
 from resim.core.geometry import Floats
-from resim.road.sumo.plain import Connection, Plain, shape_text
+from resim.road.sumo.plain import Plain, SumoConnection, shape_text
 from resim.road.sumo.shapes import length
 
 SHORTEST = 0.1
@@ -50,7 +50,7 @@ def _write(lane: etree._Element, line: Floats, width: float) -> None:
     lane.set("width", f"{width:.6f}")
 
 
-def _write_inner(lanes: list[etree._Element], connection: Connection) -> None:
+def _write_inner(lanes: list[etree._Element], connection: SumoConnection) -> None:
     """A connection's line over its internal lanes: two where netconvert lets vehicles wait halfway."""
     given = [float(lane.get("length", "0")) for lane in lanes]
     cuts = np.cumsum([0.0, *given]) / max(sum(given), 1e-9)

@@ -21,7 +21,7 @@ from resim.core.geometry import Floats
 from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, passed_lanes, ways
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo.pieces import Piece, Pieces, RoadEnd, cut
-from resim.road.sumo.shapes import Stretch, mean_widths, polylines, sample
+from resim.road.sumo.shapes import LaneStretch, mean_widths, polylines, sample
 
 ALLOWED = {
     "sidewalk": "pedestrian",
@@ -42,13 +42,13 @@ class LaneLine:
     """A lane of an edge: its SUMO id, what it is in the map, its exact centre line (K, 2) and mean width [m]."""
 
     id: str
-    stretch: Stretch
+    stretch: LaneStretch
     line: Floats
     width: float
 
 
 @dataclass(frozen=True, eq=False)
-class Connection:
+class SumoConnection:
     """From one SUMO lane to another over lanes inside of a junction (none: they meet); line (K, 2) [m].
 
     jump: distance [m] between where the lane before ends and the lane after begins, beyond what lies between.
@@ -57,7 +57,7 @@ class Connection:
     origin: str
     target: str
     way: tuple[LaneKey, ...]
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[LaneStretch, ...]
     line: Floats
     width: float
     jump: float
@@ -69,7 +69,7 @@ class Plain:
 
     pieces: Pieces
     lanes: dict[str, LaneLine]
-    connections: tuple[Connection, ...]
+    connections: tuple[SumoConnection, ...]
 
 
 def plain(network: RoadNetwork) -> Plain:
@@ -81,7 +81,7 @@ def plain(network: RoadNetwork) -> Plain:
     if together := _together(_connected(graph, inside, pieces), pieces):
         pieces = cut(network, inside, passed, together)
     places = [(piece, index, lane) for piece in pieces.all for index, lane in enumerate(piece.lanes)]
-    stretches = [Stretch(p.road, p.section, lane, p.start, p.end, p.forward) for p, _, lane in places]
+    stretches = [LaneStretch(p.road, p.section, lane, p.start, p.end, p.forward) for p, _, lane in places]
     samples = sample(network, stretches) if stretches else None
     lanes = {}
     if samples is not None:
@@ -149,7 +149,7 @@ def _lane(piece: Piece, lane: int) -> str:
 
 def _with_lines(
     network: RoadNetwork, lanes: dict[str, LaneLine], found: dict[Ends, tuple[LaneKey, ...]]
-) -> Iterator[Connection]:
+) -> Iterator[SumoConnection]:
     """Connections with the centre lines of the junction lanes they pass."""
     inner = {key: _whole(network, key) for way in found.values() for key in way}
     known = [stretch for stretch in inner.values() if stretch is not None]
@@ -163,17 +163,19 @@ def _with_lines(
         gaps = [np.hypot(*(b[0] - a[-1])) for a, b in pairwise([before, *own, after])]
         line = np.concatenate(own) if own else np.concatenate([before, after])
         width = np.mean([widths[stretch] for stretch in stretches]) if own else lanes[origin].width
-        yield Connection(origin, target, way, stretches, line, max(float(width), NARROWEST), float(max(gaps)))
+        yield SumoConnection(
+            origin, target, way, stretches, line, max(float(width), NARROWEST), float(max(gaps))
+        )
 
 
-def _whole(network: RoadNetwork, key: LaneKey) -> Stretch | None:
+def _whole(network: RoadNetwork, key: LaneKey) -> LaneStretch | None:
     """The whole of a lane inside of a junction, None where its section has no length."""
     road = network.roads[key.road]
     section = road.sections[key.section]
     end = min(section.end, road.length)
     if end - section.start < 1e-6:
         return None
-    return Stretch(*key, section.start, end, road.along(key.lane, key.section))
+    return LaneStretch(*key, section.start, end, road.along(key.lane, key.section))
 
 
 def names(made: Plain) -> dict[str, str]:

@@ -20,7 +20,7 @@ SPECK, FAR_LANE = 1.0, 25.0
 """On elements shorter than SPECK [m] a lane FAR_LANE [m] from the line may swing through more than it has length."""
 
 
-class Stretch(NamedTuple):
+class LaneStretch(NamedTuple):
     """A lane of a lane section from s = start to end [m], start < end; forward: driven along s."""
 
     road: str
@@ -36,7 +36,7 @@ class Stretch(NamedTuple):
         return LaneKey(self.road, self.section, self.lane)
 
 
-class Samples(NamedTuple):
+class SampledStretches(NamedTuple):
     """Stretches sampled in driving direction: first (N + 1,) index of each, s (K,), xy (K, 2), width (K,) [m]."""
 
     first: np.ndarray[tuple[int], np.dtype[np.intp]]
@@ -45,7 +45,7 @@ class Samples(NamedTuple):
     width: Floats
 
 
-def sample(network: RoadNetwork, stretches: Sequence[Stretch], step: float = STEP) -> Samples:
+def sample(network: RoadNetwork, stretches: Sequence[LaneStretch], step: float = STEP) -> SampledStretches:
     """Give the lane centres at places at most step [m] apart, at their ends, and where the map's records change.
 
     There, and at the end of a section, both sides are taken: the line may have a kink or a gap.
@@ -64,10 +64,10 @@ def sample(network: RoadNetwork, stretches: Sequence[Stretch], step: float = STE
         at = road[number[own]], lane[number[own]], s[own]
         xy[own] = np.stack(network.to_xy(*at, 0.0), axis=1)
         width[own] = network.lane_width(*at)
-    return Samples(first, s, xy, width)
+    return SampledStretches(first, s, xy, width)
 
 
-def _places(stretch: Stretch, breaks: Floats, step: float) -> Floats:
+def _places(stretch: LaneStretch, breaks: Floats, step: float) -> Floats:
     """The s (K,) [m] of one stretch in driving direction."""
     start, end = stretch.start, stretch.end
     step = step if end - start > SPECK else 0.1 * step  # widths may change by metres there
@@ -91,7 +91,7 @@ def _breaks(road: Road) -> Floats:
     return np.array(sorted(at))
 
 
-def polylines(samples: Samples) -> list[Floats]:
+def polylines(samples: SampledStretches) -> list[Floats]:
     """Give each stretch as the fewest points (K, 2) [m] that stay within TOLERANCE of its samples."""
     number = np.repeat(np.arange(len(samples.first) - 1), np.diff(samples.first))
     lines = shapely.simplify(
@@ -101,7 +101,7 @@ def polylines(samples: Samples) -> list[Floats]:
     return np.split(xy, np.searchsorted(of, np.arange(1, len(lines))))
 
 
-def mean_widths(samples: Samples) -> Floats:
+def mean_widths(samples: SampledStretches) -> Floats:
     """Give the mean width (N,) [m] of each stretch."""
     return np.asarray(np.add.reduceat(samples.width, samples.first[:-1]) / np.diff(samples.first))
 

@@ -21,7 +21,7 @@ from lxml.etree import _Element
 from resim.core.geometry import Floats
 from resim.road.opendrive.xml import parse
 from resim.road.sumo.element import Element, number
-from resim.road.sumo.shapes import Samples, Stretch
+from resim.road.sumo.shapes import LaneStretch, SampledStretches
 
 SIDE, EMPTY = 1e-7, 1e-9
 AT_ONCE = 64
@@ -49,7 +49,7 @@ class RawSection(NamedTuple):
     lanes: dict[int, RawLane]
 
 
-class Truth:
+class RawLanes:
     """The lanes of a file, by road id."""
 
     def __init__(self, path: Path) -> None:
@@ -61,7 +61,7 @@ class Truth:
             for k, section in enumerate(road.sections):
                 yield from ((name, k, lane, section.start, section.end) for lane in section.lanes if lane)
 
-    def sample(self, stretches: Sequence[Stretch], step: float) -> Samples:
+    def sample(self, stretches: Sequence[LaneStretch], step: float) -> SampledStretches:
         """Give the centres and widths of the stretches, in driving direction, at places at most step [m] apart.
 
         At every record's beginning and at the ends, places lie SIDE [m] to either side of it.
@@ -77,7 +77,7 @@ class Truth:
                     parts[i] = part
         first = np.concatenate([[0], np.cumsum([len(s) for s, _, _ in parts])]).astype(np.intp)
         s, xy, width = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Samples(first, s, xy, width)
+        return SampledStretches(first, s, xy, width)
 
 
 class RawRoad:
@@ -91,7 +91,9 @@ class RawRoad:
         self.offsets = _records(road.iterfind("lanes/laneOffset"), "s", 0.0)
         self.sections = list(_sections(road, self.length))
 
-    def sample(self, stretches: Sequence[Stretch], step: float) -> Iterator[tuple[Floats, Floats, Floats]]:
+    def sample(
+        self, stretches: Sequence[LaneStretch], step: float
+    ) -> Iterator[tuple[Floats, Floats, Floats]]:
         """Give s (K,), centre (K, 2) [m] and width (K,) [m] of each stretch of this road."""
         at = [self._places(stretch, step) for stretch in stretches]
         line_s, where = np.unique(np.concatenate(at), return_inverse=True)
@@ -130,7 +132,7 @@ class RawRoad:
                 out[:, low:high] = element.places(s[low:high] - element.s)
         return out
 
-    def _places(self, stretch: Stretch, step: float) -> Floats:
+    def _places(self, stretch: LaneStretch, step: float) -> Floats:
         """The s (K,) [m], ascending, at which a stretch is looked at."""
         lanes = self.sections[stretch.section].lanes
         begins = {*self.starts} | {record[0] for record in self.offsets}

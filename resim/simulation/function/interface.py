@@ -15,9 +15,9 @@ from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, from_frame
-from resim.core.plugins.frozen import Frozen, thaw
-from resim.core.plugins.loading import Named, freeze_code, load_named
-from resim.core.plugins.opened import Opened
+from resim.core.plugins.frozen import FrozenFile, thaw
+from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
+from resim.core.plugins.opened import OpenedFiles
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 
@@ -138,12 +138,12 @@ class Build:
     name: str
     version: str
     path: Path
-    factory: Named
+    factory: LoadedCallable
     needs_truth: bool
     parameters: dict[str, Any]
     cycle_time: float | None
     time_limit: float
-    frozen: Frozen
+    frozen: FrozenFile
 
     @property
     def hash(self) -> str:
@@ -156,7 +156,7 @@ class Build:
         return f"{self.name}-{self.version}"
 
     @property
-    def opened(self) -> Opened:
+    def opened(self) -> OpenedFiles:
         """What its code opens beside the build file that the hash does not know."""
         return self.factory.opened
 
@@ -166,20 +166,20 @@ class Build:
         return function
 
 
-def freeze_build(path: Path) -> Frozen:
+def freeze_build(path: Path) -> FrozenFile:
     """Keep a copy of a build file with all that its hash is of. Raises InputError for what is not there."""
     raw = read_file(path, PARTS)
     file = _parsed(raw, path)
     return freeze_code(path, raw, [file.factory], file.files)
 
 
-def load_build(file: Path | Frozen) -> Build:
+def load_build(file: Path | FrozenFile) -> Build:
     """Read a build file (TOML) and import the factory that it names, from a frozen copy.
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module.
     Raises InputError for a file, field, module or name that is not there.
     """
-    frozen = file if isinstance(file, Frozen) else freeze_build(file)
+    frozen = file if isinstance(file, FrozenFile) else freeze_build(file)
     path, copy = frozen.path, thaw(frozen, freeze_build)
     said = _parsed(copy.raw, path)
     named = load_named(frozen, copy, said.factory, "factory")
@@ -217,4 +217,4 @@ def _parsed(raw: bytes, path: Path) -> _BuildFile:
     try:
         return _BuildFile.model_validate(parse_toml(raw, path, PARTS))
     except ValidationError as e:
-        raise InputError(path, faults.said(e.errors()), PARTS) from e
+        raise InputError(path, faults.describe(e.errors()), PARTS) from e

@@ -72,7 +72,7 @@ class Session:
         if gui:
             _start_window(self._sumo, [*options, "--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"])
         else:
-            with self._told():
+            with self._explain_sumo_errors():
                 self._sumo.start(["sumo", *options])
         self._state = str(folder / "start.xml")
         if not gui:
@@ -91,7 +91,7 @@ class Session:
     def add(self, name: str, length: float, width: float, v: float) -> None:
         """Bring a vehicle into being; `advance` puts it somewhere before the next step."""
         vehicle = self._vehicle
-        with self._told():
+        with self._explain_sumo_errors():
             vehicle.add(name, "", _TYPE, departSpeed=repr(max(v, 0.0)))
         vehicle.setLength(name, length)
         vehicle.setWidth(name, width)
@@ -100,7 +100,7 @@ class Session:
         self._length[name] = length
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _explain_sumo_errors(self) -> Iterator[None]:
         """Say in our own words what SUMO refuses."""
         try:
             yield

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
-from resim.sweep.plans.design import Parameter
+from resim.sweep.plans.design import SweepParameter
 
 Places = NDArray[np.intp]
 _CELLS = 512
@@ -35,7 +35,7 @@ class Lattice:
     halvings: tuple[int, ...]
 
     @classmethod
-    def over(cls, parameters: Sequence[Parameter]) -> Lattice:
+    def over(cls, parameters: Sequence[SweepParameter]) -> Lattice:
         """Give the lattice of parameters with low, high and width: steps - 1 cells, and as fine as their width asks."""
         ranges = [
             (float(p.low or 0.0), float(p.high or 0.0), p.steps - 1, float(p.width or 0.0))

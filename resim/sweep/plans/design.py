@@ -17,7 +17,7 @@ Plan = Literal["grid", "sobol", "halton", "latin_hypercube", "one_at_a_time"]
 """Plans that are known before the first run; the adaptive one is in `resim.sweep.plans.adaptive`."""
 
 
-class Parameter(BaseModel):
+class SweepParameter(BaseModel):
     """A parameter that is swept: its range, or the values that it takes, in its own unit.
 
     name: of a perception model ("perception.latency.speed"), a build ("build.cycle_time") or an AD function
@@ -40,7 +40,7 @@ class Parameter(BaseModel):
     width: float | None = Field(strict=True, default=None, gt=0.0)
 
     @model_validator(mode="after")
-    def _whole(self) -> Parameter:
+    def _whole(self) -> SweepParameter:
         if bool(self.values) == (self.low is not None and self.high is not None):
             raise ValueError("expected low and high, or values")
         if (self.low is None) != (self.high is None):
@@ -95,7 +95,7 @@ class Parameter(BaseModel):
         return np.clip(drawn, low, high)
 
 
-def design(parameters: tuple[Parameter, ...], plan: Plan, points: int, seed: int) -> Floats:
+def design(parameters: tuple[SweepParameter, ...], plan: Plan, points: int, seed: int) -> Floats:
     """Give (R, P) values, a row a point of the plan. points: of the plans that are drawn; seed: of their draws.
 
     grid: all combinations of the parameters' levels; one_at_a_time: the levels of each, the others at their base;

@@ -23,7 +23,7 @@ NEAR, LEAST = 3.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Map:
+class ShareMap:
     """Share of runs that pass over two parameters, (B, A), with its 95 % interval; NaN where nothing is known.
 
     a (A,), b (B,): values of the parameters. width: of the kernel where drawn points were smoothed, None on a grid.
@@ -54,15 +54,15 @@ class Crossing:
     rises: bool
 
 
-def grid_map(y: Floats, a: Levels, b: Levels) -> Map:
+def grid_map(y: Floats, a: Levels, b: Levels) -> ShareMap:
     """Give the map on the levels of two parameters; y (K, S): 1 where a run passes, by point and seed."""
     shape = len(b), len(a)
     found = shares(y, np.where((a.of >= 0) & (b.of >= 0), b.of * len(a) + a.of, -1), len(a) * len(b))
     share, low, high = (part.reshape(shape) for part in (found.mean, found.low, found.high))
-    return Map(a.centre, b.centre, share, low, high)
+    return ShareMap(a.centre, b.centre, share, low, high)
 
 
-def smooth_map(y: Floats, u: Floats, a: Floats, b: Floats, at: tuple[Floats, Floats]) -> Map:
+def smooth_map(y: Floats, u: Floats, a: Floats, b: Floats, at: tuple[Floats, Floats]) -> ShareMap:
     """Give the map of drawn points, smoothed by a Gaussian kernel (Nadaraya 1964, Watson 1964) on a mesh.
 
     y (K, S): 1 where a run passes; u (K, 2): the points as shares of the parameters' distributions; a (A,), b (B,): the
@@ -80,7 +80,7 @@ def smooth_map(y: Floats, u: Floats, a: Floats, b: Floats, at: tuple[Floats, Flo
         points = weight**2 / (over_b**2 @ (over_a**2).T)
     share = np.where((points >= NEAR) & (weight >= LEAST), share, np.nan)
     low, high = wilson(share * points, points)
-    return Map(*at, share, low, high, width)
+    return ShareMap(*at, share, low, high, width)
 
 
 def _width(u: Floats, passed: Floats) -> float:
@@ -100,7 +100,7 @@ def _kernel(off: Floats, width: float) -> Floats:
     return np.exp(-0.5 * (off / width) ** 2)
 
 
-def crossings(found: Map, demanded: float) -> list[Crossing]:
+def crossings(found: ShareMap, demanded: float) -> list[Crossing]:
     """Give where the share of passing runs gets to `demanded` and falls below it, along the first parameter."""
     out = []
     for k, b in enumerate(found.b):

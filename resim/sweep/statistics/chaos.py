@@ -30,7 +30,7 @@ DRAWS, PART = 200, 50
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ChaosFit:
     """A fit to the points: exponents (T, P), coefficients (T,), solver (T, K), residual where left out (K,)."""
 
     exponents: Ints
@@ -76,7 +76,7 @@ def chaos(share: Floats, y: Floats) -> Sensitivity | None:
     )  # fmt: skip
 
 
-def _best(share: Floats, mean: Floats) -> _Fit | None:
+def _best(share: Floats, mean: Floats) -> _ChaosFit | None:
     """The fit with the least error, of rising degrees until they get no better."""
     best, worse = None, 0
     for fit in _fits(share, mean):
@@ -87,7 +87,7 @@ def _best(share: Floats, mean: Floats) -> _Fit | None:
     return best
 
 
-def _fits(share: Floats, mean: Floats) -> Iterator[_Fit]:
+def _fits(share: Floats, mean: Floats) -> Iterator[_ChaosFit]:
     """Fits of rising degree, as long as there are two points or more for each polynomial."""
     raw = np.ascontiguousarray(share).tobytes()
     for degree in range(1, DEGREE + 1):
@@ -96,7 +96,7 @@ def _fits(share: Floats, mean: Floats) -> Iterator[_Fit]:
             return
         exponents, basis, solver, lever = made
         coefficients = solver @ mean
-        yield _Fit(exponents, coefficients, solver, (mean - basis @ coefficients) / (1.0 - lever))
+        yield _ChaosFit(exponents, coefficients, solver, (mean - basis @ coefficients) / (1.0 - lever))
 
 
 @lru_cache(maxsize=DEGREE)
@@ -130,7 +130,7 @@ def _exponents(parameters: int, degree: int) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
-def _indices(fit: _Fit, rest: float, doubt: float) -> tuple[Floats, Floats, Floats]:
+def _indices(fit: _ChaosFit, rest: float, doubt: float) -> tuple[Floats, Floats, Floats]:
     """First order and total indices (2, P), their intervals (2, P, 2), and the share (1,) of what is left.
 
     rest: variance that is left; doubt: its standard error.

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from resim.core.finding import Finding
-from resim.recordings import Tables, read_tables
+from resim.recordings import RecordingTables, read_tables
 from resim.recordings.checks import examine
 from resim.road.opendrive import RoadNetwork
 
@@ -14,12 +14,12 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="session")
-def tables() -> Callable[[str], Tables]:
+def tables() -> Callable[[str], RecordingTables]:
     """Give the tables of a recording that ships, by name."""
     return lambda name: read_tables(ROOT / "scenarios" / name)
 
 
 @pytest.fixture(scope="session")
-def look(network: RoadNetwork) -> Callable[[Tables], tuple[Finding, ...]]:
+def look(network: RoadNetwork) -> Callable[[RecordingTables], tuple[Finding, ...]]:
     """Examine on the proving ground."""
     return lambda tables: examine(tables, network)

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from resim.core.finding import SEVERITIES, Finding
-from resim.recordings import Tables, read_commonroad
+from resim.recordings import RecordingTables, read_commonroad
 from resim.recordings.checks import CODES, examine
 from resim.recordings.repairs import repair
 from resim.road.opendrive import load
 
-Read = Callable[[str], Tables]
-Look = Callable[[Tables], tuple[Finding, ...]]
+Read = Callable[[str], RecordingTables]
+Look = Callable[[RecordingTables], tuple[Finding, ...]]
 
 TRUE = {
     # the sensor derives speed over 1.6 s, so it is 0.8 s late where the object brakes
@@ -468,8 +468,8 @@ def test_one_heading_that_is_turned_is_found(tables: Read, look: Look) -> None:
 NGSIM = Path(__file__).parents[3].parent / "shared" / "data" / "ngsim"
 
 
-def real(name: str, ego: str) -> Tables:
-    return Tables.of(read_commonroad(NGSIM / f"{name}.xml", map=NGSIM / f"{name}.xodr", ego=ego))
+def real(name: str, ego: str) -> RecordingTables:
+    return RecordingTables.of(read_commonroad(NGSIM / f"{name}.xml", map=NGSIM / f"{name}.xodr", ego=ego))
 
 
 def sensed(gt: pd.DataFrame, seed: int = 0) -> pd.DataFrame:

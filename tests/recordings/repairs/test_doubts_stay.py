@@ -11,7 +11,7 @@ import pytest
 
 from resim.core.errors import InputError
 from resim.metrics.criteria import freeze_criteria, read_criteria
-from resim.resimulation import How, assess_folder, repair_recording
+from resim.resimulation import AssessmentOptions, assess_folder, repair_recording
 
 LANE = (
     '<lane id="{}" type="driving" level="false"><link/><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
@@ -133,7 +133,7 @@ def written(folder: Path, frame: Frame) -> Path:
 
 
 def verdicts(folder: Path, criteria: Path) -> dict[str, str]:
-    how = How(criteria=read_criteria(freeze_criteria(criteria)), only=())
+    how = AssessmentOptions(criteria=read_criteria(freeze_criteria(criteria)), only=())
     try:
         block = assess_folder(folder, how).blocks["GT"]
     except InputError:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from resim.recordings import Tables, read_recording, read_tables, write_recording, write_tables
+from resim.recordings import RecordingTables, read_recording, read_tables, write_recording, write_tables
 from resim.recordings.checks import examine
 from resim.recordings.repairs import repair
 from resim.road.opendrive import RoadNetwork, load
@@ -112,7 +112,7 @@ def test_many_findings_of_a_kind_are_told_once(call: Call, tmp_path: Path) -> No
     gt = tables.gt.copy()
     for k in range(9):
         gt = gt[~((gt["id"] == "2") & gt["t"].between(1.0 + k, 1.5 + k))]
-    write_tables(Tables(**{**vars(tables), "gt": gt}), tmp_path / "many")
+    write_tables(RecordingTables(**{**vars(tables), "gt": gt}), tmp_path / "many")
     code, out, _ = call("check", tmp_path / "many")
     assert code == 0
     assert out.count("no sample from") == 5
@@ -155,7 +155,7 @@ def test_real_recordings_have_fewer_findings_after(
     monkeypatch.syspath_prepend(ROOT / "tools")
     from import_mcity import import_trial
 
-    before = Tables.of(import_trial(trial, MCITY, mcity))
+    before = RecordingTables.of(import_trial(trial, MCITY, mcity))
     result = repair(before, mcity)
     assert len(result.left) < len(examine(before, mcity))
     assert result.left == examine(result.tables, mcity)

@@ -12,12 +12,12 @@ from pandas.testing import assert_frame_equal
 
 from resim.core.errors import InputError
 from resim.core.geometry import wrap_angle
-from resim.recordings import Tables
+from resim.recordings import RecordingTables
 from resim.recordings.checks import CODES, examine
 from resim.recordings.repairs import REPAIRS, repair
 from resim.road.opendrive import RoadNetwork
 
-Read = Callable[[str], Tables]
+Read = Callable[[str], RecordingTables]
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 REPAIRED = "repaired"
 
@@ -103,7 +103,7 @@ PLANTS: tuple[tuple[str, str, Change, tuple[float, ...]], ...] = (
 )  # fmt: skip
 
 
-def planted(before: Tables, source: str, change: Change) -> Tables:
+def planted(before: RecordingTables, source: str, change: Change) -> RecordingTables:
     return replace(before, **{source: change(getattr(before, source)).reset_index(drop=True)})
 
 

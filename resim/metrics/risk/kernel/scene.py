@@ -36,7 +36,7 @@ PAD = 7
 """Room behind the samples: columns a power of two apart would share few lines of the processor's cache."""
 
 Road = namedtuple("Road", "points begin first count s d")
-"""See `resim.metrics.risk.ways.Ways`."""
+"""See `resim.metrics.risk.lane_paths.Ways`."""
 
 Work = namedtuple("Work", "paths made s speed samples scratch a b share near hint helped table mass")
 """What is reused from scene to scene.

@@ -19,7 +19,7 @@ def is_wrong(localisation: Localisation) -> bool:
     return any(own.bias or own.drift or own.noise for own in (getattr(localisation, p) for p in _PARTS))
 
 
-class OwnState:
+class PerceivedEgoState:
     """The EGO's state as the EGO has it; its errors are made for many steps ahead, again if the steps change."""
 
     def __init__(self, localisation: Localisation, rng: np.random.Generator) -> None:

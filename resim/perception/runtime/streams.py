@@ -30,7 +30,7 @@ class Streams:
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
 
 
-class Rows:
+class RandomRows:
     """Random numbers of N objects, BLOCK cycles ahead: rows (WIDTH, N) as the kernel takes them."""
 
     def __init__(self) -> None:

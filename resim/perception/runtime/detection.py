@@ -14,7 +14,7 @@ from resim.perception.runtime.tables import DetectionTables
 Columns = NDArray[np.intp]
 
 
-class Sight:
+class DetectionState:
     """What is seen of N objects: `reach` [m] and `opening` [rad]; `state` (N,) remembers who was detected last."""
 
     def __init__(self, detection: Detection, view: FieldOfView) -> None:

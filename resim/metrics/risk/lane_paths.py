@@ -43,7 +43,7 @@ Sampled = tuple[Floats, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class LanePaths:
     """Lane centre lines ahead of objects.
 
     points: (P, 7) x, y [m], cosine and sine of the heading, curvature [1/m], room to the left and to the right of the
@@ -64,18 +64,18 @@ class Ways:
             raise ResimError(f"ways: first, count, s and d need one shape, that of first is {shape}")
 
     @staticmethod
-    def none(shape: tuple[int, int]) -> Ways:
+    def none(shape: tuple[int, int]) -> LanePaths:
         """Give no way for anybody."""
         number, place = (np.zeros((2, *shape), dtype=kind) for kind in (np.int64, np.float64))
-        return Ways(np.zeros((0, 7)), np.zeros(1, dtype=np.int64), *number, *place)
+        return LanePaths(np.zeros((0, 7)), np.zeros(1, dtype=np.int64), *number, *place)
 
 
-def ways(network: RoadNetwork, state: Floats, size: Floats, *, horizon: float) -> Ways:
+def lane_paths(network: RoadNetwork, state: Floats, size: Floats, *, horizon: float) -> LanePaths:
     """Give the ways of objects in scenes: state (S, K, 6), size (S, K, 2), as far as they come in `horizon` [s].
 
     Who is on no lane that vehicles drive on, or faces against his lane by more than 90 degrees, has none.
     """
-    out = Ways.none((state.shape[0], state.shape[1]))
+    out = LanePaths.none((state.shape[0], state.shape[1]))
     who = np.argwhere((size[..., 0] > 0.0) & np.isfinite(state[..., :4]).all(axis=2))
     if not len(who):
         return out
@@ -96,7 +96,7 @@ def ways(network: RoadNetwork, state: Floats, size: Floats, *, horizon: float) -
         parts += made
         begin += (begin[-1] + np.cumsum([len(way) for way in made])).tolist()
     points = np.concatenate(parts) if parts else out.points
-    return Ways(points, np.array(begin, dtype=np.int64), out.first, out.count, out.s, out.d)
+    return LanePaths(points, np.array(begin, dtype=np.int64), out.first, out.count, out.s, out.d)
 
 
 def _by_lane(
@@ -193,7 +193,7 @@ def _joined(network: RoadNetwork, route: tuple[LaneKey, ...]) -> Sampled:
 
 
 def _resampled(line: Sampled) -> Floats:
-    """Points (K, 7) of a way, see `Ways`, at even distances along it."""
+    """Points (K, 7) of a way, see `LanePaths`, at even distances along it."""
     x, y, heading, left, right = line
     if len(x) < 2:
         x, y = np.r_[x, x + np.cos(heading)], np.r_[y, y + np.sin(heading)]

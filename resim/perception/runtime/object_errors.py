@@ -18,7 +18,7 @@ LEAST_SIZE = 0.1
 Columns = NDArray[np.intp]
 
 
-class Wrong:
+class ObjectErrorState:
     """Errors of N objects; `drift` (Q, N) remembers their drifts, in units of their spreads."""
 
     def __init__(self, sets: Sequence[Objects]) -> None:

@@ -10,8 +10,8 @@ from resim.metrics.criteria import Criteria, overall
 from resim.perception.model import PerceptionModel
 from resim.perception.runtime.sensor import Sensor
 from resim.recordings import Recording
-from resim.resimulation.assessed import How
-from resim.resimulation.outcome import COMFORT, Outcome
+from resim.resimulation.assessed import AssessmentOptions
+from resim.resimulation.outcome import COMFORT, DriveOutcome
 from resim.resimulation.outcomes import seed_outcome
 from resim.resimulation.perceived import difference, end_error
 from resim.resimulation.reaction import ego_tracks
@@ -28,7 +28,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedRuns:
     """A recording, ready to be simulated again and again, and what all runs of a sweep are judged by.
 
     decision, reaction: what the EGO did in the measured drive, and when [s] it first braked.
@@ -40,16 +40,20 @@ class Prepared:
     criteria: Criteria
 
 
-def prepare_sweep(recording: Recording, criteria: Criteria, accept: Collection[str] = ()) -> Prepared:
+def prepare_sweep(recording: Recording, criteria: Criteria, accept: Collection[str] = ()) -> PreparedRuns:
     """Describe what was measured, once for all runs."""
     prepared, ego = prepare(recording, (), accept), recording.ego
     driven = ego_tracks(prepared.described["GT"], prepared.network)
     decision = maneuvers.decision(driven, prepared.network, ego=ego)
-    return Prepared(prepared, decision, maneuvers.reaction_time(driven, ego=ego), criteria)
+    return PreparedRuns(prepared, decision, maneuvers.reaction_time(driven, ego=ego), criteria)
 
 
 def run_once(
-    prepared: Prepared, build: Build, model: PerceptionModel | None, seed: int, options: Options = Options()
+    prepared: PreparedRuns,
+    build: Build,
+    model: PerceptionModel | None,
+    seed: int,
+    options: Options = Options(),
 ) -> Row:
     """Simulate once and give what it came to: one value a column, None where there is none.
 
@@ -58,7 +62,9 @@ def run_once(
     result = Resimulation(prepared.recording, build, options)
     result = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
     drive, _, pipe = result.of(seed)
-    found = seed_outcome(result, seed, How(criteria=prepared.criteria, only=COMPARED, rate=RATE))
+    found = seed_outcome(
+        result, seed, AssessmentOptions(criteria=prepared.criteria, only=COMPARED, rate=RATE)
+    )
     row: Row = {
         "end": drive.end,
         "failure": drive.failure or None,
@@ -87,7 +93,7 @@ def _without_values(row: Row) -> Row:
     }
 
 
-def _judged(found: Outcome, criteria: Criteria) -> Row:
+def _judged(found: DriveOutcome, criteria: Criteria) -> Row:
     """The verdict, and of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
     verdict = overall(found.kpis) if found.kpis else "INVALID"
     row: Row = {"verdict": "INVALID" if verdict == "PASS" and found.end != "duration" else verdict}

@@ -24,7 +24,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class UnrepairedTracks:
     """tracks: as given, without samples that a repair made. incomplete: as in `Recording`, with these samples, and
     where a repair ends a track or begins one, a row beyond it. gaps: which a repair joined over.
     """
@@ -34,14 +34,14 @@ class Told:
     gaps: tuple[Absence, ...] = ()
 
 
-def as_told(recording: Recording, basis: Basis, tracks: Tracks) -> Told:
+def without_repairs(recording: Recording, basis: Basis, tracks: Tracks) -> UnrepairedTracks:
     """Give what was told of the tracks, which are samples of that basis under the names of `sd_by_gt`.
 
     An EGO of whom less than two samples are left stays, and is absent all the time: all else is seen from where it is.
     """
     incomplete, rows = (every.get(basis.lower()) for every in (recording.incomplete, recording.repairs))
     if rows is None or rows.empty:
-        return Told(tracks, incomplete)
+        return UnrepairedTracks(tracks, incomplete)
     rows = rows[rows["id"].isin(tracks.ids) & rows["t"].isin(tracks.t)]
     filled = _cells(tracks, rows[rows["filled"]]) & tracks.valid
     me = tracks.index(recording.ego)
@@ -55,7 +55,7 @@ def as_told(recording: Recording, basis: Basis, tracks: Tracks) -> Told:
     seen = _without(tracks, filled)
     joined = _cells(tracks, rows[rows[REPAIRED].str.split().map(lambda codes: JOINED in codes)])
     gaps = tuple(_gaps(seen, joined))
-    return Told(seen, pd.concat([m for m in more if len(m)] or more[:1]), (*lost, *gaps))
+    return UnrepairedTracks(seen, pd.concat([m for m in more if len(m)] or more[:1]), (*lost, *gaps))
 
 
 def _cells(tracks: Tracks, rows: pd.DataFrame) -> Bools:

@@ -11,13 +11,13 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.metrics.assessment import Assessment
 from resim.perception.runtime.sensor import Sensor
-from resim.resimulation.assessed import How
+from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.outcome import Kpi
 from resim.resimulation.outcomes import seed_outcome
 from resim.resimulation.result import Resimulation
 from resim.resimulation.run import run_on_gt
 from resim.scenario.variation import PARAMETERS, vary
-from resim.verification.validity import Validity, search
+from resim.verification.validity import ValidityInterval, search
 
 SEEDS = 20
 """Seeds that each change is simulated with, where a verdict took more."""
@@ -26,8 +26,8 @@ FAILED = "the function failed"
 
 
 def validity(
-    result: Resimulation, measured: Mapping[str, Kpi], parameter: str, whom: str, how: How
-) -> Validity:
+    result: Resimulation, measured: Mapping[str, Kpi], parameter: str, whom: str, how: AssessmentOptions
+) -> ValidityInterval:
     """Search the range of a parameter of one object in which every KPI of the simulation stays that of the drive.
 
     Simulated on GT, with the perception model of the re-simulation if it has one: a KPI is then what most of the seeds
@@ -43,10 +43,10 @@ def validity(
         raise ResimError(f"simulated on GT, {', '.join(at_once)} is not as measured without any change")
     which = PARAMETERS[parameter]
     low, high, tried = search(flips, which.most, which.resolution)
-    return Validity(parameter, which.unit, whom, low, high, which.resolution, tried)
+    return ValidityInterval(parameter, which.unit, whom, low, high, which.resolution, tried)
 
 
-def _unlike(result: Resimulation, measured: Mapping[str, Kpi], how: How) -> tuple[str, ...]:
+def _unlike(result: Resimulation, measured: Mapping[str, Kpi], how: AssessmentOptions) -> tuple[str, ...]:
     """Which criteria come out otherwise when GT's scenario is simulated: by most of the seeds, in a tie the first."""
     seen = result.perceiving
     bare = Resimulation(result.prepared, result.build, result.options)
