@@ -61,7 +61,7 @@ builtins.profile = lambda f: f
 multiprocessing.set_start_method("fork")
 import resim.resimulation.fidelity, resim.metrics.criticality, numpy.polynomial, json
 from resim.core.geometry import wrap_angle
-from resim.assess.risk import DEFAULTS
+from resim.metrics.risk import DEFAULTS
 class Mine(dict): pass
 numpy.seterr(all="ignore")
 numpy.typeDict = {}

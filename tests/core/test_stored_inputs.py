@@ -16,7 +16,7 @@ DAY = 24 * 3600.0
 KEEPS = """
 import sys
 from pathlib import Path
-from resim.core.frozen import freeze_file
+from resim.core.plugins.frozen import freeze_file
 print(freeze_file(Path(sys.argv[1])).hash, flush=True)
 sys.stdin.read()
 """

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 DRIVE = ROOT / "scenarios" / "rear_end"
 HEAD = """import ctypes, os, signal, subprocess, sys, time
 from pathlib import Path
-from resim.sim.adfunction import Command
+from resim.simulation.function.interface import Command
 HERE = Path(r"{here}")  # __file__ is in a frozen copy
 
 class Own:

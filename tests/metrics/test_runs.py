@@ -87,7 +87,7 @@ def test_findings_are_printed_and_written_by_assess(call, gap, tmp_path):
 
 
 SWERVES = """
-from resim.sim.adfunction import Command
+from resim.simulation.function.interface import Command
 
 class F:
     def reset(self, setup):
@@ -144,7 +144,7 @@ def test_a_trace_that_is_off_is_told_alike_by_run_and_assess(call, tmp_path):
 
 
 BRAKES = """
-from resim.sim.adfunction import Command
+from resim.simulation.function.interface import Command
 
 class F:
     def reset(self, setup): pass

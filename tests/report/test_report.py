@@ -155,7 +155,7 @@ def test_one_basis(basis: str, tmp_path: Path) -> None:
 
 
 FAULTY = """
-from resim.sim.adfunction import Command
+from resim.simulation.function.interface import Command
 
 
 class Faulty:

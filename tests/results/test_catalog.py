@@ -124,7 +124,7 @@ MANY = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from test_catalog import entry
-from resim.store.catalog import Catalog
+from resim.results.catalog import Catalog
 for k in range(10):
     catalog = Catalog(sys.argv[2])
     catalog.add(entry(f"mine {sys.argv[3]} {k}"))

@@ -163,7 +163,7 @@ import resource
 from pathlib import Path
 import pandas as pd
 from resim.core.errors import InputError
-from resim.store import whole_folder, write_json, write_parquet
+from resim.results import whole_folder, write_json, write_parquet
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 for write in (lambda f: write_json(list(range(50_000)), f / "a.json"),
               lambda f: write_parquet(pd.DataFrame({{"x": [str(hash(k)) for k in range(50_000)]}}), f / "a.parquet")):

@@ -52,7 +52,7 @@ def drive(network: RoadNetwork, net: SumoNet) -> Callable[..., SimulatedDrive]:
 
 HEAD = """import math
 import time
-from resim.sim.adfunction import Command, EgoState, Placement
+from resim.simulation.function.interface import Command, EgoState, Placement
 
 class Own:
 {members}

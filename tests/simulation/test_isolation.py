@@ -23,7 +23,7 @@ Drive = Callable[..., SimulatedDrive]
 SOURCE = """import decimal, locale, os, random, sys, types, warnings
 import numpy as np
 import helper
-from resim.sim.adfunction import Command
+from resim.simulation.function.interface import Command
 
 N = 0
 
@@ -146,7 +146,7 @@ def _nothing_left_in_logging() -> object:
 
 
 MAP = """import numpy as np
-from resim.sim.adfunction import Command
+from resim.simulation.function.interface import Command
 
 class Own:
     def reset(self, setup):

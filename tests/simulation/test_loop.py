@@ -333,12 +333,12 @@ def test_the_same_input_gives_the_same_bytes_in_a_process_of_its_own(
     program = f"""
 import hashlib
 from pathlib import Path
-from resim.ingest import read_recording
+from resim.recordings import read_recording
 from resim.road.opendrive import load
 from resim.scenario.scenario import describe
-from resim.sim.adfunction import load_build
-from resim.sim.case import Case
-from resim.sim.sumo import Sumo
+from resim.simulation.function.interface import load_build
+from resim.simulation.case import Case
+from resim.simulation.sumo.engine import Sumo
 import numpy as np
 root = Path({str(ROOT)!r})
 recording, network = read_recording(root / "scenarios/cut_in_brake"), load(root / "networks/proving_ground.xodr")
