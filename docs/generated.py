@@ -38,7 +38,7 @@ from resim.recordings.checks.codes import CODES
 from resim.recordings.settings import Settings
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import _BuildFile
-from resim.sweep.file import SweepFile
+from resim.sweeps.file import SweepFile
 from resim.verification.suite import SuiteFile
 
 FILES: Mapping[str, type[BaseModel]] = {

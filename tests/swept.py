@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from resim.results import write_json, write_parquet
-from resim.sweep.file import Sweep, SweepFile, boundaries, check_plan, runs
-from resim.sweep.plans.design import Plan, SweepParameter, design
+from resim.sweeps.file import Sweep, SweepFile, boundaries, check_plan, runs
+from resim.sweeps.plans.design import Plan, SweepParameter, design
 
 LATENCY = SweepParameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
 BIAS = SweepParameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=9)

@@ -17,7 +17,7 @@ from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.recordings.settings import read_settings
 from resim.simulation.function.interface import load_build
-from resim.sweep.file import read_sweep
+from resim.sweeps.file import read_sweep
 from resim.verification.suite import read_suite
 
 ROOT = Path(__file__).parents[1]

@@ -18,8 +18,8 @@ import duckdb
 import numpy as np
 import pandas as pd
 
-from resim.sweep.file import read_sweep
-from resim.sweep.plans.adaptive import Lattice, boundary
+from resim.sweeps.file import read_sweep
+from resim.sweeps.plans.adaptive import Lattice, boundary
 
 ROOT = Path(__file__).parents[1]
 SWEEPS = ROOT / "scenarios" / "sweeps"

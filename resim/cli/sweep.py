@@ -19,8 +19,8 @@ from resim.core.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from resim.sweep.execution import Tell
-    from resim.sweep.file import Sweep
+    from resim.sweeps.execution import Tell
+    from resim.sweeps.file import Sweep
 
 
 @sweep_app.command("run")
@@ -51,8 +51,8 @@ def sweep(
     from resim.execution import journal
     from resim.execution.cluster import cluster
     from resim.execution.workers import in_child
-    from resim.sweep.execution import begin, compact, execute
-    from resim.sweep.file import read_sweep
+    from resim.sweeps.execution import begin, compact, execute
+    from resim.sweeps.file import read_sweep
 
     part = _shard(shard)
     wanted = read_sweep(file, vehicle)
@@ -105,7 +105,7 @@ def _checked(
     task: tuple[Sweep, Path, tuple[int, int], bool],
 ) -> tuple[dict[str, Any], pd.DataFrame | None]:
     """Check in a child process that the builds take what is swept; give the inputs, and the runs if they are wanted."""
-    from resim.sweep.execution import inputs, table
+    from resim.sweeps.execution import inputs, table
 
     sweep, out, part, wanted = task
     runs = table(sweep, part)
@@ -128,7 +128,7 @@ def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
 
 def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
     """Do a few runs, and say how long all of them take."""
-    from resim.sweep.execution import sample
+    from resim.sweeps.execution import sample
 
     if runs.empty:  # as of a shard more than there are runs
         say("0 runs")

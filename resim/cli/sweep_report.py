@@ -12,7 +12,7 @@ from resim.cli.runs import register
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
-    from resim.sweep.runs import RunTask
+    from resim.sweeps.runs import RunTask
 
 
 @sweep_app.command("report")
@@ -31,7 +31,7 @@ def report(
     from resim.core.files import relative
     from resim.execution.workers import in_child
     from resim.results import whole_file, write_json
-    from resim.sweep.page import boundary_lines, overview_line, requirement_lines, write_sweep_page
+    from resim.sweeps.page import boundary_lines, overview_line, requirement_lines, write_sweep_page
 
     page = folder / "report.html" if out is None else out
     if page.suffix.lower() not in (".html", ".htm"):
@@ -58,16 +58,16 @@ def report(
 
 def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
     """Analyse a sweep in a child process, as its criteria bring code: its folder, and that from where commands run."""
-    from resim.sweep.analysis import analyse
-    from resim.sweep.result import read_swept
+    from resim.sweeps.analysis import analyse
+    from resim.sweeps.result import read_swept
 
     return analyse(read_swept(results[0]), results[1])
 
 
 def _task(run: tuple[Path, int, str | None]) -> RunTask:
     """Look in a child process whether all is there to do a run again."""
-    from resim.sweep.repeat import task_of
-    from resim.sweep.result import read_swept
+    from resim.sweeps.repeat import task_of
+    from resim.sweeps.result import read_swept
 
     return task_of(read_swept(run[0]), run[1], run[2])
 
@@ -89,8 +89,8 @@ def repeat_run(
     """
     from resim.execution.workers import in_child
     from resim.results import check_output
-    from resim.sweep.repeat import other_versions, repeat, write_traces
-    from resim.sweep.result import read_swept
+    from resim.sweeps.repeat import other_versions, repeat, write_traces
+    from resim.sweeps.result import read_swept
 
     check_output(out)
     swept = read_swept(folder)

@@ -19,7 +19,7 @@ from resim.core.files import open_file
 
 REMEDY = "Take the line away: its run is then done again."
 _TEXTS, _FLAGS = ("end", "failure", "decision", "verdict", "case"), ("same_decision", "collision")
-"""Columns of a row that hold no numbers; criteria have others, told by their names (`resim.sweep.prepared`)."""
+"""Columns of a row that hold no numbers; criteria have others, told by their names (`resim.sweeps.prepared`)."""
 
 _LARGEST = 1e300
 _FEWEST = 2

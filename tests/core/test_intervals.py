@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest, t
 
 from resim.core.intervals import means, shares, wilson
-from resim.sweep.statistics.response import levels
+from resim.sweeps.statistics.response import levels
 
 ONE = np.zeros(1, dtype=int)
 

@@ -15,8 +15,8 @@ import duckdb
 import pytest
 from conftest import ROOT
 
-from resim.sweep.execution import begin, compact, execute, inputs
-from resim.sweep.file import read_sweep
+from resim.sweeps.execution import begin, compact, execute, inputs
+from resim.sweeps.file import read_sweep
 from resim.verification.execution import verify
 from resim.verification.request import VerifyOptions as Wanted
 from resim.verification.request import make_request

@@ -36,9 +36,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from resim.execution import journal
-from resim.sweep.execution import begin, execute, inputs, tasks
-from resim.sweep.file import Sweep, read_sweep, runs
-from resim.sweep.runs import run
+from resim.sweeps.execution import begin, execute, inputs, tasks
+from resim.sweeps.file import Sweep, read_sweep, runs
+from resim.sweeps.runs import run
 
 sys.path.insert(0, str(Path(__file__).parent))
 from verify import drive, record

@@ -30,8 +30,8 @@ from resim.resimulation import (
 from resim.results import whole_folder, write_assessment, write_resimulation
 from resim.simulation.dynamics import vehicle_model
 from resim.simulation.function.interface import freeze_build, load_build
-from resim.sweep.result import SweepResult
-from resim.sweep.runs import RunTask, run, swept_model, with_values
+from resim.sweeps.result import SweepResult
+from resim.sweeps.runs import RunTask, run, swept_model, with_values
 
 LONGEST = 600.0
 """s of wall clock for the traces and the report of one run."""

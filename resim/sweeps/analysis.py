@@ -13,15 +13,15 @@ import pandas as pd
 
 from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
-from resim.sweep.boundary import boundary
-from resim.sweep.plans.design import SweepParameter
-from resim.sweep.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
-from resim.sweep.result import SweepResult, limits
-from resim.sweep.statistics.boundary import MESH, ShareMap, crossings, grid_map, smooth_map
-from resim.sweep.statistics.indices import Sensitivity
-from resim.sweep.statistics.requirement import Requirement, Side, requirement
-from resim.sweep.statistics.response import Levels, levels
-from resim.sweep.statistics.sensitivity import ranges, ranking, sensitivity
+from resim.sweeps.boundary import boundary
+from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
+from resim.sweeps.result import SweepResult, limits
+from resim.sweeps.statistics.boundary import MESH, ShareMap, crossings, grid_map, smooth_map
+from resim.sweeps.statistics.indices import Sensitivity
+from resim.sweeps.statistics.requirement import Requirement, Side, requirement
+from resim.sweeps.statistics.response import Levels, levels
+from resim.sweeps.statistics.sensitivity import ranges, ranking, sensitivity
 
 SCHEMA = "resim-sweep-report-1"
 DEMANDED = 0.95

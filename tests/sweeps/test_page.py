@@ -15,8 +15,8 @@ from lxml import html
 from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
 
 from resim.core.errors import InputError
-from resim.sweep.page import write_sweep_page
-from resim.sweep.result import read_swept
+from resim.sweeps.page import write_sweep_page
+from resim.sweeps.result import read_swept
 
 SPEED, AHEAD, GAP = (p.name for p in THREE)
 

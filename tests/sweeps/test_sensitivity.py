@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import qmc
 
 from resim.core.geometry import Floats
-from resim.sweep.plans.design import SweepParameter, design
-from resim.sweep.statistics.indices import Sensitivity
-from resim.sweep.statistics.sensitivity import full_grid, ranking, sensitivity
+from resim.sweeps.plans.design import SweepParameter, design
+from resim.sweeps.statistics.indices import Sensitivity
+from resim.sweeps.statistics.sensitivity import full_grid, ranking, sensitivity
 
 NAMES = ("perception.latency.speed", "perception.latency.position", "perception.latency.heading")
 GRID = tuple(

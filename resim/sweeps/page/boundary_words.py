@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from resim.sweep.page.words import Entry, keeps, percent
+from resim.sweeps.page.words import Entry, keeps, percent
 
 ROWS = 16
 """Rows on where the outcome changes by a second parameter: of the terminal, and of the page before it folds them."""

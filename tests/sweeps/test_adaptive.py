@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from resim.sweep.plans.adaptive import Lattice, boundary, wanted
-from resim.sweep.plans.design import SweepParameter
+from resim.sweeps.plans.adaptive import Lattice, boundary, wanted
+from resim.sweeps.plans.design import SweepParameter
 
 
 def grown(lattice: Lattice, passes: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ import pandas as pd
 
 from resim.core.geometry import Bools, Floats
 from resim.perception.parameters import unit
-from resim.sweep.plans.design import SweepParameter
-from resim.sweep.result import SweepResult
+from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.result import SweepResult
 
 FIXED = {"verdict": "every criterion passes", "same_decision": "decides as measured",
          "collision": "no collision of the EGO"}  # fmt: skip

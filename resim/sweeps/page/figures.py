@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from resim.core.geometry import Floats
 from resim.report.markup import html
 from resim.report.plots import DASH, INK, compact, fade, plain, style
-from resim.sweep.page.words import Entry, axis_title, keeps
+from resim.sweeps.page.words import Entry, axis_title, keeps
 
 SHARE, VALUE = "#0072b2", "#d55e00"
 HALF, DEMANDED = INK, "#e69f00"

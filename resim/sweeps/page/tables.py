@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from resim.report.markup import Markup, html, join
 from resim.report.tables import NONE, decision_words, table
-from resim.sweep.page.words import Entry, axis_title, percent, plain, quantity
+from resim.sweeps.page.words import Entry, axis_title, percent, plain, quantity
 
 
 def title(section: Entry) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.core.intervals import shares, wilson
-from resim.sweep.statistics.response import Levels
+from resim.sweeps.statistics.response import Levels
 
 MESH = 25
 """Places along each parameter at which drawn points are smoothed."""

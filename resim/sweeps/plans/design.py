@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from resim.core.geometry import Floats
 
 Plan = Literal["grid", "sobol", "halton", "latin_hypercube", "one_at_a_time"]
-"""Plans that are known before the first run; the adaptive one is in `resim.sweep.plans.adaptive`."""
+"""Plans that are known before the first run; the adaptive one is in `resim.sweeps.plans.adaptive`."""
 
 
 class SweepParameter(BaseModel):

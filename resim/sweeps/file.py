@@ -23,13 +23,13 @@ from resim.recordings.content import content_hash, refuse_changed
 from resim.recordings.listed import RecordingEntry, found_folders
 from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.function.interface import freeze_build
-from resim.sweep.plans.adaptive import Lattice, Places, boundary, wanted
-from resim.sweep.plans.design import Plan, SweepParameter, design
+from resim.sweeps.plans.adaptive import Lattice, Places, boundary, wanted
+from resim.sweeps.plans.design import Plan, SweepParameter, design
 from resim.verification.suite import read_suite
 
 Indices = NDArray[Any]
 Row = Mapping[str, Any]
-"""What a run came to, one value a column; see `resim.sweep.prepared`."""
+"""What a run came to, one value a column; see `resim.sweeps.prepared`."""
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
@@ -67,7 +67,7 @@ class SweepFile(Strict):
     """What a sweep's file says; paths from the folder of the file.
 
     recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
-    that perception parameters are parameters of. plan, points, seed: see `sweep.plans.design`. seeds: runs of each
+    that perception parameters are parameters of. plan, points, seed: see `sweeps.plans.design`. seeds: runs of each
     point. time_limit: s of wall clock for one run. adaptive: of the plan of that name.
     """
 

@@ -17,7 +17,7 @@ from numpy.polynomial.legendre import legvander
 
 from resim.core.geometry import Floats
 from resim.core.intervals import CONFIDENCE, Ints
-from resim.sweep.statistics.indices import Sensitivity
+from resim.sweeps.statistics.indices import Sensitivity
 
 DEGREE, TERMS = 14, 200
 """Largest degree, and number of polynomials, that are tried."""

@@ -10,7 +10,7 @@ from scipy.special import betaincinv, fdtrc
 
 from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE, Ints
-from resim.sweep.statistics.response import Levels
+from resim.sweeps.statistics.response import Levels
 
 Side = Literal["under", "over", "between"]
 Found = Literal["limit", "whole", "none", "unclear"]

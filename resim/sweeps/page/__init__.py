@@ -1,7 +1,7 @@
 """The page of a sweep: requirements, boundaries, sensitivity, responses, the worst runs."""
 
-from resim.sweep.page.boundary_words import boundary_lines
-from resim.sweep.page.page import write_sweep_page
-from resim.sweep.page.words import overview_line, requirement_lines
+from resim.sweeps.page.boundary_words import boundary_lines
+from resim.sweeps.page.page import write_sweep_page
+from resim.sweeps.page.words import overview_line, requirement_lines
 
 __all__ = ["boundary_lines", "overview_line", "requirement_lines", "write_sweep_page"]

@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import qmc
 
 from resim.core.geometry import Floats
-from resim.sweep.statistics.boundary import crossings, grid_map, smooth_map
-from resim.sweep.statistics.requirement import Side, requirement
-from resim.sweep.statistics.response import levels
+from resim.sweeps.statistics.boundary import crossings, grid_map, smooth_map
+from resim.sweeps.statistics.requirement import Side, requirement
+from resim.sweeps.statistics.response import levels
 
 LEVELS = np.linspace(0.0, 1.0, 11)
 

@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 from scipy.stats import qmc
 
-from resim.sweep.plans.design import Plan, SweepParameter, design
+from resim.sweeps.plans.design import Plan, SweepParameter, design
 
 LATENCY = SweepParameter(name="perception.latency.speed", low=0.0, high=1.0, steps=5)
 BIAS = SweepParameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=3)

@@ -16,9 +16,9 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
-from resim.sweep.plans.adaptive import Lattice, Places
-from resim.sweep.points import SweepOutcome, SweepPoints
-from resim.sweep.result import RESUME, SweepResult, limits
+from resim.sweeps.plans.adaptive import Lattice, Places
+from resim.sweeps.points import SweepOutcome, SweepPoints
+from resim.sweeps.result import RESUME, SweepResult, limits
 
 ISLANDS = (0.05, 0.1, 0.2)
 """Sizes of islands, as shares of each range, whose probability to be missed is told."""

@@ -14,8 +14,8 @@ from scipy.special import stdtrit
 
 from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE
-from resim.sweep.statistics.chaos import chaos
-from resim.sweep.statistics.indices import Sensitivity
+from resim.sweeps.statistics.chaos import chaos
+from resim.sweeps.statistics.indices import Sensitivity
 
 MOST = 12
 """Parameters of a grid up to which its variance is taken apart."""

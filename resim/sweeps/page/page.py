@@ -9,10 +9,10 @@ from resim.report.document import document, text
 from resim.report.markup import Markup, html, join
 from resim.report.plots import sample, to_html
 from resim.report.tables import table
-from resim.sweep.page import tables
-from resim.sweep.page.boundary import boundary_html
-from resim.sweep.page.figures import DEMANDED, HALF, map_figure, response_figure
-from resim.sweep.page.words import Entry, keeps, overview_line, percent, quantity, requirement_lines
+from resim.sweeps.page import tables
+from resim.sweeps.page.boundary import boundary_html
+from resim.sweeps.page.figures import DEMANDED, HALF, map_figure, response_figure
+from resim.sweeps.page.words import Entry, keeps, overview_line, percent, quantity, requirement_lines
 
 REDRAW = (
     "document.querySelectorAll('details').forEach(d => "
@@ -68,7 +68,7 @@ def page(found: Entry) -> Markup:
             )
         body.append(inside)
     body += [_reading(found), _inputs(found), Markup("</main>")]
-    css = text("resim.sweep.page", "sweep.css")
+    css = text("resim.sweeps.page", "sweep.css")
     return document(f"{found['name']} · sweep", join(body), css=css, scripts=[REDRAW])
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from sweep.test_sweeps import ROOT, bytes_of, table
+from sweeps.test_sweeps import ROOT, bytes_of, table
 
 from resim.execution import journal
 

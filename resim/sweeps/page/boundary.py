@@ -12,9 +12,9 @@ from resim.core.geometry import Floats
 from resim.report.markup import Markup, html, join
 from resim.report.plots import INK, compact, fade, sample, style, to_html
 from resim.report.tables import table
-from resim.sweep.page.boundary_words import ROWS, boundary_lines, ran_out, strip_lines
-from resim.sweep.page.figures import SCALE, share_bar
-from resim.sweep.page.words import Entry, axis_title
+from resim.sweeps.page.boundary_words import ROWS, boundary_lines, ran_out, strip_lines
+from resim.sweeps.page.figures import SCALE, share_bar
+from resim.sweeps.page.words import Entry, axis_title
 
 BAND = "#e69f00"
 """Colour of the cells in which the outcome changes."""

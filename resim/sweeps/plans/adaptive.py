@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
-from resim.sweep.plans.design import SweepParameter
+from resim.sweeps.plans.design import SweepParameter
 
 Places = NDArray[np.intp]
 _CELLS = 512

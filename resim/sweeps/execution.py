@@ -26,8 +26,8 @@ from resim.resimulation import Options
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
-from resim.sweep.file import OUTCOMES, RUN, Sweep, boundaries, runs
-from resim.sweep.runs import RunTask, Values, run, swept_model, with_values
+from resim.sweeps.file import OUTCOMES, RUN, Sweep, boundaries, runs
+from resim.sweeps.runs import RunTask, Values, run, swept_model, with_values
 
 ATTEMPTS = 3
 """How often a run is tried whose process crashes."""

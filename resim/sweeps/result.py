@@ -17,14 +17,14 @@ from resim.core.files import parse_json, read_file
 from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
-from resim.sweep.plans.design import SweepParameter
+from resim.sweeps.plans.design import SweepParameter
 
 SCHEMA = "resim-sweep-1"
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
 RESULTS = (
     "verdict", "decision", "same_decision", "collision", "risk", "reaction_difference", "end_position_error",
 )  # fmt: skip
-"""Columns of every run that has a result (`resim.sweep.prepared`)."""
+"""Columns of every run that has a result (`resim.sweeps.prepared`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class SweepResult:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """What the results follow from (`resim.sweep.execution.inputs`)."""
+        """What the results follow from (`resim.sweeps.execution.inputs`)."""
         found: dict[str, Any] = self.manifest["inputs"]
         return found
 
