@@ -1,3 +1,95 @@
-"""resim: re-simulation of measured test drives with the automated-driving function at the wheel."""
+"""resim: re-simulation of measured test drives with the automated-driving function at the wheel.
+
+What this package exports is the public interface. It is loaded at its first use: `import resim` alone loads nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from resim.core.errors import ResimError as ResimError
+    from resim.core.tracks import Tracks as Tracks
+    from resim.jobs.assess import AssessmentResult as AssessmentResult
+    from resim.jobs.assess import assess as assess
+    from resim.jobs.check import CheckResult as CheckResult
+    from resim.jobs.check import check as check
+    from resim.jobs.check import repair as repair
+    from resim.jobs.convert import check_map as check_map
+    from resim.jobs.convert import convert as convert
+    from resim.jobs.resimulate import ResimulationResult as ResimulationResult
+    from resim.jobs.resimulate import resimulate as resimulate
+    from resim.jobs.sweep import SweepOptions as SweepOptions
+    from resim.jobs.sweep import SweepRuns as SweepRuns
+    from resim.jobs.sweep import sweep as sweep
+    from resim.jobs.train import train as train
+    from resim.jobs.verify import Verification as Verification
+    from resim.jobs.verify import compare as compare
+    from resim.jobs.verify import verify as verify
+    from resim.metrics.criteria import read_criteria as read_criteria
+    from resim.perception.model import PerceptionModel as PerceptionModel
+    from resim.perception.model import read_model as read_model
+    from resim.recordings.checked import load_checked as load_checked
+    from resim.recordings.recording import Recording as Recording
+    from resim.resimulation.assessed import AssessmentOptions as AssessmentOptions
+    from resim.resimulation.perceived import PerceptionSetup as PerceptionSetup
+    from resim.resimulation.result import Resimulation as Resimulation
+    from resim.resimulation.result import ResimulationOptions as ResimulationOptions
+    from resim.simulation.case import Case as Case
+    from resim.simulation.case import SimulatedDrive as SimulatedDrive
+    from resim.simulation.function.interface import Build as Build
+    from resim.simulation.function.interface import load_build as load_build
+    from resim.verification.request import VerifyOptions as VerifyOptions
+
+_WHERE = {
+    "ResimError": "core.errors",
+    "Tracks": "core.tracks",
+    "AssessmentResult": "jobs.assess",
+    "assess": "jobs.assess",
+    "CheckResult": "jobs.check",
+    "check": "jobs.check",
+    "repair": "jobs.check",
+    "check_map": "jobs.convert",
+    "convert": "jobs.convert",
+    "ResimulationResult": "jobs.resimulate",
+    "resimulate": "jobs.resimulate",
+    "SweepOptions": "jobs.sweep",
+    "SweepRuns": "jobs.sweep",
+    "sweep": "jobs.sweep",
+    "train": "jobs.train",
+    "Verification": "jobs.verify",
+    "compare": "jobs.verify",
+    "verify": "jobs.verify",
+    "read_criteria": "metrics.criteria",
+    "PerceptionModel": "perception.model",
+    "read_model": "perception.model",
+    "load_checked": "recordings.checked",
+    "Recording": "recordings.recording",
+    "AssessmentOptions": "resimulation.assessed",
+    "PerceptionSetup": "resimulation.perceived",
+    "Resimulation": "resimulation.result",
+    "ResimulationOptions": "resimulation.result",
+    "Case": "simulation.case",
+    "SimulatedDrive": "simulation.case",
+    "Build": "simulation.function.interface",
+    "load_build": "simulation.function.interface",
+    "VerifyOptions": "verification.request",
+}
+"""What is exported, and the module below `resim` that has it."""
+
+__all__ = list(_WHERE)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'resim' has no attribute {name!r}")
+    found = getattr(importlib.import_module(f"resim.{_WHERE[name]}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_WHERE])

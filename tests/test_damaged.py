@@ -18,7 +18,7 @@ from resim.core.errors import InputError, ResimError
 from resim.recordings import read_recording, read_tables
 from resim.recordings.checks import examine
 from resim.recordings.source import recording_of
-from resim.resimulation import Options, refuse_flaws, resimulate
+from resim.resimulation import ResimulationOptions, refuse_flaws, resimulate
 from resim.road.flaws import flaws
 from resim.road.opendrive import load
 from resim.road.sumo import sumo_net
@@ -174,7 +174,9 @@ def test_what_cannot_be_simulated_is_refused_and_the_recording_named(
     folder = written(tmp_path, rows)
     recording = recording_of(read_tables(folder), lenient=True)
     with pytest.raises(ResimError, match=says) as caught:
-        resimulate(recording, load_build(REPLAY), Options(bases=("GT",)), accept=["GAP", "POSITION_JUMP"])
+        resimulate(
+            recording, load_build(REPLAY), ResimulationOptions(bases=("GT",)), accept=["GAP", "POSITION_JUMP"]
+        )
     assert str(folder) in str(caught.value)
 
 

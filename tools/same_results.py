@@ -37,14 +37,8 @@ FIELDS = {
     "*/times.parquet:time*": "how long it took",
     "*/journal/*.jsonl:*": "in the order in which runs ended; the rows are compared in their tables",
     "*.json:*versions.*": "the program's code state, and one list of packages for all results",
-    "*/run.json:cases": "hashes of the cases are new",
-    "*:entry.cases": "hashes of the cases are new",
-    "*:recordings[[]*].cases": "hashes of the cases are new",
-    "*/manifest.json:columns*": "the hash of the case is a new column",
-    "*.parquet:<columns>": "the hash of the case is a new column; the others are compared",
-    "*/run.json:engine": "new",
-    "*/run.json:vehicle": "new",
-    "*:inputs.vehicle": "new",
+    "*/run.json:relaxation": "called lead_in",
+    "*/run.json:lead_in": "called relaxation before",
 }
 """What may be there in one only, or differ: "file:path.of.field", with * and ?, to the reason."""
 TEXTS: dict[str, str] = {}

@@ -22,7 +22,14 @@ from virtual_sensor import Sensor
 
 from resim.perception.model import read_model
 from resim.recordings import Recording, read_recording
-from resim.resimulation import Options, PerceptionSetup, Resimulation, end_error, fidelity, resimulate
+from resim.resimulation import (
+    PerceptionSetup,
+    Resimulation,
+    ResimulationOptions,
+    end_error,
+    fidelity,
+    resimulate,
+)
 from resim.resimulation.reaction import ego_tracks
 from resim.scenario import maneuvers
 from resim.scenario.scenario import describe
@@ -106,7 +113,9 @@ def recordings(count: int, folder: Path) -> Iterator[Recording]:
 
 def resimulated(recording: Recording, perceiving: PerceptionSetup) -> tuple[Closure, Resimulation]:
     """Re-simulate a drive without the model and with it."""
-    result = resimulate(recording, load_build(BUILD), Options(bases=("GT",)), perceiving=perceiving)
+    result = resimulate(
+        recording, load_build(BUILD), ResimulationOptions(bases=("GT",)), perceiving=perceiving
+    )
     report = result.report
     measured = report["decision"]["GT"]
     seeds = [

@@ -21,7 +21,7 @@ from lxml import etree
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.recordings import Recording, read_commonroad
-from resim.resimulation import Options, resimulate
+from resim.resimulation import ResimulationOptions, resimulate
 from resim.road.opendrive import load
 from resim.scenario.fit import fit_trace
 from resim.simulation.function.interface import load_build
@@ -70,7 +70,7 @@ def row(recording: Recording, build_name: str) -> str:
     """One line of the table."""
     begin = time.perf_counter()
     try:
-        result = resimulate(recording, load_build(BUILDS / f"{build_name}-1.0.toml"), Options())
+        result = resimulate(recording, load_build(BUILDS / f"{build_name}-1.0.toml"), ResimulationOptions())
     except ResimError as e:
         return f"| {recording.name} | {recording.ego} | {build_name} | refused: {e} |"
     report, took = result.report, time.perf_counter() - begin

@@ -18,8 +18,6 @@ from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.core.plugins.frozen import FrozenFile
-    from resim.metrics.criteria import Criteria
-    from resim.resimulation import ResimulationAssessment
 
 CriteriaFile = Annotated[
     Path | None,
@@ -136,30 +134,27 @@ class ChildReport:
 def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     """Do what is asked for in a child process, and write the results into the folder, if there is one."""
     from resim.cli.verdicts import captured, print_findings, print_notes, print_verdicts, print_worst
+    from resim.jobs.assess import assess
+    from resim.jobs.given import the_criteria
     from resim.metrics.risk import Parameters
     from resim.metrics.risk.prediction import named_prediction
-    from resim.report import write_assessment_page
-    from resim.resimulation import AssessmentOptions, assess_folder
-    from resim.results import explain_os_errors, write_assessment
+    from resim.resimulation import AssessmentOptions
 
     a, folder = task
-    with contextlib.chdir("."):
-        how = AssessmentOptions(
-            parameters=Parameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
-            prediction=named_prediction(a.prediction), road_aware=a.road_aware, criteria=wanted(a.criteria),
-        )  # fmt: skip
-    with contextlib.chdir("."):
-        found = assess_folder(a.drive, how, a.accept)
+    how = AssessmentOptions(
+        parameters=Parameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
+        prediction=named_prediction(a.prediction), road_aware=a.road_aware, criteria=the_criteria(a.criteria),
+    )  # fmt: skip
+    result = assess(a.drive, how, accept=a.accept)
+    found = result.assessment
     if folder is not None and a.out is not None:
-        with explain_os_errors(a.out):
-            write_assessment(found, folder, a.drive)
-            write_assessment_page(found, folder / "assessment.html")
+        result.write_files(folder, a.out)
     with captured(a.terminal) as screen:
         print_worst(found)
         print_findings(found)
         print_verdicts(found)
         print_notes(found)
-    return ChildReport(screen.getvalue(), bad(found))
+    return ChildReport(screen.getvalue(), result.problem)
 
 
 def frozen(path: Path | None) -> FrozenFile | None:
@@ -167,21 +162,3 @@ def frozen(path: Path | None) -> FrozenFile | None:
     from resim.metrics.criteria import freeze_criteria
 
     return None if path is None else freeze_criteria(path)
-
-
-def wanted(criteria: FrozenFile | None) -> Criteria | None:
-    """Read the criteria, if any."""
-    from resim.metrics.criteria import read_criteria
-
-    return None if criteria is None else read_criteria(criteria)
-
-
-def bad(found: ResimulationAssessment) -> str:
-    """Say why a verdict is bad: a run failed, or a criterion fails or cannot be judged; "" where none is."""
-    if found.failures:
-        return "; ".join(f"{name}: {why}" for name, why in found.failures.items())
-    failed = found.bad()
-    if not failed or found.criteria is None:
-        return ""
-    told = ", ".join(f"{name} {verdict}" for name, verdict in failed.items())
-    return f"{found.name}: does not pass the criteria {found.criteria.name!r}: {told}"

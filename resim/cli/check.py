@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from resim.core.finding import Finding
+    from resim.jobs.check import CheckResult
     from resim.recordings.repairs import AppliedRepair, Repaired
 
 MOST_LINES = 5
@@ -43,43 +44,33 @@ def check(
     Ends with 1 where errors are found; with --fix, where errors are left. The recording itself is never touched.
     """
     from resim.core.errors import InputError
-    from resim.recordings import read_tables
-    from resim.recordings.checks import examine
-    from resim.resimulation import repair_recording
-    from resim.road.opendrive import load
+    from resim.jobs import check as job
 
     for name, value in (("--max-gap", max_gap), ("--outliers", outliers)):
         if fix is None and value is not None:
             raise InputError(name, "says how to repair, and nothing is to be repaired", "Give --fix OUT too.")
-    tables = read_tables(recording)
     if fix is None:
-        findings = examine(tables, load(tables.map))
-        _print(findings)
+        found = job.check(recording)
+        _print(found.findings)
     else:
-        found, repaired = repair_recording(
-            recording, fix, max_gap=1.0 if max_gap is None else max_gap, outliers=outliers or "robust"
-        )
-        _print(found)
-        _print_repaired(repaired)
+        gap = job.MAX_GAP if max_gap is None else max_gap
+        found = job.repair(recording, fix, max_gap=gap, outliers=outliers or "robust")
+        _print(found.findings)
+        if found.repaired is not None:
+            _print_repaired(found.repaired)
         say(f"{fix}: written")
-        findings = repaired.left
-    errors = sum(f.severity == "error" for f in findings) + _print_map(tables.map)
-    if errors:
+    _print_map(found)
+    if found.errors:
         where = recording if fix is None else fix
-        raise BadVerdictError(f"{where}: {errors} error(s)" + ("" if fix is None else " left"))
+        raise BadVerdictError(f"{where}: {found.errors} error(s)" + ("" if fix is None else " left"))
 
 
-def _print_map(path: Path) -> int:
-    """Tell the errors of the recording's map, which stop a run as well; give how many there are."""
-    from resim.road.flaws import flaws
-    from resim.road.opendrive import load
-
-    errors = [f for f in flaws(load(path)) if f.severity == "error"]
-    for flaw in errors[:MOST_LINES]:
-        say(f"error    {flaw.code}  map {path.name}: {flaw.text}")
-    if len(errors) > MOST_LINES:
-        say(f"... and {len(errors) - MOST_LINES} more errors in the map: see `resim map check`")
-    return len(errors)
+def _print_map(found: CheckResult) -> None:
+    """Print the errors of the recording's map, which stop a run as well."""
+    for flaw in found.flaws[:MOST_LINES]:
+        say(f"error    {flaw.code}  map {found.map.name}: {flaw.text}")
+    if len(found.flaws) > MOST_LINES:
+        say(f"... and {len(found.flaws) - MOST_LINES} more errors in the map: see `resim map check`")
 
 
 def _print(findings: Sequence[Finding]) -> None:

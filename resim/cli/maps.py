@@ -13,7 +13,7 @@ from resim.cli.terminal import say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from resim.resimulation import MapCheck
+    from resim.road.checked import MapCheck
     from resim.road.flaws import Flaw
     from resim.road.sumo import Conversion
 
@@ -29,7 +29,7 @@ MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="OpenDRIVE 1.4 to 1
 @maps.command("check")
 def check(path: MapFile) -> None:
     """Look a map over, convert it, and say where it is wrong or its SUMO net not exact."""
-    from resim.resimulation import check_map
+    from resim.jobs.convert import check_map
 
     found = check_map(path)
     _print_map(found)
@@ -46,17 +46,9 @@ def convert(
     accept: Accept = None,
 ) -> None:
     """Write the SUMO net of a map, and how exact each of its lanes is, as numbers and as a picture."""
-    from resim.report import write_map_page
-    from resim.resimulation import check_codes, check_map, refuse_flaws
-    from resim.results import CONVERSION, check_output, whole_folder, write_conversion
+    from resim.jobs import convert as job
 
-    check_codes(accept or [])
-    check_output(out, CONVERSION)
-    found = check_map(path)
-    refuse_flaws(found.network, found.flaws, accept or [])
-    with whole_folder(out, CONVERSION) as folder:
-        write_conversion(found, folder)
-        write_map_page(found.network, folder / "map.html", conversion=found.net.conversion, flaws=found.flaws)
+    found = job.convert(path, out, accept=accept or [])
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
@@ -71,22 +63,11 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a map: lanes with types and ids, junctions, and the errors of its SUMO net as colour."""
-    from resim.core.errors import ConversionError, InputError
-    from resim.report import write_map_page
-    from resim.results import whole_file
-    from resim.road.flaws import flaws
-    from resim.road.opendrive import load
-    from resim.road.sumo import sumo_net
+    from resim.jobs.convert import draw_map
 
-    network = load(path)
-    try:
-        conversion = sumo_net(network).conversion
-    except (ConversionError, InputError) as error:
-        say(f"note: drawn without the errors of its net: {error}", err=True)
-        conversion = None
     target = out or Path(f"{path.stem}.html")
-    with whole_file(target) as beside:
-        write_map_page(network, beside, conversion=conversion, flaws=flaws(network))
+    if why := draw_map(path, target):
+        say(f"note: drawn without the errors of its net: {why}", err=True)
     say(str(target))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +9,6 @@ import typer
 
 from resim.cli.app import Accept, app
 from resim.cli.terminal import say
-from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.perception.model import PerceptionModel, Training
@@ -32,27 +30,9 @@ def train(
     accept: Accept = None,
 ) -> None:
     """Learn a perception model: latencies, biases, noise, detection, each with its confidence interval."""
-    from resim.perception.model import write_model
-    from resim.perception.training.train import train
-    from resim.perception.validation import cross_validate
-    from resim.report import write_perception_page
-    from resim.resimulation import load_checked
-    from resim.results import whole_file
+    from resim.jobs import train as job
 
-    if report is not None and len(recordings) < 2:
-        raise InputError(
-            "--report", "one drive cannot judge what was trained on it", "Give two drives or more."
-        )
-    if out.suffix != ".json":
-        raise InputError(out, "is no .json file", "Name a file that ends in .json with --out.")
-    measured = [load_checked(folder, accept=accept or []) for folder in recordings]
-    with contextlib.ExitStack() as files:
-        file = files.enter_context(whole_file(out, (".json",)))
-        page = None if report is None else files.enter_context(whole_file(report))
-        model = train(measured, name=out.stem)
-        if page is not None:
-            write_perception_page(model, cross_validate(measured), page)
-        write_model(model, file)
+    model = job.train(recordings, out, report=report, accept=accept or [])
     print_model(model)
     say("")
     say(f"model: {out}")

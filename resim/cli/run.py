@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, Vehicle, app
-from resim.cli.assess import ChildReport, CriteriaFile, bad, frozen, wanted
+from resim.cli.assess import ChildReport, CriteriaFile, frozen
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from resim.core.plugins.frozen import FrozenFile
-    from resim.recordings import Recording
-    from resim.resimulation import Options, PerceptionSetup, Resimulation, ResimulationAssessment
-    from resim.simulation.function.interface import Build
+    from resim.resimulation import PerceptionSetup, Resimulation, ResimulationAssessment, ResimulationOptions
 
 
 class BasisChoice(StrEnum):
@@ -45,9 +43,7 @@ def run(
     ] = BasisChoice.both,
     vehicle: Vehicle = "kinematic",
     step: Annotated[float, typer.Option(min=0.001, help="Simulation step [s], whole milliseconds.")] = 0.04,
-    relaxation: Annotated[
-        float, typer.Option(min=0.0, help="Lead-in before the scenario's start [s].")
-    ] = 3.0,
+    lead_in: Annotated[float, typer.Option(min=0.0, help="Lead-in before the scenario's start [s].")] = 3.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of every random draw.")] = 0,
     stop_at_collision: Annotated[
         bool, typer.Option(help="Whether a collision of the EGO ends the run.")
@@ -81,7 +77,7 @@ def run(
 
     check_output(out)
     asked = _RunOptions(
-        recording, freeze_build(build), basis, vehicle, step, relaxation, seed, stop_at_collision, frozen(criteria),
+        recording, freeze_build(build), basis, vehicle, step, lead_in, seed, stop_at_collision, frozen(criteria),
         None if perception is None else freeze_model(perception),
         tuple(settings or ()), seeds, tuple(accept or ()), gui, out, sys.stdout.isatty(),
     )  # fmt: skip
@@ -115,7 +111,7 @@ class _RunOptions:
     basis: BasisChoice
     vehicle: str
     step: float
-    relaxation: float
+    lead_in: float
     seed: int
     stop_at_collision: bool
     criteria: FrozenFile | None
@@ -131,35 +127,36 @@ class _RunOptions:
 def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
     """Do what is asked for in a child process, and write the results into the folder."""
     from resim.cli.verdicts import captured
-    from resim.report import write_report
-    from resim.resimulation import AssessmentOptions, Basis, Options, assess_resimulation, load_checked
-    from resim.results import explain_os_errors, write_assessment, write_resimulation
-    from resim.simulation.function.interface import load_build
+    from resim.jobs.given import the_build, the_criteria, the_recording
+    from resim.jobs.resimulate import resimulate, stages
 
     a, folder = task
-    with contextlib.chdir("."):
-        pinned, how = load_build(a.build), AssessmentOptions(criteria=wanted(a.criteria))
-    measured = load_checked(a.recording, accept=a.accept)
+    options = _options(a)
+    build, criteria = the_build(a.build), the_criteria(a.criteria)
+    measured = the_recording(a.recording, a.accept)
     if a.basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
             f"{a.recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
         )
+    seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
+    with _progress(stages(measured, options, perceiving=seen is not None)) as tell:
+        result = resimulate(
+            measured, build, options, criteria=criteria, perception=seen, accept=a.accept, progress=tell
+        )
+    result.write_files(folder, a.out)
+    with captured(a.terminal) as screen:
+        _print(result.resimulation, result.assessment)
+    return ChildReport(screen.getvalue(), result.problem)
+
+
+def _options(a: _RunOptions) -> ResimulationOptions:
+    from resim.resimulation import Basis, ResimulationOptions
+
     bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
-    options = Options(
-        bases=bases[a.basis.value], vehicle=a.vehicle, step=a.step, relaxation=a.relaxation, seed=a.seed,
+    return ResimulationOptions(
+        bases=bases[a.basis.value], vehicle=a.vehicle, step=a.step, lead_in=a.lead_in, seed=a.seed,
         stop_at_collision=a.stop_at_collision, gui=a.gui,
     )  # fmt: skip
-    seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), bases[a.basis.value])
-    result = _with_progress(measured, pinned, options, a.accept, seen)
-    with contextlib.chdir("."):
-        assessed = assess_resimulation(result, how, model=True)
-    with explain_os_errors(a.out):
-        write_resimulation(result, folder)
-        write_assessment(assessed, folder, folder)
-        write_report(result, assessed, folder / "report.html")
-    with captured(a.terminal) as screen:
-        _print(result, assessed)
-    return ChildReport(screen.getvalue(), result.failure or bad(assessed) * (assessed.criteria is not None))
 
 
 def _print(result: Resimulation, assessed: ResimulationAssessment) -> None:
@@ -187,17 +184,12 @@ def _perceiving(
     return PerceptionSetup(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
 
 
-def _with_progress(
-    recording: Recording, build: Build, options: Options, accept: Sequence[str], perceiving: PerceptionSetup | None,
-) -> Resimulation:  # fmt: skip
+@contextlib.contextmanager
+def _progress(stages: Sequence[str]) -> Iterator[Callable[[str], None]]:
+    """A bar on a terminal that counts stages."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from resim.resimulation import STAGES, resimulate
-
-    bases = [b for b in options.bases if b == "GT" or recording.sd is not None]
-    stages = [s for s in STAGES if not s.endswith(("GT", "SD")) or s == "fit GT" or s[-2:] in bases]
-    stages = [s for s in stages if s != "run GT+M" or perceiving is not None]
     console = Console(stderr=True)
     bar = Progress(
         TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
@@ -209,7 +201,7 @@ def _with_progress(
         def tell(stage: str) -> None:
             bar.update(task, description=stage, completed=stages.index(stage))
 
-        return resimulate(recording, build, options, perceiving=perceiving, accept=accept, progress=tell)
+        yield tell
 
 
 def _print_table(result: Resimulation) -> None:

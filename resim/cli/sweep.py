@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,10 +15,7 @@ from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from resim.sweeps.execution import Tell
-    from resim.sweeps.file import Sweep
+    from resim.jobs.sweep import SweepListener, SweepOptions
 
 
 @sweep_app.command("run")
@@ -48,68 +43,29 @@ def sweep(
     What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 1 where
     every run failed.
     """
-    from resim.execution import journal
-    from resim.execution.cluster import cluster
-    from resim.execution.workers import in_child
-    from resim.sweeps.execution import begin, compact, execute
-    from resim.sweeps.file import read_sweep
+    from resim.jobs.sweep import SweepOptions
+    from resim.jobs.sweep import sweep as run_sweep
 
-    part = _shard(shard)
-    wanted = read_sweep(file, vehicle)
-    told, runs = in_child(_checked, (wanted, out, part, dry_run))
-    count = workers or os.cpu_count() or 1
-    if runs is not None:
-        _estimate(wanted, runs, count)
+    options = SweepOptions(vehicle, resume, _shard(shard), workers, scheduler)
+    if dry_run:
+        _estimate(file, out, options)
         return
-    if part[1] > 1 and wanted.file.plan == "adaptive":
-        problem = "an adaptive plan has no shards: what to run next follows from all results"
-        raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
-    begin(out, told, resume=resume or part[1] > 1)
-    numbers = {entry["run"] for entry in journal.read(out / "journal")}
-    done = sum(number % part[1] == part[0] - 1 for number in numbers)
-    with ExitStack() as stack:
-        expect, tell = stack.enter_context(_progress(part[1], done))
-        pool = None
-        if scheduler is not None:
-            there = stack.enter_context(cluster(scheduler))
-            say(f"dashboard: {there.dashboard}", err=True)
-            pool, count = there.pool, there.threads
-        execute(
-            wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell, found=_say_findings
-        )
-    missing, failed = compact(wanted, out)
-    if missing:
-        say(f"{out}: this shard is done; {missing} runs of others are missing")
+    with _progress() as listener:
+        done = run_sweep(file, out, options, listener=listener)
+    if done.missing:
+        say(f"{out}: this shard is done; {done.missing} runs of others are missing")
         return
-    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-    say(f"{out / 'runs'}: {manifest['runs']} runs, {failed} failed")
-    for found in manifest.get("boundaries", ()):
-        _tell_boundary(found, len(wanted.file.build) > 1)
+    say(f"{out / 'runs'}: {done.runs} runs, {done.failed} failed")
+    for found in done.manifest.get("boundaries", ()):
+        _tell_boundary(found, len(done.manifest["inputs"]["sweep"]["build"]) > 1)
     register(out)
-    if failed == manifest["runs"]:
-        raise BadVerdictError(f"{out}: every run failed, such as run 0: {_first_failure(out)}")
-
-
-def _first_failure(out: Path) -> str:
-    from resim.execution import journal
-
-    return next(str(e["row"]["failure"]) for e in journal.read(out / "journal") if e["run"] == 0)
+    if done.failed == done.runs:
+        raise BadVerdictError(f"{out}: every run failed, such as run 0: {done.first_failure()}")
 
 
 def _say_findings(recording: str, findings: tuple[str, ...]) -> None:
     for line in findings:
         say(f"{recording}: finding: {line}")
-
-
-def _checked(
-    task: tuple[Sweep, Path, tuple[int, int], bool],
-) -> tuple[dict[str, Any], pd.DataFrame | None]:
-    """Check in a child process that the builds take what is swept; give the inputs, and the runs if they are wanted."""
-    from resim.sweeps.execution import inputs, table
-
-    sweep, out, part, wanted = task
-    runs = table(sweep, part)
-    return inputs(sweep, out), runs if wanted else None
 
 
 def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
@@ -126,22 +82,23 @@ def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
     say(f"{of}: {told} ({found['points']} points)")
 
 
-def _estimate(wanted: Sweep, runs: pd.DataFrame, workers: int) -> None:
+def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
     """Do a few runs, and say how long all of them take."""
-    from resim.sweeps.execution import sample
+    from resim.jobs.sweep import estimate
 
-    if runs.empty:  # as of a shard more than there are runs
+    found = estimate(file, out, options)
+    if found.runs == 0:
         say("0 runs")
         return
-    each, size, failures = sample(wanted, runs, workers)
-    if failures:
-        say(f"a run fails: {failures[0]}")
-    if each is None:
+    if found.failures:
+        say(f"a run fails: {found.failures[0]}")
+    if found.each is None:
         return
-    seconds = each * len(runs) / workers
+    seconds = found.each * found.runs / options.processes
     told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"
-    count = f"{'at least ' * (wanted.file.plan == 'adaptive')}{len(runs)} runs of {each:.2f} s each"
-    say(f"{count}, about {told} with {workers} processes, {size * len(runs) / 1e6:.1f} MB")
+    count = f"{'at least ' * found.adaptive}{found.runs} runs of {found.each:.2f} s each"
+    size = found.size * found.runs / 1e6
+    say(f"{count}, about {told} with {options.processes} processes, {size:.1f} MB")
 
 
 def _shard(text: str) -> tuple[int, int]:
@@ -151,11 +108,17 @@ def _shard(text: str) -> tuple[int, int]:
     return int(first), int(count)
 
 
+def _say_dashboard(address: str) -> None:
+    say(f"dashboard: {address}", err=True)
+
+
 @contextmanager
-def _progress(shards: int, done: int) -> Iterator[tuple[Callable[[int], None], Tell]]:
+def _progress() -> Iterator[SweepListener]:
     """A bar on a terminal: runs, rate, failures, time left."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from resim.jobs.sweep import SweepListener
 
     console = Console(stderr=True)
     bar = Progress(
@@ -164,16 +127,19 @@ def _progress(shards: int, done: int) -> Iterator[tuple[Callable[[int], None], T
     )  # fmt: skip
     failures = 0
     with bar:
-        task = bar.add_task("0 failed", total=None, completed=done, rate="")
+        task = bar.add_task("0 failed", total=None, rate="")
 
-        def expect(total: int) -> None:
-            bar.update(task, total=-(-total // shards))
+        def begun(runs: int) -> None:
+            bar.update(task, completed=runs)
 
-        def tell(failed: bool) -> None:
+        def expected(runs: int) -> None:
+            bar.update(task, total=runs)
+
+        def done(failed: bool) -> None:
             nonlocal failures
             failures += failed
             speed = bar.tasks[0].speed
             rate = "" if speed is None else f"{speed:.1f}/s"
             bar.update(task, description=f"{failures} failed", advance=1, rate=rate)
 
-        yield expect, tell
+        yield SweepListener(begun, expected, done, _say_findings, _say_dashboard)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from resim.cli.app import BadVerdictError, sweep_app
 from resim.cli.runs import register
 from resim.cli.terminal import say
-
-if TYPE_CHECKING:
-    from resim.sweeps.runs import RunTask
 
 
 @sweep_app.command("report")
@@ -27,20 +24,11 @@ def report(
 
     Writes a page and, with all numbers, a JSON file of the same name.
     """
-    from resim.core.errors import InputError
-    from resim.core.files import relative
-    from resim.execution.workers import in_child
-    from resim.results import whole_file, write_json
-    from resim.sweeps.page import boundary_lines, overview_line, requirement_lines, write_sweep_page
+    from resim.jobs.sweep import report_sweep
+    from resim.sweeps.page import boundary_lines, overview_line, requirement_lines
 
     page = folder / "report.html" if out is None else out
-    if page.suffix.lower() not in (".html", ".htm"):
-        raise InputError("--out", f"{str(page)!r} is no page", "Name an .html file.")
-    found = in_child(_analysed, (folder, relative(folder, Path.cwd())))
-    with whole_file(page) as path:
-        write_sweep_page(found, path)
-    with whole_file(page.with_suffix(".json"), (".json",)) as path:
-        write_json(found, path)
+    found = report_sweep(folder, page)
     for section in found["sections"]:
         say(f"{section['recording']}, {section['build']}: {overview_line(section)}")
         told = (
@@ -54,22 +42,6 @@ def report(
                 say(f"    {line}")
     say("")
     say(f"report: {page}")
-
-
-def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
-    """Analyse a sweep in a child process, as its criteria bring code: its folder, and that from where commands run."""
-    from resim.sweeps.analysis import analyse
-    from resim.sweeps.result import read_swept
-
-    return analyse(read_swept(results[0]), results[1])
-
-
-def _task(run: tuple[Path, int, str | None]) -> RunTask:
-    """Look in a child process whether all is there to do a run again."""
-    from resim.sweeps.repeat import task_of
-    from resim.sweeps.result import read_swept
-
-    return task_of(read_swept(run[0]), run[1], run[2])
 
 
 @sweep_app.command("repeat")
@@ -87,21 +59,15 @@ def repeat_run(
 
     Ends with 1 where the run is not the same as in the sweep.
     """
-    from resim.execution.workers import in_child
-    from resim.results import check_output
-    from resim.sweeps.repeat import other_versions, repeat, write_traces
-    from resim.sweeps.result import read_swept
+    from resim.jobs.sweep import repeat
 
-    check_output(out)
-    swept = read_swept(folder)
-    task = in_child(_task, (folder, run, vehicle))
-    differ = repeat(swept, task)
-    lost = write_traces(task, out)
-    say(f"no traces: {lost}" if lost else f"report: {out / 'report.html'}")
-    if not lost:
+    found = repeat(folder, run, out, vehicle=vehicle)
+    say(f"no traces: {found.untraced}" if found.untraced else f"report: {out / 'report.html'}")
+    if not found.untraced:
         register(out)
-    if differ:
-        told = "; ".join(f"{name} {was!r} in the sweep, now {now!r}" for name, (was, now) in differ.items())
-        changed = "".join(f"; {name}" for name in other_versions(swept))
+    if found.differ:
+        differ = found.differ.items()
+        told = "; ".join(f"{name} {was!r} in the sweep, now {now!r}" for name, (was, now) in differ)
+        changed = "".join(f"; {version}" for version in found.versions)
         raise BadVerdictError(f"run {run} is not the same: {told}{changed}")
     say(f"run {run}: the same as in the sweep")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,8 +15,7 @@ from resim.cli.terminal import say, visible
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
-    from resim.verification.execution import Told
-    from resim.verification.request import VerificationRequest, VerifyOptions
+    from resim.jobs.verify import Verification, VerificationListener
 
 
 @app.command()
@@ -82,75 +80,32 @@ def verify(
     with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken or a
     function crashed.
     """
-    from resim.execution.workers import in_child
-    from resim.results import VERIFICATION, check_output
+    from resim.cli.verification import print_verification
+    from resim.jobs.verify import compare
+    from resim.jobs.verify import verify as verify_build
     from resim.verification.request import VerifyOptions
 
-    count = workers or os.cpu_count() or 1
     if replay is not None:
         if any(given for given in (suite, build, out, against, perception, settings, seeds, vary, driven_by)):
             raise InputError("--replay", "says itself what to repeat", "Give nothing else but --workers.")
-        _replay(replay, count)
+        _replay(replay, workers)
         return
     if suite is None or build is None or out is None:
         lost = "SUITE" if suite is None else "--build" if build is None else "--out"
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
-    check_output(out, VERIFICATION)
-    call = VerifyOptions(
-        build,
-        against,
-        perception,
-        tuple(settings or ()),
-        seeds,
-        tuple(vary or ()),
-        tuple(driven_by or ()),
-        vehicle,
+    options = VerifyOptions(
+        perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()), vehicle
     )
-    _verify(in_child(_asked, (suite, call, out)), out, count)
-
-
-def _asked(task: tuple[Path, VerifyOptions, Path]) -> VerificationRequest:
-    """Read what is asked for in a child process, as builds and criteria bring code."""
-    from resim.verification.request import make_request, refuse_others
-    from resim.verification.suite import read_suite
-
-    suite, call, out = task
-    wanted = make_request(read_suite(suite), call, out)
-    refuse_others(wanted, out)
-    return wanted
-
-
-def _asked_again(task: tuple[dict[str, Any], Path]) -> VerificationRequest:
-    """Read what was asked for before in a child process."""
-    from resim.verification.request import asked_again
-
-    return asked_again(*task)
-
-
-def _verify(wanted: VerificationRequest, out: Path, workers: int) -> None:
-    from resim.cli.verification import print_verification
-    from resim.results import locked
-    from resim.verification.execution import outcome_code, verify
-    from resim.verification.folder import begin, write
-
-    with locked(out, "resim verify"):
-        begin(out, wanted)
-        with _progress(len(wanted.recordings)) as tell:
-            found, traces = verify(
-                wanted,
-                out,
-                out,
-                workers=workers,
-                tell=tell,
-                damaged=_tell_damaged,
-                unreported=_tell_unreported,
-            )
-        write(out, found, traces)
-    print_verification(found)
+    with _progress() as listener:
+        if against is None:
+            found = verify_build(suite, build, out, options, workers=workers, listener=listener)
+        else:
+            found = compare(suite, build, against, out, options, workers=workers, listener=listener)
+    print_verification(found.document)
     say("")
     say(f"verification: {out / 'verification.html'}")
     register(out)
-    _end(found, outcome_code(found))
+    _end(found)
 
 
 def _tell_damaged(path: Path) -> None:
@@ -161,34 +116,25 @@ def _tell_unreported(name: str, reason: str) -> None:
     say(f"{name}: there is no report of its re-simulation: {reason}", err=True)
 
 
-def _replay(path: Path, workers: int) -> None:
-    from resim.execution.workers import in_child
-    from resim.results import json_text
-    from resim.verification.execution import outcome_code, verify
-    from resim.verification.folder import read
+def _replay(path: Path, workers: int | None) -> None:
+    from resim.jobs.verify import replay
 
-    before = read(path)
-    wanted = in_child(_asked_again, (before["inputs"], path))
-    with _progress(len(wanted.recordings)) as tell:
-        found, _ = verify(wanted, path.parent, None, workers=workers, tell=tell)
-    if json_text(found) == path.read_text(encoding="utf-8"):
-        say(f"{path}: the same bytes again, {len(found['recordings'])} recordings")
-        _end(found, outcome_code(found))
+    with _progress() as listener:
+        again = replay(path, workers=workers, listener=listener)
+    if again.same:
+        say(f"{path}: the same bytes again, {len(again.verification.document['recordings'])} recordings")
+        _end(again.verification)
         return
-    if found["versions"] != before["versions"]:
-        other = [f"{n} {v}, now {found['versions'].get(n)}" for n, v in before["versions"].items()
-                 if found["versions"].get(n) != v]  # fmt: skip
-        say(f"made with other versions: {'; '.join(other)}")
-    was = {r["name"]: r for r in before["recordings"]}
-    differ = [r["name"] for r in found["recordings"] if json_text(r) != json_text(was.get(r["name"]))]
+    if again.versions:
+        say(f"made with other versions: {'; '.join(again.versions)}")
     raise BadVerdictError(
-        f"{path}: not the same bytes; recordings that differ: {', '.join(differ) or 'none'}"
+        f"{path}: not the same bytes; recordings that differ: {', '.join(again.differ) or 'none'}"
     )
 
 
-def _end(found: dict[str, Any], code: int) -> None:
+def _end(verification: Verification) -> None:
     """Leave with the verification's exit code."""
-    told = found["summary"]
+    found, told, code = verification.document, verification.summary, verification.code
     if code == 2:
         broken = [r for r in found["recordings"] if r["verdict"] == "error"]
         more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
@@ -206,10 +152,12 @@ def _end(found: dict[str, Any], code: int) -> None:
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Told]:
+def _progress() -> Iterator[VerificationListener]:
     """A bar on a terminal that counts recordings."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from resim.jobs.verify import VerificationListener
 
     console = Console(stderr=True)
     bar = Progress(
@@ -217,9 +165,12 @@ def _progress(total: int) -> Iterator[Told]:
         console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     with bar:
-        task = bar.add_task("start", total=total)
+        task = bar.add_task("start", total=None)
 
-        def tell(name: str, verdict: str, kept: bool) -> None:
+        def begun(recordings: int) -> None:
+            bar.update(task, total=recordings)
+
+        def done(name: str, verdict: str, kept: bool) -> None:
             bar.update(task, description=visible(name)[:24], advance=1)
 
-        yield tell
+        yield VerificationListener(begun, done, _tell_damaged, _tell_unreported)

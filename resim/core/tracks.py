@@ -35,9 +35,19 @@ def whole_id(name: str, known: Iterable[str]) -> str:
 class Tracks:
     """Motion of N objects at T times. Samples that do not exist are NaN and not `valid`.
 
-    t: (T,) s, strictly increasing. ids, kind: (N,). x, y: (N, T) m, box centre, map frame.
-    heading: (N, T) rad, anticlockwise from +x. v: (N, T) m/s along the heading.
-    length, width: (N,) m. valid: (N, T). yaw_rate [rad/s] and a [m/s²]: (N, T), where they were measured.
+    Attributes:
+        t: (T,) s, strictly increasing.
+        ids: (N,) names, each once.
+        kind: (N,) of KINDS.
+        x: (N, T) m, box centre, map frame.
+        y: (N, T) m, box centre, map frame.
+        heading: (N, T) rad, anticlockwise from +x.
+        v: (N, T) m/s along the heading.
+        length: (N,) m.
+        width: (N,) m.
+        valid: (N, T) whether the sample is there.
+        yaw_rate: (N, T) rad/s, None where it was not measured.
+        a: (N, T) m/s², None where it was not measured.
     """
 
     t: Floats

@@ -169,7 +169,17 @@ def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
 
 
 def read_criteria(criteria: Path | FrozenFile) -> Criteria:
-    """Read a TOML file of criteria, from a frozen copy. Raises InputError naming every fault."""
+    """Read a TOML file of criteria, from a frozen copy.
+
+    Args:
+        criteria: The file, or its frozen copy.
+
+    Returns:
+        The criteria, with the user's own measures.
+
+    Raises:
+        InputError: Names every fault.
+    """
     frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(criteria)
     path, copy = frozen.path, thaw(frozen, freeze_criteria)
     file = _parsed(copy.raw, path)

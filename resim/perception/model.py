@@ -363,10 +363,20 @@ def freeze_model(path: Path) -> FrozenFile:
 
 
 def read_model(model: Path | FrozenFile, overrides: tuple[str, ...] = ()) -> PerceptionModel:
-    """Read a model. overrides: "latency.speed=0.4" and the like, indices of tables dotted too.
+    """Read a perception model.
 
     What is set of latency, averaging or errors is set of every maneuver. With a latency that was set, averaging is at
-    most twice that, if it was not set as well. Raises InputError naming every fault.
+    most twice that, if it was not set as well.
+
+    Args:
+        model: The file (JSON), or its frozen copy.
+        overrides: Parameters to set, such as "latency.speed=0.4"; indices of tables dotted too.
+
+    Returns:
+        The model.
+
+    Raises:
+        InputError: Names every fault.
     """
     if isinstance(model, FrozenFile):
         path, raw = model.path, thaw(model).raw

@@ -23,7 +23,15 @@ MOST_LINES = 3
 def load_checked(folder: Path, *, accept: Collection[str] = ()) -> Recording:
     """Read a recording folder, examine it, and give it with what was found.
 
-    accept: codes of errors in spite of which it is taken. Raises InputError for any other error.
+    Args:
+        folder: The recording's folder.
+        accept: Codes of errors to continue despite.
+
+    Returns:
+        The recording, with its findings.
+
+    Raises:
+        InputError: It cannot be read, or has other errors.
     """
     check_codes(accept)
     tables = read_tables(folder)

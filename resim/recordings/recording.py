@@ -24,16 +24,30 @@ FINEST = 1e-4
 class Recording:
     """One measured drive.
 
-    map: resolved OpenDRIVE file. ego: its id in `gt`. gt, sd: ground truth and sensor tracks (map frame,
-    each with its own times). sd_gt_id: (N_sd,) GT id of each SD object, "" where it has none.
-    existence_probability: (N_sd, T_sd), NaN where not given. gt_rate, sd_rate: samples a second [Hz].
-    build: AD-function build that drove, build_hash what pins it. plan: the EGO's recorded plans, one row per
-    time `t` it was made and planned time `t_plan` [s], both on the recording's clock, with x, y [m] and v [m/s].
-    environment: JSCEN terms. provenance: free text. repair_marks: for "gt" and "sd", where anything was repaired, (N,
-    T) "" or the codes of the findings that were, spaces between. findings: what is known to be wrong with it, worst
-    first. incomplete: for "gt" and "sd" the rows that lack a value and are in no track, sizes: the largest length and
-    width [m] that rows give an object, or gave it before a repair, repairs: the rows that were repaired, and whether
-    the sample was filled (column `filled`: nobody saw it so), all by the names of `sd_by_gt`.
+    Attributes:
+        name: Of its folder.
+        map: OpenDRIVE file, resolved.
+        ego: The EGO's id in `gt`.
+        gt: Ground-truth tracks (map frame).
+        gt_rate: Samples a second [Hz].
+        sd: Sensor tracks (map frame), with times of their own.
+        sd_rate: Samples a second [Hz].
+        sd_gt_id: (N_sd,) GT id of each SD object, "" where it has none.
+        existence_probability: (N_sd, T_sd), NaN where not given.
+        build: Label of the build that drove.
+        build_hash: What pins it.
+        plan: The EGO's recorded plans, one row per time `t` a plan was made and planned time `t_plan` [s], both on the
+            recording's clock, with x, y [m] and v [m/s].
+        environment: In JSCEN's terms.
+        provenance: Free text by topic.
+        folder: Where it was read.
+        repair_marks: For "gt" and "sd", where anything was repaired: (N, T) "" or the codes of the findings, spaces
+            between.
+        findings: What is known to be wrong with it, worst first.
+        incomplete: For "gt" and "sd" the rows that lack a value and are in no track, by the names of `sd_by_gt`.
+        sizes: For "gt" and "sd" the largest length and width [m] that rows give an object, or gave it before a repair.
+        repairs: For "gt" and "sd" the rows that were repaired, and whether the sample was filled (column `filled`:
+            nobody saw it so).
     """
 
     name: str

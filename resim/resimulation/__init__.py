@@ -12,9 +12,9 @@ from resim.resimulation.assessments import assess_folder, assess_recording, asse
 from resim.resimulation.perceived import PerceptionSetup, end_error
 from resim.resimulation.result import (
     Basis,
-    Options,
     PreparedRecording,
     Resimulation,
+    ResimulationOptions,
     of_seed,
     pipeline_step,
 )
@@ -27,11 +27,11 @@ __all__ = [
     "AssessmentOptions",
     "Basis",
     "MapCheck",
-    "Options",
     "PerceptionSetup",
     "PreparedRecording",
     "Resimulation",
     "ResimulationAssessment",
+    "ResimulationOptions",
     "assess_folder",
     "assess_recording",
     "assess_resimulation",

@@ -22,10 +22,16 @@ RATE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class AssessmentOptions:
-    """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
+    """How to assess.
 
-    prediction: how objects may go on (None: as published); road_aware: along their lanes. only: objectifications to
-    compute besides those that criteria ask for, None for all. rate: scenes a second [Hz].
+    Attributes:
+        parameters: Of the accident risk.
+        path: Where the EGO's path comes from: its plan (where there is none its state), its state, or where it drove.
+        prediction: How objects may go on; None: as published.
+        road_aware: Whether objects are predicted along their lanes.
+        criteria: What to judge by, if anything.
+        only: Measures to compute besides those that criteria ask for, None for all.
+        rate: Scenes a second [Hz].
     """
 
     parameters: Parameters = DEFAULTS

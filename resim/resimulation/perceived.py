@@ -15,7 +15,14 @@ from resim.simulation.case import SimulatedDrive
 
 @dataclass(frozen=True, eq=False)
 class PerceptionSetup:
-    """A perception model, the seeds to run it with, and the parameters that were set by hand ("latency.speed=0.4")."""
+    """A perception model, and the runs with it.
+
+    Attributes:
+        model: The model.
+        seeds: A run each.
+        overrides: Parameters that were set by hand, such as "latency.speed=0.4".
+        hash: SHA-256 of the model's file; "" for a model that is of none.
+    """
 
     model: PerceptionModel
     seeds: tuple[int, ...]

@@ -108,7 +108,7 @@ def provenance(result: Resimulation) -> dict[str, Any]:
         "vehicle": options.vehicle,
         "seed": options.seed,
         "step": options.step,
-        "relaxation": options.relaxation,
+        "lead_in": options.lead_in,
         "stop_at_collision": options.stop_at_collision,
         "perception": _perception_provenance(result),
         "control_error": {name: drive.control_error for name, drive in result.simulated().items()},

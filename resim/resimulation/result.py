@@ -29,16 +29,27 @@ Basis = Literal["GT", "SD"]
 
 
 @dataclass(frozen=True)
-class Options:
+class ResimulationOptions:
     """How to re-simulate: basis of the scenarios, vehicle model, step and lead-in [s], seed, and when to end.
 
-    vehicle: a name in `simulation.dynamics.VEHICLES`. Raises ResimError for what nothing is simulated with.
+    Attributes:
+        bases: Which measurements are re-simulated: GT, SD.
+        vehicle: Name of the EGO's vehicle model.
+        step: Simulation step [s].
+        lead_in: Time [s] before the scenario's start.
+        seed: Of every random draw.
+        stop_at_collision: Whether a collision of the EGO ends a run.
+        gui: Whether the simulation is shown in sumo-gui.
+        engine: The simulator.
+
+    Raises:
+        ResimError: Nothing is simulated with such values.
     """
 
     bases: tuple[Basis, ...] = ("GT", "SD")
     vehicle: str = Kinematic.name
     step: float = STEP
-    relaxation: float = LEAD_IN
+    lead_in: float = LEAD_IN
     seed: int = 0
     stop_at_collision: bool = True
     gui: bool = False
@@ -48,8 +59,8 @@ class Options:
         vehicle_model(self.vehicle)
         if not 0.0 < self.step <= 1.0:
             raise ResimError(f"step {self.step:g} s: expected more than 0 and at most 1 s")
-        if not 0.0 <= self.relaxation <= 60.0:
-            raise ResimError(f"relaxation {self.relaxation:g} s: expected 0 to 60 s")
+        if not 0.0 <= self.lead_in <= 60.0:
+            raise ResimError(f"lead_in {self.lead_in:g} s: expected 0 to 60 s")
 
     def case(
         self,
@@ -70,7 +81,7 @@ class Options:
             perception=perception or IdealPerception(),
             vehicle=vehicle_model(self.vehicle),
             step=self.step,
-            lead_in=self.relaxation,
+            lead_in=self.lead_in,
             seed=self.seed if seed is None else seed,
             stop_at_collision=self.stop_at_collision and not open_loop,
             open_loop=open_loop,
@@ -102,14 +113,24 @@ class PreparedRecording:
 class Resimulation:
     """A re-simulated recording: what was measured and described, the drives that were simulated, and the errors.
 
-    drives: by source, rGT, rSD, and rGT+M with its seed (`of_seed`); refits: what describes them by splines, of rGT+M
-    the EGO alone, nothing for a drive that ended before there was anything to describe; errors: by step, and as
-    `PIPE_GT+M` with its seed; misfits: by source a line that names the objects whose traces are not where they were.
+    Attributes:
+        prepared: The recording, measured and described.
+        build: The AD function that drove.
+        options: How it was simulated.
+        drives: By source: rGT, rSD, and rGT+M with its seed (`of_seed`).
+        refits: What describes the drives by splines, of rGT+M the EGO alone; nothing for a drive that ended before
+            there was anything to describe.
+        errors: By step, and as `PIPE_GT+M` with its seed.
+        warnings: Notes, a line each.
+        times: Wall clock [s] by stage.
+        hashes: SHA-256 of what went in.
+        perceiving: The perception model and its seeds, if any.
+        misfits: By source a line that names the objects whose traces are not where they were.
     """
 
     prepared: PreparedRecording
     build: Build
-    options: Options
+    options: ResimulationOptions
     drives: Mapping[str, SimulatedDrive] = field(default_factory=dict)
     refits: Mapping[str, Scenario] = field(default_factory=dict)
     errors: Mapping[str, StepErrors] = field(default_factory=dict)

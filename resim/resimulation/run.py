@@ -23,9 +23,9 @@ from resim.resimulation.notes import misfits, notes, perception_notes
 from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import (
     Basis,
-    Options,
     PreparedRecording,
     Resimulation,
+    ResimulationOptions,
     of_seed,
     pipeline_step,
 )
@@ -75,7 +75,7 @@ class _Clock:
 def resimulate(
     recording: Recording,
     build: Build,
-    options: Options = Options(),
+    options: ResimulationOptions = ResimulationOptions(),
     *,
     perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),

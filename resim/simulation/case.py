@@ -35,9 +35,19 @@ STEP = 0.04
 class Case:
     """Everything that a simulated drive follows from.
 
-    engine: the simulator. step: s, whole milliseconds, of which the build's
-    cycle time is a multiple. lead_in: s before the scenario's start. perception: begins anew in every drive. seed: of
-    every random draw. open_loop: the function's answers are kept but move nothing; the EGO goes as the scenario says.
+    Attributes:
+        scenario: Start and trace of the EGO and of every object.
+        network: The roads.
+        build: The AD function.
+        engine: The simulator.
+        perception: What the function sees of the truth; begins anew in every drive.
+        vehicle: Vehicle model of the EGO.
+        traffic: How traffic objects move.
+        step: s, whole milliseconds, of which the build's cycle time is a multiple.
+        lead_in: s before the scenario's start.
+        seed: Of every random draw.
+        stop_at_collision: Whether a collision of the EGO ends the drive.
+        open_loop: Whether the function's answers are kept but move nothing; the EGO goes as the scenario says.
     """
 
     scenario: Scenario
@@ -99,12 +109,19 @@ class Collision:
 class SimulatedDrive:
     """What one simulation gave, from the scenario's start on.
 
-    truth: EGO first, then the traffic objects, as read back from the engine. perceived: one per cycle of the
-    function. commands: (T, 2) acceleration [m/s²] and curvature [1/m] that act on the step from each time
-    on, NaN where there is none. plans: when [s] each was made, and the plan (see `Command`). failure: why the
-    function failed, or "". control_error: the largest distance [m] between where a vehicle was commanded to
-    be and where the engine had it. shown, outside: objects on all lists that the function was shown, and how many of
-    them were outside of what the perception model was trained for. time: wall clock [s] that it took.
+    Attributes:
+        case: What it followed from.
+        truth: EGO first, then the traffic objects, as read back from the engine.
+        perceived: What the function was shown, one per cycle.
+        commands: (T, 2) acceleration [m/s²] and curvature [1/m] that act from each time on, NaN where there is none.
+        plans: When [s] each plan was made, and the plan (see `Command`).
+        collisions: With whom the EGO collided, and when.
+        end: What ended it.
+        failure: Why the function failed, or "".
+        control_error: Largest distance [m] between where a vehicle was commanded to be and where the engine had it.
+        shown: Objects on all lists that the function was shown.
+        outside: How many of them were outside of what the perception model was trained for.
+        time: Wall clock [s] that it took.
     """
 
     case: Case

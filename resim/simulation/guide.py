@@ -50,17 +50,17 @@ class Guide:
         return EgoState(*(float(c[n, k]) for c in columns))
 
 
-def guide(scenario: Scenario, network: RoadNetwork, *, step: float, relaxation: float) -> Guide:
-    """Lay out the commanded motion from `relaxation` [s] before the EGO's start to the scenario's end.
+def guide(scenario: Scenario, network: RoadNetwork, *, step: float, lead_in: float) -> Guide:
+    """Lay out the commanded motion from `lead_in` [s] before the EGO's start to the scenario's end.
 
     Raises ResimError for a negative lead-in, and where the EGO is not there for one step.
     """
     begin, end = scenario.ego.spawn_time, float(scenario.ego.v.x[-1])
-    before = round(relaxation / step)
+    before = round(lead_in / step)
     after = int(np.floor(min(scenario.duration, end - begin) / step + 1e-6))
-    if relaxation < 0.0 or after < 1:
+    if lead_in < 0.0 or after < 1:
         raise ResimError(
-            f"nothing to simulate: lead-in {relaxation:g} s, EGO there for {end - begin:g} s, step {step:g} s"
+            f"nothing to simulate: lead-in {lead_in:g} s, EGO there for {end - begin:g} s, step {step:g} s"
         )
     t = np.round(begin + step * np.arange(-before, after + 1), 9)  # 0.6, not 0.6000000000000001
     directions, bends = _lanes((scenario.ego, *scenario.objects), network)

@@ -73,9 +73,9 @@ class Stage:
 
 
 @lru_cache(maxsize=8)
-def staged(scenario: Scenario, network: RoadNetwork, step: float, relaxation: float) -> Stage:
+def staged(scenario: Scenario, network: RoadNetwork, step: float, lead_in: float) -> Stage:
     """Lay out the scenario for its runs at this step [s] with this lead-in [s]; kept for the next run."""
-    plan = guide(scenario, network, step=step, relaxation=relaxation)
+    plan = guide(scenario, network, step=step, lead_in=lead_in)
     members = (scenario.ego, *scenario.objects)
     return Stage(members, plan, tuple(phases(plan, members)), Surface(network, plan))
 

@@ -22,7 +22,7 @@ from resim.execution import journal
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.metrics.criteria import read_criteria
-from resim.resimulation import Options
+from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
@@ -137,7 +137,7 @@ def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
         )
     for build in (load_build(sweep.frozen[name]) for name in sweep.file.build):
         for value in values:
-            cycle_steps(with_values(build, ((name, value),)), Options().step)
+            cycle_steps(with_values(build, ((name, value),)), ResimulationOptions().step)
 
 
 def _has_outcome(sweep: Sweep) -> None:

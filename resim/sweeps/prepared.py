@@ -15,7 +15,7 @@ from resim.resimulation.outcome import COMFORT, DriveOutcome
 from resim.resimulation.outcomes import seed_outcome
 from resim.resimulation.perceived import difference, end_error
 from resim.resimulation.reaction import ego_tracks
-from resim.resimulation.result import Options, PreparedRecording, Resimulation
+from resim.resimulation.result import PreparedRecording, Resimulation, ResimulationOptions
 from resim.resimulation.run import prepare, run_on_gt
 from resim.scenario import maneuvers
 from resim.simulation.function.interface import Build
@@ -53,7 +53,7 @@ def run_once(
     build: Build,
     model: PerceptionModel | None,
     seed: int,
-    options: Options = Options(),
+    options: ResimulationOptions = ResimulationOptions(),
 ) -> Row:
     """Simulate once and give what it came to: one value a column, None where there is none.
 

@@ -21,8 +21,8 @@ from resim.recordings.content import content_hash
 from resim.report import write_report
 from resim.resimulation import (
     AssessmentOptions,
-    Options,
     PerceptionSetup,
+    ResimulationOptions,
     assess_resimulation,
     load_checked,
     resimulate,
@@ -135,7 +135,7 @@ def _write(traces: TraceTask) -> None:
         overrides = tuple(f"{name}={v!r}" for name, v in told)
         perceiving = PerceptionSetup(model, (task.seed,), overrides, task.perception.hash)
     recording = load_checked(task.folder, accept=task.accept)
-    options = Options(bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed)
+    options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed)
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)
     assessed = assess_resimulation(
         result, AssessmentOptions(criteria=read_criteria(task.criteria)), model=True

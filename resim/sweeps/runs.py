@@ -14,7 +14,7 @@ from resim.metrics.criteria import read_criteria
 from resim.perception.model import PerceptionModel, read_model
 from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
-from resim.resimulation import Options, load_checked
+from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
 from resim.sweeps.prepared import PreparedRuns, Row, prepare_sweep, run_once
 
@@ -43,7 +43,7 @@ def run(task: RunTask) -> dict[str, Any]:
     prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
     build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
-    row: Row = run_once(prepared, build, model, task.seed, Options(vehicle=task.vehicle))
+    row: Row = run_once(prepared, build, model, task.seed, ResimulationOptions(vehicle=task.vehicle))
     taken = time.perf_counter() - begin
     return {"row": row, "time": taken, "findings": finding_lines(prepared.recording.recording.findings)}
 

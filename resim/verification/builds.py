@@ -15,7 +15,7 @@ from resim.resimulation.assessments import assess_resimulation
 from resim.resimulation.outcome import DriveOutcome
 from resim.resimulation.outcomes import first_divergence, outcomes, seed_outcome
 from resim.resimulation.perceived import PerceptionSetup
-from resim.resimulation.result import Options, Resimulation, of_seed
+from resim.resimulation.result import Resimulation, ResimulationOptions, of_seed
 from resim.resimulation.run import resimulate
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
@@ -70,7 +70,7 @@ def compare_builds(
     old: Build,
     new: Build,
     criteria: Criteria,
-    options: Options = Options(),
+    options: ResimulationOptions = ResimulationOptions(),
     perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),
 ) -> BuildComparison:

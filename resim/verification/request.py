@@ -72,10 +72,17 @@ class VerificationRequest(_RequestModel):
 
 @dataclass(frozen=True)
 class VerifyOptions:
-    """What the command line asks for besides the suite; None and () leave it to the suite."""
+    """What is asked for besides suite and builds; None and () leave it to the suite.
 
-    build: Path
-    against: Path | None = None
+    Attributes:
+        perception: File of a perception model in place of the suite's.
+        settings: Parameters of the model, such as "latency.speed=0.4".
+        seeds: Most runs with the model of a recording; of two builds, runs of each.
+        vary: Names of what is varied of the most critical object until a KPI flips.
+        driven_by: Labels of other builds whose recordings are taken, too.
+        vehicle: Name of the EGO's vehicle model.
+    """
+
     perception: Path | None = None
     settings: tuple[str, ...] = ()
     seeds: int | None = None
@@ -84,7 +91,9 @@ class VerifyOptions:
     vehicle: str = Kinematic.name
 
 
-def make_request(suite: Suite, call: VerifyOptions, base: Path) -> VerificationRequest:
+def make_request(
+    suite: Suite, build: Path, against: Path | None, call: VerifyOptions, base: Path
+) -> VerificationRequest:
     """Give what is asked for, with the hashes of all that goes in. base: folder of verification.json.
 
     Raises InputError for what cannot be read, but for recordings: each of those is an error of its own.
@@ -97,7 +106,7 @@ def make_request(suite: Suite, call: VerifyOptions, base: Path) -> VerificationR
         raise InputError("--seeds", "are runs with a perception model", "Name one with --perception.")
     if strange := [name for name in call.vary if name not in PARAMETERS]:
         raise InputError("--vary", f"there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
-    if call.against is not None and (call.vary or call.driven_by):
+    if against is not None and (call.vary or call.driven_by):
         raise InputError("--against", "compares builds alone", "Leave out --vary and --driven-by.")
     check_codes(file.accept)
     vehicle_model(call.vehicle)
@@ -106,14 +115,14 @@ def make_request(suite: Suite, call: VerifyOptions, base: Path) -> VerificationR
         read_model(model, call.settings)
     criteria = freeze_criteria(suite.beside(file.criteria))
     read_criteria(criteria)
-    count = call.seeds or (file.seeds if call.against is None else file.limits.seeds)
-    if call.against is None and perception is not None:
+    count = call.seeds or (file.seeds if against is None else file.limits.seeds)
+    if against is None and perception is not None:
         _enough(suite.path, SequentialTest(file.agreement, count))
     return VerificationRequest(
         name=file.name,
         suite=_file(freeze_file(suite.path), base),
-        build=_build(call.build, base),
-        against=None if call.against is None else _build(call.against, base),
+        build=_build(build, base),
+        against=None if against is None else _build(against, base),
         criteria=_file(criteria, base),
         perception=None if model is None else _file(model, base),
         settings=call.settings,
@@ -142,7 +151,7 @@ def _enough(suite: Path, test: SequentialTest) -> None:
         raise InputError(suite, problem, f"Allow seeds = {test.fewest} or more; 200 if nothing is said.")
 
 
-def asked_again(inputs: Mapping[str, Any], path: Path) -> VerificationRequest:
+def read_request_again(inputs: Mapping[str, Any], path: Path) -> VerificationRequest:
     """Give what the verification.json at `path` was asked for. Raises InputError where anything has changed since."""
     remedy = "Give the verification.json that `resim verify` wrote."
     try:

@@ -9,11 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenFile
-from resim.core.tracks import Tracks
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.recordings import Recording
@@ -22,14 +19,13 @@ from resim.report import write_report
 from resim.resimulation import (
     AssessmentOptions,
     Basis,
-    Options,
     PerceptionSetup,
-    Resimulation,
+    ResimulationOptions,
     assess_resimulation,
     load_checked,
-    of_seed,
     resimulate,
 )
+from resim.resimulation.traces import speed_traces
 from resim.results import whole_file
 from resim.simulation.function.interface import load_build
 from resim.verification.builds import compare_builds
@@ -37,8 +33,6 @@ from resim.verification.page.drive import REPORTED
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import Demands, verify_recording
 
-RATE = 10.0
-"""Samples a second [Hz] of the traces on the page."""
 BUILDS = ("before", "now")
 """The older build and the newer one."""
 
@@ -89,19 +83,21 @@ def _unchanged(task: VerificationTask) -> Iterator[None]:
 def _verify(task: VerificationTask, recording: Recording) -> dict[str, Any]:
     demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
     found = verify_recording(
-        recording, load_build(task.build), demands, Options(bases=task.bases, vehicle=task.vehicle), _perceiving(task),
-        task.accept,
+        recording, load_build(task.build), demands,
+        ResimulationOptions(bases=task.bases, vehicle=task.vehicle), _perceiving(task), task.accept,
     )  # fmt: skip
-    return {"entry": found.to_json(), "traces": _traces(found.result)}
+    return {"entry": found.to_json(), "traces": speed_traces(found.result)}
 
 
 def _compare(task: VerificationTask, recording: Recording) -> dict[str, Any]:
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
-    options = Options(bases=("GT",), vehicle=task.vehicle)
+    options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle)
     found = compare_builds(
         recording, old, new, read_criteria(task.criteria), options, _perceiving(task), task.accept
     )
-    traces = {which: _traces(result) for which, result in zip(BUILDS, (found.old, found.new), strict=True)}
+    traces = {
+        which: speed_traces(result) for which, result in zip(BUILDS, (found.old, found.new), strict=True)
+    }
     return {"entry": found.to_json(), "traces": traces}
 
 
@@ -132,7 +128,7 @@ def _write_reports(task: VerificationTask, files: Sequence[Path]) -> None:
         result = resimulate(
             recording,
             load_build(build),
-            Options(bases=bases, vehicle=task.vehicle),
+            ResimulationOptions(bases=bases, vehicle=task.vehicle),
             perceiving=_perceiving(replace(task, seeds=task.seeds[:REPORTED])),
             accept=task.accept,
         )
@@ -144,18 +140,3 @@ def _perceiving(task: VerificationTask) -> PerceptionSetup | None:
         return None
     model = read_model(task.perception, task.settings)
     return PerceptionSetup(model, task.seeds, task.settings, task.perception.hash)
-
-
-def _traces(result: Resimulation) -> dict[str, Any]:
-    """The EGO's speed [m/s] in every drive over `t` [s]; in the runs with a perception model its range and median."""
-    ego, gt = result.ego, result.described["GT"]
-    t = np.round(np.arange(gt.ego.spawn_time, gt.ego.spawn_time + gt.duration + 1e-9, 1.0 / RATE), 9)
-
-    def speed(tracks: Tracks) -> list[float | None]:
-        v = tracks.select([ego]).at(t).v[0]
-        return [round(float(value), 3) if np.isfinite(value) else None for value in v]
-
-    out: dict[str, Any] = {"t": t.tolist(), "GT": speed(gt.tracks(result.network, t))}
-    out |= {source: speed(drive.truth) for source, drive in result.simulated().items()}
-    out["rGT+M"] = [speed(result.drives[of_seed(seed)].truth) for seed in result.seeds]
-    return out

@@ -17,7 +17,7 @@ from resim.resimulation.assessments import assess_resimulation
 from resim.resimulation.outcome import COMFORT, DriveOutcome, Rms
 from resim.resimulation.outcomes import outcomes, rms, seed_outcome
 from resim.resimulation.perceived import PerceptionSetup
-from resim.resimulation.result import Options, Resimulation, is_recorded_build
+from resim.resimulation.result import Resimulation, ResimulationOptions, is_recorded_build
 from resim.resimulation.run import over_seeds, resimulate, run_on_gt, with_notes
 from resim.simulation.function.interface import Build
 from resim.verification.cause import Cause, cause
@@ -76,7 +76,7 @@ def verify_recording(
     recording: Recording,
     build: Build,
     demands: Demands,
-    options: Options = Options(),
+    options: ResimulationOptions = ResimulationOptions(),
     perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),
 ) -> VerificationResult:

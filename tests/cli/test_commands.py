@@ -126,7 +126,7 @@ def test_options_reach_the_run(
 ) -> None:
     code, _, error = call(
         "run", recording(), "--build", BUILDS / "idm-1.0.toml", "--out", tmp_path / "out", "--vehicle", vehicle,
-        "--step", "0.02", "--relaxation", "1", "--seed", "9", "--basis", "gt", "--no-stop-at-collision",
+        "--step", "0.02", "--lead-in", "1", "--seed", "9", "--basis", "gt", "--no-stop-at-collision",
     )  # fmt: skip
     assert code == 0, error
     run = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -256,7 +256,7 @@ def test_options_that_fit_nothing_are_refused(
 
 
 def test_an_endless_lead_in_is_refused(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
-    answer = call("run", recording(), "--build", PILOT, "--out", tmp_path / "out", "--relaxation", "inf")
+    answer = call("run", recording(), "--build", PILOT, "--out", tmp_path / "out", "--lead-in", "inf")
     assert answer[0] == 2
 
 
@@ -289,7 +289,7 @@ def test_help_and_version(call: Call) -> None:
         assert (code, error) == (0, "")
         assert "Usage: resim" in out
     _, out, _ = call("run", "--help")
-    for option in ("--build", "--out", "--basis", "--vehicle", "--step", "--relaxation", "--seed", "--gui"):
+    for option in ("--build", "--out", "--basis", "--vehicle", "--step", "--lead-in", "--seed", "--gui"):
         assert option in out
 
 

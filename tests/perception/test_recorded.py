@@ -11,7 +11,7 @@ from resim.core.geometry import from_frame
 from resim.core.tracks import Tracks
 from resim.perception.runtime.recorded import RecordedPerception
 from resim.recordings import read_recording
-from resim.resimulation import Options, resimulate
+from resim.resimulation import ResimulationOptions, resimulate
 from resim.resimulation.run import measured_tracks, run_on_gt
 from resim.scenario import maneuvers
 from resim.simulation.function.interface import EgoState, load_build
@@ -82,7 +82,7 @@ def test_the_corner_case_shown_what_was_recorded_is_the_measured_drive() -> None
     """Wagner 2021, 5.3.3: the sensor's error is the leading cause; with it, simulation drives as the vehicle did."""
     recording = read_recording(ROOT / "scenarios" / "cut_in_brake")
     build = load_build(ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml")
-    result = resimulate(recording, build, Options(bases=("GT",)))
+    result = resimulate(recording, build, ResimulationOptions(bases=("GT",)))
     whole = measured_tracks(recording)
     shown = RecordedPerception(whole["GT"], whole["SD"], ego=recording.ego, senses_ego=recording.senses_ego)
     again = run_on_gt(result, perception=shown)

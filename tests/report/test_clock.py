@@ -18,8 +18,8 @@ from resim.report import write_assessment_page, write_report
 from resim.report.plots import compact
 from resim.resimulation import (
     AssessmentOptions,
-    Options,
     PerceptionSetup,
+    ResimulationOptions,
     assess_recording,
     assess_resimulation,
     resimulate,
@@ -70,7 +70,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     recording = replace(before, gt=before.gt.shifted(UNIX), sd=before.sd.shifted(UNIX), plan=plan)
     build = load_build(ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml")
     model = read_model(ROOT / "adfunc" / "perception" / "none.json")
-    result = resimulate(recording, build, Options(), perceiving=PerceptionSetup(model, (0, 1)))
+    result = resimulate(recording, build, ResimulationOptions(), perceiving=PerceptionSetup(model, (0, 1)))
     write_report(result, assess_resimulation(result, AssessmentOptions()), folder / "run.html")
     write_assessment_page(assess_recording(recording, AssessmentOptions()), folder / "assessment.html")
     return {name: (folder / f"{name}.html").read_text(encoding="utf-8") for name in ("run", "assessment")}

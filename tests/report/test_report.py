@@ -16,9 +16,9 @@ from resim.recordings import Recording, read_recording
 from resim.report import write_report
 from resim.resimulation import (
     AssessmentOptions,
-    Options,
     PerceptionSetup,
     Resimulation,
+    ResimulationOptions,
     assess_resimulation,
     resimulate,
 )
@@ -148,7 +148,7 @@ def test_without_traffic_objects(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("basis", ["GT", "SD"])
 def test_one_basis(basis: str, tmp_path: Path) -> None:
-    options = Options(bases=(basis,))  # type: ignore[arg-type]
+    options = ResimulationOptions(bases=(basis,))  # type: ignore[arg-type]
     page = Page(html(resimulate(recording("rear_end"), load_build(PILOT), options), tmp_path))
     assert f"step-SIM_{basis}" in page.ids
     assert "not comparable" not in page.text  # the measured drive is there, whatever is re-simulated

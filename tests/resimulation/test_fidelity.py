@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from resim.core.geometry import wrap_angle
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
-from resim.resimulation import Options, Resimulation, fidelity, resimulate
+from resim.resimulation import Resimulation, ResimulationOptions, fidelity, resimulate
 from resim.resimulation.fidelity import EGO_ROW, SUMS, TO_ROWS
 from resim.road.opendrive import RoadNetwork
 from resim.scenario import maneuvers
@@ -115,7 +115,9 @@ def resimulated(shipped: Callable[[str], Recording]) -> Callable[[str, str], Res
     def get(name: str, function: str) -> Resimulation:
         if (name, function) not in done:
             build: Build = load_build(builds / f"{function}-1.0.toml")
-            done[name, function] = resimulate(shipped(name), build, Options(stop_at_collision=False))
+            done[name, function] = resimulate(
+                shipped(name), build, ResimulationOptions(stop_at_collision=False)
+            )
         return done[name, function]
 
     return get

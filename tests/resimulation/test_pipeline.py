@@ -15,8 +15,8 @@ from resim.recordings import Recording, read_commonroad
 from resim.resimulation import (
     STAGES,
     AssessmentOptions,
-    Options,
     Resimulation,
+    ResimulationOptions,
     assess_resimulation,
     perceived_frame,
     resimulate,
@@ -117,7 +117,7 @@ def test_the_report_has_its_structure(corner_case: Resimulation) -> None:
 
 @pytest.mark.parametrize("name", ["cut_in_brake", "rear_end", "overtake"])
 def test_with_replay_the_simulation_adds_nothing(shipped: Shipped, build: Builds, name: str) -> None:
-    report = resimulate(shipped(name), build("replay"), Options(stop_at_collision=False)).report
+    report = resimulate(shipped(name), build("replay"), ResimulationOptions(stop_at_collision=False)).report
     for step in ("SIM_GT", "SIM_SD"):
         for who in ("ego", "to"):
             for quantity in ("d", "v", "heading"):
@@ -151,7 +151,7 @@ def test_without_sensor_data_there_is_ground_truth_only(shipped: Shipped, build:
 
 
 def test_sensor_data_alone_leave_the_ground_truth_branch_out(shipped: Shipped, build: Builds) -> None:
-    report = resimulate(shipped("overtake"), build("idm"), Options(bases=("SD",))).report
+    report = resimulate(shipped("overtake"), build("idm"), ResimulationOptions(bases=("SD",))).report
     assert report["errors"]["SIM_GT"]["ego"]["d"] is None
     assert report["errors"]["S"]["to"]["d"] is not None
     assert report["errors"]["PIPE_SD"]["ego"]["d"] is not None
@@ -168,7 +168,7 @@ def test_rates_order_and_times_of_sensor_data_may_be_others(shipped: Shipped, bu
     sd = changed(one.sd, np.arange(0.21, 9.0, 0.1), ["1", "ego"])
     identity = np.array(["1", "ego"])
     two = replace(one, sd=sd.shifted(50.0), sd_rate=10.0, sd_gt_id=identity, gt=one.gt.shifted(50.0))
-    result = resimulate(two, build("replay"), Options(step=0.05))
+    result = resimulate(two, build("replay"), ResimulationOptions(step=0.05))
     report = result.report
     for step in ("SIM_GT", "SIM_SD"):
         assert report["errors"][step]["ego"]["d"]["max"] < 1e-6
@@ -259,7 +259,7 @@ def test_real_vehicles_replay_without_error(build: Builds, name: str) -> None:
     ids = [str(e.get("id")) for e in etree.parse(path).iter("dynamicObstacle", "obstacle")]
     recording = read_commonroad(path, map=path.with_suffix(".xodr"), ego=ids[0])
     assert len(recording.gt) > 5
-    report = resimulate(recording, build("replay"), Options(stop_at_collision=False)).report
+    report = resimulate(recording, build("replay"), ResimulationOptions(stop_at_collision=False)).report
     assert report["end"]["rGT"] in ("duration", "off_road")
     assert report["errors"]["SIM_GT"]["ego"]["d"]["max"] < 1e-6
     assert report["errors"]["SIM_GT"]["to"]["d"]["max"] < 1e-6
@@ -277,7 +277,9 @@ def test_a_sensor_that_does_not_see_the_ego_is_not_perfect(shipped: Shipped, bui
 
 
 def test_ground_truth_is_told_of_whatever_is_run(shipped: Shipped, build: Builds) -> None:
-    report = resimulate(shipped("cut_in_brake"), build("highway_pilot"), Options(bases=("SD",))).report
+    report = resimulate(
+        shipped("cut_in_brake"), build("highway_pilot"), ResimulationOptions(bases=("SD",))
+    ).report
     assert report["decision"]["GT"] == ["brake"]
     assert report["decision"]["rGT"] is None
     assert report["reaction_difference"]["rSD"] < -0.5

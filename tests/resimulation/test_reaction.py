@@ -9,7 +9,7 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
-from resim.resimulation import Options, resimulate
+from resim.resimulation import ResimulationOptions, resimulate
 from resim.resimulation.reaction import ego_tracks, reaction_spread
 from resim.road.opendrive import RoadNetwork
 from resim.scenario import maneuvers
@@ -77,7 +77,7 @@ def test_who_does_not_brake_has_no_spread(network: RoadNetwork) -> None:
 def test_a_replay_brakes_with_the_measured_drive(
     shipped: Callable[[str], Recording], build: Callable[[str], Build]
 ) -> None:
-    result = resimulate(shipped("cut_in_brake"), build("replay"), Options(bases=("GT",)))
+    result = resimulate(shipped("cut_in_brake"), build("replay"), ResimulationOptions(bases=("GT",)))
     report = result.report
     assert report["reaction_spread"] > 0.0
     assert abs(report["reaction_difference"]["rGT"]) <= min(report["reaction_spread"], 0.05)

@@ -13,7 +13,7 @@ import pytest
 
 from resim.core.errors import InputError, StopError
 from resim.recordings import Recording
-from resim.resimulation import Options, resimulate
+from resim.resimulation import ResimulationOptions, resimulate
 from resim.results import (
     RUN,
     check_output,
@@ -203,7 +203,7 @@ def test_results_are_written_with_everything_that_went_in_and_came_out(
     shipped: Callable[[str], Recording], build: Callable[[str], Build], tmp_path: Path
 ) -> None:
     recording = shipped("cut_in_brake")
-    result = resimulate(recording, build("highway_pilot"), Options(seed=3))
+    result = resimulate(recording, build("highway_pilot"), ResimulationOptions(seed=3))
     write_resimulation(result, tmp_path)
     jscen = [f"{name}.jscen.json" for name in ("GT", "SD", "rGT", "rSD")]
     assert names(tmp_path) == sorted(

@@ -149,7 +149,7 @@ def test_the_lead_in_follows_the_lane_of_a_lane_changer(
     from resim.simulation.guide import guide
 
     ego = member("e", 300.0, 20.0, 0.05)
-    plan = guide(Scenario("m", 4.0, ego, ()), network, step=0.04, relaxation=3.0)
+    plan = guide(Scenario("m", 4.0, ego, ()), network, step=0.04, lead_in=3.0)
     assert plan.begin == 75
     assert plan.heading[0, 0] == pytest.approx(0.0, abs=1e-9)
     assert plan.heading[0, 75] == pytest.approx(0.05)
@@ -202,12 +202,12 @@ def test_perceived_lists_and_commands_belong_to_the_scenario(
     assert run.commands[:-1, 0].min() < -0.5
 
 
-@pytest.mark.parametrize("relaxation", [3.0, 0.52])
+@pytest.mark.parametrize("lead_in", [3.0, 0.52])
 def test_a_function_with_a_cycle_of_its_own_is_held_in_between(
-    drive: Drive, function: Make, member: Member, relaxation: float
+    drive: Drive, function: Make, member: Member, lead_in: float
 ) -> None:
     own = function("return Command(perceived.t, 0.0)", top="cycle_time = 0.2")
-    run = drive(own, member("e", 300.0, 20.0), lead_in=relaxation)
+    run = drive(own, member("e", 300.0, 20.0), lead_in=lead_in)
     np.testing.assert_allclose([p.t for p in run.perceived], 0.2 * np.arange(21), atol=1e-9)
     np.testing.assert_allclose(run.commands[:10, 0], [0.0] * 5 + [0.2] * 5, atol=1e-9)
 
@@ -240,11 +240,9 @@ def test_other_steps_end_with_the_scenario_too(
     assert run.truth.x[0, -1] == pytest.approx(300.0 + 20.0 * run.truth.t[-1], abs=0.01)
 
 
-@pytest.mark.parametrize("relaxation", [0.0, 0.04, 7.0])
-def test_the_lead_in_may_have_any_length(
-    drive: Drive, build: Builds, member: Member, relaxation: float
-) -> None:
-    run = drive(build("highway_pilot"), member("e", 300.0, 20.0), member("1", 350.0), lead_in=relaxation)
+@pytest.mark.parametrize("lead_in", [0.0, 0.04, 7.0])
+def test_the_lead_in_may_have_any_length(drive: Drive, build: Builds, member: Member, lead_in: float) -> None:
+    run = drive(build("highway_pilot"), member("e", 300.0, 20.0), member("1", 350.0), lead_in=lead_in)
     assert run.end == "duration"
     assert run.truth.t[0] == 0.0
     assert run.truth.x[0, 0] == pytest.approx(300.0, abs=1e-6)

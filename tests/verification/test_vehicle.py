@@ -13,7 +13,7 @@ from conftest import ROOT
 
 from resim.metrics.criteria import read_criteria
 from resim.recordings import Recording
-from resim.resimulation.result import Options
+from resim.resimulation.result import ResimulationOptions
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.simulation.case import Case
@@ -91,7 +91,7 @@ def driven(network: RoadNetwork, net: SumoNet) -> Drive:
 def verified(recording: Recording, build: str = "highway_pilot-1.0") -> VerificationResult:
     demands = Demands(read_criteria(CRITERIA), Tolerances())
     path: Path = ROOT / "adfunc" / "builds" / f"{build}.toml"
-    return verify_recording(recording, load_build(path), demands, Options(bases=("GT",)))
+    return verify_recording(recording, load_build(path), demands, ResimulationOptions(bases=("GT",)))
 
 
 def step_of(found: VerificationResult) -> str | None:

@@ -78,7 +78,7 @@ def compare(
     network: RoadNetwork, net: Path, scenario: Scenario, build: Build, repeat: int
 ) -> tuple[float, float, int]:
     """Median times [s] of the bare loop and the closed loop, run in turns, and how many steps the bare one takes."""
-    plan = guide(scenario, network, step=STEP, relaxation=3.0)
+    plan = guide(scenario, network, step=STEP, lead_in=3.0)
     front = to_sumo(plan.x, plan.y, plan.heading, np.full((6, 1), 4.7))
     placements = [
         [tuple(row) for row in rows]

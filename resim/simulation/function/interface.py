@@ -129,10 +129,17 @@ class _BuildFile(BaseModel):
 class Build:
     """An AD function at one version: what makes it, with which parameters.
 
-    cycle_time: s between two answers, None for every simulation step. time_limit: s of wall clock for one
-    answer; `reset` and `close` have a minute, the import of its module three. frozen: the copy that it was loaded from,
-    whose hash is of the build file, the factory's module, what that imports from its own folder, and the files that the
-    build lists. needs_truth: whether the function is an oracle that is given the recorded EGO.
+    Attributes:
+        name: What it is called.
+        version: Its version.
+        path: The build file.
+        factory: What makes the function.
+        needs_truth: Whether the function is an oracle that is given the recorded EGO.
+        parameters: What the factory is called with.
+        cycle_time: s between two answers, None for every simulation step.
+        time_limit: s of wall clock for one answer; `reset` and `close` have a minute, the import of its module three.
+        frozen: The copy that it was loaded from, whose hash is of the build file, the factory's module, what that
+            imports from its own folder, and the files that the build lists.
     """
 
     name: str
@@ -177,7 +184,15 @@ def load_build(file: Path | FrozenFile) -> Build:
     """Read a build file (TOML) and import the factory that it names, from a frozen copy.
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module.
-    Raises InputError for a file, field, module or name that is not there.
+
+    Args:
+        file: The build file, or its frozen copy.
+
+    Returns:
+        The build.
+
+    Raises:
+        InputError: A file, field, module or name is not there.
     """
     frozen = file if isinstance(file, FrozenFile) else freeze_build(file)
     path, copy = frozen.path, thaw(frozen, freeze_build)

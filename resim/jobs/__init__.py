@@ -1,0 +1,1 @@
+"""The jobs: one function a command, for the command line, notebooks and tests. They print nothing."""
