@@ -19,6 +19,13 @@ from pydantic import BaseModel
 
 import resim.core.errors
 import resim.core.tracks
+import resim.jobs.assess
+import resim.jobs.check
+import resim.jobs.convert
+import resim.jobs.resimulate
+import resim.jobs.sweep
+import resim.jobs.train
+import resim.jobs.verify
 import resim.metrics.criticality
 import resim.metrics.risk
 import resim.perception.training
@@ -48,7 +55,14 @@ FILES: Mapping[str, type[BaseModel]] = {
 """The model of each file that users write or read."""
 
 API = {
-    "Re-simulate": resim.resimulation,
+    "Re-simulate": resim.jobs.resimulate,
+    "Assess": resim.jobs.assess,
+    "Verify and compare": resim.jobs.verify,
+    "Sweep": resim.jobs.sweep,
+    "Check and repair": resim.jobs.check,
+    "Train": resim.jobs.train,
+    "Check and convert maps": resim.jobs.convert,
+    "Re-simulation": resim.resimulation,
     "Cases and simulated drives": resim.simulation.case,
     "AD functions": resim.simulation.function.interface,
     "Recordings": resim.recordings,

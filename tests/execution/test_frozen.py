@@ -116,8 +116,8 @@ def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
     model.write_bytes(MODEL.read_bytes())
     old, new = build(tmp_path / "old", 0.0), build(tmp_path / "new", -1.0)
     path, first, out = suite(tmp_path, criteria), tmp_path / "first", tmp_path / "out"
-    call = Wanted(new, old, perception=model, seeds=1)
-    undisturbed, _ = verify(make_request(read_suite(path), call, first), first, first, workers=1)
+    call = Wanted(perception=model, seeds=1)
+    undisturbed, _ = verify(make_request(read_suite(path), new, old, call, first), first, first, workers=1)
 
     edited: list[str] = []
 
@@ -129,7 +129,7 @@ def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
         model.write_text("{}")
         edited.append(name)
 
-    wanted = make_request(read_suite(path), call, out)
+    wanted = make_request(read_suite(path), new, old, call, out)
     found, _ = verify(wanted, out, out, workers=1, tell=edit)
     assert edited
     for name in ("recordings", "summary"):

@@ -56,14 +56,14 @@ def measured(suite, tmp_path_factory):
     """A corner case of which GT with the model agrees or not, a drive of another build, and a broken recording."""
     out = tmp_path_factory.mktemp("measured")
     return verify(
-        make_request(suite, VerifyOptions(PILOT, perception=MODEL, seeds=5), out), out, out, workers=1
+        make_request(suite, PILOT, None, VerifyOptions(perception=MODEL, seeds=5), out), out, out, workers=1
     )
 
 
 @pytest.fixture(scope="module")
 def builds(suite, tmp_path_factory):
     out = tmp_path_factory.mktemp("builds")
-    return verify(make_request(suite, VerifyOptions(BLIND, against=PILOT), out), out, out, workers=1)
+    return verify(make_request(suite, BLIND, PILOT, VerifyOptions(), out), out, out, workers=1)
 
 
 @pytest.fixture

@@ -167,7 +167,7 @@ def test_what_was_done_is_kept_and_only_what_changed_is_repeated(suite: WriteSui
     def again() -> dict[str, bool]:
         told: dict[str, bool] = {}
         out.mkdir(exist_ok=True)
-        wanted = make_request(read_suite(path), Wanted(REPLAY), out)
+        wanted = make_request(read_suite(path), REPLAY, None, Wanted(), out)
         verify(wanted, out, out, workers=1, tell=lambda name, verdict, kept: told.update({name: kept}))
         return told
 
@@ -259,7 +259,7 @@ def reported(
     """Verify a suite driven by anybody; give the entries, with the `lost` reports."""
     out.mkdir(exist_ok=True)
     wanted = make_request(
-        read_suite(path), Wanted(build, driven_by=("constant_velocity-1.0", "highway_pilot-1.0")), out
+        read_suite(path), build, None, Wanted(driven_by=("constant_velocity-1.0", "highway_pilot-1.0")), out
     )
     lost: dict[str, str] = {}
     found, _ = verify(wanted, out, out, workers=1, tell=tell, unreported=lost.__setitem__)

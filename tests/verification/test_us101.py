@@ -46,7 +46,8 @@ def verdicts(few: Path) -> Verdicts:
     """Verify the vehicles with a build; gives verdict and step of the cause by recording."""
 
     def run(build: str, *driven_by: str) -> dict[str, tuple[str, str | None]]:
-        wanted = make_request(read_suite(few), VerifyOptions(BUILDS / build, driven_by=driven_by), few.parent)
+        options = VerifyOptions(driven_by=driven_by)
+        wanted = make_request(read_suite(few), BUILDS / build, None, options, few.parent)
         found, _ = verify(wanted, few.parent, None, workers=1)
         causes = {r["name"]: r["cause"] for r in found["recordings"]}
         return {

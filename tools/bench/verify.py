@@ -56,7 +56,7 @@ def took(folders: list[Path], home: Path, workers: int, reports: bool) -> tuple[
     suite.write_text(new_suite(folders, CRITERIA, suite, f"bench {len(folders)}"), encoding="utf-8")
     out.mkdir()
     begin = time.perf_counter()
-    wanted = make_request(read_suite(suite), VerifyOptions(BUILD), out)
+    wanted = make_request(read_suite(suite), BUILD, None, VerifyOptions(), out)
     refuse_others(wanted, out)
     found, _ = verify(wanted, out, out if reports else None, workers=workers)
     seconds = time.perf_counter() - begin
