@@ -117,18 +117,18 @@ def resimulated(recording: Recording, perceiving: PerceptionSetup) -> tuple[Clos
         recording, load_build(BUILD), ResimulationOptions(bases=("GT",)), perceiving=perceiving
     )
     report = result.report
-    measured = report["decision"]["GT"]
+    measured = report.decision["GT"]
     seeds = [
         (
-            s["decision"] == measured and s["failure"] is None,
-            s["reaction_difference"],
-            s["end_position_error"],
+            s.decision == measured and s.failure is None,
+            s.reaction_difference,
+            s.end_position_error,
         )
-        for s in report["perception"]["seeds"]
+        for s in (() if report.perception is None else report.perception.seeds)
     ]
-    same = report["decision"]["rGT"] == measured
-    without = same, report["reaction_difference"]["rGT"], report["end_position_error"]["rGT"]
-    return Closure(report["reaction"]["GT"], without, seeds), result
+    same = report.decision["rGT"] == measured
+    without = same, report.reaction_difference["rGT"], report.end_position_error["rGT"]
+    return Closure(report.reaction["GT"], without, seeds), result
 
 
 def by_the_sensor(result: Resimulation, seeds: int) -> list[Seed]:
@@ -139,11 +139,11 @@ def by_the_sensor(result: Resimulation, seeds: int) -> list[Seed]:
         run = Case(result.described["GT"], result.network, result.build, Sumo(), shown, seed=seed).drive()
         own = run.truth.select([result.ego])
         refit = describe(own, result.network, ego=result.ego, map_name="proving_ground.xodr")
-        off = end_error(run.end, fidelity.pipeline_error(refit, gt, result.network))
+        off = end_error(run, fidelity.pipeline_error(refit, gt, result.network))
         driven = ego_tracks(refit, result.network)
-        same = maneuvers.decision(driven, result.network, ego=result.ego) == report["decision"]["GT"]
+        same = tuple(maneuvers.decision(driven, result.network, ego=result.ego)) == report.decision["GT"]
         reaction = maneuvers.reaction_time(driven, ego=result.ego)
-        out.append((same, None if reaction is None else round(reaction - report["reaction"]["GT"], 9), off))
+        out.append((same, None if reaction is None else round(reaction - report.reaction["GT"], 9), off))
     return out
 
 

@@ -41,14 +41,14 @@ def main() -> None:
     print("|" + "---|" * 8)
     for step, published in PUBLISHED.items():
         for who, figures in published.items():
-            here = report["errors"][step][who]
+            here = report.errors[step][who]
             cells = []
             for i, quantity in enumerate(("d", "v", "heading")):
                 cells += [f"{figures[2 * i]:.3g} ± {figures[2 * i + 1]:.3g}"]
                 cells += [f"{here[quantity]['mean']:.3g} ± {here[quantity]['std']:.3g}"]
             print(f"| {step} | {who.upper()} | {' | '.join(cells)} |")
     print(
-        f"\nreaction {report['reaction']}, difference {report['reaction_difference']}, decision {report['decision']}\n"
+        f"\nreaction {report.reaction}, difference {report.reaction_difference}, decision {report.decision}\n"
     )
     sensor = DRIVES["cut_in_brake"].sensor
     assert sensor is not None
@@ -57,7 +57,7 @@ def main() -> None:
     )
     for who, noise in (("ego", sensor.ego_noise), ("to", math.hypot(sensor.ego_noise, sensor.noise))):
         put_in = noise * math.sqrt(math.pi / 2.0)
-        fit = report["errors"]["FIT_SD"][who]["d"]["mean"]
+        fit = report.errors["FIT_SD"][who]["d"]["mean"]
         print(f"| {who.upper()} | {put_in:.3f} | {fit:.3f} | {PUBLISHED['FIT_SD'][who][0]:.3f} |")
 
 

@@ -76,14 +76,14 @@ def row(recording: Recording, build_name: str) -> str:
     report, took = result.report, time.perf_counter() - begin
 
     def of(step: str, who: str, q: str = "d", stat: str = "mean") -> str:
-        s = report["errors"][step][who][q]
+        s = report.errors[step][who][q]
         return "–" if s is None else f"{s[stat]:.3g}"
 
     cells = [
         recording.name, recording.ego, build_name, f"{len(result.described['GT'].objects)}",
         of("FIT_GT", "ego"), of("FIT_GT", "to"), of("SIM_GT", "ego", stat="max"), of("SIM_GT", "to", stat="max"),
         of("FIT_rGT", "ego"), of("PIPE_GT", "ego"), of("S", "ego"), of("SIM_SD", "ego", stat="max"),
-        report["end"]["rGT"], *("/".join(report["decision"][b] or []) or "none" for b in ("GT", "rGT")),
+        report.end["rGT"], *("/".join(report.decision[b] or []) or "none" for b in ("GT", "rGT")),
         f"{took:.1f}",
     ]  # fmt: skip
     return "| " + " | ".join(cells) + " |"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from resim.core.plugins.frozen import FrozenFile
     from resim.resimulation import PerceptionSetup, Resimulation, ResimulationAssessment, ResimulationOptions
+    from resim.resimulation.report import PerceptionReport, RunReport
 
 
 class BasisChoice(StrEnum):
@@ -215,53 +216,50 @@ def _print_table(result: Resimulation) -> None:
     for who in ("EGO", "TO"):
         for quantity, unit in (("d", "m"), ("Δv", "m/s"), ("Δheading", "rad")):
             table.add_column(f"{who} {quantity} [{unit}]", justify="right")
-    for name, errors in report["errors"].items():
+    for name, errors in report.errors.items():
         cells = [errors[who][q] for who in ("ego", "to") for q in ("d", "v", "heading")]
         if any(cell is not None for cell in cells):
             table.add_row(name, *(_mean_and_std(c) for c in cells))
     out = console()
     out.print(table)
     for base in ("GT", "rGT", "rSD"):
-        if (did := report["decision"][base]) is not None:
-            at = report["reaction"][base]
+        if (did := report.decision[base]) is not None:
+            at = report.reaction[base]
             when = "no braking" if at is None else f"first braking at {at:.2f} s{_later(report, base)}"
-            end = report["end"].get(base, "")
+            end = report.end.get(base, "")
             out.print(
                 f"{base:>4}: {', '.join(did) or 'no decision'}; {when}{f'; ended by {end}' if end else ''}"
             )
-    if report["perception"] is not None:
-        _print_perception(report, out)
-    for warning in report["warnings"]:
+    if report.perception is not None:
+        _print_perception(report, report.perception, out)
+    for warning in report.warnings:
         out.print(f"note: {warning}", highlight=False)
 
 
-def _later(report: Mapping[str, Any], base: str) -> str:
+def _later(report: RunReport, base: str) -> str:
     """The difference from the measured first braking, and its spread."""
-    off = report["reaction_spread"]
+    off = report.reaction_spread
     if base == "GT":
         return "" if off is None else f" ± {off:.2f} s"
-    late = report["reaction_difference"][base]
+    late = report.reaction_difference[base]
     return "" if late is None or off is None else f" ({late:+.2f} ± {off:.2f} s)"
 
 
-def _print_perception(report: Mapping[str, Any], out: Console) -> None:
+def _print_perception(report: RunReport, seen: PerceptionReport, out: Console) -> None:
     """How often the runs with the model decide as the measured drive, and how far they are from it."""
     import numpy as np
 
-    seeds = report["perception"]["seeds"]
-    same = report["perception"]["same_decision"]
-    late = [s["reaction_difference"] for s in seeds if s["reaction_difference"] is not None]
-    off = [s["end_position_error"] for s in seeds if s["end_position_error"] is not None]
-    told = (
-        f"rGT with {report['perception']['model']['name']}: {same} of {len(seeds)} seeds decide as measured"
-    )
+    seeds, same = seen.seeds, seen.same_decision
+    late = [s.reaction_difference for s in seeds if s.reaction_difference is not None]
+    off = [s.end_position_error for s in seeds if s.end_position_error is not None]
+    told = f"rGT with {seen.model.name}: {same} of {len(seeds)} seeds decide as measured"
     told += (
         f"; first braking {np.median(late):+.2f} s against GT in the median"
         if late
         else "; no braking to compare"
     )
     told += f"; at the end {np.median(off):.2f} m off" if off else ""
-    without = report["end_position_error"].get("rGT")
+    without = report.end_position_error.get("rGT")
     out.print(told + (f" (without {without:.2f} m)" if without is not None and off else ""), highlight=False)
 
 

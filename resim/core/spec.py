@@ -1,15 +1,15 @@
-"""TOML files with a strict schema."""
+"""Files with a strict schema: TOML as a model says it, JSON as a dataclass says it."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from resim.core import faults
 from resim.core.errors import InputError
-from resim.core.files import parse_toml, read_file
+from resim.core.files import parse_json, parse_toml, read_file
 
 
 class Strict(BaseModel):
@@ -27,3 +27,36 @@ def read_strict(path: Path, kind: type[File], example: str) -> File:
         return kind.model_validate(parse_toml(read_file(path, example), path, example))
     except ValidationError as e:
         raise InputError(path, faults.describe(e.errors()), example) from e
+
+
+T = TypeVar("T")
+
+
+def to_json(value: object) -> Any:
+    """Give what JSON holds of a dataclass: fields by name, in their order."""
+    return _adapter(type(value)).dump_python(value)
+
+
+def read_json(path: Path, kind: type[T], writer: str, remedy: str) -> T:
+    """Read a JSON file as a dataclass. writer: the command that writes it. Raises InputError for what is none."""
+    raw = read_file(path, remedy)
+    parse_json(raw, path, remedy)
+    try:
+        found: T = _adapter(kind).validate_json(raw, strict=True)
+        return found
+    except ValidationError as e:
+        raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
+
+
+def json_schema(kind: type[Any]) -> dict[str, Any]:
+    """Give the JSON Schema of a file that a dataclass says."""
+    return _adapter(kind).json_schema(mode="serialization")
+
+
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+    return _ADAPTERS[kind]
+
+
+_ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}

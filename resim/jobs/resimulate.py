@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -28,6 +27,7 @@ from resim.resimulation import (
     assess_resimulation,
 )
 from resim.resimulation import resimulate as resimulate_recording
+from resim.resimulation.report import RunReport
 from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
 from resim.resimulation.traces import speed_traces
 from resim.results import explain_os_errors, whole_folder, write_assessment, write_resimulation
@@ -67,7 +67,7 @@ class ResimulationResult:
         """Errors: a row per `step`, `who` (ego, to) and `quantity` (d [m], v [m/s], heading [rad]); mean, std, ..."""
         rows = [
             {"step": step, "who": who, "quantity": quantity, **numbers}
-            for step, by_who in self.report["errors"].items()
+            for step, by_who in self.report.errors.items()
             for who, quantities in by_who.items()
             for quantity, numbers in quantities.items()
             if numbers is not None
@@ -85,8 +85,8 @@ class ResimulationResult:
         return verdict_frame(self.assessment)
 
     @property
-    def report(self) -> Mapping[str, Any]:
-        """What report.json holds."""
+    def report(self) -> RunReport:
+        """What report.json says."""
         return self.resimulation.report
 
     @property
@@ -133,7 +133,7 @@ class ResimulationResult:
     def _repr_html_(self) -> str:
         r = self.resimulation
         figure = measured_figure(
-            r.recording.name, {"reaction": self.report["reaction"], "cause": None}, speed_traces(r)
+            r.recording.name, {"reaction": self.report.reaction, "cause": None}, speed_traces(r)
         )
         tables = {"errors of every step": self.errors, "verdicts": self.verdicts}
         return notebook_html(repr(self).strip("<>"), figure, tables)

@@ -58,7 +58,7 @@ def box_figure(view: View) -> go.Figure:
 def _box(
     view: View, basis: str, chain: tuple[tuple[str, str], ...], who: str, quantity: str
 ) -> go.Box | None:
-    found = [(name, view.report["errors"][step][who][quantity]) for name, step in chain]
+    found = [(name, view.report.errors[step][who][quantity]) for name, step in chain]
     known = [(name, box) for name, box in found if box is not None]
     if not known:
         return None
@@ -111,7 +111,7 @@ def _draw_reaction(figure: go.Figure, view: View, source: str) -> None:
         row=2,
         col=1,
     )
-    at = view.report["reaction"][source]
+    at = view.report.reaction[source]
     if at is None:
         return
     at -= view.start

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.tables import NONE, decision_words, difference_words, reaction_words, table
 from resim.report.view import View
+from resim.resimulation.report import PerceptionReport, SeedReport
 
 RUNS = ("rGT", "rSD")
 ENDS = {"duration": "whole duration", "measured": "last sample"}
@@ -19,20 +19,20 @@ ENDS = {"duration": "whole duration", "measured": "last sample"}
 
 def outcome(view: View) -> Markup:
     """Give the table of decision, reaction, collision, end and error in GT, rGT, rSD and, over its seeds, rGT+M."""
-    report, off = view.report, view.report["reaction_spread"]
-    sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report["end"]]
+    report, off = view.report, view.report.reaction_spread
+    sources = [s for s in ("GT", *RUNS) if s == "GT" or s in report.end]
     runs = sources[1:]
     rows = [
         ["", "measured", *(badge(view, s) for s in runs)],
-        ["decision", *(decision_words(report["decision"][s]) for s in sources)],
-        ["first braking", *(_if_there(view, s, reaction_words(report["reaction"][s])) for s in sources)],
-        ["difference", NONE, *(difference_words(report["reaction_difference"][s], off) for s in runs)],
+        ["decision", *(decision_words(report.decision[s]) for s in sources)],
+        ["first braking", *(_if_there(view, s, reaction_words(report.reaction[s])) for s in sources)],
+        ["difference", NONE, *(difference_words(report.reaction_difference[s], off) for s in runs)],
         ["collision", *(_if_there(view, s, _collisions(view, s)) for s in sources)],
         ["end", *(_end_words(view, s) for s in sources)],
-        ["error at the end", NONE, *(_metres(report["end_position_error"][s]) for s in runs)],
+        ["error at the end", NONE, *(_metres(report.end_position_error[s]) for s in runs)],
     ]
-    if report["perception"] is not None:
-        rows = [[*row, cell] for row, cell in zip(rows, _over_seeds(report["perception"]), strict=True)]
+    if report.perception is not None:
+        rows = [[*row, cell] for row, cell in zip(rows, _over_seeds(report.perception), strict=True)]
         sources.append("rGT+M")
     return table(["", *sources], rows, "outcome")
 
@@ -40,13 +40,13 @@ def outcome(view: View) -> Markup:
 def verdict(view: View, run: str) -> tuple[str, str]:
     """Give the class and the words of the badge: whether a run decided as the measured drive did."""
     report = view.report
-    if run not in report["end"]:
+    if run not in report.end:
         return "none", "not run"
-    if report["failure"][run]:
+    if report.failure[run]:
         return "failed", "✕ run failed: not comparable"
-    early = report["end"][run] != "duration"
+    early = report.end[run] != "duration"
     until = f", up to its end at {_end(view, run):.2f} s" if early else ""
-    same = report["decision"][run] == report["decision"]["GT"]
+    same = report.decision[run] == report.decision["GT"]
     return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
 
 
@@ -57,14 +57,14 @@ def badge(view: View, run: str) -> Markup:
 
 
 def _if_there(view: View, source: str, words: str) -> str:
-    return words if view.report["decision"][source] is not None else NONE
+    return words if view.report.decision[source] is not None else NONE
 
 
 def _collisions(view: View, source: str) -> str:
-    if source not in view.report["collisions"]:
+    if source not in view.report.collisions:
         return NONE
-    hits = view.report["collisions"][source]
-    return join((html("<b>{} at {:.2f} s</b>", view.label(h["id"]), h["t"]) for h in hits), "; ") or "none"
+    hits = view.report.collisions[source]
+    return join((html("<b>{} at {:.2f} s</b>", view.label(h.id), h.t) for h in hits), "; ") or "none"
 
 
 def _end(view: View, source: str) -> float:
@@ -75,7 +75,7 @@ def _end(view: View, source: str) -> float:
 def _end_words(view: View, source: str) -> str:
     if source not in view.tracks:
         return NONE
-    end = view.report["end"].get(source, "measured")
+    end = view.report.end.get(source, "measured")
     return html("{}, {:.2f} s", end_words(end), _end(view, source))
 
 
@@ -88,23 +88,23 @@ def _metres(error: float | None) -> str:
     return NONE if error is None else f"{error:.2f} m"
 
 
-def _over_seeds(perception: Mapping[str, Any]) -> list[str]:
+def _over_seeds(perception: PerceptionReport) -> list[str]:
     """The table's column of the runs with a perception model: medians, in brackets ranges, and counts."""
-    seeds = perception["seeds"]
+    seeds = perception.seeds
     return [
         seeds_badge(perception),
-        _counted([decision_words(s["decision"]) for s in seeds]),
+        _counted([decision_words(s.decision) for s in seeds]),
         middle(seeds, "reaction", "s", missing="do not brake"),
         middle(seeds, "reaction_difference", "s", sign="+"),
-        _counted([Markup("<b>yes</b>") if s["collision"] else "none" for s in seeds]),
-        _counted([end_words(s["end"]) for s in seeds]),
+        _counted([Markup("<b>yes</b>") if s.collision else "none" for s in seeds]),
+        _counted([end_words(s.end) for s in seeds]),
         middle(seeds, "end_position_error", "m", missing="ended before"),
     ]
 
 
-def seeds_badge(perception: Mapping[str, Any]) -> Markup:
+def seeds_badge(perception: PerceptionReport) -> Markup:
     """Give as a badge how many of the seeds decide as the measured drive did."""
-    same, every = perception["same_decision"], len(perception["seeds"])
+    same, every = perception.same_decision, len(perception.seeds)
     css, sign = ("same", "=") if same == every else ("different", "≠") if same == 0 else ("none", "")
     return html('<span class="badge {}">{} {} of {} seeds decide as measured</span>', css, sign, same, every)
 
@@ -116,11 +116,9 @@ def _counted(words: Sequence[str]) -> Markup:
     return join(told, "; ")
 
 
-def middle(
-    seeds: Sequence[Mapping[str, Any]], name: str, unit: str, *, sign: str = "", missing: str = ""
-) -> Markup:
+def middle(seeds: Sequence[SeedReport], name: str, unit: str, *, sign: str = "", missing: str = "") -> Markup:
     """Give the median of a number over the seeds, its range, and of how many seeds it is not known and why."""
-    values = np.array([s[name] for s in seeds if s[name] is not None], dtype=float)
+    values = np.array([v for s in seeds if (v := getattr(s, name)) is not None], dtype=float)
     lost = len(seeds) - len(values)
     without = f"; {lost} of {len(seeds)} {missing}" if lost and missing else ""
     if not len(values):

@@ -87,11 +87,11 @@ def _figure(figure: go.Figure, name: str, title: str, note: str = "") -> Markup:
 def _header(look: View) -> Markup:
     result, report = look.result, look.report
     drove = {True: "drove this recording", False: f"did not drive this recording; {result.recording.build} did",
-             None: "the recording names no build"}[report["build"]["drove"]]  # fmt: skip
+             None: "the recording names no build"}[report.build.drove]  # fmt: skip
     objects = {i for tracks in look.tracks.values() for i in tracks.ids.tolist()} - {look.ego}
     facts = (
         ("build", html("<b>{} {}</b> ({})", result.build.name, result.build.version, drove)),
-        ("map", report["map"]),
+        ("map", report.map),
         (
             "basis",
             " and ".join(name.removeprefix("r") for name in result.simulated())
@@ -105,11 +105,11 @@ def _header(look: View) -> Markup:
         ),
     )
     listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
-    warnings = join(html("<li>{}</li>", w) for w in report["warnings"])
+    warnings = join(html("<li>{}</li>", w) for w in report.warnings)
     return html(
         '<header><p class="kind">Re-simulation report</p><h1>{name}</h1><dl class="facts">{facts}</dl>\n'
         '<p class="line">{line}</p>\n{outcome}{notes}</header>',
-        name=report["recording"],
+        name=report.recording,
         facts=listed,
         line=_line(look),
         outcome=outcome(look),
@@ -119,21 +119,19 @@ def _header(look: View) -> Markup:
 
 def _line(look: View) -> Markup:
     """The outcome in one sentence per run."""
-    out = [html("Measured drive: {}.", tables.decision_words(look.report["decision"]["GT"]))]
-    for run in look.report["end"]:
+    out = [html("Measured drive: {}.", tables.decision_words(look.report.decision["GT"]))]
+    for run in look.report.end:
         css, words = verdict(look, run)
         said = html("{}: <b>{}</b>", run, words.lstrip("=≠✕ "))
         if css != "failed":
-            said += html(" ({}", tables.decision_words(look.report["decision"][run]))
-            change = look.report["reaction_difference"][run]
-            difference = tables.difference_words(change, look.report["reaction_spread"])
+            said += html(" ({}", tables.decision_words(look.report.decision[run]))
+            change = look.report.reaction_difference[run]
+            difference = tables.difference_words(change, look.report.reaction_spread)
             said += html("; braking {})", difference) if change is not None else ")"
         out.append(said + ".")
-    if (found := look.report["perception"]) is not None:
-        of = f"{found['same_decision']} of {len(found['seeds'])} seeds"
-        out.append(
-            html("rGT with the perception model {}: <b>{}</b> as measured.", found["model"]["name"], of)
-        )
+    if (found := look.report.perception) is not None:
+        of = f"{found.same_decision} of {len(found.seeds)} seeds"
+        out.append(html("rGT with the perception model {}: <b>{}</b> as measured.", found.model.name, of))
     return join(out, " ")
 
 
@@ -209,9 +207,9 @@ def _errors(look: View) -> Markup:
 
 
 def _reaction(look: View) -> Markup:
-    reaction, change = look.report["reaction"], look.report["reaction_difference"]
-    said, off = [f"GT: {tables.reaction_words(reaction['GT'])}"], look.report["reaction_spread"]
-    for run in look.report["end"]:
+    reaction, change = look.report.reaction, look.report.reaction_difference
+    said, off = [f"GT: {tables.reaction_words(reaction['GT'])}"], look.report.reaction_spread
+    for run in look.report.end:
         text = f"{run}: {tables.reaction_words(reaction[run])}"
         if change[run] is not None:
             text = html("{}, {}", text, tables.difference_words(change[run], off))

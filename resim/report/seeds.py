@@ -14,23 +14,25 @@ from resim.report.tables import NONE, decision_words, table
 from resim.report.view import SEEDS, View
 from resim.resimulation import pipeline_step
 from resim.resimulation.fidelity import EGO_ROW
+from resim.resimulation.report import SeedReport
 from resim.scenario.maneuvers import REACTED
 
 
 def section(look: View) -> Markup:
     """Give the section's HTML; the outcome over all seeds is at the top of the page."""
-    found = look.report["perception"]
-    model, seeds = found["model"], found["seeds"]
-    settings = f", with {', '.join(model['set'])}" if model["set"] else ""
+    found = look.report.perception
+    assert found is not None
+    model, seeds = found.model, found.seeds
+    settings = f", with {', '.join(model.set)}" if model.set else ""
     return html(
         "<p>rGT+M: re-simulated on ground truth, the function sees what the model <b>{name}</b>"
         "{settings} lets it see. <b>{same} of {seeds}</b> seeds decide as the measured drive."
         '{outside}</p><div class="key-here">{key}</div>'
         '<figure><figcaption><b>The EGO with the model</b> <span class="note">vertical: first braking of the measured '
         "drive</span></figcaption>{figure}</figure>{table}",
-        name=model["name"],
+        name=model.name,
         settings=settings,
-        same=found["same_decision"],
+        same=found.same_decision,
         seeds=len(seeds),
         outside=_outside(look),
         key=_key(look),
@@ -41,7 +43,7 @@ def section(look: View) -> Markup:
 
 def _key(look: View) -> Markup:
     entries = [("GT, measured", look.color(look.ego, "GT"), False), ("rGT", look.color(look.ego, "GT"), True)]
-    if "rSD" in look.report["end"]:
+    if "rSD" in look.report.end:
         entries.append(("rSD", look.color(look.ego, "SD"), True))
     entries.append(("rGT+M, a line a seed", SEEDS, False))
     lines = join(sample(name, color, dashed=dashed) for name, color, dashed in entries)
@@ -96,12 +98,12 @@ def _known(look: View, source: str) -> list[tuple[Floats, Floats]]:
 
 def _reactions(figure: go.Figure, look: View) -> None:
     """The measured first braking as a line, that of each seed as a dot on the curve of acceleration."""
-    at = look.report["reaction"]["GT"]
+    at = look.report.reaction["GT"]
     if at is not None:
         look_of = {"color": look.color(look.ego, "GT"), "width": 1.4, "dash": "dot"}
         for row in (1, 2):
             figure.add_vline(x=at - look.start, line=look_of, row=row, col=1)
-    times = np.array([s["reaction"] for s in look.report["perception"]["seeds"] if s["reaction"] is not None])
+    times = np.array([s.reaction for s in _seeds(look) if s.reaction is not None])
     if len(times):
         level = np.full(len(times), REACTED)
         marks = dots(
@@ -140,14 +142,18 @@ def _mean(values: Floats) -> str:
     return f"{number(float(np.nanmean(values)), 3)} ± {number(float(np.nanstd(values)), 3)}"
 
 
+def _seeds(look: View) -> tuple[SeedReport, ...]:
+    return () if look.report.perception is None else look.report.perception.seeds
+
+
 def _table(look: View) -> Markup:
     """What each seed did; the runs without a model are in the table of the outcome."""
     rows = []
-    for s in look.report["perception"]["seeds"]:
-        off, pipe, against = s["end_position_error"], s["errors"]["PIPE"], s["reaction_difference"]
+    for s in _seeds(look):
+        off, pipe, against = s.end_position_error, s.errors["PIPE"], s.reaction_difference
         rows.append([
-            str(s["seed"]), decision_words(s["decision"]), end_words(s["end"]),
-            NONE if s["reaction"] is None else f"{s['reaction']:.2f} s",
+            str(s.seed), decision_words(s.decision), end_words(s.end),
+            NONE if s.reaction is None else f"{s.reaction:.2f} s",
             NONE if against is None else ("+" if against > 0.0 else "") + f"{number(against, 2)} s",
             NONE if pipe is None or pipe["d"] is None else f"{pipe['d']['mean']:.3f} m",
             NONE if off is None else f"{off:.2f} m",

@@ -69,7 +69,7 @@ def reaction_words(seconds: float | None) -> str:
 
 def numbers(view: View) -> Markup:
     """Give the errors of every step: a table for each of d, Δv and Δheading, EGO and TO side by side."""
-    errors = view.report["errors"]
+    errors = view.report.errors
     out = []
     for quantity, unit in QUANTITIES.items():
         rows = []
@@ -95,7 +95,7 @@ def sums(view: View) -> Markup:
     """Give Eq. 5.6: the sum of the steps' mean errors against the measured pipeline error."""
     rows = []
     for whole, parts in SUMS.items():
-        for who, found in view.report["sums"].get(whole, {}).items():
+        for who, found in view.report.sums.get(whole, {}).items():
             cells = [number(found["d"][key], 4) for key in ("sum_of_means", "sum", "measured")]
             cells += [number(found[q][key], 4) for q in ("v", "heading") for key in ("sum", "measured")]
             rows.append([f"{whole} = {' + '.join(parts)}", who.upper(), *cells])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from resim.core.geometry import Floats, to_frame, unwrap_angle
 from resim.core.tracks import Tracks
 from resim.report.plots import clock_words
 from resim.resimulation import Resimulation
+from resim.resimulation.report import RunReport
 from resim.road.opendrive import LaneShape
 from resim.road.path import Path, lane_path
 
@@ -49,7 +49,7 @@ class View:
     """
 
     result: Resimulation
-    report: Mapping[str, Any]
+    report: RunReport
     tracks: Mapping[str, Tracks]
     focus: tuple[str, ...]
     lead: str | None
@@ -156,7 +156,7 @@ def view(result: Resimulation) -> View:
     travelled = np.hypot(x[-1] - x[0], y[-1] - y[0])
     report = result.report
     path, on_lane = _path(result, tracks, first)
-    lead = _lead(first, ego, report["reaction"].values(), path)
+    lead = _lead(first, ego, report.reaction.values(), path)
     return View(
         result=result,
         report=report,

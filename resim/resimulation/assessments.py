@@ -12,6 +12,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import check_hashes, parse_json, read_file
 from resim.core.finding import Finding
+from resim.core.spec import read_json
 from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.recordings import Recording
@@ -29,7 +30,7 @@ from resim.resimulation.blocks import (
 from resim.resimulation.doubts import doubts
 from resim.resimulation.fidelity import collisions
 from resim.resimulation.notes import misfits
-from resim.resimulation.report import finding_of
+from resim.resimulation.report import RunReport
 from resim.resimulation.result import Resimulation
 from resim.resimulation.run import describe_recording, map_name, measured_tracks
 from resim.resimulation.run_blocks import (
@@ -128,10 +129,10 @@ def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessm
         check_hashes(folder, parse_json(read_file(mark, remedy), mark, remedy)["files"], remedy)
     except (KeyError, TypeError, AttributeError) as e:
         raise InputError(mark, "is not what `resim run` writes", remedy) from e
+    written = read_json(report, RunReport, "resim run", remedy)
     try:
-        written = parse_json(read_file(report, remedy), report, remedy)
-        road, name = folder / map_name(Path(str(written["map"]))), str(written["recording"])
-    except (ValueError, KeyError, TypeError) as e:
+        road = folder / map_name(Path(written.map))
+    except ValueError as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
     network = load(road)
     files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
@@ -151,11 +152,10 @@ def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessm
             raise InputError(folder, f"{lost[0]}.jscen.json is missing", remedy)
         blocks = blocks_of_run(scenarios, tables, written)
         failures = failures_of(written, blocks)
-        findings = tuple(map(finding_of, written["findings"]))
         model = model_runs(blocks["GT"], tables, written, network, how)
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
-    found = _assessed(name, network, True, blocks, how, failures, findings)
+    found = _assessed(written.recording, network, True, blocks, how, failures, written.findings)
     rows = {name: tables.tracks[tables.tracks.source == name] for name in scenarios}
     return replace(found, model=model, misfits=tuple(misfits(scenarios, rows, network).values()))
 

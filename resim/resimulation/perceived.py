@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -39,9 +38,11 @@ def end_error(drive: SimulatedDrive, pipe: StepErrors | None) -> float | None:
     return float(known[-1]) if len(known) else None
 
 
-def same_decision(seeds: Sequence[Mapping[str, Any]], measured: list[str] | None) -> int:
-    """Give how many of the seeds' reports decide as the measured drive; a run that failed decides nothing."""
-    return sum(s["decision"] == measured and s["failure"] is None for s in seeds)
+def same_decision(
+    runs: Iterable[tuple[tuple[str, ...], str | None]], measured: tuple[str, ...] | None
+) -> int:
+    """Give how many runs, each its decision and failure, decide as the measured drive; a failed one decides nothing."""
+    return sum(decision == measured and failure is None for decision, failure in runs)
 
 
 def difference(later: float | None, earlier: float | None) -> float | None:

@@ -1,100 +1,222 @@
-"""What report.json and run.json hold of a re-simulation."""
+"""What report.json and run.json say of a re-simulation."""
 
 from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, TypeVar
+
+from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from resim.core.finding import Finding
 from resim.core.provenance import versions
+from resim.metrics.doubts.unseen import Doubts
 from resim.resimulation import fidelity
-from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS
+from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Statistics
 from resim.resimulation.perceived import difference, end_error, same_decision
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import Resimulation, is_recorded_build, of_seed, pipeline_step
 from resim.scenario import maneuvers
+from resim.simulation.case import Collision, End
+
+T = TypeVar("T")
+ByQuantity = Mapping[str, Statistics | None]
+"""Statistics of d [m], v [m/s] and heading [rad], None where there is no sample."""
 
 
-def report(result: Resimulation) -> dict[str, Any]:
-    """Give what report.json holds; `Resimulation.report` keeps it."""
+def _finding_json(finding: Finding) -> dict[str, Any]:
+    """A finding's fields by name; a number that is NaN is None."""
+    return _without_nan(asdict(finding))
+
+
+def _finding_of(fields: Any) -> Finding:
+    """Inverse of `_finding_json`. Raises TypeError, KeyError or ValueError for what is none."""
+    times = {name: math.nan if fields[name] is None else fields[name] for name in ("start", "end", "value")}
+    return Finding(**{**fields, **times})
+
+
+def _without_nan(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: _without_nan(value) if isinstance(value, Mapping)
+        else None if isinstance(value, float) and math.isnan(value) else value
+        for name, value in fields.items()
+    }  # fmt: skip
+
+
+def _of(make: Callable[[Any], T]) -> Callable[[Any], T]:
+    """As pydantic has it, any fault is a ValueError."""
+
+    def made(data: Any) -> T:
+        try:
+            return make(data)
+        except (KeyError, TypeError, AttributeError) as e:
+            raise ValueError(str(e)) from e
+
+    return made
+
+
+OBJECT = WithJsonSchema({"type": "object"})
+FindingInFile = Annotated[Finding, PlainSerializer(_finding_json), PlainValidator(_of(_finding_of)), OBJECT]
+DoubtsInFile = Annotated[
+    Doubts, PlainSerializer(Doubts.to_json), PlainValidator(_of(Doubts.from_json)), OBJECT
+]
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """The build: name, version, and whether it drove the recording (None: the recording does not say)."""
+
+    name: str
+    version: str
+    drove: bool | None
+
+
+@dataclass(frozen=True)
+class ModelReport:
+    """The perception model: name, hash of its file, and the parameters that were set by hand."""
+
+    name: str
+    hash: str
+    set: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SeedReport:
+    """A drive with the perception model; fields as in `RunReport`.
+
+    outside_validity: how many of the objects `shown` were outside of what the model was trained for.
+    """
+
+    seed: int
+    decision: tuple[str, ...]
+    reaction: float | None
+    reaction_difference: float | None
+    errors: Mapping[str, ByQuantity | None]
+    end_position_error: float | None
+    end: End
+    failure: str | None
+    collision: bool
+    collisions: tuple[Collision, ...]
+    outside_validity: int
+    shown: int
+
+
+@dataclass(frozen=True)
+class PerceptionReport:
+    """The drives with a perception model; same_decision: how many of them decide as the measured drive."""
+
+    model: ModelReport
+    same_decision: int
+    seeds: tuple[SeedReport, ...]
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What report.json says. Times are in s, by source (GT, SD, rGT, rSD) where they are several.
+
+    errors: by step, "ego" or "to", and quantity. sums: whether the steps add up to PIPE (`fidelity.sums`).
+    reaction: first braking; reaction_difference: that minus first braking in GT; reaction_spread: how uncertain that
+    is. decision: what the EGO did, None where it is not known. collisions: with whom the EGO collided. end: what ended
+    a run; failure: why the function failed in it. end_position_error: distance [m] from the measured EGO at the end.
+    repaired: samples by source and code of the finding. doubts: what GT and SD leave open.
+    """
+
+    recording: str
+    map: str
+    ego: str
+    build: BuildReport
+    errors: Mapping[str, Mapping[str, ByQuantity]]
+    sums: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
+    reaction: Mapping[str, float | None]
+    reaction_difference: Mapping[str, float | None]
+    reaction_spread: float | None
+    decision: Mapping[str, tuple[str, ...] | None]
+    collision: Mapping[str, bool]
+    collisions: Mapping[str, tuple[Collision, ...]]
+    end: Mapping[str, End]
+    failure: Mapping[str, str | None]
+    end_position_error: Mapping[str, float | None]
+    perception: PerceptionReport | None
+    warnings: tuple[str, ...]
+    findings: tuple[FindingInFile, ...]
+    repaired: Mapping[str, Mapping[str, int]]
+    doubts: Mapping[str, DoubtsInFile]
+
+
+def report(result: Resimulation) -> RunReport:
+    """Report on a re-simulation; `Resimulation.report` keeps it."""
     simulated, driven, ego = result.simulated(), result.driven(), result.ego
     reaction = {b: None if t is None else maneuvers.reaction_time(t, ego=ego) for b, t in driven.items()}
     decision = {
-        b: None if t is None else maneuvers.decision(t, result.network, ego=ego) for b, t in driven.items()
+        b: None if t is None else tuple(maneuvers.decision(t, result.network, ego=ego))
+        for b, t in driven.items()
     }
     hits = {name: fidelity.collisions(tracks, ego=ego) for name, tracks in result.tracks().items()}
-    return {
-        "recording": result.recording.name,
-        "map": result.recording.map.name,
-        "ego": ego,
-        "build": {
-            "name": result.build.name,
-            "version": result.build.version,
-            "drove": is_recorded_build(result.recording, result.build),
-        },
-        "errors": {step: _statistics(result, step) for step in STEPS},
-        "sums": fidelity.sums(result.errors),
-        "reaction": reaction,
-        "reaction_difference": {b: difference(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
-        "reaction_spread": result.reaction_spread,
-        "decision": decision,
-        "collision": {name: bool(h) for name, h in hits.items()},
-        "collisions": {name: [{"t": t, "id": i} for t, i in h] for name, h in hits.items()},
-        "end": {name: drive.end for name, drive in simulated.items()},
-        "failure": {name: drive.failure or None for name, drive in simulated.items()},
-        "end_position_error": {
+    return RunReport(
+        recording=result.recording.name,
+        map=result.recording.map.name,
+        ego=ego,
+        build=BuildReport(
+            result.build.name, result.build.version, is_recorded_build(result.recording, result.build)
+        ),
+        errors={step: _statistics(result, step) for step in STEPS},
+        sums=fidelity.sums(result.errors),
+        reaction=reaction,
+        reaction_difference={b: difference(reaction[b], reaction["GT"]) for b in ("rGT", "rSD")},
+        reaction_spread=result.reaction_spread,
+        decision=decision,
+        collision={name: bool(h) for name, h in hits.items()},
+        collisions={name: tuple(Collision(t, i) for t, i in h) for name, h in hits.items()},
+        end={name: drive.end for name, drive in simulated.items()},
+        failure={name: drive.failure or None for name, drive in simulated.items()},
+        end_position_error={
             name: end_error(drive, result.errors.get(pipeline_step(name)))
             for name, drive in simulated.items()
         },
-        "perception": _perception(result, decision["GT"], reaction["GT"]),
-        "warnings": list(result.warnings),
-        "findings": [finding_json(f) for f in result.recording.findings],
-        "repaired": result.recording.repaired,
-        "doubts": {basis: found.to_json() for basis, found in result.prepared.doubts.items()},
-    }
+        perception=_perception(result, decision["GT"], reaction["GT"]),
+        warnings=result.warnings,
+        findings=result.recording.findings,
+        repaired=result.recording.repaired,
+        doubts={str(basis): found for basis, found in result.prepared.doubts.items()},
+    )
 
 
 def _perception(
-    result: Resimulation, decision: list[str] | None, reaction: float | None
-) -> dict[str, Any] | None:
+    result: Resimulation, decision: tuple[str, ...] | None, reaction: float | None
+) -> PerceptionReport | None:
     """What the drives with a perception model gave; `decision` and `reaction` [s] of the measured drive."""
     if result.perceiving is None:
         return None
-    model = result.perceiving.model
-    seeds = [_seed(result, seed, reaction) for seed in result.seeds]
-    return {
-        "model": {
-            "name": model.name,
-            "hash": result.perceiving.hash,
-            "set": list(result.perceiving.overrides),
-        },
-        "same_decision": same_decision(seeds, decision),
-        "seeds": seeds,
-    }
+    given = result.perceiving
+    seeds = tuple(_seed(result, seed, reaction) for seed in result.seeds)
+    return PerceptionReport(
+        ModelReport(given.model.name, given.hash, given.overrides),
+        same_decision(((s.decision, s.failure) for s in seeds), decision),
+        seeds,
+    )
 
 
-def _seed(result: Resimulation, seed: int, measured: float | None) -> dict[str, Any]:
+def _seed(result: Resimulation, seed: int, measured: float | None) -> SeedReport:
     """What one of these drives gave; measured: reaction [s] of the measured drive."""
     ego, (drive, refit, pipe) = result.ego, result.of(seed)
     driven = None if refit is None else ego_tracks(refit, result.network)
     reaction = None if driven is None else maneuvers.reaction_time(driven, ego=ego)
-    return {
-        "seed": seed,
-        "decision": [] if driven is None else maneuvers.decision(driven, result.network, ego=ego),
-        "reaction": reaction,
-        "reaction_difference": difference(reaction, measured),
-        "errors": {"PIPE": None if pipe is None else pipe.statistics(EGO_ROW)},
-        "end_position_error": end_error(drive, pipe),
-        "end": drive.end,
-        "failure": drive.failure or None,
-        "collision": bool(drive.collisions),
-        "collisions": [{"t": c.t, "id": c.id} for c in drive.collisions],
-        "outside_validity": drive.outside,
-        "shown": drive.shown,
-    }
+    return SeedReport(
+        seed=seed,
+        decision=() if driven is None else tuple(maneuvers.decision(driven, result.network, ego=ego)),
+        reaction=reaction,
+        reaction_difference=difference(reaction, measured),
+        errors={"PIPE": None if pipe is None else pipe.statistics(EGO_ROW)},
+        end_position_error=end_error(drive, pipe),
+        end=drive.end,
+        failure=drive.failure or None,
+        collision=bool(drive.collisions),
+        collisions=drive.collisions,
+        outside_validity=drive.outside,
+        shown=drive.shown,
+    )
 
 
 def provenance(result: Resimulation) -> dict[str, Any]:
@@ -124,27 +246,8 @@ def _perception_provenance(result: Resimulation) -> dict[str, Any] | None:
     return {"set": list(result.perceiving.overrides), "seeds": seeds}
 
 
-def _statistics(result: Resimulation, step: str) -> dict[str, dict[str, fidelity.Statistics | None]]:
+def _statistics(result: Resimulation, step: str) -> Mapping[str, ByQuantity]:
     errors = result.errors.get(step)
     if errors is None:
         return {who: dict.fromkeys(QUANTITIES) for who in ("ego", "to")}
     return {"ego": errors.statistics(EGO_ROW), "to": errors.statistics(TO_ROWS)}
-
-
-def finding_json(finding: Finding) -> dict[str, Any]:
-    """Give a finding's fields by name; a number that is NaN is None."""
-    return _without_nan(asdict(finding))
-
-
-def finding_of(fields: Mapping[str, Any]) -> Finding:
-    """Inverse of `finding_json`. Raises TypeError for what is none."""
-    times = {name: math.nan if fields[name] is None else fields[name] for name in ("start", "end", "value")}
-    return Finding(**{**fields, **times})
-
-
-def _without_nan(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: _without_nan(value) if isinstance(value, Mapping)
-        else None if isinstance(value, float) and math.isnan(value) else value
-        for name, value in fields.items()
-    }  # fmt: skip

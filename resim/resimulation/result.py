@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
@@ -24,6 +24,9 @@ from resim.simulation.engine import Engine
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.sumo.engine import Sumo
+
+if TYPE_CHECKING:
+    from resim.resimulation.report import RunReport
 
 Basis = Literal["GT", "SD"]
 
@@ -208,8 +211,8 @@ class Resimulation:
         }
 
     @cached_property
-    def report(self) -> Mapping[str, Any]:
-        """What report.json holds (`resim.resimulation.report`), worked out once."""
+    def report(self) -> RunReport:
+        """What report.json says (`resim.resimulation.report`), worked out once."""
         from resim.resimulation.report import report
 
         return report(self)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import pandas as pd
 
 from resim.core.tracks import Tracks
 from resim.metrics.assessment import Assessment
-from resim.metrics.doubts.unseen import Doubts
 from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.blocks import Block, assess_block, listed, measured_functioning, plans_of
 from resim.resimulation.model_runs import MODEL, ModelRuns
+from resim.resimulation.report import RunReport, SeedReport
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, describe
 from resim.simulation.case import why_not_whole
@@ -28,18 +27,16 @@ class RunTables:
     plans: pd.DataFrame
 
 
-def described_runs(report: Mapping[str, Any]) -> list[str]:
+def described_runs(report: RunReport) -> list[str]:
     """Give the runs that lasted long enough to be described, as report.json has it."""
-    return [
-        f"r{basis}" for basis in ("GT", "SD") if report["errors"][f"FIT_r{basis}"]["ego"]["d"] is not None
-    ]
+    return [f"r{basis}" for basis in ("GT", "SD") if report.errors[f"FIT_r{basis}"]["ego"]["d"] is not None]
 
 
-def failures_of(report: Mapping[str, Any], blocks: Mapping[str, Block]) -> dict[str, str]:
+def failures_of(report: RunReport, blocks: Mapping[str, Block]) -> dict[str, str]:
     """Give the runs that failed, or ended before there was anything to assess, and why."""
     out = {}
-    for name, end in report["end"].items():
-        if (why := report["failure"].get(name)) is not None:
+    for name, end in report.end.items():
+        if (why := report.failure.get(name)) is not None:
             out[name] = str(why)
         elif name not in blocks:
             out[name] = f"ended by {end} before there was anything to assess"
@@ -47,19 +44,16 @@ def failures_of(report: Mapping[str, Any], blocks: Mapping[str, Block]) -> dict[
 
 
 def blocks_of_run(
-    scenarios: Mapping[str, Scenario], tables: RunTables, report: Mapping[str, Any]
+    scenarios: Mapping[str, Scenario], tables: RunTables, report: RunReport
 ) -> dict[str, Block]:
     """Give the blocks of a run, of its tables and what its report.json says."""
     tracks, answers, plans = tables.tracks, tables.answers, tables.plans
-    hits = {
-        name: tuple((float(h["t"]), str(h["id"])) for h in found)
-        for name, found in report["collisions"].items()
-    }
-    findings = {f["code"]: f["value"] for f in report["findings"] if not f["object"]}
+    hits = {name: tuple((float(h.t), str(h.id)) for h in found) for name, found in report.collisions.items()}
+    findings = {f.code: f.value for f in report.findings if not f.object}
     recorded = plans_of(plans[plans.source == "recorded"])
     seen = tracks[tracks.source == "SD"]
     measured = measured_functioning(seen if len(seen) else None, recorded, findings)
-    open_ = {name: Doubts.from_json(found) for name, found in report["doubts"].items()}
+    open_ = report.doubts
     out = {
         name: Block(
             _simulated(name, scenarios, report), recorded, replace(measured, of_truth=name == "GT"), hits[name],
@@ -73,7 +67,7 @@ def blocks_of_run(
             t = answers.t[answers.source == name].to_numpy(dtype=float)
             functioning = listed(tracks[tracks.source == f"perceived_{name}"], t, t, 0.0)
             last = float(tracks.t[tracks.source == name].max())
-            flaw = why_not_whole(report["end"][name], report["failure"].get(name) or "", last)
+            flaw = why_not_whole(report.end[name], report.failure.get(name) or "", last)
             out[name] = Block(
                 scenarios[name], plans_of(plans[plans.source == name]), functioning, hits[name], flaw,
                 open_[name[1:]].simulated(scenarios[name].ego.id), scenarios[name[1:]],
@@ -82,23 +76,23 @@ def blocks_of_run(
 
 
 def model_runs(
-    gt: Block, tables: RunTables, report: Mapping[str, Any], network: RoadNetwork, how: AssessmentOptions
+    gt: Block, tables: RunTables, report: RunReport, network: RoadNetwork, how: AssessmentOptions
 ) -> ModelRuns | None:
     """Give the runs with a perception model, judged; None where there are none, or no criteria."""
-    told = report["perception"]
+    told = report.perception
     if told is None or how.criteria is None:
         return None
     found: dict[int, Assessment | None] = {}
-    for seed in told["seeds"]:
+    for seed in told.seeds:
         block = _model_block(gt, tables, seed, network)
-        found[seed["seed"]] = None if block is None else assess_block(block, network, replace(how, only=()))
-    collided = tuple(seed["seed"] for seed in told["seeds"] if seed["collisions"])
-    return ModelRuns(told["model"]["name"], how.criteria, found, collided)
+        found[seed.seed] = None if block is None else assess_block(block, network, replace(how, only=()))
+    collided = tuple(seed.seed for seed in told.seeds if seed.collisions)
+    return ModelRuns(told.model.name, how.criteria, found, collided)
 
 
-def _model_block(gt: Block, tables: RunTables, seed: Mapping[str, Any], network: RoadNetwork) -> Block | None:
+def _model_block(gt: Block, tables: RunTables, seed: SeedReport, network: RoadNetwork) -> Block | None:
     """One run with a perception model: the EGO as it drove, the traffic of GT; None where it ended at once."""
-    source, ego = f"{MODEL}{seed['seed']}", gt.scenario.ego.id
+    source, ego = f"{MODEL}{seed.seed}", gt.scenario.ego.id
     rows = tables.tracks[tables.tracks.source == source]
     if len(rows) < 2:
         return None
@@ -107,15 +101,15 @@ def _model_block(gt: Block, tables: RunTables, seed: Mapping[str, Any], network:
     return Block(
         replace(driven, objects=gt.scenario.objects), plans_of(tables.plans[tables.plans.source == source]),
         listed(tables.tracks[tables.tracks.source == f"perceived_{source}"], t, t, 0.0),
-        tuple((float(h["t"]), str(h["id"])) for h in seed["collisions"]),
-        why_not_whole(seed["end"], seed["failure"] or "", float(rows.t.max())), gt.doubts.simulated(ego),
+        tuple((float(h.t), str(h.id)) for h in seed.collisions),
+        why_not_whole(seed.end, seed.failure or "", float(rows.t.max())), gt.doubts.simulated(ego),
         gt.scenario,
     )  # fmt: skip
 
 
-def _simulated(basis: str, scenarios: Mapping[str, Scenario], report: Mapping[str, Any]) -> Scenario:
+def _simulated(basis: str, scenarios: Mapping[str, Scenario], report: RunReport) -> Scenario:
     """What was measured, up to the last whole step of a simulation of all of it: both are judged at the same times."""
     again = scenarios.get(f"r{basis}")
-    if again is None or report["end"][f"r{basis}"] != "duration":
+    if again is None or report.end[f"r{basis}"] != "duration":
         return scenarios[basis]
     return replace(scenarios[basis], duration=again.duration)

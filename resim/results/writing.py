@@ -13,6 +13,7 @@ import duckdb
 from resim.core.errors import InputError
 from resim.core.files import file_hash, parse_json, read_file
 from resim.core.provenance import versions
+from resim.core.spec import to_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN
 
 if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
@@ -75,7 +76,7 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
     write_parquet(tracks_frame(result), folder / "tracks.parquet")
     write_parquet(answers_frame(result), folder / "answers.parquet")
     write_parquet(plans_frame(result), folder / "plans.parquet")
-    write_json(result.report, folder / "report.json")
+    write_json(to_json(result.report), folder / "report.json")
     files = {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()}
     write_json({**provenance(result), "files": files}, folder / RUN.mark)
 

@@ -114,14 +114,14 @@ def test_every_figure_has_its_own_id(cut_in_html: str) -> None:
 def test_says_what_the_report_says(cut_in: Resimulation, cut_in_html: str) -> None:
     text, report = Page(cut_in_html).text, cut_in.report
     for run in ("rGT", "rSD"):
-        change = report["reaction_difference"][run]
+        change = report.reaction_difference[run]
         assert f"{abs(change):.2f} s {'later' if change > 0 else 'earlier'}" in text
-        assert f"{report['reaction'][run]:.2f} s" in text
-        same = report["decision"][run] == report["decision"]["GT"]
+        assert f"{report.reaction[run]:.2f} s" in text
+        same = report.decision[run] == report.decision["GT"]
         assert ("= same decision" if same else "≠ different decision") in text
     for who in ("ego", "to"):
-        assert f"{report['errors']['S'][who]['d']['mean']:.3f}" in text
-    assert f"{report['sums']['PIPE_SD']['to']['d']['measured']:.4f}" in text
+        assert f"{report.errors['S'][who]['d']['mean']:.3f}" in text
+    assert f"{report.sums['PIPE_SD']['to']['d']['measured']:.4f}" in text
     assert cut_in.hashes["build"] in text
 
 
@@ -200,11 +200,12 @@ def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float,
         f'name = "odd"\nversion = "1"\nfactory = "faulty_for_report:Faulty"\n[parameters]\nat = {at}\n'
     )
     result = resimulate(recording("rear_end"), load_build(build), perceiving=PerceptionSetup(NONE, (0, 1)))
-    found = result.report["perception"]
-    assert found["same_decision"] == 0
-    for one, told in zip(found["seeds"], provenance(result)["perception"]["seeds"], strict=True):
-        assert "lost <the> lane" in one["failure"] == told["failure"]
-        assert one["end_position_error"] is None
+    found = result.report.perception
+    assert found is not None
+    assert found.same_decision == 0
+    for one, told in zip(found.seeds, provenance(result)["perception"]["seeds"], strict=True):
+        assert "lost <the> lane" in str(one.failure) == told["failure"]
+        assert one.end_position_error is None
     text = Page(html(result, tmp_path)).text
     assert "0 of 2 seeds decide as measured" in text
     assert "2 of 2 ended before" in text
@@ -215,14 +216,14 @@ def test_a_perception_model_stands_beside_the_runs_without(cut_in: Resimulation,
     model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
     seen = PerceptionSetup(model, (0, 1, 2))
     result = resimulate(recording("cut_in_brake"), load_build(PILOT), perceiving=seen)
-    source, seeds = html(result, tmp_path), result.report["perception"]["seeds"]
+    source, seeds = html(result, tmp_path), result.report.perception.seeds
     table = source[source.index('<table class="outcome">') :].partition("</table>")[0]
     assert re.findall(r'scope="col">(.*?)</th>', table) == ["", "GT", "rGT", "rSD", "rGT+M"]
-    late = sorted(s["reaction_difference"] for s in seeds)
+    late = sorted(s.reaction_difference for s in seeds)
     assert f"median <b>{late[1]:.2f} s</b> ({late[0]:.2f} to {late[2]:.2f})".replace("-", "−") in table
-    off = sorted(s["end_position_error"] for s in seeds)
+    off = sorted(s.end_position_error for s in seeds)
     assert f"median <b>{off[1]:.2f} m</b> ({off[0]:.2f} to {off[2]:.2f})" in table
-    assert f"{cut_in.report['end_position_error']['rGT']:.2f} m" in table
+    assert f"{cut_in.report.end_position_error['rGT']:.2f} m" in table
     assert f"{off[1]:.2f} at the end" in source
     slower = {name: dataclasses.replace(drive, time=9.87654) for name, drive in result.drives.items()}
     assert html(dataclasses.replace(result, drives=slower), tmp_path) == source
@@ -244,7 +245,7 @@ def test_collision_ends_the_run_and_is_said(tmp_path: Path) -> None:
         existence_probability=None,
     )
     result = resimulate(near, load_build(ROOT / "adfunc" / "builds" / "constant_velocity-1.0.toml"))
-    assert result.report["end"]["rGT"] == "collision"
+    assert result.report.end["rGT"] == "collision"
     text = Page(html(result, tmp_path)).text
     assert "up to its end at" in text
     assert "TO at " in text

@@ -22,6 +22,7 @@ from resim.resimulation import (
     resimulate,
 )
 from resim.resimulation.fidelity import STEPS
+from resim.resimulation.report import BuildReport
 from resim.resimulation.run import measured_tracks
 from resim.resimulation.tables import tracks_frame
 from resim.scenario.jscen import read_jscen
@@ -41,15 +42,13 @@ def corner_case(shipped: Shipped) -> Resimulation:
 def test_the_corner_case_is_one(corner_case: Resimulation) -> None:
     """Section 5.2: on GT, without the sensor's errors, the function reacts earlier and changes lanes."""
     report = corner_case.report
-    assert report["decision"]["GT"] == ["brake"]
-    assert "lane_change_left" in report["decision"]["rGT"]
-    assert report["reaction_difference"]["rGT"] < -0.5
-    assert report["reaction_difference"]["rGT"] == pytest.approx(
-        report["reaction"]["rGT"] - report["reaction"]["GT"]
-    )
-    assert report["collision"] == {"GT": False, "SD": False, "rGT": False, "rSD": False}
-    assert report["build"] == {"name": "highway_pilot", "version": "1.0", "drove": True}
-    assert report["warnings"] == []
+    assert report.decision["GT"] == ("brake",)
+    assert "lane_change_left" in report.decision["rGT"]
+    assert report.reaction_difference["rGT"] < -0.5
+    assert report.reaction_difference["rGT"] == pytest.approx(report.reaction["rGT"] - report.reaction["GT"])
+    assert report.collision == {"GT": False, "SD": False, "rGT": False, "rSD": False}
+    assert report.build == BuildReport("highway_pilot", "1.0", True)
+    assert report.warnings == ()
 
 
 def test_an_object_faster_than_anything_is_refused_by_name(shipped: Shipped) -> None:
@@ -90,7 +89,7 @@ def test_what_was_measured_is_judged_as_long_as_it_was_simulated(shipped: Shippe
 
 
 def test_the_corner_case_has_the_sensor_errors_of_the_source(corner_case: Resimulation) -> None:
-    s = corner_case.report["errors"]["S"]
+    s = corner_case.report.errors["S"]
     assert s["to"]["d"]["mean"] == pytest.approx(1.56, abs=0.05)
     assert s["to"]["d"]["std"] == pytest.approx(0.20, abs=0.05)
     assert s["ego"]["d"]["mean"] == pytest.approx(0.23, abs=0.02)
@@ -99,10 +98,10 @@ def test_the_corner_case_has_the_sensor_errors_of_the_source(corner_case: Resimu
 
 def test_the_report_has_its_structure(corner_case: Resimulation) -> None:
     report = corner_case.report
-    assert tuple(report["errors"]) == STEPS == (
+    assert tuple(report.errors) == STEPS == (
         "S", "FIT_GT", "FIT_SD", "SIM_GT", "SIM_SD", "FIT_rGT", "FIT_rSD", "PIPE_GT", "PIPE_SD",
     )  # fmt: skip
-    for step in report["errors"].values():
+    for step in report.errors.values():
         assert set(step) == {"ego", "to"}
         for quantities in step.values():
             assert set(quantities) == {"d", "v", "heading"}
@@ -121,7 +120,7 @@ def test_with_replay_the_simulation_adds_nothing(shipped: Shipped, build: Builds
     for step in ("SIM_GT", "SIM_SD"):
         for who in ("ego", "to"):
             for quantity in ("d", "v", "heading"):
-                values = report["errors"][step][who][quantity]
+                values = report.errors[step][who][quantity]
                 assert max(abs(values["min"]), abs(values["max"])) < 1e-6, (step, who, quantity)
 
 
@@ -129,12 +128,12 @@ def test_the_rear_end_drive_ends_in_its_collision_with_the_function_that_drove_i
     shipped: Shipped, build: Builds
 ) -> None:
     report = resimulate(shipped("rear_end"), build("constant_velocity")).report
-    assert (report["collision"]["GT"], report["collision"]["rGT"]) == (True, True)
-    assert report["end"]["rGT"] == "collision"
-    gt, again = report["collisions"]["GT"][0], report["collisions"]["rGT"][0]
+    assert (report.collision["GT"], report.collision["rGT"]) == (True, True)
+    assert report.end["rGT"] == "collision"
+    gt, again = report.collisions["GT"][0], report.collisions["rGT"][0]
     assert gt["id"] == again["id"] == "1"
     assert again["t"] == pytest.approx(gt["t"], abs=0.1)
-    assert any("rGT ended at t = " in w and "collision" in w for w in report["warnings"])
+    assert any("rGT ended at t = " in w and "collision" in w for w in report.warnings)
 
 
 def test_without_sensor_data_there_is_ground_truth_only(shipped: Shipped, build: Builds) -> None:
@@ -143,18 +142,18 @@ def test_without_sensor_data_there_is_ground_truth_only(shipped: Shipped, build:
     result = resimulate(recording, build("idm"), progress=stages.append)
     report = result.report
     assert set(result.scenarios()) == {"GT", "rGT"}
-    assert report["errors"]["S"] == {who: {"d": None, "v": None, "heading": None} for who in ("ego", "to")}
-    assert report["errors"]["PIPE_GT"]["ego"]["d"] is not None
-    assert (report["reaction"]["rSD"], report["decision"]["rSD"]) == (None, None)
-    assert "highway_pilot-1.0 drove the recording, not idm-1.0" in report["warnings"][0]
+    assert report.errors["S"] == {who: {"d": None, "v": None, "heading": None} for who in ("ego", "to")}
+    assert report.errors["PIPE_GT"]["ego"]["d"] is not None
+    assert (report.reaction["rSD"], report.decision["rSD"]) == (None, None)
+    assert "highway_pilot-1.0 drove the recording, not idm-1.0" in report.warnings[0]
     assert stages == [s for s in STAGES if not s.endswith(("SD", "+M"))]
 
 
 def test_sensor_data_alone_leave_the_ground_truth_branch_out(shipped: Shipped, build: Builds) -> None:
     report = resimulate(shipped("overtake"), build("idm"), ResimulationOptions(bases=("SD",))).report
-    assert report["errors"]["SIM_GT"]["ego"]["d"] is None
-    assert report["errors"]["S"]["to"]["d"] is not None
-    assert report["errors"]["PIPE_SD"]["ego"]["d"] is not None
+    assert report.errors["SIM_GT"]["ego"]["d"] is None
+    assert report.errors["S"]["to"]["d"] is not None
+    assert report.errors["PIPE_SD"]["ego"]["d"] is not None
 
 
 def changed(tracks: Tracks, t: np.ndarray, ids: list[str]) -> Tracks:
@@ -171,11 +170,11 @@ def test_rates_order_and_times_of_sensor_data_may_be_others(shipped: Shipped, bu
     result = resimulate(two, build("replay"), ResimulationOptions(step=0.05))
     report = result.report
     for step in ("SIM_GT", "SIM_SD"):
-        assert report["errors"][step]["ego"]["d"]["max"] < 1e-6
+        assert report.errors[step]["ego"]["d"]["max"] < 1e-6
     assert result.drives["rSD"].truth.t[0] == pytest.approx(50.21)
     assert result.drives["rSD"].truth.ids.tolist() == ["ego", "1"]
-    assert report["errors"]["S"]["to"]["d"]["mean"] == pytest.approx(1.56, abs=0.1)
-    for row in report["sums"].values():
+    assert report.errors["S"]["to"]["d"]["mean"] == pytest.approx(1.56, abs=0.1)
+    for row in report.sums.values():
         for quantities in row.values():
             assert quantities["d"]["sum"] == pytest.approx(quantities["d"]["measured"], abs=0.02)
 
@@ -225,11 +224,11 @@ class Own:
     result = resimulate(shipped("overtake"), load_build(write_build(source)))
     report = result.report
     assert result.failure.count("raised ValueError: lost") == 2
-    assert report["end"] == {"rGT": "function_failed", "rSD": "function_failed"}
-    assert "raised ValueError: lost" in report["failure"]["rGT"]
-    assert report["errors"]["FIT_GT"]["ego"]["d"] is not None
-    assert report["errors"]["PIPE_GT"]["ego"]["d"] is None
-    assert (report["reaction"]["rGT"], report["collision"]["rGT"]) == (None, False)
+    assert report.end == {"rGT": "function_failed", "rSD": "function_failed"}
+    assert "raised ValueError: lost" in report.failure["rGT"]
+    assert report.errors["FIT_GT"]["ego"]["d"] is not None
+    assert report.errors["PIPE_GT"]["ego"]["d"] is None
+    assert (report.reaction["rGT"], report.collision["rGT"]) == (None, False)
     assert tracks_frame(result)["source"].isin(["GT", "SD"]).all()
     json.dumps(report, allow_nan=False)
 
@@ -260,9 +259,9 @@ def test_real_vehicles_replay_without_error(build: Builds, name: str) -> None:
     recording = read_commonroad(path, map=path.with_suffix(".xodr"), ego=ids[0])
     assert len(recording.gt) > 5
     report = resimulate(recording, build("replay"), ResimulationOptions(stop_at_collision=False)).report
-    assert report["end"]["rGT"] in ("duration", "off_road")
-    assert report["errors"]["SIM_GT"]["ego"]["d"]["max"] < 1e-6
-    assert report["errors"]["SIM_GT"]["to"]["d"]["max"] < 1e-6
+    assert report.end["rGT"] in ("duration", "off_road")
+    assert report.errors["SIM_GT"]["ego"]["d"]["max"] < 1e-6
+    assert report.errors["SIM_GT"]["to"]["d"]["max"] < 1e-6
 
 
 def test_a_sensor_that_does_not_see_the_ego_is_not_perfect(shipped: Shipped, build: Builds) -> None:
@@ -271,8 +270,8 @@ def test_a_sensor_that_does_not_see_the_ego_is_not_perfect(shipped: Shipped, bui
     blind = replace(one, sd=one.sd.without("ego"), sd_gt_id=one.sd.without("ego").ids)
     result = resimulate(blind, build("idm"))
     report = result.report
-    assert report["errors"]["S"]["ego"]["d"] is None
-    assert report["errors"]["S"]["to"]["d"]["mean"] > 1.0
+    assert report.errors["S"]["ego"]["d"] is None
+    assert report.errors["S"]["to"]["d"]["mean"] > 1.0
     assert any("SD holds no EGO" in w for w in result.warnings)
 
 
@@ -280,10 +279,10 @@ def test_ground_truth_is_told_of_whatever_is_run(shipped: Shipped, build: Builds
     report = resimulate(
         shipped("cut_in_brake"), build("highway_pilot"), ResimulationOptions(bases=("SD",))
     ).report
-    assert report["decision"]["GT"] == ["brake"]
-    assert report["decision"]["rGT"] is None
-    assert report["reaction_difference"]["rSD"] < -0.5
-    assert report["collision"]["GT"] is False
+    assert report.decision["GT"] == ("brake",)
+    assert report.decision["rGT"] is None
+    assert report.reaction_difference["rSD"] < -0.5
+    assert report.collision["GT"] is False
 
 
 def test_clocks_that_do_not_meet_are_refused(shipped: Shipped, build: Builds) -> None:
@@ -313,5 +312,5 @@ def test_wrong_maps_and_units_and_bridged_gaps_are_noted(shipped: Shipped, build
 
 def test_another_state_of_the_build_that_drove_is_another_build(shipped: Shipped, build: Builds) -> None:
     result = resimulate(replace(shipped("overtake"), build_hash="0" * 64), build("highway_pilot"))
-    assert result.report["build"]["drove"] is False
+    assert result.report.build.drove is False
     assert any("in another state" in w for w in result.warnings)
