@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,10 +36,11 @@ T = TypeVar("T")
 
 def to_json(value: object) -> Any:
     """Give what JSON holds of a dataclass: fields by name, in their order."""
-    return _adapter(type(value)).dump_python(value)
+    kind: Any = type(value)
+    return _adapter(kind).dump_python(value)
 
 
-def read_json(path: Path, kind: type[T], writer: str, remedy: str) -> T:
+def read_json(path: Path, kind: Callable[..., T], writer: str, remedy: str) -> T:
     """Read a JSON file as a dataclass. writer: the command that writes it. Raises InputError for what is none."""
     raw = read_file(path, remedy)
     parse_json(raw, path, remedy)
@@ -48,15 +51,11 @@ def read_json(path: Path, kind: type[T], writer: str, remedy: str) -> T:
         raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
 
 
-def json_schema(kind: type[Any]) -> dict[str, Any]:
+def json_schema(kind: Any) -> dict[str, Any]:
     """Give the JSON Schema of a file that a dataclass says."""
     return _adapter(kind).json_schema(mode="serialization")
 
 
-def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    if kind not in _ADAPTERS:
-        _ADAPTERS[kind] = TypeAdapter(kind)
-    return _ADAPTERS[kind]
-
-
-_ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}
+@lru_cache(maxsize=64)
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
