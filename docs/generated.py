@@ -19,7 +19,7 @@ from pydantic import BaseModel
 
 import resim.core.errors
 import resim.core.tracks
-import resim.metrics.criticality
+import resim.metrics.measures
 import resim.metrics.risk
 import resim.perception.training
 import resim.recordings
@@ -32,6 +32,7 @@ import resim.simulation.case
 import resim.simulation.function.interface
 from resim.cli import app
 from resim.metrics.criteria import _CriteriaFile
+from resim.metrics.measures.registry import MEASURES
 from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
 from resim.recordings.checks.codes import CODES
@@ -57,7 +58,7 @@ API = {
     "JSCEN files": resim.scenario.jscen,
     "Roads": resim.road.opendrive,
     "Paths along lanes": resim.road.path,
-    "Criticality": resim.metrics.criticality,
+    "Measures": resim.metrics.measures,
     "Accident risk": resim.metrics.risk,
     "Training of perception models": resim.perception.training,
     "Errors": resim.core.errors,
@@ -238,6 +239,15 @@ def findings(_: str = "") -> str:
     return "\n".join(["| code | severity | what it means | what `--fix` does |", "|---|---|---|---|", *rows])
 
 
+# registries
+
+
+def measures(_: str = "") -> str:
+    """Give a table of the measures that resim has."""
+    rows = [f"| `{m.name}` | {m.kind} | {m.unit} | {m.meaning} | {m.source} |" for m in MEASURES]
+    return "\n".join(["| measure | kind | unit | what | source |", "|---|---|---|---|---|", *rows])
+
+
 # API
 
 
@@ -258,5 +268,6 @@ def as_rst(lines: list[str]) -> list[str]:
 
 
 PARTS: Mapping[str, Callable[[str], str]] = {
-    "commands": commands, "schema": schema, "findings": findings, "api": api,
+    "commands": commands, "schema": schema, "findings": findings, "measures": measures,
+    "api": api,
 }  # fmt: skip

@@ -24,7 +24,7 @@ RATE = 10.0
 class AssessmentOptions:
     """How to assess. path: where the EGO's path comes from (its plan where there is one, else its state).
 
-    prediction: how objects may go on (None: as published); road_aware: along their lanes. only: objectifications to
+    prediction: how objects may go on (None: as published); road_aware: along their lanes. only: measures to
     compute besides those that criteria ask for, None for all. rate: scenes a second [Hz].
     """
 
@@ -80,7 +80,7 @@ class ResimulationAssessment:
         return out
 
     def kpi_frame(self) -> pd.DataFrame:
-        """Give the worst of every objectification and the KPI of every criterion, one row each, by source."""
+        """Give the worst of every measure and the KPI of every criterion, one row each, by source."""
         rows = [{"source": name, **row} for name, a in self.blocks.items() for row in a.kpis()]
         rows += [] if self.model is None else self.model.kpis()
         frame = pd.DataFrame(rows)

@@ -19,11 +19,12 @@ from resim.road.checked import MapCheck
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.simulation.case import LEAD_IN, STEP, Case, SimulatedDrive
-from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.engine import Engine
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.sumo.engine import Sumo
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.registry import vehicle_model
 
 Basis = Literal["GT", "SD"]
 
@@ -32,7 +33,7 @@ Basis = Literal["GT", "SD"]
 class Options:
     """How to re-simulate: basis of the scenarios, vehicle model, step and lead-in [s], seed, and when to end.
 
-    vehicle: a name in `simulation.dynamics.VEHICLES`. Raises ResimError for what nothing is simulated with.
+    vehicle: a name in `simulation.vehicles.registry.VEHICLES`. Raises ResimError for what nothing is simulated with.
     """
 
     bases: tuple[Basis, ...] = ("GT", "SD")

@@ -21,8 +21,9 @@ from resim.metrics.criteria import freeze_criteria
 from resim.perception.model import freeze_model
 from resim.recordings.content import content_hash, refuse_changed
 from resim.recordings.listed import RecordingEntry, found_folders
-from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.function.interface import freeze_build
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.registry import vehicle_model
 from resim.sweeps.plans.adaptive import Lattice, Places, boundary, wanted
 from resim.sweeps.plans.design import Plan, SweepParameter, design
 from resim.verification.suite import read_suite

@@ -15,7 +15,7 @@ from pages import DOCS, PAGES, ROOT
 
 from resim import __version__
 from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
-from resim.metrics.objectifications import OBJECTIFICATIONS
+from resim.metrics.measures.registry import MEASURES
 from resim.recordings.folder import PLAN_COLUMNS
 from resim.recordings.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
 
@@ -114,8 +114,11 @@ def test_a_field_table_says_what_docstrings_say() -> None:
     )
 
 
-def test_the_measures_are_all_described() -> None:
-    assert first_column(DOCS / "guides" / "assess.md", "## Measures") == [o.name for o in OBJECTIFICATIONS]
+def test_every_measure_has_a_name_of_its_own_a_unit_and_a_source() -> None:
+    assert len({measure.name for measure in MEASURES}) == len(MEASURES)
+    rows = generated.measures().splitlines()[2:]
+    assert [re.findall("`(.+?)`", row) for row in rows] == [[measure.name] for measure in MEASURES]
+    assert all(cell.strip() for row in rows for cell in row.strip("|").split("|"))
 
 
 def test_the_columns_of_a_recording_are_all_described() -> None:
