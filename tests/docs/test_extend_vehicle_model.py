@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 from extend import Extended, extended
@@ -20,7 +19,8 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
 
 def test_the_help_lists_it(copy: Extended) -> None:
     for command in ("run", "verify", "sweep"):
-        assert "kinematic, single-track, point" in " ".join(copy.resim(command, "--help").split())
+        told = "".join(copy.resim(command, "--help").split())  # a name may be broken at its hyphen
+        assert "kinematic,single-track,point." in told
 
 
 def test_it_moves_the_ego(copy: Extended) -> None:
