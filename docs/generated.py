@@ -26,7 +26,7 @@ import resim.jobs.resimulate
 import resim.jobs.sweep
 import resim.jobs.train
 import resim.jobs.verify
-import resim.metrics.criticality
+import resim.metrics.measures
 import resim.metrics.risk
 import resim.perception.training
 import resim.recordings
@@ -39,6 +39,7 @@ import resim.simulation.case
 import resim.simulation.function.interface
 from resim.cli import app
 from resim.metrics.criteria import _CriteriaFile
+from resim.metrics.measures.registry import MEASURES
 from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
 from resim.recordings.checks.codes import CODES
@@ -71,7 +72,7 @@ API = {
     "JSCEN files": resim.scenario.jscen,
     "Roads": resim.road.opendrive,
     "Paths along lanes": resim.road.path,
-    "Criticality": resim.metrics.criticality,
+    "Measures": resim.metrics.measures,
     "Accident risk": resim.metrics.risk,
     "Training of perception models": resim.perception.training,
     "Errors": resim.core.errors,
@@ -252,6 +253,15 @@ def findings(_: str = "") -> str:
     return "\n".join(["| code | severity | what it means | what `--fix` does |", "|---|---|---|---|", *rows])
 
 
+# registries
+
+
+def measures(_: str = "") -> str:
+    """Give a table of the measures that resim has."""
+    rows = [f"| `{m.name}` | {m.kind} | {m.unit} | {m.meaning} | {m.source} |" for m in MEASURES]
+    return "\n".join(["| measure | kind | unit | what | source |", "|---|---|---|---|---|", *rows])
+
+
 # API
 
 
@@ -272,5 +282,6 @@ def as_rst(lines: list[str]) -> list[str]:
 
 
 PARTS: Mapping[str, Callable[[str], str]] = {
-    "commands": commands, "schema": schema, "findings": findings, "api": api,
+    "commands": commands, "schema": schema, "findings": findings, "measures": measures,
+    "api": api,
 }  # fmt: skip

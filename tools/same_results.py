@@ -39,9 +39,13 @@ FIELDS = {
     "*.json:*versions.*": "the program's code state, and one list of packages for all results",
     "*/run.json:relaxation": "called lead_in",
     "*/run.json:lead_in": "called relaxation before",
+    "*kpis.parquet:row[[]*": "a measure's row is called measure",
 }
 """What may be there in one only, or differ: "file:path.of.field", with * and ?, to the reason."""
-TEXTS: dict[str, str] = {}
+TEXTS: dict[str, str] = {
+    "objectification": "measure",  # the field's word
+    "first braking less measured": "braking delay against measured",  # plainer
+}
 """Texts of OLD to those of NEW that stand for them."""
 LINES = re.compile(
     r"((versions|cases|files): \S+|<hash>|\d+\.\d+\.\d+|engine|vehicle|sumo \d+\.\d+\.\d+|kinematic|single-track"

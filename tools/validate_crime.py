@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.metrics import criticality as c
-from resim.metrics.criticality import Pairs, State
-from resim.metrics.criticality.motion import ctra
+from resim.metrics import measures as c
+from resim.metrics.measures import Pairs, State
+from resim.metrics.measures.motion import ctra
 from resim.metrics.risk import DEFAULTS
 
 VERSION = "0.4.5"

@@ -18,6 +18,7 @@ from resim import __version__
 from resim.cli.terminal import say
 from resim.core.errors import FunctionError, ResimError, StopError
 from resim.core.files import refuse_undecodable
+from resim.simulation.vehicles.registry import VEHICLES
 
 app = typer.Typer(
     help="Put a measured test drive back into simulation, with the same AD function at the wheel, "
@@ -57,9 +58,9 @@ Accept = Annotated[
 """Errors in spite of which a command goes on."""
 
 Vehicle = Annotated[
-    str, typer.Option(metavar="MODEL", help="Vehicle model of the EGO: kinematic or single-track.")
+    str, typer.Option(metavar="MODEL", help=f"Vehicle model of the EGO, one of: {', '.join(VEHICLES)}.")
 ]
-"""Which model (`resim.simulation.dynamics.VEHICLES`) moves the EGO."""
+"""Which model (`resim.simulation.vehicles.registry.VEHICLES`) moves the EGO."""
 
 
 class BadVerdictError(Exception):

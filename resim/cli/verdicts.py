@@ -52,11 +52,11 @@ def console() -> Console:
 
 
 def print_worst(found: ResimulationAssessment) -> None:
-    """Print the worst of every objectification: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
-    from resim.metrics.objectifications import KINDS
+    """Print the worst of every measure: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
+    from resim.metrics.measures.definition import KINDS
 
-    table = Table(title=f"{found.name}: the worst of each objectification, when, and because of whom")
-    table.add_column("objectification")
+    table = Table(title=f"{found.name}: the worst of each measure, when, and because of whom")
+    table.add_column("measure")
     for name in found.blocks:
         table.add_column(name)
     worst = {name: {w.name: w for w in a.worst()} for name, a in found.blocks.items()}

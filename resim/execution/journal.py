@@ -9,7 +9,7 @@ import fcntl
 import json
 import os
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,9 +18,8 @@ from resim.core.errors import InputError
 from resim.core.files import open_file
 
 REMEDY = "Take the line away: its run is then done again."
-_TEXTS, _FLAGS = ("end", "failure", "decision", "verdict", "case"), ("same_decision", "collision")
-"""Columns of a row that hold no numbers; criteria have others, told by their names (`resim.sweeps.prepared`)."""
-
+TypeOf = Callable[[str], str]
+"""From a column of the rows to what it holds: "text", "flag" or "number"."""
 _LARGEST = 1e300
 _FEWEST = 2
 """Columns of a run without a result: its end, and why; all others have the same ones."""
@@ -69,19 +68,27 @@ class Journal:
         os.close(self._file)
 
 
-def read(folder: Path) -> Iterator[dict[str, Any]]:
-    """Give the entries of all journals in a folder. Raises InputError for a damaged one."""
-    for _, entry in entries(folder):
+def read(folder: Path, type_of: TypeOf | None = None) -> Iterator[dict[str, Any]]:
+    """Give the entries of all journals in a folder. Raises InputError for a damaged one.
+
+    type_of: of the columns; None where what they hold does not matter.
+    """
+    for _, entry in entries(folder, type_of):
         yield entry
 
 
 def entries(
-    folder: Path, plans: Mapping[int, str] | None = None, *, whole: bool = True
+    folder: Path,
+    type_of: TypeOf | None = None,
+    plans: Mapping[int, str] | None = None,
+    *,
+    whole: bool = True,
 ) -> Iterator[tuple[bytes, dict[str, Any]]]:
     """Give the JSON of every run in all journals in a folder, and what it says; a run that was done twice comes once.
 
-    plans: what each run is of, by its number; whole: whether there are no others. Raises InputError for a line that is
-    damaged, of another plan, or has another result than a line before.
+    type_of: of the columns; None where what they hold does not matter. plans: what each run is of, by its number;
+    whole: whether there are no others. Raises InputError for a line that is damaged, of another plan, or has another
+    result than a line before.
     """
     known: dict[int, int] = {}
     columns: frozenset[str] | None = None
@@ -91,7 +98,7 @@ def entries(
                 if not line.endswith(b"\n"):
                     continue
                 said = line[9:-1]
-                entry = _entry(said) if line[:9] == checksum(said) + b" " else None
+                entry = _entry(said, type_of) if line[:9] == checksum(said) + b" " else None
                 if entry is not None and len(entry["row"]) > _FEWEST:
                     columns = columns or frozenset(entry["row"])
                 if entry is None or (len(entry["row"]) > _FEWEST and columns != frozenset(entry["row"])):
@@ -113,25 +120,29 @@ def checksum(said: bytes) -> bytes:
     return b"%08x" % zlib.crc32(said)
 
 
-def _entry(said: bytes) -> dict[str, Any] | None:
+def _entry(said: bytes, type_of: TypeOf | None) -> dict[str, Any] | None:
     """An entry, None for what is none: run, plan, row by column, time [s] or none."""
     try:
         entry = json.loads(said)
         run, plan, row, time = entry["run"], entry["plan"], entry["row"], entry["time"]
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    known = type(run) is int and isinstance(plan, str) and isinstance(row, dict) and _fits("time", time)
-    known = known and isinstance(row.get("end"), str) and all(_fits(name, row[name]) for name in row)
+    known = type(run) is int and isinstance(plan, str) and isinstance(row, dict) and _fits("number", time)
+    known = (
+        known
+        and isinstance(row.get("end"), str)
+        and all(_fits(type_of(name), value) for name, value in row.items() if type_of is not None)
+    )
     return entry if known else None
 
 
-def _fits(name: str, value: object) -> bool:
-    """Whether a value of a row is of its column's type; none is of every type."""
+def _fits(kind: str, value: object) -> bool:
+    """Whether a value is of this type; none is of every type."""
     if value is None:
         return True
-    if name in _FLAGS:
+    if kind == "flag":
         return isinstance(value, bool)
-    if name in _TEXTS or name.startswith(("kpi ", "unit ")):
+    if kind == "text":
         return isinstance(value, str)
     return type(value) in (int, float) and -_LARGEST < value < _LARGEST  # type: ignore[operator]
 

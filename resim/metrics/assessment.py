@@ -1,4 +1,4 @@
-"""One drive, assessed: every objectification, the accident risk, and the verdict of each criterion."""
+"""One drive, assessed: every measure, the accident risk, and the verdict of each criterion."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.metrics.criteria import Criteria, Outcome, Verdict, judge, overall
-from resim.metrics.criticality import Measure, State
-from resim.metrics.criticality.measure import States
 from resim.metrics.doubts.doubt import doubted, resized
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import DriveScenes
-from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, MeasureInputs, scene_of
+from resim.metrics.measures import MeasureDefinition, MeasureValues, State
+from resim.metrics.measures.definition import Kind
+from resim.metrics.measures.inputs import MeasureInputs
+from resim.metrics.measures.values import States
 from resim.metrics.risk import Risk
 
 REASONS = {
@@ -33,7 +34,7 @@ UNBOUNDED = "no number is enough"
 
 @dataclass(frozen=True, eq=False)
 class Worst:
-    """The worst of one objectification: value in `unit`, time [s], object ("" for the EGO or the whole scene)."""
+    """The worst of one measure: value in `unit`, time [s], object ("" for the EGO or the whole scene)."""
 
     name: str
     kind: Kind
@@ -47,17 +48,22 @@ class Worst:
 class Assessment:
     """What a drive was like. measures by name, each (S, K), or (S,) of the EGO or the whole scene.
 
-    kinds: of each measure. contacts: when [s] the EGO's box touches whose. verdicts: of each criterion that it was
-    judged by. flaw: why the drive cannot pass, whatever the criteria say, or "".
+    definitions: of each measure. contacts: when [s] the EGO's box touches whose. verdicts: of each criterion that it
+    was judged by. flaw: why the drive cannot pass, whatever the criteria say, or "".
     """
 
     drive: DriveScenes
-    measures: Mapping[str, Measure]
-    kinds: Mapping[str, Kind]
+    measures: Mapping[str, MeasureValues]
+    definitions: Mapping[str, MeasureDefinition]
     risk: Risk
     contacts: tuple[tuple[float, str], ...]
     verdicts: Mapping[str, Verdict]
     flaw: str = ""
+
+    @property
+    def kinds(self) -> dict[str, Kind]:
+        """The kind of each measure."""
+        return {name: measure.kind for name, measure in self.definitions.items()}
 
     @property
     def verdict(self) -> Outcome | None:
@@ -72,12 +78,17 @@ class Assessment:
         ids, t = self.drive.ids, self.drive.t
         out = []
         for name, measure in self.measures.items():
-            if (found := measure.worst()) is None:
+            if (found := measure.worst_value()) is None:
                 continue
             value, (scene, *k) = found
-            whom = ids[k[0]] if k else _responsible_object(name, scene, self.drive, self.risk, self.contacts)
-            out.append(Worst(name, self.kinds[name], measure.unit, value, float(t[scene]), whom))
+            whom = ids[k[0]] if k else self.whom(name, scene)
+            out.append(Worst(name, self.definitions[name].kind, measure.unit, value, float(t[scene]), whom))
         return out
+
+    def whom(self, name: str, scene: int) -> str:
+        """Give because of which object a measure of the whole scene is what it is, "" for none."""
+        of = self.definitions[name].whom
+        return "" if of is None else of(self, scene)
 
     def notes(self) -> list[str]:
         """Give what one has to know to believe the risk: objects that its prediction was not fitted to."""
@@ -109,7 +120,7 @@ class Assessment:
                 name: {i: _reasons(*column) for i, *column in self._columns(m)} for name, m in self.measures.items()
             },
             "units": {name: m.unit for name, m in self.measures.items()},
-            "kinds": dict(self.kinds),
+            "kinds": self.kinds,
             "risk": {
                 "r_ind": _numbers(self.risk.r_ind),
                 "r_dep": _numbers(self.risk.r_dep),
@@ -135,24 +146,24 @@ class Assessment:
         }  # fmt: skip
 
     def kpis(self) -> Iterator[dict[str, Any]]:
-        """Give a row of kpis.parquet for the worst of every objectification, and for every criterion."""
+        """Give a row of kpis.parquet for the worst of every measure, and for every criterion."""
         worst = {w.name: w for w in self.worst()}
         for name, measure in self.measures.items():
             w = worst.get(name)
             yield {
-                "row": "objectification", "name": name, "kind": self.kinds[name], "measure": name,
+                "row": "measure", "name": name, "kind": self.definitions[name].kind, "measure": name,
                 "unit": measure.unit, "value": None if w is None else w.value, "t": None if w is None else w.t,
                 "object": "" if w is None else w.object, "verdict": "", "limit": None, "weight": None,
                 "reason": "" if w is not None else _why_none(measure),
             }  # fmt: skip
         for name, v in self.verdicts.items():
             yield {
-                "row": "criterion", "name": name, "kind": self.kinds[v.measure], "measure": v.measure,
+                "row": "criterion", "name": name, "kind": self.definitions[v.measure].kind, "measure": v.measure,
                 "unit": v.unit, "value": v.value, "t": v.t, "object": v.object, "verdict": v.outcome,
                 "limit": v.limit, "weight": v.weight, "reason": v.reason,
             }  # fmt: skip
 
-    def _columns(self, measure: Measure) -> Iterator[tuple[str, Floats, States, Any]]:
+    def _columns(self, measure: MeasureValues) -> Iterator[tuple[str, Floats, States, Any]]:
         """Each object's value, state and presence (S,), or the EGO's."""
         if measure.value.ndim == 1:
             yield (
@@ -167,61 +178,51 @@ class Assessment:
 
 
 def assess(
-    subject: MeasureInputs,
+    inputs: MeasureInputs,
     criteria: Criteria | None = None,
     flaw: str = "",
     only: Collection[str] | None = None,
     doubts: Doubts = WHOLE,
     larger: MeasureInputs | None = None,
 ) -> Assessment:
-    """Compute every objectification and the risk of a drive, and judge it by criteria if there are any.
+    """Compute every measure and the risk of a drive, and judge it by criteria if there are any.
 
     flaw: why it cannot pass, whatever the criteria say, or "": what is kept until then is INVALID, but up to a
-    collision, which ends a drive for good. only: objectifications to compute besides those that criteria ask for, None
+    collision, which ends a drive for good. only: measures to compute besides those that criteria ask for, None
     for all. doubts: what the drive's source leaves open; larger: the drive with boxes that hold all that objects may
     fill, where sizes or places are in doubt: what could fail by either does not pass.
     """
-    drive = subject.drive
-    every = (*OBJECTIFICATIONS, *subject.own)
+    drive = inputs.drive
+    every = inputs.definitions
     if only is not None:
         wanted = {*only, *(c.measure for c in (criteria.criteria if criteria is not None else ()))}
         every = tuple(o for o in every if o.name in wanted)
-    measures = {o.name: subject.measure(o.name) for o in every}
-    asked = {o.name: o for o in every}
+    measures = {o.name: inputs.measure(o.name) for o in every}
+    definitions = {o.name: o for o in every}
     verdicts = {}
     for c in criteria.criteria if criteria is not None else ():
-        measure, seen = subject.judged(c.measure, c.side, c.limit)
-        found = judge(c, measure, drive.t, drive.ids, drive.present)
+        measure, seen = inputs.judged(c.measure, c.side, c.limit)
+        verdict = judge(c, measure, drive.t, drive.ids, drive.present)
         if larger is not None:
             again, _ = larger.judged(c.measure, c.side, c.limit)
-            found = resized(found, judge(c, again, drive.t, drive.ids, drive.present), doubts)
-        found = doubted(found, c, asked[c.measure], measure, subject, doubts, seen)
-        if flaw and found.outcome == "PASS" and not subject.contacts:
-            found = replace(found, outcome="INVALID", reason=flaw)
-        verdicts[c.name] = found
-    for name, v in verdicts.items():
-        if v.t is not None and not v.object:
-            scene = int(np.argmin(np.abs(drive.t - v.t)))
-            verdicts[name] = replace(
-                v, object=_responsible_object(v.measure, scene, drive, subject.risk, subject.contacts)
-            )
-    kinds = {o.name: o.kind for o in every}
-    return Assessment(drive, measures, kinds, subject.risk, subject.contacts, verdicts, flaw)
+            verdict = resized(verdict, judge(c, again, drive.t, drive.ids, drive.present), doubts)
+        verdict = doubted(verdict, c, definitions[c.measure], measure, inputs, doubts, seen)
+        if flaw and verdict.outcome == "PASS" and not inputs.contacts:
+            verdict = replace(verdict, outcome="INVALID", reason=flaw)
+        verdicts[c.name] = verdict
+    found = Assessment(drive, measures, definitions, inputs.risk, inputs.contacts, verdicts, flaw)
+    return replace(found, verdicts={name: _with_object(v, found) for name, v in verdicts.items()})
 
 
-def _responsible_object(
-    name: str, scene: int, drive: DriveScenes, risk: Risk, contacts: tuple[tuple[float, str], ...]
-) -> str:
-    """Because of whom a measure of the whole scene is what it is: the largest risk, the first that is touched."""
-    if name == "collision":
-        return next((who for t, who in contacts if scene_of(drive, t) == scene), "")
-    if name == "risk":
-        near = np.nan_to_num(risk.r_to[scene], nan=-1.0)
-        return drive.ids[int(near.argmax())] if near.max(initial=0.0) > 0.0 else ""
-    return ""
+def _with_object(verdict: Verdict, found: Assessment) -> Verdict:
+    """A verdict on the whole scene, with the object because of which it is what it is."""
+    if verdict.t is None or verdict.object:
+        return verdict
+    scene = int(np.argmin(np.abs(found.drive.t - verdict.t)))
+    return replace(verdict, object=found.whom(verdict.measure, scene))
 
 
-def _why_none(measure: Measure) -> str:
+def _why_none(measure: MeasureValues) -> str:
     """Why a measure has no value anywhere: what it came nearest to."""
     states = set(np.unique(measure.state).tolist())
     order = (State.NO_CONFLICT, State.NOT_DEFINED, State.NOT_COMPUTED)

@@ -1,4 +1,4 @@
-"""Criteria: requirements over objectifications, from a TOML file, and the verdict (KPI) of each on a drive."""
+"""Criteria: requirements on measures, from a TOML file, and the verdict (KPI) of each on a drive."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ from resim.core.geometry import Bools, Floats
 from resim.core.plugins.frozen import FrozenCopy, FrozenFile, thaw
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
-from resim.metrics.criticality import Measure, State
-from resim.metrics.criticality.measure import Bad
-from resim.metrics.objectifications import OBJECTIFICATIONS, Kind, MeasureInputs, Objectification, names
+from resim.metrics.measures import MeasureDefinition, MeasureValues, State
+from resim.metrics.measures.definition import Kind
+from resim.metrics.measures.inputs import MeasureInputs
+from resim.metrics.measures.registry import MEASURES
+from resim.metrics.measures.values import WorstEnd
 from resim.road.opendrive import lent
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
 """Objects that a reason names."""
 MEASURE_LIMIT = 60.0
-"""s of wall clock for an objectification of the user's own, for one drive."""
+"""s of wall clock for a measure of the user's own, for one drive."""
 EXAMPLE = "See scenarios/criteria/highway.toml."
 _SAME = 1e-9
 
 
 class Criterion(BaseModel):
-    """A requirement: an objectification must not be below or above a limit for `duration` [s] or longer.
+    """A requirement: a measure must not be below or above a limit for `duration` [s] or longer.
 
     measure: its name. beyond: the limit of its magnitude, in either direction. start, end: the part of the drive [s
     from its start] that counts. weight: for whoever sums up. source: where the threshold comes from.
@@ -97,8 +99,8 @@ class Criterion(BaseModel):
         return np.asarray((times >= 0.0) & (surely | maybe))
 
 
-class OwnObjectification(BaseModel):
-    """A user's own objectification: `function` is "module:name", the module's file beside the file of criteria.
+class OwnMeasure(BaseModel):
+    """A user's own measure: `function` is "module:name", the module's file beside the file of criteria.
 
     The function takes a Drive and its RoadNetwork and gives an array (S,) of the EGO or (S, K) of it and each object,
     in `unit`, NaN where it is not defined. worst: which end is the worse one.
@@ -110,7 +112,7 @@ class OwnObjectification(BaseModel):
     function: str = Field(pattern=r"^[\w.]+:\w+$")
     unit: str = Field(min_length=1)
     kind: Kind = "quantitative"
-    worst: Bad = "high"
+    worst: WorstEnd = "high"
 
 
 class _CriteriaFile(BaseModel):
@@ -118,17 +120,17 @@ class _CriteriaFile(BaseModel):
 
     name: str = Field(min_length=1)
     files: tuple[str, ...] = ()
-    objectification: tuple[OwnObjectification, ...] = ()
+    measure: tuple[OwnMeasure, ...] = ()
     criterion: tuple[Criterion, ...] = Field(min_length=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Criteria:
-    """What a drive has to keep to, and the user's own objectifications. hash: SHA-256 of the file and their sources."""
+    """What a drive has to keep to, and the user's own measures. hash: SHA-256 of the file and their sources."""
 
     name: str
     criteria: tuple[Criterion, ...]
-    own: tuple[Objectification, ...] = ()
+    own: tuple[MeasureDefinition, ...] = ()
     hash: str = ""
 
 
@@ -152,15 +154,20 @@ class Verdict:
 
 
 def freeze_criteria(path: Path) -> FrozenFile:
-    """Keep a copy of a file of criteria, with the code of its own objectifications. Raises InputError."""
+    """Keep a copy of a file of criteria, with the code of its own measures. Raises InputError."""
     raw = read_file(path, EXAMPLE)
     file = _parsed(raw, path)
-    return freeze_code(path, raw, [o.function for o in file.objectification], file.files)
+    return freeze_code(path, raw, [o.function for o in file.measure], file.files)
 
 
 def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
+    said = parse_toml(raw, path, EXAMPLE)
+    if "objectification" in said:
+        raise InputError(
+            path, "there is no table [[objectification]]", "Write [[measure]]: it has the same fields."
+        )
     try:
-        return _CriteriaFile.model_validate(parse_toml(raw, path, EXAMPLE))
+        return _CriteriaFile.model_validate(said)
     except ValidationError as e:
         found = [
             p for p in e.errors() if p["type"] != "too_short"
@@ -183,9 +190,9 @@ def read_criteria(criteria: Path | FrozenFile) -> Criteria:
     frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(criteria)
     path, copy = frozen.path, thaw(frozen, freeze_criteria)
     file = _parsed(copy.raw, path)
-    own = tuple(_own(frozen, copy, o) for o in file.objectification)
-    known = [*names(OBJECTIFICATIONS), *names(own)]
-    for what, called in (("criterion", [c.name for c in file.criterion]), ("objectification", known)):
+    own = tuple(_own(frozen, copy, o) for o in file.measure)
+    known = [measure.name for measure in (*MEASURES, *own)]
+    for what, called in (("criterion", [c.name for c in file.criterion]), ("measure", known)):
         if twice := [name for name in called if called.count(name) > 1]:
             raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
     if strange := [c.measure for c in file.criterion if c.measure not in known]:
@@ -193,25 +200,25 @@ def read_criteria(criteria: Path | FrozenFile) -> Criteria:
     return Criteria(file.name, file.criterion, own, frozen.hash)
 
 
-def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnObjectification) -> Objectification:
-    function = load_named(frozen, copy, own.function, "objectification")
+def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnMeasure) -> MeasureDefinition:
+    function = load_named(frozen, copy, own.function, "measure")
     path = frozen.path
 
-    def of(subject: MeasureInputs) -> Measure:
-        drive = subject.drive
+    def of(inputs: MeasureInputs) -> MeasureValues:
+        drive = inputs.drive
         try:
             with (
-                lent(subject.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
+                lent(inputs.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
             ):  # fmt: skip
                 given = watchdog.call(MEASURE_LIMIT, lambda: function.load()(deepcopy(drive), road))
         except ChangedError:
             raise
         except FunctionError as e:
-            problem = f"objectification {own.name!r}: {own.function} {e}"
+            problem = f"measure {own.name!r}: {own.function} {e}"
             raise InputError(path, problem, opened.remedy()) from e
         shapes = drive.t.shape, drive.present.shape
         if what := _no_measure(given, shapes):
-            problem = f"objectification {own.name!r}: {own.function} gave {what}"
+            problem = f"measure {own.name!r}: {own.function} gave {what}"
             expected = (
                 f"expected an array of real numbers {shapes[0]} (scenes) or {shapes[1]} (scenes, objects)"
             )
@@ -220,13 +227,22 @@ def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnObjectification) -> Objec
         there = drive.present if value.ndim == 2 else np.ones(value.shape, dtype=bool)
         state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE)
         state = np.where(there, state, State.NOT_COMPUTED).astype(np.uint8)
-        return Measure(own.name, own.unit, np.where(state == State.VALUE, value, np.nan), state, own.worst)
+        return definition.values(np.where(state == State.VALUE, value, np.nan), state)
 
-    return Objectification(own.name, own.kind, of)
+    definition = MeasureDefinition(
+        name=own.name,
+        unit=own.unit,
+        worst=own.worst,
+        kind=own.kind,
+        source=own.function,
+        meaning="a measure of the user's own",
+        of=of,
+    )
+    return definition
 
 
 def _no_measure(given: Any, shapes: tuple[tuple[int, ...], ...]) -> str:
-    """What an own objectification gave instead of numbers in one of these shapes; "" where it gave those."""
+    """What an own measure gave instead of numbers in one of these shapes; "" where it gave those."""
     if np.ma.isMaskedArray(given):
         return "a masked array"
     try:
@@ -242,7 +258,7 @@ def _no_measure(given: Any, shapes: tuple[tuple[int, ...], ...]) -> str:
 
 
 def judge(
-    criterion: Criterion, measure: Measure, t: Floats, ids: Sequence[str], present: Bools | None = None
+    criterion: Criterion, measure: MeasureValues, t: Floats, ids: Sequence[str], present: Bools | None = None
 ) -> Verdict:
     """Judge a measure (S,) of the EGO, or (S, K) of it and objects `ids`, over the scenes at t (S,) s.
 
@@ -301,7 +317,7 @@ def judge(
     )  # fmt: skip
 
 
-def _beyond(criterion: Criterion, measure: Measure, none: Bools, broken: Bools, t: Floats) -> Bools:
+def _beyond(criterion: Criterion, measure: MeasureValues, none: Bools, broken: Bools, t: Floats) -> Bools:
     """In which scenes (S, K) a limit can be broken beyond the horizon, of those who can have broken it for long."""
     if measure.beyond is None:
         return np.zeros(none.shape, dtype=bool)
@@ -313,7 +329,7 @@ def _beyond(criterion: Criterion, measure: Measure, none: Bools, broken: Bools, 
     return np.asarray(can & np.array(long, dtype=bool))
 
 
-def _so_far(criterion: Criterion, measure: Measure, beyond: Bools) -> str:
+def _so_far(criterion: Criterion, measure: MeasureValues, beyond: Bools) -> str:
     """What is not shown by no conflict within the horizon."""
     most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
     worst = float(most.min() if criterion.side == "below" else most.max())

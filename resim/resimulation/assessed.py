@@ -86,7 +86,7 @@ class ResimulationAssessment:
         return out
 
     def kpi_frame(self) -> pd.DataFrame:
-        """Give the worst of every objectification and the KPI of every criterion, one row each, by source."""
+        """Give the worst of every measure and the KPI of every criterion, one row each, by source."""
         rows = [{"source": name, **row} for name, a in self.blocks.items() for row in a.kpis()]
         rows += [] if self.model is None else self.model.kpis()
         frame = pd.DataFrame(rows)

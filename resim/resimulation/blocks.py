@@ -13,8 +13,9 @@ from resim.core.tracks import Strings, Tracks, whole_id
 from resim.metrics.assessment import Assessment, assess
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import Plans, drive
-from resim.metrics.functional import FunctionActivity
-from resim.metrics.objectifications import MeasureInputs, contacts
+from resim.metrics.measures.collision import contacts
+from resim.metrics.measures.functional import FunctionActivity
+from resim.metrics.measures.inputs import MeasureInputs
 from resim.recordings.folder import PLAN_COLUMNS
 from resim.resimulation.assessed import AssessmentOptions
 from resim.road.opendrive import RoadNetwork

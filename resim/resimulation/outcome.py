@@ -61,4 +61,4 @@ COMFORT: Mapping[str, str] = {
     "lateral acceleration": "both",
     "longitudinal jerk": "both",
 }
-"""Objectifications that say how comfortable a drive was, and which way is uncomfortable."""
+"""Measures that say how comfortable a drive was, and which way is uncomfortable."""

@@ -91,7 +91,7 @@ def first_divergence(one: Tracks, two: Tracks, ego: str) -> float | None:
 
 def _worst(assessment: Assessment, name: str) -> float | None:
     measure = assessment.measures.get(name)
-    found = None if measure is None else measure.worst()
+    found = None if measure is None else measure.worst_value()
     return None if found is None else found[0]
 
 

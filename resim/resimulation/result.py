@@ -19,11 +19,12 @@ from resim.road.checked import MapCheck
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
 from resim.simulation.case import LEAD_IN, STEP, Case, SimulatedDrive
-from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.engine import Engine
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.sumo.engine import Sumo
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.registry import vehicle_model
 
 if TYPE_CHECKING:
     from resim.resimulation.report import RunReport

@@ -14,9 +14,10 @@ from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.jscen import jscen
 from resim.scenario.scenario import Scenario
-from resim.simulation.dynamics import Kinematic, VehicleModel
 from resim.simulation.function.interface import Build, Perceived
 from resim.simulation.perception import IdealPerception, Perception
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.model import VehicleModel
 
 if TYPE_CHECKING:
     from resim.simulation.engine import Engine

@@ -16,12 +16,12 @@ from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
-from resim.simulation.dynamics import VehicleState
 from resim.simulation.function.driver import Driver, cycle_steps
 from resim.simulation.function.interface import Command, EgoState, Placement, Setup
 from resim.simulation.guide import Guide
 from resim.simulation.sumo.session import EGO, Session, from_sumo, open_session
 from resim.simulation.traffic import Stage, staged
+from resim.simulation.vehicles.model import VehicleState
 
 _BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""

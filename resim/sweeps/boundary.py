@@ -16,6 +16,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
+from resim.sweeps.outcomes.registry import column_of
 from resim.sweeps.plans.adaptive import Lattice, Places
 from resim.sweeps.points import SweepOutcome, SweepPoints
 from resim.sweeps.result import RESUME, SweepResult, limits
@@ -53,8 +54,8 @@ def boundary(
     Raises InputError where the manifest does not tell of it.
     """
     asked, lattice = swept.file["adaptive"], Lattice.over(swept.parameters)
-    name = {"no collision": "collision"}.get(asked["outcome"], asked["outcome"])
-    outcome = next(o for o in outcomes if o.name in (name, f"kpi {name}"))
+    column, _ = column_of(asked["outcome"])
+    outcome = next(o for o in outcomes if o.name == column)
     told, names = _boundary_entry(swept, rows), tuple(p.name for p in swept.parameters)
     cells = np.array(told["cells"], dtype=float).reshape(-1, len(names), 2)
     places, low, high = (_places(lattice, x) for x in (points.x, cells[:, :, 0], cells[:, :, 1]))
@@ -63,7 +64,7 @@ def boundary(
     f = _BoundaryCells(lattice, names, places, good_seeds >= needed, low, high)
     finest = (np.array(lattice.high) - np.array(lattice.low)) / lattice.counts
     return {
-        "name": outcome.name, "label": outcome.label, "limit": limits(swept).get(name),
+        "name": outcome.name, "label": outcome.label, "limit": limits(swept).get(column.removeprefix("kpi ")),
         "share": asked["share"], "seeds": seeds, "needed": needed,
         "points": len(places), "good": int(f.good.sum()), "most": swept.file["points"], "known": told["known"],
         "widths": {p.name: p.width for p in swept.parameters},

@@ -26,7 +26,8 @@ from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
-from resim.sweeps.file import OUTCOMES, RUN, Sweep, boundaries, runs
+from resim.sweeps.file import RUN, Sweep, boundaries, runs
+from resim.sweeps.outcomes.registry import OUTCOMES, type_of
 from resim.sweeps.runs import RunTask, Values, run, swept_model, with_values
 
 ATTEMPTS = 3
@@ -144,7 +145,8 @@ def _has_outcome(sweep: Sweep) -> None:
     """Raise InputError where an adaptive plan asks for an outcome that runs do not have."""
     if sweep.file.plan != "adaptive":
         return
-    known = list(dict.fromkeys([*OUTCOMES, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
+    shares = (outcome.name for outcome in OUTCOMES if outcome.good is not None)
+    known = list(dict.fromkeys([*shares, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
     if sweep.file.adaptive.outcome not in known:
         problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is none of this sweep's"
         raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
@@ -189,7 +191,7 @@ def execute(
             rows = _rows(sweep, out)
             wanted = runs(sweep, rows)
             plans = _plans(sweep, wanted)
-            for _ in journal.entries(out / "journal", plans, whole=sweep.file.plan != "adaptive"):
+            for _ in journal.entries(out / "journal", type_of, plans, whole=sweep.file.plan != "adaptive"):
                 pass  # none is of something else
             expect(len(wanted))
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
@@ -215,7 +217,7 @@ def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
 def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
     """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
     needed = sweep.file.plan == "adaptive"
-    return {entry[RUN]: entry["row"] if needed else {} for entry in journal.read(out / "journal")}
+    return {entry[RUN]: entry["row"] if needed else {} for entry in journal.read(out / "journal", type_of)}
 
 
 def _tried(
@@ -277,7 +279,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
     adaptive = sweep.file.plan == "adaptive"
     rows = _rows(sweep, out) if adaptive else {}
     every = runs(sweep, rows)
-    told = journal.entries(out / "journal", _plans(sweep, every))
+    told = journal.entries(out / "journal", type_of, _plans(sweep, every))
     lines = {entry[RUN]: line for line, entry in told}
     if missing := len(every) - len(lines):
         return missing, 0

@@ -21,8 +21,10 @@ from resim.metrics.criteria import freeze_criteria
 from resim.perception.model import freeze_model
 from resim.recordings.content import content_hash, refuse_changed
 from resim.recordings.listed import RecordingEntry, found_folders
-from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.function.interface import freeze_build
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.registry import vehicle_model
+from resim.sweeps.outcomes.registry import column_of
 from resim.sweeps.plans.adaptive import Lattice, Places, boundary, wanted
 from resim.sweeps.plans.design import Plan, SweepParameter, design
 from resim.verification.suite import read_suite
@@ -39,14 +41,11 @@ RUN = "run"
 """Column of the tables: which run it is, counted from 0."""
 
 
-OUTCOMES = ("verdict", "same_decision", "no collision")
-"""Outcomes of every run, besides those of the criteria."""
-
-
 class Adaptive(Strict):
     """Where an adaptive plan spends its runs: where the share of a point's seeds that are good falls below `share`.
 
-    outcome: "verdict" (PASS), "same_decision" (as measured), "no collision", or a criterion's name (PASS).
+    outcome: an outcome of `resim.sweeps.outcomes` by which runs are good, such as "verdict" (PASS), "same_decision" (as
+    measured) or "no collision", or a criterion's name (PASS).
     """
 
     outcome: str = "verdict"
@@ -56,11 +55,8 @@ class Adaptive(Strict):
         """Say whether a run is good; one that failed, or is without a result, is not."""
         if row.get("end") == "failed" or row.get("failure"):
             return False
-        if self.outcome == "same_decision":
-            return row.get("same_decision") is True
-        if self.outcome == "no collision":
-            return row.get("collision") is False
-        return row.get("verdict" if self.outcome == "verdict" else f"kpi {self.outcome}") == "PASS"
+        column, good = column_of(self.outcome)
+        return row.get(column) == good
 
 
 class SweepFile(Strict):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,14 +11,9 @@ import pandas as pd
 
 from resim.core.geometry import Bools, Floats
 from resim.perception.parameters import unit
+from resim.sweeps.outcomes.registry import OUTCOMES
 from resim.sweeps.plans.design import SweepParameter
 from resim.sweeps.result import SweepResult
-
-FIXED = {"verdict": "every criterion passes", "same_decision": "decides as measured",
-         "collision": "no collision of the EGO"}  # fmt: skip
-GOOD: Mapping[str, str | bool] = {"verdict": "PASS", "same_decision": True, "collision": False}
-VALUES = {"risk": ("largest accident risk", ""), "reaction_difference": ("first braking less measured", "s"),
-          "end_position_error": ("distance from the drive at the end", "m")}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +67,17 @@ def points_of(swept: SweepResult, rows: pd.DataFrame) -> tuple[SweepPoints, list
 def _columns(swept: SweepResult, rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:
     """Name, label, unit, whether it is a share, and values of each outcome; what failed is not good and has none."""
     good = ~failed(rows).to_numpy()
-    for name, words in FIXED.items():
-        yield name, words, "", True, (good & equal(rows[name], GOOD[name])).astype(float)
+    for o in OUTCOMES:
+        if o.good is not None:
+            yield o.column, o.label, o.unit, True, (good & equal(rows[o.column], o.good)).astype(float)
     criteria = [str(c).removeprefix("kpi ") for c in rows.columns if str(c).startswith("kpi ")]
     for name in criteria:
         yield f"kpi {name}", name, "", True, (good & equal(rows[f"kpi {name}"], "PASS")).astype(float)
     risk = rows["risk"].to_numpy(dtype=float)
-    for name, (words, of) in VALUES.items():
-        yield name, words, of, False, np.where(good, rows[name].to_numpy(dtype=float), np.nan)
+    for o in OUTCOMES:
+        if o.good is None:
+            value = rows[o.column].to_numpy(dtype=float)
+            yield o.column, o.label, o.unit, False, np.where(good, value, np.nan)
     for name in criteria:
         value = rows[f"value {name}"].to_numpy(dtype=float)
         if not np.array_equal(value, risk, equal_nan=True):

@@ -6,23 +6,30 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from resim.metrics.criteria import Criteria, overall
+from resim.metrics.criteria import Criteria
 from resim.perception.model import PerceptionModel
 from resim.perception.runtime.sensor import Sensor
 from resim.recordings import Recording
 from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.outcome import COMFORT, DriveOutcome
 from resim.resimulation.outcomes import seed_outcome
-from resim.resimulation.perceived import difference, end_error
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import PreparedRecording, Resimulation, ResimulationOptions
 from resim.resimulation.run import prepare, run_on_gt
 from resim.scenario import maneuvers
 from resim.simulation.function.interface import Build
+from resim.sweeps.outcomes.definition import FinishedRun
+from resim.sweeps.outcomes.registry import OUTCOMES, TEXTS
 from resim.verification.verify import COMPARED
 
 RATE = 5.0
 """Scenes a second [Hz] that are assessed in a sweep."""
+
+LEADING = (
+    "end", "failure", "decision", "same_decision", "reaction", "reaction_difference", "collision", "risk",
+    "end_position_error", "case",
+)  # fmt: skip
+"""Columns that stand first in the table, for who reads it; all others follow as they are made."""
 
 Row = dict[str, Any]
 
@@ -65,38 +72,35 @@ def run_once(
     found = seed_outcome(
         result, seed, AssessmentOptions(criteria=prepared.criteria, only=COMPARED, rate=RATE)
     )
+    run = FinishedRun(drive, pipe, found, prepared.decision, prepared.reaction)
     row: Row = {
         "end": drive.end,
         "failure": drive.failure or None,
         "decision": ", ".join(found.decision),
-        "same_decision": found.decision == prepared.decision,
         "reaction": found.reaction,
-        "reaction_difference": difference(found.reaction, prepared.reaction),
-        "collision": found.collision,
-        "risk": found.risk,
-        "end_position_error": end_error(drive, pipe),
         "case": drive.case.hash,
     }
     errors = found.errors or dict.fromkeys(["d", "v", "heading"])
     row |= {f"pipeline_{name}": value for name, value in errors.items()}
     row |= {name: found.comfort[name] for name in COMFORT}
-    row |= _judged(found, prepared.criteria)
+    row |= {outcome.column: outcome.of(run) for outcome in OUTCOMES}
+    row |= _kpis(found, prepared.criteria)
+    row = {column: row[column] for column in (*LEADING, *row)}
     return _without_values(row) if drive.failure else row
 
 
 def _without_values(row: Row) -> Row:
     """The row of a run that failed: what it did until then says nothing of what it would have come to."""
-    said = ("end", "failure", "decision", "verdict", "case")
+    final = {o.column for o in OUTCOMES if o.final and row[o.column] != o.good}
     return {
-        name: value if name in said or name.startswith("kpi ") or (name == "collision" and value) else None
+        name: value if name in TEXTS or name in final or name.startswith("kpi ") else None
         for name, value in row.items()
     }
 
 
-def _judged(found: DriveOutcome, criteria: Criteria) -> Row:
-    """The verdict, and of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
-    verdict = overall(found.kpis) if found.kpis else "INVALID"
-    row: Row = {"verdict": "INVALID" if verdict == "PASS" and found.end != "duration" else verdict}
+def _kpis(found: DriveOutcome, criteria: Criteria) -> Row:
+    """Of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
+    row: Row = {}
     for c in criteria.criteria:
         kpi = found.kpis.get(c.name)
         row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome

@@ -17,13 +17,12 @@ from resim.core.files import parse_json, read_file
 from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
+from resim.sweeps.outcomes.registry import OUTCOMES
 from resim.sweeps.plans.design import SweepParameter
 
 SCHEMA = "resim-sweep-1"
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
-RESULTS = (
-    "verdict", "decision", "same_decision", "collision", "risk", "reaction_difference", "end_position_error",
-)  # fmt: skip
+RESULTS = ("decision", *(outcome.column for outcome in OUTCOMES))
 """Columns of every run that has a result (`resim.sweeps.prepared`)."""
 
 

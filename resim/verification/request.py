@@ -19,8 +19,9 @@ from resim.recordings.content import content_hash
 from resim.recordings.settings import SETTINGS, read_settings
 from resim.resimulation import check_codes
 from resim.scenario.variation import PARAMETERS
-from resim.simulation.dynamics import Kinematic, vehicle_model
 from resim.simulation.function.interface import freeze_build, load_build
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.registry import vehicle_model
 from resim.verification.paired import RegressionLimits
 from resim.verification.sequential import SequentialTest
 from resim.verification.suite import Suite

@@ -30,7 +30,7 @@ from resim.verification.variation_range import critical, validity
 from resim.verification.vehicle import OpenLoop
 
 COMPARED = (*COMFORT, "risk", "collision")
-"""Objectifications that are compared whether criteria ask for them or not."""
+"""Measures that are compared whether criteria ask for them or not."""
 UNKNOWN = "unknown"
 """Stands for the build that drove a recording that does not say which did."""
 

@@ -14,7 +14,6 @@ from adfunc.idm import Idm
 from adfunc.lane_keeping import Lane, in_corridor
 from resim.recordings.settings import SETTINGS, read_settings
 from resim.road.opendrive import RoadNetwork
-from resim.simulation.dynamics import Kinematic
 from resim.simulation.function.interface import (
     AdFunction,
     Command,
@@ -23,6 +22,7 @@ from resim.simulation.function.interface import (
     Setup,
     load_build,
 )
+from resim.simulation.vehicles.kinematic import Kinematic
 
 RIGHT, LEFT = -5.25, -1.75  # y of lanes -2 and -1 of road 1, along +x
 ROOT = Path(__file__).parents[2]

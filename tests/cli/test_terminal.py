@@ -57,7 +57,7 @@ def test_the_names_of_an_own_measure_cannot_steer_the_terminal(call: Call, tmp_p
     (tmp_path / "steering_measures.py").write_text("def beside(drive, network):\n    return drive.t\n")
     text = json.dumps(STEERING).replace("\\u009b", "\\u009B")
     (tmp_path / "own.toml").write_text(
-        f'name = {text}\n[[objectification]]\nname = {text}\nfunction = "steering_measures:beside"\nunit = {text}\n'
+        f'name = {text}\n[[measure]]\nname = {text}\nfunction = "steering_measures:beside"\nunit = {text}\n'
         f'kind = "quantitative"\nworst = "low"\n[[criterion]]\nname = {text}\nmeasure = {text}\nbelow = 50.0\n'
     )
     code, out, error = call("assess", ROOT / "scenarios" / "overtake", "--criteria", tmp_path / "own.toml")

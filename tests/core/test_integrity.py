@@ -29,8 +29,8 @@ CHANGES = {
     "a built-in name": ("import resim.metrics.risk.metric as m; m.max = min", "resim.metrics.risk.metric.max"),
     "a table": ("import resim.metrics.assessment as m; m.REASONS.clear()", "resim.metrics.assessment.REASONS"),
     "a measure": (
-        "import resim.metrics.objectifications as m; object.__setattr__(m.OBJECTIFICATIONS[0], 'of', print)",
-        "OBJECTIFICATIONS[0].of",
+        "import resim.metrics.measures.registry as m; object.__setattr__(m.MEASURES[0], 'of', print)",
+        "MEASURES[0].of",
     ),
     "numpy": ("import numpy; numpy.maximum = numpy.minimum", "numpy.maximum"),
     "Python": ("import builtins; builtins.max = min", "builtins.max"),
@@ -59,7 +59,7 @@ import builtins, gettext, multiprocessing
 gettext.install("x")
 builtins.profile = lambda f: f
 multiprocessing.set_start_method("fork")
-import resim.resimulation.fidelity, resim.metrics.criticality, numpy.polynomial, json
+import resim.resimulation.fidelity, resim.metrics.measures, numpy.polynomial, json
 from resim.core.geometry import wrap_angle
 from resim.metrics.risk import DEFAULTS
 class Mine(dict): pass
@@ -144,8 +144,8 @@ def test_a_module_that_was_loaded_again_covers_no_change_of_the_first(own: Calla
 
 
 def test_a_measure_gets_no_method_of_its_own(own: Callable[..., Path]) -> None:
-    deed = "import resim.metrics.objectifications as m; m.OBJECTIFICATIONS[0].__dict__['__call__'] = print"
-    assert "OBJECTIFICATIONS[0].__call__" in made(own(deed))
+    deed = "import resim.metrics.measures.registry as m; m.MEASURES[0].__dict__['__call__'] = print"
+    assert "MEASURES[0].__call__" in made(own(deed))
 
 
 def test_a_module_that_user_code_loads_is_remembered_as_it_was_loaded(own: Callable[..., Path]) -> None:

@@ -16,6 +16,7 @@ from resim.recordings.settings import read_settings
 from resim.verification.suite import read_suite
 
 GUIDES = DOCS / "guides"
+EXTEND = DOCS / "extend"
 RUN_HERE = {
     "library.py",
     "resimulate_both.py",
@@ -34,9 +35,16 @@ def example(page: Path, name: str) -> str:
 
 def test_every_example_is_run() -> None:
     every = {
-        name for page in PAGES for language in ("python", "toml") for name in pages.named(page, language)
+        name
+        for page in PAGES
+        if page.parent != EXTEND
+        for language in ("python", "toml")
+        for name in pages.named(page, language)
     }
     assert every == RUN_HERE | RUN_BY_THE_TUTORIAL
+    for page in EXTEND.glob("*.md"):
+        test = Path(__file__).with_name(f"test_extend_{page.stem}.py")
+        assert f'"{page.name}"' in test.read_text(), page.name
 
 
 def test_the_library_example_prints_what_it_says() -> None:

@@ -79,7 +79,7 @@ def test_a_measure_that_ends_its_process_leaves_the_older_result(call: Call, tmp
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     (tmp_path / "mine.py").write_text("import os\ndef leave(drive, network): os._exit(0)\n")
     (tmp_path / "mine.toml").write_text(
-        'name = "mine"\n[[objectification]]\nname = "own"\nfunction = "mine:leave"\nunit = "m"\nworst = "high"\n'
+        'name = "mine"\n[[measure]]\nname = "own"\nfunction = "mine:leave"\nunit = "m"\nworst = "high"\n'
         'kind = "quantitative"\n[[criterion]]\nname = "c"\nmeasure = "own"\nabove = 1.0\n'
     )
     code, out, error = call(*order, "--criteria", tmp_path / "mine.toml")

@@ -126,7 +126,7 @@ def test_kpis_are_rows_that_a_query_finds(call, tmp_path):
     whole = written(tmp_path / "a")
     assert gt.verdict.to_dict() == {name: c["verdict"] for name, c in whole["criteria"].items()}
     assert gt.loc["no collision", ["object", "limit", "weight"]].tolist() == ["1", 0.0, 10.0]
-    worst = kpis[(kpis.source == "GT") & (kpis.row == "objectification")].set_index("name")
+    worst = kpis[(kpis.source == "GT") & (kpis.row == "measure")].set_index("name")
     assert worst.loc["TTC", "value"] == min(x for x in whole["measures"]["TTC"]["1"] if x is not None)
     assert set(worst.kind) == {"functional", "quantitative", "legal"}
 

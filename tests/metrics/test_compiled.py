@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from resim.core.geometry import boxes_overlap, wrap_angle
-from resim.metrics.criticality import motion
-from resim.metrics.criticality.contact import first_contact
+from resim.metrics.measures import motion
+from resim.metrics.measures.contact import first_contact
 
 PARTS, BULGE = 16, 4.0 / 27.0
 

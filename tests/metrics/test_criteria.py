@@ -6,7 +6,7 @@ from conftest import ROOT
 
 from resim.core.errors import InputError
 from resim.metrics.criteria import Criterion, judge, overall, read_criteria
-from resim.metrics.criticality import Measure, State
+from resim.metrics.measures import MeasureValues, State
 
 T = np.arange(50) * 0.1
 
@@ -14,7 +14,7 @@ T = np.arange(50) * 0.1
 def measure(value, state=None, *, bad="low"):
     value = np.asarray(value, dtype=float)
     state = np.where(np.isnan(value), State.NO_CONFLICT, State.VALUE) if state is None else state
-    return Measure("TTC", "s", value, np.asarray(state, dtype=np.uint8), bad)
+    return MeasureValues("TTC", "s", value, np.asarray(state, dtype=np.uint8), bad)
 
 
 def two(**change):
@@ -83,7 +83,7 @@ def test_a_drive_breaks_no_limit_for_longer_than_it_lasts(change, outcome, reaso
 def test_beyond_counts_in_either_direction():
     value = np.zeros(50)
     value[10:15] = -4.0
-    sway = Measure("lateral acceleration", "m/s²", value, np.zeros(50, dtype=np.uint8), "both")
+    sway = MeasureValues("lateral acceleration", "m/s²", value, np.zeros(50, dtype=np.uint8), "both")
     found = judge(
         Criterion(name="sway", measure="lateral acceleration", beyond=3.0, duration=0.5), sway, T, []
     )

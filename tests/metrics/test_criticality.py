@@ -9,10 +9,10 @@ import pytest
 import shapely
 
 from resim.core.errors import ResimError
-from resim.metrics import criticality as c
-from resim.metrics.criticality import Pairs, State
-from resim.metrics.criticality.contact import distance, first_contact
-from resim.metrics.criticality.motion import ctra
+from resim.metrics import measures as c
+from resim.metrics.measures import Pairs, State
+from resim.metrics.measures.contact import distance, first_contact
+from resim.metrics.measures.motion import ctra
 from resim.metrics.risk import PUBLISHED, Scenes
 
 CAR = (4.7, 1.9)
@@ -402,16 +402,16 @@ def test_no_conflict_not_defined_and_not_computed_are_three_things():
     assert thw.state.tolist() == [[State.NOT_DEFINED, State.NOT_COMPUTED]]
     assert ttc.state.tolist() == [[State.NO_CONFLICT, State.NOT_COMPUTED]]
     assert np.isnan([thw.value, ttc.value]).all()
-    assert ttc.worst() is None
+    assert ttc.worst_value() is None
     assert ttc.count(State.NO_CONFLICT) == 1
 
 
 def test_the_worst_is_named_with_its_place():
     p = pairs(plan(21.0), [[56.7, 0, 0, 10, 0, 0], [16.8, 0, 0, 10, 0, 0], [30, 20, 0, 5, 0, 0]], horizon=8.0)
-    assert c.ttc(p).worst() == (pytest.approx(1.1), (0, 1))
-    assert c.drac(p).worst() == (pytest.approx(5.0, abs=1e-3), (0, 1))
+    assert c.ttc(p).worst_value() == (pytest.approx(1.1), (0, 1))
+    assert c.drac(p).worst_value() == (pytest.approx(5.0, abs=1e-3), (0, 1))
     oncoming = c.drac(pairs(plan(21.0), [[30, 0, 0, 10, 0, 0], [60, 0, math.pi, 10, 0, 0]]))
-    assert oncoming.worst() == (np.inf, (0, 1))
+    assert oncoming.worst_value() == (np.inf, (0, 1))
 
 
 def test_arrays_that_do_not_fit_are_told():

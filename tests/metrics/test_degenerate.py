@@ -12,7 +12,8 @@ from resim.core.errors import ResimError
 from resim.metrics.assessment import assess
 from resim.metrics.criteria import Criteria, Criterion, read_criteria
 from resim.metrics.drive import drive
-from resim.metrics.objectifications import MeasureInputs, contacts
+from resim.metrics.measures.collision import contacts
+from resim.metrics.measures.inputs import MeasureInputs
 from resim.metrics.risk import accident_risk
 
 HIGHWAY = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")

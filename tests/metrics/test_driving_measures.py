@@ -9,10 +9,10 @@ import pytest
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
-from resim.metrics import criticality as c
-from resim.metrics.criticality import Measure, Pairs, State
-from resim.metrics.criticality.driving import slope
-from resim.metrics.criticality.motion import ctra
+from resim.metrics import measures as c
+from resim.metrics.measures import MeasureValues, Pairs, State
+from resim.metrics.measures.driving import slope
+from resim.metrics.measures.motion import ctra
 from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
 from resim.road.opendrive import load
 
@@ -61,7 +61,7 @@ def test_lateral_acceleration_of_a_circle_is_v_squared_over_r():
     jerk = c.lateral_jerk(turning)
     np.testing.assert_allclose(jerk.value[jerk.state == State.VALUE], 0.0, atol=1e-9)
     right = c.lateral_acceleration(tracks(0 * T, 0, -0.2 * T, 10.0, t=T))
-    assert right.worst()[0] == pytest.approx(-2.0)
+    assert right.worst_value()[0] == pytest.approx(-2.0)
 
 
 def test_measured_values_go_before_derived_ones():
@@ -132,7 +132,7 @@ def test_who_was_cut_in_on_has_time_to_restore_the_gap(kmh, grace):
     late = c.tailgating(t, v, spare)
     assert (late.state[t < 2.0] == State.NO_CONFLICT).all()
     np.testing.assert_allclose(late.value[t >= 2.0, 0], t[t >= 2.0] - 2.0 - grace)
-    assert late.worst() == (pytest.approx(7.5 - grace), (19, 0))
+    assert late.worst_value() == (pytest.approx(7.5 - grace), (19, 0))
 
 
 def test_who_drives_up_himself_has_none():
@@ -168,7 +168,7 @@ def test_speed_over_the_limit(network):
     assert m.value[0, 0] == pytest.approx(30 - 130 / 3.6)
     assert m.value[0, 2] == pytest.approx(30 - 100 / 3.6)
     assert m.state.tolist() == [[State.VALUE, State.NOT_COMPUTED, State.VALUE, State.NOT_DEFINED]]
-    assert m.worst() == (pytest.approx(30 - 100 / 3.6), (0, 2))
+    assert m.worst_value() == (pytest.approx(30 - 100 / 3.6), (0, 2))
 
 
 def test_a_road_without_limit_has_no_speed_over_it(tmp_path):
@@ -255,6 +255,6 @@ def test_pet_of_driven_paths():
 
 def test_a_measure_has_numbers_where_its_state_says_so_and_only_there():
     with pytest.raises(ResimError, match="TTC: expected NaN where there is no value"):
-        Measure("TTC", "s", np.array([1.0, 2.0]), np.array([0, 1], dtype=np.uint8), "low")
+        MeasureValues("TTC", "s", np.array([1.0, 2.0]), np.array([0, 1], dtype=np.uint8), "low")
     with pytest.raises(ResimError, match="state has shape"):
-        Measure("TTC", "s", np.array([1.0, 2.0]), np.array([0], dtype=np.uint8), "low")
+        MeasureValues("TTC", "s", np.array([1.0, 2.0]), np.array([0], dtype=np.uint8), "low")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from resim.metrics import criticality as c
-from resim.metrics.criticality import motion
+from resim.metrics import measures as c
+from resim.metrics.measures import motion
 from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
 
 CAR = np.array([4.7, 1.9])

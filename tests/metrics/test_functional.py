@@ -1,4 +1,4 @@
-"""Functional objectifications, on lists and answers of which all is known."""
+"""Functional measures, on lists and answers of which all is known."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resim.metrics import functional as f
-from resim.metrics.criticality import State
 from resim.metrics.drive import drive
-from resim.metrics.functional import FunctionActivity
+from resim.metrics.measures import State
+from resim.metrics.measures import functional as f
+from resim.metrics.measures.functional import FunctionActivity
 
 
 @pytest.fixture

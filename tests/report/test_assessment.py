@@ -68,7 +68,7 @@ def test_without_criteria_it_says_so(tmp_path):
 
 
 OWN = """name = {text}
-[[objectification]]
+[[measure]]
 name = {text}
 function = "hostile_measures:beside"
 unit = {text}

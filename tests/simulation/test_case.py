@@ -13,9 +13,11 @@ from resim.perception.runtime.sensor import Sensor
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.case import Case
-from resim.simulation.dynamics import Kinematic, SingleTrack, Vehicle
 from resim.simulation.function.interface import Build
 from resim.simulation.sumo.engine import Sumo
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.model import Vehicle
+from resim.simulation.vehicles.single_track import SingleTrack
 
 ROOT = Path(__file__).parents[2]
 MODEL = ROOT / "adfunc" / "perception" / "proving_ground.json"

@@ -17,9 +17,10 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.case import Case, SimulatedDrive
-from resim.simulation.dynamics import Kinematic, SingleTrack
 from resim.simulation.function.interface import Build
 from resim.simulation.sumo.engine import Sumo
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.single_track import SingleTrack
 
 ROOT = Path(__file__).parents[2]
 Drive = Callable[..., SimulatedDrive]

@@ -17,10 +17,11 @@ from resim.resimulation.result import ResimulationOptions
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.simulation.case import Case
-from resim.simulation.dynamics import Kinematic, Vehicle, VehicleModel, VehicleState
 from resim.simulation.function.interface import load_build
 from resim.simulation.perception import IdealPerception
 from resim.simulation.sumo.engine import Sumo
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.model import Vehicle, VehicleModel, VehicleState
 from resim.verification.result import VerificationResult
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import Demands, verify_recording

@@ -27,9 +27,9 @@ from typing import Literal
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.metrics.criticality.contact import Rows
-from resim.metrics.criticality.worst_case import FRICTION, GRAVITY, from_corner, turned
 from resim.metrics.doubts.unseen import Absence
+from resim.metrics.measures.contact import Rows
+from resim.metrics.measures.worst_case import FRICTION, GRAVITY, from_corner, turned
 
 MOST, CURVATURE = FRICTION * GRAVITY, 0.2
 """Acceleration [m/s²] and curvature [1/m] that nobody exceeds, as for WTTC."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from resim.metrics.assessment import Worst
 from resim.metrics.criteria import Verdict
-from resim.metrics.objectifications import KINDS
+from resim.metrics.measures.definition import KINDS
 from resim.report.assessment.figures import amount_words, drive_figure, risk_figure
 from resim.report.assessment.marks import RISK, TIMES, block_color
 from resim.report.document import document
@@ -121,7 +121,7 @@ def _key() -> Markup:
 
 
 def _worst(assessed: ResimulationAssessment) -> Markup:
-    """The worst of every objectification, a column for each source."""
+    """The worst of every measure, a column for each source."""
     found = {name: {w.name: w for w in a.worst()} for name, a in assessed.blocks.items()}
     kinds = next(iter(assessed.blocks.values())).kinds
     rows = [
@@ -130,8 +130,8 @@ def _worst(assessed: ResimulationAssessment) -> Markup:
         for name in kinds
         if kinds[name] == kind and any(name in of for of in found.values())
     ]
-    body = table(["objectification", "kind", *assessed.blocks], rows, "kpis")
-    return html("<h3>The worst of each objectification, when, and because of whom</h3>{}", body)
+    body = table(["measure", "kind", *assessed.blocks], rows, "kpis")
+    return html("<h3>The worst of each measure, when, and because of whom</h3>{}", body)
 
 
 def _worst_cell(worst: Worst | None) -> Markup:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from resim.sweeps.outcomes.registry import OUTCOMES
+
 Entry = Mapping[str, Any]
 """A part of report.json."""
 
-KEEPS = {
-    "verdict": "every criterion is passed",
-    "same_decision": "the EGO decides as measured",
-    "collision": "the EGO collides with nothing",
-}
+KEEPS = {outcome.column: outcome.keeps for outcome in OUTCOMES if outcome.good is not None}
 
 
 def keeps(outcome: Entry) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from resim.metrics.measures.registry import MEASURES
 from resim.report.markup import Markup, html, join
 from resim.report.tables import decision_words
 from resim.verification.page.cells import (
@@ -35,7 +36,7 @@ LIMITS = {
     "changed": ("decisions changed in all runs", "g"),
     "risk": ("largest rise of the largest risk in a run", ".3g"),
 }
-UNITS = {"longitudinal acceleration": "m/s²", "lateral acceleration": "m/s²", "longitudinal jerk": "m/s³"}
+UNITS = {measure.name: measure.unit for measure in MEASURES}
 
 
 def builds(found: Entry, traces: Mapping[str, Any]) -> Iterator[Markup]:

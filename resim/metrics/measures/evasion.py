@@ -8,11 +8,13 @@ from functools import partial
 import numpy as np
 
 from resim.core.geometry import Bools, Floats, to_frame
-from resim.metrics.criticality import motion
-from resim.metrics.criticality.contact import Rows, first_contact
-from resim.metrics.criticality.measure import Measure, States, stated
-from resim.metrics.criticality.pairs import CompletePairs, Pairs
-from resim.metrics.criticality.times import planned_contact
+from resim.metrics.measures import motion
+from resim.metrics.measures.contact import Rows, first_contact
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.horizon import fastest, for_time, later, later_braked, speed
+from resim.metrics.measures.pairs import CompletePairs, Pairs
+from resim.metrics.measures.times import planned_contact
+from resim.metrics.measures.values import MeasureValues, States, stated
 from resim.metrics.risk import DEFAULTS, Parameters
 
 HALVINGS = 12
@@ -22,7 +24,20 @@ Evasion = Callable[[CompletePairs, Floats, Floats], Floats]
 """The EGO's motion (P, N, 4) at times (P, N) after the evasion began, at `start` (P,) [s]."""
 
 
-def ttb(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
+TTB = MeasureDefinition(
+    name="TTB",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Hillenbrand 2006; Wagner 2021, 3.2.3.1",
+    meaning="time to brake: latest start of full braking that still avoids the collision",
+    of=lambda inputs: ttb(inputs.pairs, inputs.parameters),
+    open_beyond=later_braked,
+    unseen=lambda absent: absent.contact(0.0),
+)
+
+
+def ttb(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
     """Give the time to brake (S, K) [s]: the latest start of full braking along the plan's path that still avoids.
 
     Wagner 2021, 3.2.3.1, after Hillenbrand 2006; one behind the other TTB = (d - v_rel² / (2 b)) / v_rel. The plan's
@@ -30,32 +45,69 @@ def ttb(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
     its start. limits: how hard the EGO evades, as in the accident risk. 0 where not even braking now avoids it;
     NO_CONFLICT where the plan touches nobody within the horizon.
     """
-    return pairs.measured("TTB", "s", "low", partial(_latest, [_along_path(-limits.braking)]))
+    return pairs.measured(TTB, partial(_latest, [_along_path(-limits.braking)]))
 
 
-def ttk(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
+TTK = MeasureDefinition(
+    name="TTK",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Hillenbrand 2006; Wagner 2021, 3.2.3.1",
+    meaning="time to kickdown: the same for full acceleration",
+    of=lambda inputs: ttk(inputs.pairs, inputs.parameters),
+    open_beyond=later,
+    unseen=lambda absent: absent.contact(0.0),
+)
+
+
+def ttk(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
     """Give the time to kickdown (S, K) [s]: as `ttb`, for full acceleration (Wagner 2021, 3.2.3.1)."""
-    return pairs.measured("TTK", "s", "low", partial(_latest, [_along_path(limits.forward)]))
+    return pairs.measured(TTK, partial(_latest, [_along_path(limits.forward)]))
 
 
-def tts(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
+TTS = MeasureDefinition(
+    name="TTS",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Hillenbrand 2006; Wagner 2021, 3.2.3.1",
+    meaning="time to steer: the same for full steering to the better side",
+    of=lambda inputs: tts(inputs.pairs, inputs.parameters),
+    open_beyond=later,
+    unseen=lambda absent: absent.contact(0.0),
+)
+
+
+def tts(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
     """Give the time to steer (S, K) [s]: as `ttb`, for full steering to the better side (Wagner 2021, 3.2.3.1).
 
     A circle at constant speed v with yaw rate min(lateral / v, curvature v), as in the risk metric.
     """
-    return pairs.measured(
-        "TTS", "s", "low", partial(_latest, [_turning(limits, 1.0), _turning(limits, -1.0)])
-    )
+    return pairs.measured(TTS, partial(_latest, [_turning(limits, 1.0), _turning(limits, -1.0)]))
 
 
-def ttr(pairs: Pairs, limits: Parameters = DEFAULTS) -> Measure:
+TTR = MeasureDefinition(
+    name="TTR",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Wagner 2021, Eq. 3.6",
+    meaning="time to react: the largest of TTB, TTK and TTS",
+    of=lambda inputs: longest(*map(inputs.measure, ("TTB", "TTK", "TTS"))),
+    open_beyond=later_braked,
+    unseen=lambda absent: absent.contact(0.0),
+)
+
+
+def ttr(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
     """Give the time to react (S, K) [s]: max(TTB, TTK, TTS) (Wagner 2021, Eq. 3.6). States as in `ttb`."""
     return longest(ttb(pairs, limits), ttk(pairs, limits), tts(pairs, limits))
 
 
-def longest(ttb: Measure, ttk: Measure, tts: Measure) -> Measure:
+def longest(ttb: MeasureValues, ttk: MeasureValues, tts: MeasureValues) -> MeasureValues:
     """Give `ttr` of what was computed."""
-    return Measure("TTR", "s", np.maximum(np.maximum(ttb.value, ttk.value), tts.value), ttb.state, "low")
+    return TTR.values(np.maximum(np.maximum(ttb.value, ttk.value), tts.value), ttb.state)
 
 
 def _along_path(a: float) -> Evasion:
@@ -122,7 +174,21 @@ def _latest_of(p: CompletePairs, evasion: Evasion, contact: Floats) -> Floats:
     return np.asarray(np.maximum(low, 0.0))
 
 
-def drac(pairs: Pairs) -> Measure:
+DRAC = MeasureDefinition(
+    name="DRAC",
+    unit="m/s²",
+    worst="high",
+    kind="quantitative",
+    source="Cooper and Ferguson 1976",
+    meaning="least constant deceleration of the EGO that avoids a crash",
+    of=lambda inputs: drac(inputs.pairs),
+    needs=lambda inputs, limit: for_time(inputs, 0.5 * fastest(inputs) / limit if limit > 0.0 else np.inf),
+    open_beyond=lambda inputs: 0.5 * speed(inputs) / inputs.seen.horizon,
+    unseen=lambda absent: absent.at_worst(np.inf, np.isfinite(absent.touches("goes on", steady=True))),
+)
+
+
+def drac(pairs: Pairs) -> MeasureValues:
     """Give the deceleration rate to avoid a crash (S, K) [m/s²]: the least constant one of the EGO that avoids.
 
     DRAC = (v_follow - v_lead)² / (2 d) (Cooper and Ferguson 1976) where one follows the other. In general: the EGO
@@ -131,7 +197,7 @@ def drac(pairs: Pairs) -> Measure:
     20 m/s² avoids (oncoming, boxes that touch). 0 for who comes from behind the EGO's box: the EGO does not close in on
     him, and needs not brake. NO_CONFLICT where TTC has none: nothing is needed.
     """
-    return pairs.measured("DRAC", "m/s²", "high", _drac, columns=4)
+    return pairs.measured(DRAC, _drac, columns=4)
 
 
 def _drac(p: CompletePairs) -> tuple[Floats, States]:

@@ -38,7 +38,7 @@ def ctra(state: Floats, t: Floats) -> Floats:
 
 def straight(state: Floats, t: Floats) -> Floats:
     """Give the motion (P, N, 4) at constant velocity; state (P, >= 4) x, y, heading, v; t (P, N) s."""
-    from resim.metrics.criticality import kernel
+    from resim.metrics.measures import kernel
 
     return np.asarray(kernel.straight(*kernel.plain(state, t)))
 
@@ -53,7 +53,7 @@ def _hermite(f: Floats, p0: Floats, m0: Floats, p1: Floats, m1: Floats) -> Float
 def sample(path: Floats, step: float, t: Floats) -> Floats:
     """Give a sampled path (P, M + 1, 4) at times t (P, N) s, by cubic Hermite; after its end straight on."""
     # compiled: numba is imported where it is used only
-    from resim.metrics.criticality import kernel
+    from resim.metrics.measures import kernel
 
     path, t = kernel.plain(path, t)
     _has_length(path)
@@ -79,7 +79,7 @@ def along(path: Floats, s: Floats, v: Floats) -> Floats:
 
     Where the path ends, or turns round after the first place, straight on in the direction it had there.
     """
-    from resim.metrics.criticality import kernel
+    from resim.metrics.measures import kernel
 
     _has_length(path)
     if s.shape != v.shape:

@@ -5,20 +5,35 @@ from __future__ import annotations
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.metrics.criticality import motion
-from resim.metrics.criticality.contact import first_contact
-from resim.metrics.criticality.measure import Measure, States, stated
-from resim.metrics.criticality.pairs import CompletePairs, Pairs
+from resim.metrics.measures import motion
+from resim.metrics.measures.contact import first_contact
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.horizon import for_time, later
+from resim.metrics.measures.pairs import CompletePairs, Pairs
+from resim.metrics.measures.values import MeasureValues, States, stated
+
+TTC = MeasureDefinition(
+    name="TTC",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Hayward 1972; Wagner 2021, Eq. 3.2",
+    meaning="time to collision: first contact of both boxes at present speeds",
+    of=lambda inputs: ttc(inputs.pairs),
+    needs=for_time,
+    open_beyond=later,
+    unseen=lambda absent: absent.time("goes on", steady=True),
+)
 
 
-def ttc(pairs: Pairs) -> Measure:
+def ttc(pairs: Pairs) -> MeasureValues:
     """Give the time to collision (S, K) [s]: the first contact of both boxes at present speeds.
 
     TTC = d / (v_follow - v_lead) (Wagner 2021, Eq. 3.2, after Hayward 1972) where one follows the other. In general:
     the EGO along the path of its plan at its present speed, the object straight on at its present velocity. 0 where
     the boxes touch already; NO_CONFLICT where they do not touch within the horizon.
     """
-    return pairs.measured("TTC", "s", "low", _ttc, columns=4)
+    return pairs.measured(TTC, _ttc, columns=4)
 
 
 def _ttc(p: CompletePairs) -> tuple[Floats, States]:
@@ -26,7 +41,20 @@ def _ttc(p: CompletePairs) -> tuple[Floats, States]:
     return stated(at, conflict=np.isfinite(at))
 
 
-def ettc(pairs: Pairs) -> Measure:
+ETTC = MeasureDefinition(
+    name="ETTC",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Wagner 2021, Eq. 3.4",
+    meaning="enhanced TTC: the same with accelerations",
+    of=lambda inputs: ettc(inputs.pairs),
+    open_beyond=later,
+    unseen=lambda absent: absent.time("anything"),
+)
+
+
+def ettc(pairs: Pairs) -> MeasureValues:
     """Give the enhanced time to collision (S, K) [s]: as TTC, with accelerations.
 
     ETTC = (sqrt(v_rel² + 2 a_rel d) - v_rel) / a_rel, defined where v_rel² > -2 a_rel d (Wagner 2021, Eq. 3.4,
@@ -34,7 +62,7 @@ def ettc(pairs: Pairs) -> Measure:
     driven path or with acceleration and yaw rate kept. Who brakes to standstill stays there, where Eq. 3.4 has him
     reverse. 0 where the boxes touch already; NO_CONFLICT where they do not touch within the horizon.
     """
-    return pairs.measured("ETTC", "s", "low", _ettc)
+    return pairs.measured(ETTC, _ettc)
 
 
 def _ettc(p: CompletePairs) -> tuple[Floats, States]:
@@ -47,13 +75,27 @@ def planned_contact(p: CompletePairs) -> Floats:
     return first_contact(p.planned(p.t), p.expected(p.t), p.h, p.ego_size, p.size)
 
 
-def thw(pairs: Pairs) -> Measure:
+THW = MeasureDefinition(
+    name="THW",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Wagner 2021, Eq. 3.5",
+    meaning="time headway: until the EGO's box is where the object's box is now",
+    of=lambda inputs: thw(inputs.pairs),
+    needs=for_time,
+    open_beyond=later,
+    unseen=lambda absent: np.where(absent.v > 0.0, absent.time("stays", steady=True), np.nan),
+)
+
+
+def thw(pairs: Pairs) -> MeasureValues:
     """Give the time headway (S, K) [s]: until the EGO's box comes to where the object's box is now.
 
     THW = d / v_follow (Wagner 2021, Eq. 3.5), d along the path of the plan, at the present speed. NOT_DEFINED where
     the EGO stands or reverses; NO_CONFLICT where its path does not lead over the object within the horizon.
     """
-    return pairs.measured("THW", "s", "low", _thw, columns=4)
+    return pairs.measured(THW, _thw, columns=4)
 
 
 def _thw(p: CompletePairs) -> tuple[Floats, States]:

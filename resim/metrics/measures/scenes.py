@@ -8,8 +8,8 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Tracks
-from resim.metrics.criticality.driving import WINDOW, longitudinal_acceleration, yaw_rate
-from resim.metrics.criticality.pairs import Pairs
+from resim.metrics.measures.driving import WINDOW, longitudinal_acceleration, yaw_rate
+from resim.metrics.measures.pairs import Pairs
 
 
 def driven_pairs(

@@ -10,9 +10,10 @@ import numpy as np
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
-from resim.metrics.criticality import motion
-from resim.metrics.criticality.contact import Rows
-from resim.metrics.criticality.measure import Bad, Measure, State, States
+from resim.metrics.measures import motion
+from resim.metrics.measures.contact import Rows
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.values import MeasureValues, State, States
 from resim.metrics.risk import Scenes
 
 CHUNK = 2048  # pairs looked at together: bounds memory
@@ -154,10 +155,15 @@ class Pairs:
         return np.asarray(np.all(ego, axis=0)[:, None] & np.all(objects, axis=0))
 
     def measured(
-        self, name: str, unit: str, bad: Bad, of: Callable[[CompletePairs], tuple[Floats, States]],
-        *, columns: int = 6,
-    ) -> Measure:  # fmt: skip
+        self,
+        measure: MeasureDefinition,
+        of: Callable[[CompletePairs], tuple[Floats, States]],
+        *,
+        columns: int = 6,
+    ) -> MeasureValues:
         """Give a measure (S, K) of all complete pairs; NOT_COMPUTED where NaN or a size of 0 stands in the input.
+
+        of: gives value and state (P,) of P pairs.
 
         columns: how many of the object's state are needed; the rest may be NaN.
         """
@@ -173,4 +179,4 @@ class Pairs:
                     self, i, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span
                 )
             )
-        return Measure(name, unit, value, state, bad)
+        return measure.values(value, state)

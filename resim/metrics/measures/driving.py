@@ -6,7 +6,8 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.tracks import Tracks
-from resim.metrics.criticality.measure import Measure, State
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.values import MeasureValues, State
 
 WINDOW = 0.5  # s
 LOPSIDED = (
@@ -16,39 +17,85 @@ LEAST = 3  # samples in a window
 _SAME = 1e-9  # s
 
 
-def longitudinal_acceleration(tracks: Tracks, *, window: float = WINDOW) -> Measure:
+LONGITUDINAL_ACCELERATION = MeasureDefinition(
+    name="longitudinal acceleration",
+    unit="m/s²",
+    worst="both",
+    kind="quantitative",
+    source="ISO 15622 (adaptive cruise control), which limits it",
+    meaning="of the EGO; forward is positive",
+    of=lambda inputs: longitudinal_acceleration(inputs.drive.own).track(),
+    alone=True,
+)
+
+
+def longitudinal_acceleration(tracks: Tracks, *, window: float = WINDOW) -> MeasureValues:
     """Give dv/dt (N, T) [m/s²], forward positive: as measured (`tracks.a`), else `slope` of v over `window` [s].
 
     NOT_DEFINED where the window is not filled (ends of a track, gaps); NOT_COMPUTED where there is no sample.
     """
     if tracks.a is not None:
-        return _measure("longitudinal acceleration", "m/s²", tracks.a, tracks.valid)
-    return _measure(
-        "longitudinal acceleration", "m/s²", slope(tracks.t, tracks.v, window=window), tracks.valid
-    )
+        return _values(LONGITUDINAL_ACCELERATION, tracks.a, tracks.valid)
+    return _values(LONGITUDINAL_ACCELERATION, slope(tracks.t, tracks.v, window=window), tracks.valid)
 
 
-def lateral_acceleration(tracks: Tracks, *, window: float = WINDOW) -> Measure:
+LATERAL_ACCELERATION = MeasureDefinition(
+    name="lateral acceleration",
+    unit="m/s²",
+    worst="both",
+    kind="quantitative",
+    source="UN regulation 79 (steering), which limits it",
+    meaning="of the EGO; left is positive",
+    of=lambda inputs: lateral_acceleration(inputs.drive.own).track(),
+    alone=True,
+)
+
+
+def lateral_acceleration(tracks: Tracks, *, window: float = WINDOW) -> MeasureValues:
     """Give v dheading/dt (N, T) [m/s²], to the left positive; sideslip left out. States as above.
 
     The yaw rate is as measured (`tracks.yaw_rate`), else the `slope` of the heading over `window` [s].
     """
-    return _measure("lateral acceleration", "m/s²", _lateral(tracks, window), tracks.valid)
+    return _values(LATERAL_ACCELERATION, _lateral(tracks, window), tracks.valid)
 
 
-def longitudinal_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
+LONGITUDINAL_JERK = MeasureDefinition(
+    name="longitudinal jerk",
+    unit="m/s³",
+    worst="both",
+    kind="quantitative",
+    source="ISO 15622 (adaptive cruise control), which limits it",
+    meaning="of the EGO; forward is positive",
+    of=lambda inputs: longitudinal_jerk(inputs.drive.own).track(),
+    alone=True,
+)
+
+
+def longitudinal_jerk(tracks: Tracks, *, window: float = WINDOW) -> MeasureValues:
     """Give d²v/dt² (N, T) [m/s³]: the `slope` over `window` [s] of the longitudinal acceleration. States as above.
 
     Where no acceleration was measured two windows stand in a row: 1 s of v with the default.
     """
     a = longitudinal_acceleration(tracks, window=window).value
-    return _measure("longitudinal jerk", "m/s³", slope(tracks.t, a, window=window), tracks.valid)
+    return _values(LONGITUDINAL_JERK, slope(tracks.t, a, window=window), tracks.valid)
 
 
-def lateral_jerk(tracks: Tracks, *, window: float = WINDOW) -> Measure:
+LATERAL_JERK = MeasureDefinition(
+    name="lateral jerk",
+    unit="m/s³",
+    worst="both",
+    kind="quantitative",
+    source="UN regulation 79 (steering), which limits it",
+    meaning="of the EGO; left is positive",
+    of=lambda inputs: lateral_jerk(inputs.drive.own).track(),
+    alone=True,
+)
+
+
+def lateral_jerk(tracks: Tracks, *, window: float = WINDOW) -> MeasureValues:
     """Give the `slope` over `window` [s] of the lateral acceleration (N, T) [m/s³]. States as above."""
     a = _lateral(tracks, window)
-    return _measure("lateral jerk", "m/s³", slope(tracks.t, a, window=window), tracks.valid)
+    return _values(LATERAL_JERK, slope(tracks.t, a, window=window), tracks.valid)
 
 
 def slope(t: Floats, y: Floats, *, window: float) -> Floats:
@@ -89,8 +136,8 @@ def _lateral(tracks: Tracks, window: float) -> Floats:
     return np.asarray(tracks.v * yaw_rate(tracks, window=window))
 
 
-def _measure(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
+def _values(of: MeasureDefinition, value: Floats, valid: Bools) -> MeasureValues:
     """Both signs are uncomfortable: the worst is the strongest in either direction."""
     state = np.where(np.isfinite(value), State.VALUE, State.NOT_DEFINED)
     state = np.where(valid, state, State.NOT_COMPUTED).astype(np.uint8)
-    return Measure(name, unit, np.where(state == State.VALUE, value, np.nan), state, "both")
+    return of.values(np.where(state == State.VALUE, value, np.nan), state)

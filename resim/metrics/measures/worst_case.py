@@ -21,8 +21,10 @@ from functools import partial
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.metrics.criticality.measure import Measure, State, States, stated
-from resim.metrics.criticality.pairs import CompletePairs, Pairs
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.horizon import for_time, later, later_braked
+from resim.metrics.measures.pairs import CompletePairs, Pairs
+from resim.metrics.measures.values import MeasureValues, State, States, stated
 from resim.metrics.risk import Parameters, Risk, Scenes
 
 FRICTION, GRAVITY = 0.9, 9.81
@@ -31,7 +33,21 @@ NEAR = 1e-4  # m
 ROUNDS = 500
 
 
-def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0.2) -> Measure:
+WTTC = MeasureDefinition(
+    name="WTTC",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Wachenfeld et al. 2016, Eq. 5; Wagner 2021, 3.2.3.1",
+    meaning="worst time to collision: earliest contact of any drivable motions of both",
+    of=lambda inputs: wttc(inputs.pairs),
+    needs=for_time,
+    open_beyond=later,
+    unseen=lambda absent: absent.time("anything", strays=2.0 * FRICTION * GRAVITY),
+)
+
+
+def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0.2) -> MeasureValues:
     """Give the worst time to collision (S, K) [s]: the earliest contact of any drivable motions of both boxes.
 
     |c2 - c1 + (v2 - v1) t| = r1 + r2 + ½ (a1 + a2) t² with circles of radius r around the boxes (Wachenfeld et al.
@@ -39,10 +55,23 @@ def wttc(pairs: Pairs, *, most: float = FRICTION * GRAVITY, curvature: float = 0
     than with circles, and still no later than the truth. 64 directions cost 0.5 ms on average, at most 10. most: m/s²
     of both, curvature: 1/m. 0 where the boxes touch; NO_CONFLICT where they cannot touch within the horizon.
     """
-    return pairs.measured("WTTC", "s", "low", partial(_wttc, most, curvature), columns=4)
+    return pairs.measured(WTTC, partial(_wttc, most, curvature), columns=4)
 
 
-def wttr(scenes: Scenes, risk: Risk, parameters: Parameters) -> Measure:
+WTTR = MeasureDefinition(
+    name="WTTR",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Wagner 2021, 4.2.1",
+    meaning="worst TTR over the samples of the risk's prediction",
+    of=lambda inputs: wttr(inputs.drive.scenes, inputs.risk, inputs.parameters),
+    open_beyond=lambda inputs: np.maximum(later_braked(inputs) - inputs.parameters.step, 0.0),
+    unseen=lambda absent: absent.contact(0.0),
+)
+
+
+def wttr(scenes: Scenes, risk: Risk, parameters: Parameters) -> MeasureValues:
     """Give the worst time to react (S, K) [s]: the least TTR over the samples of the accident risk's prediction.
 
     risk: of the scenes, with these parameters. Wagner 2021, 4.2.1: the worst of what traffic naturally does (Eq. 4.2,
@@ -55,7 +84,7 @@ def wttr(scenes: Scenes, risk: Risk, parameters: Parameters) -> Measure:
         known, np.where(np.isfinite(risk.ttr), State.VALUE, State.NO_CONFLICT), State.NOT_COMPUTED
     )
     value = np.where(state == State.VALUE, risk.ttr, np.nan)
-    return Measure("WTTR", "s", value, state.astype(np.uint8), "low")
+    return WTTR.values(value, state.astype(np.uint8))
 
 
 def turned(v: Floats, t: Floats, most: float, curvature: float) -> Floats:

@@ -7,29 +7,55 @@ from functools import partial
 import numpy as np
 
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.metrics.criticality.contact import distance, first_contact
-from resim.metrics.criticality.measure import Measure, States, stated
-from resim.metrics.criticality.pairs import CompletePairs, Pairs
-from resim.metrics.criticality.times import planned_contact
+from resim.metrics.measures.contact import distance, first_contact
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.horizon import later
+from resim.metrics.measures.pairs import CompletePairs, Pairs
+from resim.metrics.measures.times import planned_contact
+from resim.metrics.measures.values import MeasureValues, States, stated
 
 PARTS = 16
 SAME = 1e-6  # m; distances this near to each other are one
 HALVINGS = 10
 
 
-def pmd(pairs: Pairs) -> Measure:
+PMD = MeasureDefinition(
+    name="PMD",
+    unit="m",
+    worst="low",
+    kind="quantitative",
+    source="Wagner 2021, 3.2.3.1",
+    meaning="predicted minimum distance between both boxes",
+    of=lambda inputs: pmd(inputs.pairs),
+    unseen=lambda absent: absent.apart(),
+)
+
+
+def pmd(pairs: Pairs) -> MeasureValues:
     """Give the predicted minimum distance (S, K) [m] between both boxes over the horizon, 0 where they touch.
 
     PMD = min over t of d(EGO(t), TO(t)) (Wagner 2021, 3.2.3.1): the EGO as planned, the object on its driven path or
     with acceleration and yaw rate kept. Steps that can hold the minimum are cut in PARTS, and those again. Always a
     value.
     """
-    return pairs.measured("PMD", "m", "low", partial(_nearest, 0))
+    return pairs.measured(PMD, partial(_nearest, 0))
 
 
-def tpmd(pairs: Pairs) -> Measure:
+TPMD = MeasureDefinition(
+    name="TPMD",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Wagner 2021, 3.2.3.1",
+    meaning="time until that distance is reached",
+    of=lambda inputs: tpmd(inputs.pairs),
+    unseen=lambda absent: absent.contact(0.0),
+)
+
+
+def tpmd(pairs: Pairs) -> MeasureValues:
     """Give the time to PMD (S, K) [s]: when the distance of `pmd` is reached first. Always a value."""
-    return pairs.measured("TPMD", "s", "low", partial(_nearest, 1))
+    return pairs.measured(TPMD, partial(_nearest, 1))
 
 
 def _nearest(which: int, p: CompletePairs) -> tuple[Floats, States]:
@@ -68,7 +94,19 @@ def _first(near: Floats, least: Floats) -> Floats:
     return np.asarray((near <= least[:, None] + SAME).argmax(axis=1))
 
 
-def pet(pairs: Pairs) -> Measure:
+PET = MeasureDefinition(
+    name="PET",
+    unit="s",
+    worst="low",
+    kind="quantitative",
+    source="Allen et al. 1978",
+    meaning="post-encroachment time: between one leaving a place and the other reaching it",
+    of=lambda inputs: pet(inputs.driven),
+    open_beyond=later,
+)
+
+
+def pet(pairs: Pairs) -> MeasureValues:
     """Give the post-encroachment time (S, K) [s]: between one leaving a place and the other coming to it.
 
     PET = min |t2 - t1| over times t1, t2 at which the EGO's box at t1 and the object's at t2 share a point (Allen et
@@ -78,7 +116,7 @@ def pet(pairs: Pairs) -> Measure:
     NO_CONFLICT where the swept areas of the horizon do not overlap. To be found, a place must be shared for longer
     than a step of time shifts.
     """
-    return pairs.measured("PET", "s", "low", _pet)
+    return pairs.measured(PET, _pet)
 
 
 def _pet(p: CompletePairs) -> tuple[Floats, States]:

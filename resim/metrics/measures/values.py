@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
@@ -13,7 +13,7 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
 
 States = NDArray[np.uint8]
-Bad = Literal["low", "high", "both"]
+WorstEnd = Literal["low", "high", "both"]
 """Which end of a measure is the worse one; both: the one farther from 0."""
 
 
@@ -31,10 +31,10 @@ class State(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Measure:
-    """One measure of many scenes or samples.
+class MeasureValues:
+    """The values of one measure for many scenes or samples (`MeasureDefinition.values` makes them).
 
-    value: any shape, in `unit`, NaN wherever `state` (same shape) is not VALUE. bad: which end is the worse one.
+    value: any shape, in `unit`, NaN wherever `state` (same shape) is not VALUE. worst: which end is the worse one.
     beyond: how bad it can still be where there is NO_CONFLICT, as that is looked for so far ahead only; of a shape that
     fits to `value`, None where it is known to be none.
     """
@@ -43,7 +43,7 @@ class Measure:
     unit: str
     value: Floats
     state: States
-    bad: Bad
+    worst: WorstEnd
     beyond: Floats | None = None
 
     def __post_init__(self) -> None:
@@ -54,16 +54,20 @@ class Measure:
         if not np.array_equal(np.isnan(self.value), self.state != State.VALUE):
             raise ResimError(f"{self.name}: expected NaN where there is no value, and nowhere else")
 
-    def worst(self) -> tuple[float, tuple[int, ...]] | None:
+    def worst_value(self) -> tuple[float, tuple[int, ...]] | None:
         """Give the worst value and its index (the first of equal ones); None where there is no value at all."""
         if not (self.state == State.VALUE).any():
             return None
         flat = (
-            np.nanargmin(self.value) if self.bad == "low"
-            else np.nanargmax(self.value if self.bad == "high" else np.abs(self.value))
+            np.nanargmin(self.value) if self.worst == "low"
+            else np.nanargmax(self.value if self.worst == "high" else np.abs(self.value))
         )  # fmt: skip
         index = tuple(int(i) for i in np.unravel_index(int(flat), self.value.shape))
         return float(self.value[index]), index
+
+    def track(self, row: int = 0) -> MeasureValues:
+        """Give those of one track (T,), of many (N, T)."""
+        return replace(self, value=self.value[row], state=self.state[row])
 
     def count(self, state: State) -> int:
         """Give how many entries are in this state."""
@@ -76,3 +80,10 @@ def stated(value: Floats, *, conflict: Bools, defined: Bools | None = None) -> t
     if defined is not None:
         state[~defined] = State.NOT_DEFINED
     return np.where(state == State.VALUE, value, np.nan), state
+
+
+def computed(value: Floats) -> tuple[Floats, States]:
+    """Give value and state: NOT_COMPUTED where there is no number."""
+    known = np.isfinite(value)
+    state = np.where(known, State.VALUE, State.NOT_COMPUTED).astype(np.uint8)
+    return np.where(known, value, np.nan), state

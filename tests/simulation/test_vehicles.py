@@ -7,15 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resim.simulation.dynamics import (
-    Kinematic,
-    SingleTrack,
-    Vehicle,
-    VehicleModel,
-    VehicleState,
-    actuate,
-)
 from resim.simulation.function.interface import EgoState
+from resim.simulation.vehicles.kinematic import Kinematic
+from resim.simulation.vehicles.model import Vehicle, VehicleModel, VehicleState, actuate
+from resim.simulation.vehicles.single_track import SingleTrack
 
 REFERENCE = Path(__file__).with_name("single_track_reference.csv")
 IDEAL = Vehicle(

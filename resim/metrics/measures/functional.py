@@ -1,4 +1,4 @@
-"""Functional objectifications: what the function and its perception did (Groh 2018, III.B)."""
+"""Functional measures: what the function and its perception did (Groh 2018, III.B)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, whole_id
-from resim.metrics.criticality.measure import Bad, Measure, State
 from resim.metrics.drive import DriveScenes
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.values import MeasureValues, State
 
 RANGE = 100.0
 """Distance [m] between box centres up to which an object is to be detected."""
@@ -40,7 +41,19 @@ class FunctionActivity:
     of_truth: bool = True
 
 
-def function_availability(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
+FUNCTION_AVAILABILITY = MeasureDefinition(
+    name="function availability",
+    unit="1",
+    worst="low",
+    kind="functional",
+    source="Groh 2018, III.B",
+    meaning="1 where the function's last answer is still in force",
+    of=lambda inputs: function_availability(inputs.drive, inputs.functioning),
+    alone=True,
+)
+
+
+def function_availability(drive: DriveScenes, functioning: FunctionActivity | None) -> MeasureValues:
     """Give 1 where the function's last answer is in force (S,), 0 where the next one is late by half a cycle or more.
 
     NOT_DEFINED before the first answer; NOT_COMPUTED where no two answers were recorded.
@@ -48,12 +61,22 @@ def function_availability(drive: DriveScenes, functioning: FunctionActivity | No
     answers = _answers(functioning)
     cycle = np.inf if answers is None else float(np.median(np.diff(answers)))
     age = _age(drive.t, answers)
-    return _measure(
-        "function availability", "1", np.where(age <= LATE * cycle + _SAME, 1.0, 0.0), age, answers, "low"
-    )
+    return _values(FUNCTION_AVAILABILITY, np.where(age <= LATE * cycle + _SAME, 1.0, 0.0), age, answers)
 
 
-def perception_availability(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
+PERCEPTION_AVAILABILITY = MeasureDefinition(
+    name="perception availability",
+    unit="1",
+    worst="low",
+    kind="functional",
+    source="Groh 2018, III.B",
+    meaning="1 where the last object list is still in force",
+    of=lambda inputs: perception_availability(inputs.drive, inputs.functioning),
+    alone=True,
+)
+
+
+def perception_availability(drive: DriveScenes, functioning: FunctionActivity | None) -> MeasureValues:
     """Give 1 where perception's last list is in force (S,), 0 where the next one is late by half a period or more.
 
     NOT_DEFINED before the first list; NOT_COMPUTED where there are no two of them.
@@ -61,22 +84,44 @@ def perception_availability(drive: DriveScenes, functioning: FunctionActivity | 
     lists = None if functioning is None or not np.isfinite(functioning.period) else functioning.lists
     late = np.inf if functioning is None else LATE * functioning.period
     age = _age(drive.t, lists)
-    return _measure(
-        "perception availability", "1", np.where(age <= late + _SAME, 1.0, 0.0), age, lists, "low"
-    )
+    return _values(PERCEPTION_AVAILABILITY, np.where(age <= late + _SAME, 1.0, 0.0), age, lists)
 
 
-def cycle_time(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
+CYCLE_TIME = MeasureDefinition(
+    name="cycle time",
+    unit="s",
+    worst="high",
+    kind="functional",
+    source="Groh 2018, III.B",
+    meaning="between the function's last two answers",
+    of=lambda inputs: cycle_time(inputs.drive, inputs.functioning),
+    alone=True,
+)
+
+
+def cycle_time(drive: DriveScenes, functioning: FunctionActivity | None) -> MeasureValues:
     """Give the time (S,) [s] between the function's last two answers. States as in `function_availability`."""
     answers = _answers(functioning)
     value = np.full(len(drive.t), np.nan)
     if answers is not None:
         last = np.searchsorted(answers, drive.t + _SAME, side="right") - 1
         value = np.where(last > 0, np.diff(answers, prepend=np.nan)[last], np.nan)
-    return _measure("cycle time", "s", value, value, answers, "high")
+    return _values(CYCLE_TIME, value, value, answers)
 
 
-def latency(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
+LATENCY = MeasureDefinition(
+    name="latency",
+    unit="s",
+    worst="high",
+    kind="functional",
+    source="Groh 2018, III.B",
+    meaning="age of the newest thing perceived",
+    of=lambda inputs: latency(inputs.drive, inputs.functioning),
+    alone=True,
+)
+
+
+def latency(drive: DriveScenes, functioning: FunctionActivity | None) -> MeasureValues:
     """Give how old the newest thing perceived is (S,) [s]: the age of the last list, and its delay.
 
     NOT_DEFINED before the first list; NOT_COMPUTED where there is no sensor data.
@@ -84,10 +129,22 @@ def latency(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure
     lists = None if functioning is None else functioning.lists
     age = _age(drive.t, lists)
     delay = 0.0 if functioning is None else functioning.delay
-    return _measure("latency", "s", age + delay, age, lists, "high")
+    return _values(LATENCY, age + delay, age, lists)
 
 
-def detection(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
+DETECTION = MeasureDefinition(
+    name="detection",
+    unit="1",
+    worst="low",
+    kind="functional",
+    source="Groh 2018, III.B",
+    meaning="1 where an object is on a recent object list",
+    of=lambda inputs: detection(inputs.drive, inputs.functioning),
+    unseen=lambda absent: absent.at_worst(0.0, absent.now() <= RANGE),
+)
+
+
+def detection(drive: DriveScenes, functioning: FunctionActivity | None) -> MeasureValues:
     """Give 1 where an object (S, K) stands in a list of the last period and a half, 0 where in none.
 
     NO_CONFLICT for objects over 100 m away, which need not be; NOT_DEFINED for those that are not there, and of SD,
@@ -95,7 +152,7 @@ def detection(drive: DriveScenes, functioning: FunctionActivity | None) -> Measu
     """
     shape = drive.present.shape
     if functioning is None or functioning.lists is None:
-        return _unknown("detection", "1", shape, "low")
+        return _unknown(DETECTION, shape)
     rows = {name: n for n, name in enumerate(functioning.ids.tolist())}
     age = np.full(shape, np.inf)
     for k, name in enumerate(drive.ids):
@@ -109,22 +166,34 @@ def detection(drive: DriveScenes, functioning: FunctionActivity | None) -> Measu
         np.uint8
     )
     found = np.where(age <= LATE * functioning.period + _SAME, 1.0, 0.0)
-    return Measure("detection", "1", np.where(near, found, np.nan), state, "low")
+    return DETECTION.values(np.where(near, found, np.nan), state)
 
 
-def detection_rate(drive: DriveScenes, functioning: FunctionActivity | None) -> Measure:
+DETECTION_RATE = MeasureDefinition(
+    name="detection rate",
+    unit="1",
+    worst="low",
+    kind="functional",
+    source="Groh 2018, III.B",
+    meaning="share of the objects within 100 m that are detected",
+    of=lambda inputs: detection_rate(inputs.drive, inputs.functioning),
+    unseen=lambda absent: absent.at_worst(0.0, absent.now() <= RANGE),
+)
+
+
+def detection_rate(drive: DriveScenes, functioning: FunctionActivity | None) -> MeasureValues:
     """Give the share (S,) of the objects within 100 m that are detected (`detection`).
 
     NO_CONFLICT where none is within 100 m; NOT_DEFINED of SD; NOT_COMPUTED where there is no sensor data.
     """
     if functioning is None or functioning.lists is None:
-        return _unknown("detection rate", "1", drive.t.shape, "low")
+        return _unknown(DETECTION_RATE, drive.t.shape)
     every = detection(drive, functioning)
     count = (every.state == State.VALUE).sum(axis=1)
     share = np.where(count > 0, np.nansum(every.value, axis=1) / np.maximum(count, 1), np.nan)
     none = State.NO_CONFLICT if functioning.of_truth else State.NOT_DEFINED
     state = np.where(count > 0, State.VALUE, none).astype(np.uint8)
-    return Measure("detection rate", "1", share, state, "low")
+    return DETECTION_RATE.values(share, state)
 
 
 def _answers(functioning: FunctionActivity | None) -> Floats | None:
@@ -142,15 +211,15 @@ def _age(t: Floats, events: Floats | None) -> Floats:
     return np.where(last >= 0, np.maximum(t - events[np.maximum(last, 0)], 0.0), np.nan)
 
 
-def _measure(name: str, unit: str, value: Floats, known: Floats, events: Floats | None, bad: Bad) -> Measure:
+def _values(of: MeasureDefinition, value: Floats, known: Floats, events: Floats | None) -> MeasureValues:
     """A measure of the EGO (S,), NOT_DEFINED where `known` is NaN, NOT_COMPUTED without events."""
     if events is None:
-        return _unknown(name, unit, value.shape, bad)
+        return _unknown(of, value.shape)
     there = np.isfinite(known)
     state = np.where(there, State.VALUE, State.NOT_DEFINED).astype(np.uint8)
-    return Measure(name, unit, np.where(there, value, np.nan), state, bad)
+    return of.values(np.where(there, value, np.nan), state)
 
 
-def _unknown(name: str, unit: str, shape: tuple[int, ...], bad: Bad) -> Measure:
+def _unknown(of: MeasureDefinition, shape: tuple[int, ...]) -> MeasureValues:
     state = np.full(shape, State.NOT_COMPUTED, dtype=np.uint8)
-    return Measure(name, unit, np.full(shape, np.nan), state, bad)
+    return of.values(np.full(shape, np.nan), state)

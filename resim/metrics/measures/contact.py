@@ -22,7 +22,7 @@ def first_contact(a: Floats, b: Floats, h: Floats, size_a: Floats, size_b: Float
     0.1 s).
     """
     # compiled: numba is imported where it is used only
-    from resim.metrics.criticality import kernel
+    from resim.metrics.measures import kernel
 
     if a.shape != b.shape:
         raise ValueError(f"motions do not match: {a.shape}, {b.shape}")

@@ -8,11 +8,23 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats, box_corners
 from resim.core.tracks import Tracks
-from resim.metrics.criticality.measure import Measure, State
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.values import MeasureValues, State
 from resim.road.opendrive import RoadNetwork, RoadPositions
 
+SPEED_OVER_LIMIT = MeasureDefinition(
+    name="speed over limit",
+    unit="m/s",
+    worst="high",
+    kind="legal",
+    source="the map's limit (ASAM OpenDRIVE: road type and lane speed)",
+    meaning="speed above the map's limit; negative is below it",
+    of=lambda inputs: speed_over_limit(inputs.drive.own, inputs.network).track(),
+    alone=True,
+)
 
-def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
+
+def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> MeasureValues:
     """Give v - limit (N, T) [m/s]; negative is below the limit.
 
     The limit is that of the lane the box's centre is in (`RoadNetwork.speed_limit`). NOT_DEFINED where there is no
@@ -20,10 +32,22 @@ def speed_over_limit(tracks: Tracks, network: RoadNetwork) -> Measure:
     """
     place, _ = _places(tracks, network)
     limit = np.where(place.on_road, network.speed_limit(place.road, place.lane, place.s), np.nan)
-    return _measure("speed over limit", "m/s", tracks.v[tracks.valid] - limit, tracks.valid)
+    return _values(SPEED_OVER_LIMIT, tracks.v[tracks.valid] - limit, tracks.valid)
 
 
-def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
+LANE_OVERHANG = MeasureDefinition(
+    name="lane overhang",
+    unit="m",
+    worst="high",
+    kind="legal",
+    source="German road traffic act, section 7 (lanes)",
+    meaning="how far the box reaches over its lane's border",
+    of=lambda inputs: lane_overhang(inputs.drive.own, inputs.network).track(),
+    alone=True,
+)
+
+
+def lane_overhang(tracks: Tracks, network: RoadNetwork) -> MeasureValues:
     """Give how far (N, T) [m] the box reaches over the border of its lane; negative is room left.
 
     |t| + ½ (length |sin| + width |cos|) - ½ lane width, for the lane the centre is in, taken as straight over the
@@ -35,10 +59,22 @@ def lane_overhang(tracks: Tracks, network: RoadNetwork) -> Measure:
     length, width = _sizes(tracks)
     half = 0.5 * (length * np.abs(np.sin(turn)) + width * np.abs(np.cos(turn)))
     over = np.abs(place.t) + half - 0.5 * network.lane_width(place.road, place.lane, place.s)
-    return _measure("lane overhang", "m", over, tracks.valid)
+    return _values(LANE_OVERHANG, over, tracks.valid)
 
 
-def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
+OFF_ROAD = MeasureDefinition(
+    name="off the road",
+    unit="1",
+    worst="high",
+    kind="legal",
+    source="German road traffic act, section 2 (1) (carriageways)",
+    meaning="corners of the box that are on no lane for vehicles",
+    of=lambda inputs: off_road(inputs.drive.own, inputs.network).track(),
+    alone=True,
+)
+
+
+def off_road(tracks: Tracks, network: RoadNetwork) -> MeasureValues:
     """Give how many (N, T) of the box's four corners are on no lane that vehicles drive on.
 
     NOT_DEFINED where the size is unknown; NOT_COMPUTED where there is no sample.
@@ -46,7 +82,7 @@ def off_road(tracks: Tracks, network: RoadNetwork) -> Measure:
     length, width = _sizes(tracks)
     _, on_road = _places(tracks, network)
     off = np.where(np.isfinite(length + width), 4.0 - on_road.sum(axis=1), np.nan)
-    return _measure("corners off the road", "1", off, tracks.valid)
+    return _values(OFF_ROAD, off, tracks.valid)
 
 
 @lru_cache(maxsize=1)
@@ -72,9 +108,9 @@ def _sizes(tracks: Tracks) -> tuple[Floats, Floats]:
     return length, width
 
 
-def _measure(name: str, unit: str, value: Floats, valid: Bools) -> Measure:
-    """A measure (N, T) of the values (samples,) of all valid samples."""
+def _values(of: MeasureDefinition, value: Floats, valid: Bools) -> MeasureValues:
+    """Values (N, T) of the values (samples,) of all valid samples."""
     every = np.full(valid.shape, np.nan)
     every[valid] = value
     state = np.where(np.isfinite(every), State.VALUE, State.NOT_DEFINED)
-    return Measure(name, unit, every, np.where(valid, state, State.NOT_COMPUTED).astype(np.uint8), "high")
+    return of.values(every, np.where(valid, state, State.NOT_COMPUTED).astype(np.uint8))

@@ -3,30 +3,50 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, to_frame, wrap_angle
-from resim.metrics.criticality import motion
-from resim.metrics.criticality.contact import first_contact
-from resim.metrics.criticality.measure import Measure, State, States, stated
-from resim.metrics.criticality.pairs import CompletePairs, Pairs
+from resim.metrics.measures import motion
+from resim.metrics.measures.contact import first_contact
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.horizon import RANGE, fastest, for_way, speed
+from resim.metrics.measures.pairs import CompletePairs, Pairs
+from resim.metrics.measures.values import MeasureValues, State, States, stated
 
-RANGE = 150.0  # m; how far ahead is looked for somebody
+if TYPE_CHECKING:
+    from resim.metrics.doubts.absent import AbsentObject
+
 SAME_WAY = 0.25 * np.pi  # rad; who heads less than this off the EGO's path drives the same way
 FAST = 160.0 / 3.6  # m/s
 KMH = 3.6
+BESIDE = 5.5  # m; up to which somebody is overtaken on the right
 
 
-def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> Measure:
+GAP_AHEAD = MeasureDefinition(
+    name="gap ahead",
+    unit="m",
+    worst="low",
+    kind="quantitative",
+    source="the distance d of TTC and THW (Wagner 2021, Eq. 3.2 and 3.5)",
+    meaning="gap along the EGO's path to the object's box",
+    of=lambda inputs: gap_ahead(inputs.pairs, reach=inputs.seen.reach),
+    needs=for_way,
+    open_beyond=lambda inputs: inputs.seen.reach + 0.0 * speed(inputs),
+    unseen=lambda absent: np.where(np.isfinite(gap := absent.gap()), gap, np.nan),
+)
+
+
+def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> MeasureValues:
     """Give the gap (S, K) [m] along the EGO's path to the object's box as it is now; the d of TTC and THW.
 
     Measured by driving the EGO's box along the path of its plan, then straight on, until it touches. NO_CONFLICT where
     it touches nothing within `reach` [m], or who is there does not drive the same way; NOT_DEFINED where the EGO
     reverses; 0 where the boxes touch.
     """
-    return pairs.measured("gap", "m", "low", partial(_gap, reach), columns=4)
+    return pairs.measured(GAP_AHEAD, partial(_gap, reach), columns=4)
 
 
 def _gap(reach: float, p: CompletePairs) -> tuple[Floats, States]:
@@ -45,7 +65,27 @@ def _gap(reach: float, p: CompletePairs) -> tuple[Floats, States]:
     return stated(gap, conflict=conflict, defined=p.plan[:, 0, 3] >= 0.0)
 
 
-def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE) -> Measure:
+HALF_SPEEDOMETER = MeasureDefinition(
+    name="half speedometer",
+    unit="m",
+    worst="low",
+    kind="legal",
+    source="Kaefer 2022, Eq. 4.1; case law to section 4 of the German road traffic act",
+    meaning="gap beyond the least distance (half the speedometer reading); negative is too near",
+    of=lambda inputs: half_speedometer(inputs.pairs, reach=inputs.seen.reach),
+    needs=lambda inputs, limit: for_way(inputs, limit + 0.5 * KMH * fastest(inputs)),
+    open_beyond=lambda inputs: inputs.seen.reach - 0.5 * KMH * speed(inputs),
+    unseen=lambda absent: _spare(absent),
+)
+
+
+def _spare(absent: AbsentObject) -> Floats:
+    """The least that the gap (P,) [m] to somebody unseen can be above the least distance, NaN for no gap."""
+    gap = absent.gap()
+    return np.where(np.isfinite(gap), gap - 0.5 * KMH * np.maximum(absent.v, 0.0), np.nan)
+
+
+def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE) -> MeasureValues:
     """Give how many metres (S, K) the gap is above the least distance; negative is too near.
 
     Least distance v / 2 in metres with v in km/h, in urban areas v / 3.6, the way of one second (Kaefer, Eq. 4.1).
@@ -55,10 +95,24 @@ def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE)
     least = v if urban else 0.5 * KMH * v
     gap = gap_ahead(pairs, reach=float(np.nanmax(least, initial=reach)))
     spare = gap.value - least[:, None]
-    return Measure("half speedometer", "m", spare, gap.state, "low")
+    return HALF_SPEEDOMETER.values(spare, gap.state)
 
 
-def tailgating(t: Floats, v: Floats, spare: Measure) -> Measure:
+TAILGATING = MeasureDefinition(
+    name="tailgating",
+    unit="s",
+    worst="high",
+    kind="legal",
+    source="Kaefer 2022, 4.5.6.4",
+    meaning="how long the gap has been too short, beyond the time allowed to restore it",
+    of=lambda inputs: tailgating(
+        inputs.drive.t, inputs.drive.scenes.plan[:, 0, 3], inputs.measure("half speedometer")
+    ),
+    unseen=lambda absent: absent.at_worst(np.inf, _spare(absent) < 0.0),
+)
+
+
+def tailgating(t: Floats, v: Floats, spare: MeasureValues) -> MeasureValues:
     """Give for how long (S, K) [s] the gap has been too short beyond the time to restore it; negative within it.
 
     t: (S,) s, times of successive scenes; v: (S,) m/s of the EGO; spare: (S, K), of `half_speedometer`. Somebody who
@@ -77,17 +131,29 @@ def tailgating(t: Floats, v: Floats, spare: Measure) -> Measure:
     grace = np.where(came, np.where(v > FAST, 1.0, 3.0)[:, None], 0.0)
     value = np.where(near, t[:, None] - t[since] - np.take_along_axis(grace, since, axis=0), np.nan)
     state = np.where(near, State.VALUE, np.where(spare.state == State.VALUE, State.NO_CONFLICT, spare.state))
-    return Measure("tailgating", "s", value, state.astype(np.uint8), "high")
+    return TAILGATING.values(value, state.astype(np.uint8))
 
 
-def overtaking_right(pairs: Pairs, *, beside: float = 5.5) -> Measure:
+OVERTAKING_RIGHT = MeasureDefinition(
+    name="overtaking on the right",
+    unit="m/s",
+    worst="high",
+    kind="legal",
+    source="German road traffic act, section 5 (1)",
+    meaning="how much faster the EGO passes an object on the right",
+    of=lambda inputs: overtaking_right(inputs.pairs),
+    unseen=lambda absent: absent.at_worst(np.inf, absent.now() <= BESIDE),
+)
+
+
+def overtaking_right(pairs: Pairs, *, beside: float = BESIDE) -> MeasureValues:
     """Give by how much (S, K) [m/s] the EGO is faster than an object that it passes on the right.
 
     The object's box is beside the EGO's (they overlap along the EGO's axis), to its left by up to `beside` [m] between
     centres, and drives the same way. Negative: it is the one who passes, on the left. NO_CONFLICT elsewhere. German
     road traffic act, section 5 (1); what it allows (queues, built-up areas) is not known here.
     """
-    return pairs.measured("overtaking on the right", "m/s", "high", partial(_right, beside), columns=4)
+    return pairs.measured(OVERTAKING_RIGHT, partial(_right, beside), columns=4)
 
 
 def _right(beside: float, p: CompletePairs) -> tuple[Floats, States]:

@@ -1,0 +1,77 @@
+"""What a measure is: name, unit, source, how it is computed, and what a criterion on it has to know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from resim.core.geometry import Floats
+from resim.metrics.measures.values import MeasureValues, States, WorstEnd
+
+if TYPE_CHECKING:
+    from resim.metrics.doubts.absent import AbsentObject
+    from resim.metrics.drive import DriveScenes
+    from resim.metrics.measures.horizon import LookAhead
+    from resim.metrics.measures.inputs import MeasureInputs
+    from resim.metrics.risk import Risk
+
+Kind = Literal["functional", "quantitative", "legal"]
+"""functional: what the function and its perception did; quantitative: how near, how hard, how risky; legal: what rules
+say (Groh 2018, III.B)."""
+KINDS: tuple[Kind, ...] = ("quantitative", "legal", "functional")
+"""In the order of tables."""
+
+
+class DriveDangers(Protocol):
+    """A drive, its accident risk, and when [s] the EGO's box touches whose."""
+
+    @property
+    def drive(self) -> DriveScenes:
+        """The drive scene by scene."""
+
+    @property
+    def risk(self) -> Risk:
+        """The accident risk of each scene."""
+
+    @property
+    def contacts(self) -> tuple[tuple[float, str], ...]:
+        """When [s] the EGO's box touches whose."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasureDefinition:
+    """A measure as it is registered, in the module of its function.
+
+    worst: which end is the worse one. source: paper and equation or section, or the rule. meaning: what it is, in a
+    few words. of: gives its values, (S,) of the EGO or the whole scene, or (S, K) of the EGO with each object.
+
+    The rest is for criteria. alone: it is of the EGO alone, whoever else is there. needs: how far ahead a limit asks to
+    look, None where that is never farther than usual. open_beyond: how bad (S, 1) it can still be where there is
+    NO_CONFLICT as far as was looked (`MeasureInputs.seen`); None: not at all. unseen: how bad (P,) it can be in scenes
+    in which an object is there but was not seen, NaN where not at all; None: as bad as can be where boxes can touch.
+    whom: because of which object the value of a whole scene is what it is, "" for none.
+    """
+
+    name: str
+    unit: str
+    worst: WorstEnd
+    kind: Kind
+    source: str
+    meaning: str
+    of: Callable[[MeasureInputs], MeasureValues]
+    alone: bool = False
+    needs: Callable[[MeasureInputs, float], LookAhead] | None = None
+    open_beyond: Callable[[MeasureInputs], Floats] | None = None
+    unseen: Callable[[AbsentObject], Floats] | None = None
+    whom: Callable[[DriveDangers, int], str] | None = None
+
+    def values(self, value: Floats, state: States) -> MeasureValues:
+        """Give values of this measure, of any shape; state: see `State`."""
+        return MeasureValues(self.name, self.unit, value, state, self.worst)
+
+    def ahead(self, inputs: MeasureInputs, side: str, limit: float) -> LookAhead:
+        """Give how far it has to look ahead for a limit on this side; no less than it always does."""
+        if self.needs is None or (side == "below") != (self.worst == "low"):
+            return inputs.usual
+        return self.needs(inputs, limit)

@@ -1,0 +1,103 @@
+"""What measures are computed from: one argument for all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from resim.metrics.drive import DriveScenes
+from resim.metrics.measures.collision import contacts
+from resim.metrics.measures.definition import MeasureDefinition
+from resim.metrics.measures.functional import FunctionActivity
+from resim.metrics.measures.horizon import LookAhead
+from resim.metrics.measures.pairs import Pairs
+from resim.metrics.measures.registry import MEASURES
+from resim.metrics.measures.scenes import driven_pairs
+from resim.metrics.measures.values import MeasureValues
+from resim.metrics.risk import DEFAULTS, Parameters, Risk
+from resim.road.opendrive import RoadNetwork
+
+
+@dataclass(frozen=True, eq=False)
+class MeasureInputs:
+    """What measures are computed from: the drive, its road, and what function and perception did, if known.
+
+    hits: when [s] the EGO's box touched whose (`contacts`), if that is known finer than by scenes. own: the user's own
+    measures. seen: how far is looked ahead.
+    """
+
+    drive: DriveScenes
+    network: RoadNetwork
+    parameters: Parameters = DEFAULTS
+    functioning: FunctionActivity | None = None
+    hits: tuple[tuple[float, str], ...] | None = None
+    own: tuple[MeasureDefinition, ...] = ()
+    farther: LookAhead | None = None
+    _known: dict[str, MeasureValues] = field(default_factory=dict)
+    _looking: dict[LookAhead, MeasureInputs] = field(default_factory=dict)
+
+    @property
+    def definitions(self) -> tuple[MeasureDefinition, ...]:
+        """Every measure, the user's own last."""
+        return (*MEASURES, *self.own)
+
+    def definition(self, name: str) -> MeasureDefinition:
+        """Give a measure by its name."""
+        return next(measure for measure in self.definitions if measure.name == name)
+
+    def measure(self, name: str) -> MeasureValues:
+        """Give the values of a measure by its name; computed once."""
+        if name not in self._known:
+            self._known[name] = self.definition(name).of(self)
+        return self._known[name]
+
+    def judged(self, name: str, side: str, limit: float) -> tuple[MeasureValues, LookAhead]:
+        """Give a measure for a limit, looked for as far ahead as that needs, with what is open beyond."""
+        measure = self.definition(name)
+        ahead = self.looking(measure.ahead(self, side, limit))
+        beyond = None if measure.open_beyond is None else measure.open_beyond(ahead)
+        return replace(ahead.measure(name), beyond=beyond), ahead.seen
+
+    def looking(self, seen: LookAhead) -> MeasureInputs:
+        """Give the same, looking ahead so far."""
+        if seen == self.seen:
+            return self
+        if seen not in self._looking:
+            self._looking[seen] = replace(self, farther=seen, _known={}, _looking={})
+        return self._looking[seen]
+
+    @cached_property
+    def usual(self) -> LookAhead:
+        """How far is looked ahead for what asks for no more."""
+        return LookAhead((self.drive.scenes.plan.shape[1] - 1) * self.parameters.step)
+
+    @property
+    def seen(self) -> LookAhead:
+        """How far is looked ahead."""
+        return self.farther or self.usual
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """The EGO with each object, predicted as far as is looked ahead; straight on after the plan's end."""
+        horizon = None if self.seen.horizon == self.usual.horizon else self.seen.horizon
+        return Pairs.of(self.drive.scenes, self.parameters.step, horizon)
+
+    @cached_property
+    def driven(self) -> Pairs:
+        """The EGO with each object, on the paths that they drove."""
+        drive, p = self.drive, self.parameters
+        return driven_pairs(
+            drive.tracks, str(drive.own.ids[0]), drive.t, horizon=p.horizon, step=p.step, driven=True
+        )
+
+    @cached_property
+    def contacts(self) -> tuple[tuple[float, str], ...]:
+        """When [s] the EGO's box touches whose."""
+        if self.hits is not None:
+            return self.hits
+        return tuple(contacts(self.drive.tracks, str(self.drive.own.ids[0])))
+
+    @cached_property
+    def risk(self) -> Risk:
+        """The accident risk of each scene."""
+        return self.drive.risk(self.parameters)

@@ -1,0 +1,14 @@
+"""Whether the EGO decides as in the measured drive."""
+
+from __future__ import annotations
+
+from resim.sweeps.outcomes.definition import OutcomeDefinition
+
+SAME_DECISION = OutcomeDefinition(
+    column="same_decision",
+    type="flag",
+    label="decides as measured",
+    of=lambda run: run.found.decision == run.measured_decision,
+    good=True,
+    keeps="the EGO decides as measured",
+)
