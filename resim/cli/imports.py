@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from click import Command
 from typer.core import TyperGroup
 
 from resim.cli.app import app
@@ -25,12 +24,12 @@ class _FormatCommands(TyperGroup):
     """The commands of all formats, made when one is asked for: readers are slow to import."""
 
     @property
-    def commands(self) -> MutableMapping[str, Command]:  # type: ignore[override]
+    def commands(self) -> MutableMapping[str, Any]:
         """The commands by name."""
         return _commands()
 
     @commands.setter
-    def commands(self, none: MutableMapping[str, Command]) -> None:
+    def commands(self, none: MutableMapping[str, Any]) -> None:
         """Commands come from the registry alone."""
 
 
@@ -50,7 +49,7 @@ Out = Annotated[Path, typer.Option(help="Recording folder to write.")]
 
 
 @cache
-def _commands() -> MutableMapping[str, Command]:
+def _commands() -> MutableMapping[str, Any]:
     from resim.recordings.formats.registry import FORMATS
 
     made = typer.Typer(rich_markup_mode=None)
@@ -76,8 +75,8 @@ def _command(form: RecordingFormat) -> Callable[..., None]:
 
 
 def _parameter(option: FormatOption) -> Parameter:
-    told = Annotated[option.type | None, typer.Option(help=option.help, metavar=option.metavar)]
-    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=told)
+    default = typer.Option(None, help=option.help, metavar=option.metavar)
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=option.type | None)
 
 
 def _write(recording: Recording, out: Path) -> None:
