@@ -1,20 +1,42 @@
-"""`resim import`: recordings of other formats become recording folders."""
+"""`resim import`: recordings of other formats become recording folders; a command for each of `FORMATS`."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, MutableMapping
+from functools import cache
+from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from resim.cli.app import app
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
     from resim.recordings import Recording
+    from resim.recordings.formats.registry import FormatOption, RecordingFormat
+
+
+class _FormatCommands(TyperGroup):
+    """The commands of all formats, made when one is asked for: readers are slow to import."""
+
+    @property
+    def commands(self) -> MutableMapping[str, Any]:
+        """The commands by name."""
+        return _commands()
+
+    @commands.setter
+    def commands(self, none: MutableMapping[str, Any]) -> None:
+        """Commands come from the registry alone."""
+
 
 imports = typer.Typer(
-    help="Turn a recording of another format into a recording folder.", no_args_is_help=True
+    cls=_FormatCommands,
+    help="Turn a recording of another format into a recording folder.",
+    no_args_is_help=True,
 )
 app.add_typer(imports, name="import")
 
@@ -26,43 +48,35 @@ End = Annotated[float | None, typer.Option(help="Last time [s]; to the EGO's las
 Out = Annotated[Path, typer.Option(help="Recording folder to write.")]
 
 
-@imports.command("highd")
-def import_highd(
-    tracks: Annotated[
-        Path, typer.Argument(help="XX_tracks.csv of highD, exiD, inD or rounD; its meta files beside it.")
-    ],
-    map_file: Map,
-    ego: Ego,
-    out: Out,
-    start: Start = None,
-    end: End = None,
-    alignment: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            metavar="X Y HEADING", help="Pose of the data's frame in the map [m m rad], if it is another."
-        ),
-    ] = None,
-) -> None:
-    """Import from CSV of the highD family (highD, exiD, inD, rounD)."""
-    from resim.recordings import Alignment, read_highd
+@cache
+def _commands() -> MutableMapping[str, Any]:
+    from resim.recordings.formats.registry import FORMATS
 
-    pose = Alignment(*alignment) if alignment else None
-    _write(read_highd(tracks, map=map_file, ego=ego, start=start, end=end, alignment=pose), out)
+    made = typer.Typer(rich_markup_mode=None)
+    for form in FORMATS:
+        made.command(form.name, help=f"Import from {form.source}.")(_command(form))
+    return typer.main.get_group(made).commands
 
 
-@imports.command("commonroad")
-def import_commonroad(
-    scenario: Annotated[Path, typer.Argument(help="CommonRoad scenario, XML of 2018a or 2020a.")],
-    map_file: Map,
-    ego: Ego,
-    out: Out,
-    start: Start = None,
-    end: End = None,
-) -> None:
-    """Import from a CommonRoad scenario."""
-    from resim.recordings import read_commonroad
+def _command(form: RecordingFormat) -> Callable[..., None]:
+    """The function behind a command: it takes the format's file, what every import takes, and the format's options."""
 
-    _write(read_commonroad(scenario, map=map_file, ego=ego, start=start, end=end), out)
+    def convert(map_file: Map, ego: Ego, out: Out, start: Start = None, end: End = None, **own: Any) -> None:
+        file = own.pop(form.file)
+        _write(form.reader(file, map=map_file, ego=ego, start=start, end=end, **own), out)
+
+    *common, _ = inspect.signature(convert, eval_str=True).parameters.values()
+    file = Annotated[Path, typer.Argument(help=form.file_help)]
+    first = Parameter(form.file, Parameter.POSITIONAL_OR_KEYWORD, annotation=file)
+    parameters = [first, *common, *map(_parameter, form.options)]
+    convert.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    convert.__annotations__ = {p.name: p.annotation for p in parameters}
+    return convert
+
+
+def _parameter(option: FormatOption) -> Parameter:
+    default = typer.Option(None, help=option.help, metavar=option.metavar)
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=option.type | None)
 
 
 def _write(recording: Recording, out: Path) -> None:

@@ -153,7 +153,7 @@ def sweep(
     folder, shard = path_of(out), options.shard
     wanted = read_sweep(path_of(file), options.vehicle)
     held, _ = in_child(_checked, (wanted, folder, shard, False))
-    if shard != ALL and wanted.file.plan == "adaptive":
+    if shard != ALL and wanted.file.planned.grows:
         problem = "an adaptive plan has no shards: what to run next follows from all results"
         raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
     begin(folder, held, resume=options.resume or shard != ALL)
@@ -211,7 +211,7 @@ def estimate(file: str | Path, out: str | Path, options: SweepOptions = SweepOpt
     """
     wanted = read_sweep(path_of(file), options.vehicle)
     _, runs = in_child(_checked, (wanted, path_of(out), options.shard, True))
-    adaptive = wanted.file.plan == "adaptive"
+    adaptive = wanted.file.planned.grows
     if runs is None or runs.empty:  # as of a shard more than there are runs
         return SweepEstimate(0, adaptive, None, 0.0, ())
     each, size, failures = sample(wanted, runs, options.processes)

@@ -168,3 +168,11 @@ def sample(text: str, color: str, *, dashed: bool = False) -> Markup:
         dash,
         text,
     )
+
+
+def captioned(figure: go.Figure, name: str, title: str, note: str = "") -> Markup:
+    """Give the figure as `to_html` does, with a title and a note above it."""
+    small = html('<span class="note">{}</span>', note) if note else ""
+    return html(
+        "<figure><figcaption><b>{}</b> {}</figcaption>{}</figure>\n", title, small, to_html(figure, name)
+    )

@@ -12,7 +12,7 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Floats, to_frame, unwrap_angle
 from resim.core.tracks import Tracks
 from resim.report.plots import clock_words
-from resim.resimulation import Resimulation
+from resim.resimulation import Resimulation, ResimulationAssessment
 from resim.resimulation.report import RunReport
 from resim.road.opendrive import LaneShape
 from resim.road.path import Path, lane_path
@@ -41,7 +41,8 @@ TO_COLORS: Mapping[str, tuple[str, ...]] = {
 class View:
     """A result as the page shows it.
 
-    tracks: by source GT, SD, rGT, rSD. focus: ids of the TOs drawn in colour, the most relevant first.
+    assessed: how all its drives were judged. tracks: by source GT, SD, rGT, rSD.
+    focus: ids of the TOs drawn in colour, the most relevant first.
     lead: the TO ahead of the EGO in GT, if any, always in focus.
     path: what the offset across the road is measured from, the centre of the EGO's starting lane where it
     stays near it (on_lane), else its own way. turn: rad, the direction of travel,
@@ -49,6 +50,7 @@ class View:
     """
 
     result: Resimulation
+    assessed: ResimulationAssessment
     report: RunReport
     tracks: Mapping[str, Tracks]
     focus: tuple[str, ...]
@@ -146,7 +148,7 @@ class View:
         return out[0], out[1]
 
 
-def view(result: Resimulation) -> View:
+def view(result: Resimulation, assessed: ResimulationAssessment) -> View:
     """Look at a result."""
     ego, tracks = result.ego, result.tracks()
     first = tracks["GT"]
@@ -159,6 +161,7 @@ def view(result: Resimulation) -> View:
     lead = _lead(first, ego, report.reaction.values(), path)
     return View(
         result=result,
+        assessed=assessed,
         report=report,
         tracks=tracks,
         focus=_focus(result, tracks.values(), lead),

@@ -14,7 +14,8 @@ import pandas as pd
 from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
 from resim.sweeps.boundary import boundary
-from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.plans.parameter import SweepParameter
+from resim.sweeps.plans.registry import PLANS
 from resim.sweeps.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
 from resim.sweeps.result import SweepResult, limits
 from resim.sweeps.statistics.boundary import MESH, ShareMap, crossings, grid_map, smooth_map
@@ -38,14 +39,14 @@ def analyse(swept: SweepResult, place: str) -> dict[str, Any]:
     """Give what report.json holds. place: the folder of the results, from where commands are to run."""
     rows = swept.rows
     place = f"./{place}" if place.startswith("-") else place  # it is no option
-    groups, adaptive = rows.groupby(["recording", "build"], sort=False), swept.file["plan"] == "adaptive"
+    groups, grown = rows.groupby(["recording", "build"], sort=False), PLANS[swept.file["plan"]].grows
     return {
         "schema": SCHEMA,
         "name": swept.file["name"],
         "plan": swept.file["plan"],
         "versions": swept.manifest["versions"],
         "inputs": swept.inputs,
-        **({} if adaptive else {"confidence": CONFIDENCE, "demanded": DEMANDED}),
+        **({} if grown else {"confidence": CONFIDENCE, "demanded": DEMANDED}),
         "runs": len(rows),
         "failed": int(failed(rows).sum()),
         "parameters": [_parameter(p) for p in swept.parameters],
@@ -80,7 +81,7 @@ def _varying(
     swept: SweepResult, rows: pd.DataFrame, points: SweepPoints, outcomes: Sequence[SweepOutcome]
 ) -> dict[str, Any]:
     """What follows from the parameters; where points lie by what came of others, nothing but the boundary."""
-    if swept.file["plan"] == "adaptive":
+    if PLANS[swept.file["plan"]].grows:
         return {"boundary": boundary(swept, rows, points, outcomes)}
     asked = limits(swept)
     return {
@@ -167,9 +168,9 @@ def _response(step: Levels, e: GroupMean) -> dict[str, Any]:
 
 def _sensitivity(o: SweepOutcome, points: SweepPoints, known: Bools) -> Sensitivity | None:
     """Sobol indices, None where the plan or what is missing does not let them be told."""
-    if points.plan == "one_at_a_time" or np.mean(~known) > MISSING:
+    if points.layout == "axes" or np.mean(~known) > MISSING:
         return None
-    return sensitivity(points.u, o.y, grid=points.plan == "grid")
+    return sensitivity(points.u, o.y, grid=points.layout == "grid")
 
 
 def _sobol(s: Sensitivity, names: Sequence[str]) -> dict[str, Any]:
@@ -189,7 +190,7 @@ def _requirements(y: Floats, points: SweepPoints, i: int) -> list[dict[str, Any]
     step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
     around = bool(step.low[0] < 0.0 < step.high[-1])
     sides: tuple[Side, ...] = ("between",) if around else ("under", "over")
-    drawn = points.plan not in ("grid", "one_at_a_time")
+    drawn = points.layout == "drawn"
     found = [requirement(y, step, DEMANDED, side, drawn=drawn) for side in sides]
     if all(r.found == "none" for r in found) and not around:
         found.append(requirement(y, step, DEMANDED, "between", drawn=drawn))
@@ -206,10 +207,10 @@ def _plain(r: Requirement) -> dict[str, Any]:
 
 def _map(y: Floats, points: SweepPoints, i: int, j: int) -> dict[str, Any] | None:
     """The map over the two most influential parameters; none where they are never varied together."""
-    if points.plan == "one_at_a_time":
+    if points.layout == "axes":
         return None
     a, b = points.parameters[i], points.parameters[j]
-    if points.plan == "grid":
+    if points.layout == "grid":
         found = grid_map(y, levels(points.x[:, i], BINS), levels(points.x[:, j], BINS))
     else:
         (ua, at_a), (ub, at_b) = _mesh(a), _mesh(b)

@@ -131,7 +131,7 @@ def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
 
 def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
     """Raise ResimError where a cycle time is no multiple of the simulation's step."""
-    if sweep.file.plan == "adaptive":
+    if sweep.file.planned.grows:
         remedy = "Take another plan, with values = [...]."
         raise InputError(
             sweep.path, f"an adaptive plan cannot halve {name}: it is a multiple of the step", remedy
@@ -143,7 +143,7 @@ def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
 
 def _has_outcome(sweep: Sweep) -> None:
     """Raise InputError where an adaptive plan asks for an outcome that runs do not have."""
-    if sweep.file.plan != "adaptive":
+    if not sweep.file.planned.grows:
         return
     shares = (outcome.name for outcome in OUTCOMES if outcome.good is not None)
     known = list(dict.fromkeys([*shares, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
@@ -187,11 +187,11 @@ def execute(
     examined: set[str] = set()
     with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
         todo: list[RunTask] | None = None
-        while todo is None or (todo and sweep.file.plan == "adaptive"):
+        while todo is None or (todo and sweep.file.planned.grows):
             rows = _rows(sweep, out)
             wanted = runs(sweep, rows)
             plans = _plans(sweep, wanted)
-            for _ in journal.entries(out / "journal", type_of, plans, whole=sweep.file.plan != "adaptive"):
+            for _ in journal.entries(out / "journal", type_of, plans, whole=not sweep.file.planned.grows):
                 pass  # none is of something else
             expect(len(wanted))
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
@@ -216,7 +216,7 @@ def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
 
 def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
     """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
-    needed = sweep.file.plan == "adaptive"
+    needed = sweep.file.planned.grows
     return {entry[RUN]: entry["row"] if needed else {} for entry in journal.read(out / "journal", type_of)}
 
 
@@ -276,8 +276,8 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
 
     runs/part-*.parquet: a row a run, in order; times.parquet: wall-clock times [s]; manifest.json.
     """
-    adaptive = sweep.file.plan == "adaptive"
-    rows = _rows(sweep, out) if adaptive else {}
+    grows = sweep.file.planned.grows
+    rows = _rows(sweep, out) if grows else {}
     every = runs(sweep, rows)
     told = journal.entries(out / "journal", type_of, _plans(sweep, every))
     lines = {entry[RUN]: line for line, entry in told}
@@ -295,7 +295,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
     held = parse_json(read_file(out / "sweep.json", ""), out / "sweep.json")
     counts = {"runs": len(whole), "failed": failed, "files": {name: file_hash(out / name) for name in parts}}
-    grown = {"boundaries": boundaries(sweep, rows)} if adaptive else {}
+    grown = {"boundaries": boundaries(sweep, rows)} if grows else {}
     with whole_file(out / "manifest.json", (".json",)) as path:
         write_json(
             {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}, path

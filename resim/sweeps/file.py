@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field, WithJsonSchema
+from pydantic_core import PydanticCustomError
 
 from resim.core.errors import InputError
 from resim.core.files import joined
@@ -26,7 +26,8 @@ from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.registry import vehicle_model
 from resim.sweeps.outcomes.registry import column_of
 from resim.sweeps.plans.adaptive import Lattice, Places, boundary, wanted
-from resim.sweeps.plans.design import Plan, SweepParameter, design
+from resim.sweeps.plans.parameter import SweepParameter
+from resim.sweeps.plans.registry import PLANS, SweepPlan
 from resim.verification.suite import read_suite
 
 Indices = NDArray[Any]
@@ -39,6 +40,19 @@ MOST = 1_000_000
 """Runs of a sweep: those that are planned are held in memory, and planned anew by each process (12 s for so many)."""
 RUN = "run"
 """Column of the tables: which run it is, counted from 0."""
+
+
+def _known_plan(name: str) -> str:
+    """The name of a plan. Raises PydanticCustomError for one that there is not."""
+    if name not in PLANS:
+        *others, last = map(repr, PLANS.names)
+        raise PydanticCustomError("literal_error", f"Input should be {', '.join(others)} or {last}")
+    return name
+
+
+PlanName = Annotated[
+    str, AfterValidator(_known_plan), WithJsonSchema({"type": "string", "enum": list(PLANS.names)})
+]
 
 
 class Adaptive(Strict):
@@ -63,8 +77,9 @@ class SweepFile(Strict):
     """What a sweep's file says; paths from the folder of the file.
 
     recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
-    that perception parameters are parameters of. plan, points, seed: see `sweeps.plans.design`. seeds: runs of each
-    point. time_limit: s of wall clock for one run. adaptive: of the plan of that name.
+    that perception parameters are parameters of. plan: see `sweeps.plans`. points: how many, of a plan that draws
+    them; the most of an adaptive one. seed: of what is drawn. seeds: runs of each point. time_limit: s of wall clock
+    for one run. adaptive: of the plan of that name.
     """
 
     name: str = Field(min_length=1)
@@ -73,7 +88,7 @@ class SweepFile(Strict):
     build: tuple[str, ...] = Field(min_length=1)
     perception: str | None = None
     criteria: str = Field(min_length=1)
-    plan: Plan | Literal["adaptive"] = "grid"
+    plan: PlanName = "grid"
     adaptive: Adaptive = Adaptive()
     points: int = Field(strict=True, default=64, ge=1, le=1_000_000)
     seed: int = Field(strict=True, default=0, ge=0)
@@ -81,6 +96,11 @@ class SweepFile(Strict):
     time_limit: float = Field(strict=True, default=60.0, ge=0.001, le=1e6)
     accept: tuple[str, ...] = ()
     parameter: tuple[SweepParameter, ...] = Field(min_length=1)
+
+    @property
+    def planned(self) -> SweepPlan:
+        """The plan of this name."""
+        return PLANS[self.plan]
 
 
 class Sweep(Strict):
@@ -142,14 +162,13 @@ def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
 
 def _count(file: SweepFile, recordings: int) -> int:
     """How many runs it is at most."""
-    levels = [len(p.values) or p.steps for p in file.parameter]
-    points = {"grid": math.prod(levels), "one_at_a_time": 1 + sum(levels)}.get(file.plan, file.points)
+    points = file.planned.count(file.parameter, file.points)
     return recordings * len(file.build) * points * file.seeds
 
 
 def check_plan(path: Path, file: SweepFile) -> None:
     """Raise InputError for parameters that the plan cannot vary."""
-    if file.plan != "adaptive":
+    if not file.planned.grows:
         if wide := [p.name for p in file.parameter if p.width is not None]:
             raise InputError(
                 path, f"parameter {wide[0]!r} has a width, the plan is {file.plan}", 'plan = "adaptive"'
@@ -175,9 +194,10 @@ def runs(sweep: Sweep, rows: Mapping[int, Row] | None = None) -> pd.DataFrame:
     rows: the results so far, by run. An adaptive plan has more runs the more results there are; all others ignore them.
     """
     file = sweep.file
-    if file.plan == "adaptive":
+    design = file.planned.design
+    if design is None:
         return _grown(sweep, rows or {})
-    points = design(file.parameter, file.plan, file.points, file.seed)
+    points = design(file.parameter, file.points, file.seed)
     recordings, builds = list(sweep.folders), list(file.build)
     shape = (len(recordings), len(builds), len(points), file.seeds)
     r, b, p, s = (index.ravel() for index in np.indices(shape))

@@ -12,7 +12,8 @@ import pandas as pd
 from resim.core.geometry import Bools, Floats
 from resim.perception.parameters import unit
 from resim.sweeps.outcomes.registry import OUTCOMES
-from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.plans.parameter import SweepParameter
+from resim.sweeps.plans.registry import PLANS, Layout
 from resim.sweeps.result import SweepResult
 
 
@@ -29,16 +30,16 @@ class SweepOutcome:
 
 @dataclass(frozen=True, eq=False)
 class SweepPoints:
-    """The points of a plan: x (K, P), and as shares of the parameters' distributions u (K, P)."""
+    """The points of a plan: x (K, P), and as shares of the parameters' distributions u (K, P). layout: how they lie."""
 
     parameters: tuple[SweepParameter, ...]
-    plan: str
+    layout: Layout
     x: Floats
     u: Floats
 
     def along(self, i: int) -> Bools:
         """Give which points (K,) tell of the i-th parameter: all, or one at a time those with the others at base."""
-        if self.plan != "one_at_a_time":
+        if self.layout != "axes":
             return np.ones(len(self.x), dtype=bool)
         base = np.array([p.middle() for p in self.parameters])
         return np.asarray(np.delete(self.x == base, i, axis=1).all(axis=1))
@@ -61,7 +62,7 @@ def points_of(swept: SweepResult, rows: pd.DataFrame) -> tuple[SweepPoints, list
         SweepOutcome(name, words, unit, share, by_point(v))
         for name, words, unit, share, v in _columns(swept, rows)
     ]
-    return SweepPoints(swept.parameters, swept.file["plan"], x, u), outcomes
+    return SweepPoints(swept.parameters, PLANS[swept.file["plan"]].layout, x, u), outcomes
 
 
 def _columns(swept: SweepResult, rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:

@@ -18,7 +18,8 @@ from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
 from resim.sweeps.outcomes.registry import OUTCOMES
-from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.plans.parameter import SweepParameter
+from resim.sweeps.plans.registry import PLANS
 
 SCHEMA = "resim-sweep-1"
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
@@ -110,8 +111,9 @@ def _without_paths(told: Any, held: Any) -> Any:
 
 
 def _check_boundaries(manifest: dict[str, Any], parameters: int) -> None:
-    """Raise KeyError, TypeError or ValueError where an adaptive sweep's manifest does not have its boundaries."""
-    if manifest["inputs"]["sweep"]["plan"] == "adaptive":
+    """Raise KeyError, TypeError or ValueError where an adaptive sweep's manifest does not have its boundaries, and
+    ResimError where the plan is unknown."""
+    if PLANS[manifest["inputs"]["sweep"]["plan"]].grows:
         for told in manifest["boundaries"]:
             np.array(told["cells"], dtype=float).reshape(-1, parameters, 2)
             _ = told["recording"], told["build"], told["known"]

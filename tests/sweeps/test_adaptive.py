@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from resim.sweeps.plans.adaptive import Lattice, boundary, wanted
-from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.plans.parameter import SweepParameter
 
 
 def grown(lattice: Lattice, passes: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from scipy.stats import qmc
+from swept import design
 
 from resim.core.geometry import Floats
-from resim.sweeps.plans.design import SweepParameter, design
+from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.statistics.indices import Sensitivity
 from resim.sweeps.statistics.sensitivity import full_grid, ranking, sensitivity
 

@@ -14,6 +14,7 @@ from resim.core.files import read_file
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.core.xml import safe_root
+from resim.recordings.formats.registry import FORMATS, RecordingFormat
 from resim.recordings.recording import Recording, existing_map, sample_rate
 from resim.recordings.window import cut_window
 
@@ -52,6 +53,17 @@ def read_commonroad(
         name=f"{root.get('benchmarkID', xml.stem)}_{ego}", map=existing_map(map, map), ego=ego, gt=gt,
         gt_rate=sample_rate(xml, gt), provenance=_provenance(xml, root, origin),
     )  # fmt: skip
+
+
+FORMATS.add(
+    RecordingFormat(
+        name="commonroad",
+        source="a CommonRoad scenario",
+        file="scenario",
+        file_help="CommonRoad scenario, XML of 2018a or 2020a.",
+        reader=read_commonroad,
+    )
+)
 
 
 def _parse(path: Path) -> etree._Element:

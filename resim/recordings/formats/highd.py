@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.geometry import from_frame, wrap_angle
 from resim.core.tracks import Tracks
+from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
 from resim.recordings.recording import Recording, existing_map
 from resim.recordings.tables import check_tracks, read_table
 from resim.recordings.window import cut_window
@@ -79,6 +81,32 @@ def read_highd(
         name=f"{stem}_{ego}", map=existing_map(map, map), ego=ego,
         gt=Tracks.from_frame(frame), gt_rate=frame_rate, provenance=provenance,
     )  # fmt: skip
+
+
+def _read(
+    tracks_csv: Path, *, alignment: tuple[float, float, float] | None = None, **window: Any
+) -> Recording:
+    """`read_highd` as the command calls it."""
+    return read_highd(tracks_csv, alignment=Alignment(*alignment) if alignment else None, **window)
+
+
+FORMATS.add(
+    RecordingFormat(
+        name="highd",
+        source="CSV of the highD family (highD, exiD, inD, rounD)",
+        file="tracks",
+        file_help="XX_tracks.csv of highD, exiD, inD or rounD; its meta files beside it.",
+        reader=_read,
+        options=(
+            FormatOption(
+                "alignment",
+                tuple[float, float, float],
+                "Pose of the data's frame in the map [m m rad], if it is another.",
+                metavar="X Y HEADING",
+            ),
+        ),
+    )
+)
 
 
 def _stem(tracks_csv: Path) -> str:

@@ -13,6 +13,7 @@ from resim.sweeps.page import tables
 from resim.sweeps.page.boundary import boundary_html
 from resim.sweeps.page.figures import DEMANDED, HALF, map_figure, response_figure
 from resim.sweeps.page.words import Entry, keeps, overview_line, percent, quantity, requirement_lines
+from resim.sweeps.plans.registry import PLANS
 
 REDRAW = (
     "document.querySelectorAll('details').forEach(d => "
@@ -20,14 +21,6 @@ REDRAW = (
     "addEventListener('hashchange', () => document.getElementById(location.hash.slice(1))?.setAttribute('open', ''))"
 )
 """Figures in a part that was folded get its width once it is open."""
-PLANS = {
-    "grid": "all combinations of the values",
-    "one_at_a_time": "one parameter at a time",
-    "sobol": "Sobol points",
-    "halton": "Halton points",
-    "latin_hypercube": "Latin hypercube",
-    "adaptive": "adaptive, where an outcome changes",
-}
 
 READING = Markup(
     "<h2>How to read it</h2><ul>"
@@ -57,7 +50,7 @@ def page(found: Entry) -> Markup:
     body = [
         Markup("<main>\n"),
         _header(found),
-        tables.overview(found["sections"], shares=found["plan"] != "adaptive"),
+        tables.overview(found["sections"], shares=not PLANS[found["plan"]].grows),
     ]
     for k, section in enumerate(found["sections"]):
         inside = join(_section(found, section, k))
@@ -74,7 +67,7 @@ def page(found: Entry) -> Markup:
 
 def _header(found: Entry) -> Markup:
     first, inputs = found["sections"][0], found["inputs"]
-    plan = str(PLANS.get(found["plan"], found["plan"]))
+    plan = PLANS[found["plan"]].words
     counts = sorted({s["points"] for s in found["sections"]})  # of an adaptive plan, each section has its own
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
     facts = [("plan", f"{plan}: {points} points, {first['seeds']} seeds each")]
@@ -186,7 +179,7 @@ def _responses(outcomes: Sequence[Entry], parameters: Sequence[Entry], k: int) -
 
 
 def _reading(found: Entry) -> Markup:
-    if found["plan"] == "adaptive":
+    if PLANS[found["plan"]].grows:
         return READING
     return html(
         "<h2>How to read it</h2><ul>"

@@ -18,11 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
-from resim.sweeps.plans.design import SweepParameter
+from resim.sweeps.plans.parameter import SweepParameter
+from resim.sweeps.plans.registry import PLANS, SweepPlan, as_many_as_asked
 
 Places = NDArray[np.intp]
 _CELLS = 512
 """Cells looked at together: bounds memory."""
+
+
+PLANS.add(
+    SweepPlan(
+        name="adaptive", words="adaptive, where an outcome changes", layout="grown", design=None,
+        count=as_many_as_asked,
+    )
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

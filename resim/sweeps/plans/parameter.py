@@ -1,20 +1,14 @@
-"""Plans: the values at which the parameters of a sweep are tried."""
+"""A parameter that is swept: which values it takes."""
 
 from __future__ import annotations
 
 import math
-import warnings
-from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictFloat, model_validator
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
 
 from resim.core.geometry import Floats
-
-Plan = Literal["grid", "sobol", "halton", "latin_hypercube", "one_at_a_time"]
-"""Plans that are known before the first run; the adaptive one is in `resim.sweeps.plans.adaptive`."""
 
 
 class SweepParameter(BaseModel):
@@ -57,6 +51,11 @@ class SweepParameter(BaseModel):
             raise ValueError("values: one stands twice")
         return self
 
+    @property
+    def level_count(self) -> int:
+        """How many values `levels` gives."""
+        return len(self.values) or self.steps
+
     def levels(self) -> Floats:
         """Give the values of a grid, or one at a time."""
         if self.values:
@@ -93,27 +92,3 @@ class SweepParameter(BaseModel):
         first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
         drawn: Floats = self.mean + self.std * ndtri(first + share * (last - first))
         return np.clip(drawn, low, high)
-
-
-def design(parameters: tuple[SweepParameter, ...], plan: Plan, points: int, seed: int) -> Floats:
-    """Give (R, P) values, a row a point of the plan. points: of the plans that are drawn; seed: of their draws.
-
-    grid: all combinations of the parameters' levels; one_at_a_time: the levels of each, the others at their base;
-    sobol, halton: scrambled; latin_hypercube.
-    """
-    if plan == "grid":
-        mesh = np.meshgrid(*(p.levels() for p in parameters), indexing="ij")
-        return np.stack([m.ravel() for m in mesh], axis=1)
-    if plan == "one_at_a_time":
-        base = np.array([p.middle() for p in parameters])
-        rows = [np.tile(base, (len(p.levels()), 1)) for p in parameters]
-        for k, p in enumerate(parameters):
-            rows[k][:, k] = p.levels()
-        return np.unique(np.concatenate([base[None], *rows]), axis=0)
-    rng = np.random.default_rng(seed)
-    engines = {"sobol": qmc.Sobol, "halton": qmc.Halton, "latin_hypercube": qmc.LatinHypercube}
-    with warnings.catch_warnings(
-        action="ignore", category=UserWarning
-    ):  # as many as asked for, balanced or not
-        share = engines[plan](d=len(parameters), rng=rng).random(points)
-    return np.stack([p.at(share[:, k]) for k, p in enumerate(parameters)], axis=1)
