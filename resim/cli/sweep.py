@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,6 +14,7 @@ from resim.cli.app import BadVerdictError, Vehicle, sweep_app
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError
+from resim.core.sealed import read_sealed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +81,7 @@ def sweep(
     if missing:
         say(f"{out}: this shard is done; {missing} runs of others are missing")
         return
-    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    manifest = read_sealed(out / "manifest.json", "Go on by --resume.")
     say(f"{out / 'runs'}: {manifest['runs']} runs, {failed} failed")
     for found in manifest.get("boundaries", ()):
         _tell_boundary(found, len(wanted.file.build) > 1)

@@ -165,13 +165,13 @@ def _replay(path: Path, workers: int) -> None:
     from resim.execution.workers import in_child
     from resim.results import json_text
     from resim.verification.execution import outcome_code, verify
-    from resim.verification.folder import read
+    from resim.verification.folder import read, text
 
     before = read(path)
     wanted = in_child(_asked_again, (before["inputs"], path))
     with _progress(len(wanted.recordings)) as tell:
         found, _ = verify(wanted, path.parent, None, workers=workers, tell=tell)
-    if json_text(found) == path.read_text(encoding="utf-8"):
+    if text(found) == path.read_text(encoding="utf-8"):
         say(f"{path}: the same bytes again, {len(found['recordings'])} recordings")
         _end(found, outcome_code(found))
         return
