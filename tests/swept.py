@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from resealed import edit
 
 from resim.core.geometry import Floats
+from resim.core.sealed import sealed
 from resim.results import write_json, write_parquet
 from resim.sweeps.file import Sweep, SweepFile, boundaries, check_plan, runs
 from resim.sweeps.plans.parameter import SweepParameter
@@ -98,18 +100,17 @@ def _write(
     (folder / "runs").mkdir(parents=True)
     write_parquet(rows, folder / "runs" / "part-00000.parquet")
     held = {"versions": {"resim": "0.1.0"}, "inputs": inputs}
-    write_json(held, folder / "sweep.json")
+    write_json(sealed(held), folder / "sweep.json")
     more = {"runs": len(rows), **told, "columns": list(rows.columns)}
-    write_json({"schema": "resim-sweep-1", **held, **more}, folder / "manifest.json")
+    write_json(sealed({"schema": "resim-sweep-1", **held, **more}), folder / "manifest.json")
     state_hashes(folder)
 
 
 def state_hashes(folder: Path) -> None:
     """Have manifest.json of a sweep state the hashes of its table as it is."""
-    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     parts = sorted((folder / "runs").glob("part-*.parquet"))
-    manifest["files"] = {f"runs/{p.name}": hashlib.sha256(p.read_bytes()).hexdigest() for p in parts}
-    write_json(manifest, folder / "manifest.json")
+    files = {f"runs/{p.name}": hashlib.sha256(p.read_bytes()).hexdigest() for p in parts}
+    edit(folder / "manifest.json", lambda said: said.update(files=files))
 
 
 def _outcomes(x: np.ndarray[Any, np.dtype[np.float64]], failed: int) -> dict[str, Any]:

@@ -17,10 +17,11 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 from resim.core.errors import FunctionError, ResimError
-from resim.core.plugins import integrity, watchdog
+from resim.core.plugins import descendants, integrity, watchdog
+from resim.execution.keeper import fork_kept
 
 _PASSING = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
 """What a machine lacks for a time: disk, memory, open files."""
@@ -55,11 +56,9 @@ def main() -> None:
     tasks, results, board, lifeline = map(int, sys.argv[1:5])
     for mine in (tasks, results, board, lifeline):
         os.set_inheritable(mine, False)
-    if not os.fork():
-        _end_with_the_command(lifeline, (1, 2, tasks, results, board))
-    os.close(lifeline)
+    fork_kept(lifeline, (tasks, results, board))
     sys.modules["__main__"].__spec__ = importlib.util.find_spec("resim.core.plugins.spawned")
-    watchdog.board = memoryview(mmap.mmap(board, 32)).cast("d")
+    watchdog.board, watchdog.whose = watchdog.boards(mmap.mmap(board, watchdog.BOARD))
     for number in (signal.SIGINT, signal.SIGALRM):
         signal.signal(number, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its children
     try:
@@ -67,20 +66,6 @@ def main() -> None:
             serve(incoming, outgoing)
     except OSError:  # nobody listens, or a task closed what is not its own
         os._exit(1)
-
-
-def _end_with_the_command(lifeline: int, others: tuple[int, ...]) -> NoReturn:
-    """Wait until the command is gone, however it went, and end this process group: the child and all that it started.
-
-    lifeline: open file whose other end the command holds. It works while the child is in compiled code, too.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    for one in others:
-        os.close(one)
-    os.read(lifeline, 1)
-    os.killpg(0, signal.SIGKILL)
-    os._exit(0)
 
 
 def serve(tasks: BinaryIO, results: BinaryIO) -> None:
@@ -93,6 +78,7 @@ def serve(tasks: BinaryIO, results: BinaryIO) -> None:
             return
         if folder is not None:
             os.chdir(folder)  # the task before may have left it
+        watchdog.name_code(None)
         watchdog.board[2] = 0.0
         watchdog.board[3] = time.monotonic()
         message = _packed(_answer(function, task))
@@ -115,6 +101,7 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
     try:
         result = function(task)
         integrity.check()
+        _end_strays()
         return result
     except ResimError as e:
         crashed = getattr(e.__cause__, "errno", None) in _PASSING
@@ -124,3 +111,11 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
         return Failure(
             f"unexpected {watchdog.said(e)} in {where.name} ({Path(where.filename).name})", crashed=True
         )
+
+
+def _end_strays() -> None:
+    """Raise FunctionError where code under test left processes behind, whatever its task gave."""
+    try:
+        descendants.end_strays()
+    except FunctionError as e:
+        raise FunctionError(f"code that this task ran {e}") from None

@@ -13,7 +13,6 @@ import mmap
 import os
 import pickle
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,11 +21,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from pathlib import Path
 from typing import Any, TypeVar
 
 from resim.core.errors import FunctionError, ResimError
-from resim.core.plugins.watchdog import unanswered
+from resim.core.plugins.watchdog import BOARD, boards, unanswered
 from resim.execution.child import SIZE, Failure
 
 Task = TypeVar("Task")
@@ -38,8 +36,6 @@ GONE = "the cluster's scheduler is gone. What was finished is kept: start it, an
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
 _SERVE = "import sys; sys.path[:] = {path!r}; from resim.execution.child import main; main()"
-_BOARD = 32
-"""Bytes of `resim.core.plugins.watchdog.board`."""
 _START = 180.0
 """s that a fresh process has to start and to take up its task, beyond the task's own time."""
 _TICK = 0.1
@@ -133,23 +129,28 @@ def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
 def supervised(function: Callable[[Task], Result], task: Task, time_limit: float) -> Result | Failure:
     """Give the result of a task from this thread's child process, or why there is none.
 
-    Where the function under test ends its process, the task is done again, and that call fails instead.
+    Where the function under test ends its process, the task is done again, and that call fails instead. A process that
+    was killed in a call may have been so from outside: the function is to blame if it is in the same call once more.
     """
     broken: dict[int, str] = {}
+    killed = set[int]()
     while True:
         try:
             child: _Child | None = getattr(_own, "child", None)
             if child is None or not child.is_alive():
                 child = _own.child = _Child()
                 getattr(_own, "children", []).append(child)
-            found: Result | Failure = child.work(function, task, time_limit, broken)
+            found: Result | Failure = child.work(function, task, time_limit, broken, killed)
         except OSError as e:
             return Failure(f"no process could be started: {e}", crashed=True)
-        if not isinstance(found, Failure) or not (found.crashed and found.of_function):
+        if child.killed and child.call not in killed:
+            killed.add(child.call)
+            continue
+        if not isinstance(found, Failure) or not child.blame:
             return found
         if len(broken) == _MOST_ENDS or child.call in broken:
             return found
-        broken[child.call] = found.reason.removeprefix(_FUNCTION)
+        broken[child.call] = child.blame
 
 
 class _Child:
@@ -158,9 +159,9 @@ class _Child:
     def __init__(self) -> None:
         with contextlib.ExitStack() as of_child, contextlib.ExitStack() as mine:
             shared = of_child.enter_context(tempfile.TemporaryFile())
-            shared.write(bytes(_BOARD))
+            shared.write(bytes(BOARD))
             shared.flush()
-            self.board = memoryview(mmap.mmap(shared.fileno(), _BOARD)).cast("d")
+            self.board, self.whose = boards(mmap.mmap(shared.fileno(), BOARD))
             inner_tasks, self.tasks = _pipe(of_child, mine)
             self.results, inner_results = _pipe(mine, of_child)
             inner_life, _ = _pipe(of_child, mine)
@@ -173,6 +174,8 @@ class _Child:
             )  # fmt: skip
             self._files = mine.pop_all()
         self.alive = True
+        self.blame = ""  # what the function did to the process in the last task
+        self.killed = False  # in a call of it, and not evidently by it
 
     def is_alive(self) -> bool:
         """Say whether the process waits for tasks; what is left of one that ended by itself is ended."""
@@ -186,14 +189,20 @@ class _Child:
         return int(self.board[2])
 
     def work(
-        self, function: Callable[[Any], Any], task: Any, time_limit: float, broken: dict[int, str]
+        self,
+        function: Callable[[Any], Any],
+        task: Any,
+        time_limit: float,
+        broken: dict[int, str],
+        killed: set[int],
     ) -> Any:
-        """Give the result of a task, or a Failure; the process may have ended then."""
+        """Give the result of a task, or a Failure; the process may have ended then. killed: calls in which it was."""
         self.board[2] = self.board[3] = 0.0
+        self.blame, self.killed = "", False
         try:
             _write(self.tasks, pickle.dumps((_here(), function, task, broken)))
         except OSError:
-            return self._died()
+            return self._died(killed)
         latest, message = time.monotonic() + _START, bytearray()
         over: threading.Event | None = getattr(_own, "over", None)
         while over is None or not over.is_set():
@@ -204,15 +213,15 @@ class _Child:
                 if len(message) >= SIZE.size + _size(message):
                     return self._unpacked(message[SIZE.size :])
                 if not part:
-                    return self._died()
+                    return self._died(killed)
             elif not alive:
-                return self._died()
+                return self._died(killed)
             now = time.monotonic()  # before the deadline is read, and that once: the next call has another
             deadline = self.board[0]
             if deadline and now > deadline + _GRACE:
                 limit = self.board[1]
                 self.end()
-                return Failure(f"{_FUNCTION}{unanswered(limit)}, and could not be interrupted", True, True)
+                return self._blamed(f"{unanswered(limit)}, and could not be interrupted")
             if now > (self.board[3] or latest) + time_limit:
                 self.end()
                 return Failure(f"took longer than {time_limit:g} s", crashed=True)
@@ -226,39 +235,43 @@ class _Child:
             self.end()
         return result
 
-    def _died(self) -> Failure:
+    def _died(self, killed: set[int]) -> Failure:
         """Say how the process ended, and whether it did so in a call of the function."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(_PATIENCE)
         code, inside, called = self.process.poll(), self.board[0] > 0.0, self.call != 0
         self.end()
-        itself = code is not None and -code not in _FOREIGN
-        if itself and inside:
-            return Failure(f"{_FUNCTION}ended its process, which {_ended(code)}", True, True)
+        foreign = code is None or -code in _FOREIGN
+        if inside and not foreign:
+            return self._blamed(f"ended its process, which {_ended(code)}")
+        if inside and self.call in killed:
+            return self._blamed(f"ended its process, which {_ended(code)} twice in the same call")
         if called and code is not None and code >= 0:  # resim ends it by none
-            return Failure(f"{_FUNCTION}{_OUTSIDE}: it {_ended(code)}", True, True)
+            return self._blamed(f"{_OUTSIDE}: it {_ended(code)}")
+        self.killed = inside and code is not None
         return Failure(f"the process {_ended(code)}", crashed=True)
 
+    def _blamed(self, blame: str) -> Failure:
+        """Give the failure of the function that did this, and name its file."""
+        self.blame = blame
+        file = bytes(self.whose).partition(b"\0")[0].decode(errors="replace")
+        return Failure(f"the function {f'of {file} ' if file else ''}{blame}", crashed=True, of_function=True)
+
     def end(self) -> None:
-        """Kill the process and all that it started; it has nothing to lose."""
+        """Have the process and all that it started killed; they have nothing to lose."""
         if not self.alive:
             return
         self.alive = False
-        with contextlib.suppress(
-            ProcessLookupError, PermissionError
-        ):  # macOS refuses for a group of the dead
-            os.killpg(self.process.pid, signal.SIGKILL)
+        self._files.close()  # which its keeper sees
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(2.0 * _PATIENCE)
         self.process.kill()
         self.process.wait()
-        self._files.close()
-        for left in Path(tempfile.gettempdir()).glob(f"resim-{self.process.pid}-*"):  # of its SUMO session
-            shutil.rmtree(left, ignore_errors=True)
 
 
 _own = threading.local()
 """Of each thread: its child, where it notes the children that it starts, and whether nobody waits any more."""
 
-_FUNCTION = "the function "
 _OUTSIDE = "ended its process outside of its calls, as by a thread of its own or by closing files that are not its own"
 
 

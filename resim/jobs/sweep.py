@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
@@ -15,6 +14,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
+from resim.core.sealed import read_sealed
 from resim.execution import journal
 from resim.execution.cluster import cluster
 from resim.execution.workers import in_child
@@ -95,8 +95,7 @@ class SweepRuns:
         """What manifest.json holds; empty while runs are missing."""
         if self.missing:
             return {}
-        found: Mapping[str, Any] = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
-        return found
+        return read_sealed(self.folder / "manifest.json", "Resume the sweep with --resume.")
 
     @property
     def failed(self) -> int:

@@ -18,7 +18,7 @@ from resim.report.notebook import notebook_html
 from resim.results import VERIFICATION, check_output, json_text, locked
 from resim.verification.execution import outcome_code
 from resim.verification.execution import verify as execute
-from resim.verification.folder import begin, read, write
+from resim.verification.folder import begin, read, text, write
 from resim.verification.request import (
     VerificationRequest,
     VerifyOptions,
@@ -225,7 +225,7 @@ def replay(
     was = {r["name"]: r for r in before["recordings"]}
     return Replay(
         Verification(found, path.parent),
-        json_text(found) == path.read_text(encoding="utf-8"),
+        text(found) == path.read_text(encoding="utf-8"),
         tuple(r["name"] for r in found["recordings"] if json_text(r) != json_text(was.get(r["name"]))),
         tuple(
             f"{name} {version}, now {found['versions'].get(name)}"

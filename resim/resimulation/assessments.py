@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.files import check_hashes, parse_json, read_file
+from resim.core.files import check_hashes
 from resim.core.finding import Finding
+from resim.core.sealed import read_sealed
 from resim.core.spec import read_json
 from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import WHOLE, Doubts
@@ -126,17 +127,21 @@ def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessm
     report, mark = folder / "report.json", folder / "run.json"
     remedy = "Run it again."
     try:
-        check_hashes(folder, parse_json(read_file(mark, remedy), mark, remedy)["files"], remedy)
+        hashes = {str(name): str(told) for name, told in read_sealed(mark, remedy)["files"].items()}
     except (KeyError, TypeError, AttributeError) as e:
         raise InputError(mark, "is not what `resim run` writes", remedy) from e
+    check_hashes(folder, hashes, remedy)
     written = read_json(report, RunReport, "resim run", remedy)
     try:
         road = folder / map_name(Path(written.map))
     except ValueError as e:
         raise InputError(report, "is not what `resim run` writes", remedy) from e
+    read = (report.name, road.name, "tracks.parquet", "answers.parquet", "plans.parquet")
+    if lost := [file for file in read if file not in hashes]:
+        raise InputError(mark, f"has no checksum of {lost[0]}", remedy)
     network = load(road)
     files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
-    scenarios = {name: read_jscen(path) for name, path in files.items() if path.is_file()}
+    scenarios = {name: read_jscen(path) for name, path in files.items() if path.name in hashes}
     tables = RunTables(
         read_table(
             folder / "tracks.parquet",

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
+from resim.core.sealed import CHECKSUM
 from resim.results.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, FolderKind
 
 Kind = Literal["run", "assessment", "verification", "sweep"]
@@ -138,7 +139,7 @@ def _read(path: Path) -> bytes:
 
 def _run_content(folder: Path) -> Iterator[bytes]:
     run: dict[str, Any] = parse_json(_read(folder / "run.json"), folder / "run.json")
-    del run["times"]
+    del run["times"], run[CHECKSUM]
     for seed in (run["perception"] or {}).get("seeds", []):
         del seed["time"]
     yield json.dumps(run, sort_keys=True).encode()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 import os
 import re
 import shutil
@@ -12,14 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json, read_file
+from resim.core.sealed import read_sealed
 
 
 @dataclass(frozen=True)
 class FolderKind:
-    """A kind of results folder: the file that tells it from others, and the names of all that resim writes there.
+    """A kind of results folder: the file that tells it from others, and what else resim writes there.
 
-    inside: names of the files in each folder of it.
+    names: of files that every such folder may have; the mark lists the others as `files`. inside: names of the files in
+    each folder of it, likewise.
     """
 
     mark: str
@@ -27,29 +29,22 @@ class FolderKind:
     inside: Mapping[str, re.Pattern[str]] = field(default_factory=dict)
 
 
-_HALF = r"\..+\.\d+\.new"
+_HALF = re.compile(r"\..+\.\d+\.new")
 """A file that was being written when its process was killed."""
-_JSON, _PAGES = re.compile(rf".+\.json|{_HALF}"), re.compile(rf".+\.html|{_HALF}")
 
-RUN = FolderKind(
-    "run.json",
-    re.compile(
-        r"(run|report|assessment)\.json|report\.html|(tracks|answers|plans|kpis)\.parquet|r?(GT|SD)\.jscen\.json"
-        r"|[\w.-]+\.xodr"
-    ),
-)
+RUN = FolderKind("run.json", re.compile(r"(run|assessment)\.json|report\.html|kpis\.parquet"))
 ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
-CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html|[\w.-]+\.net\.xml"))
+CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html"))
 VERIFICATION = FolderKind(
     "inputs.json",
-    re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|cases|reports|{_HALF}"),
-    {"cases": _JSON, "reports": _PAGES},
+    re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{_HALF.pattern}"),
+    {"cases": _HALF, "reports": _HALF},
 )
 SWEEP = FolderKind(
     "sweep.json",
-    re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|runs|journal|{_HALF}"),
+    re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|{_HALF.pattern}"),
     {
-        "runs": re.compile(rf"part-\d+\.parquet|{_HALF}"),
+        "runs": re.compile(rf"part-\d+\.parquet|{_HALF.pattern}"),
         "journal": re.compile(r"\d+-of-\d+\.jsonl"),
     },
 )
@@ -65,23 +60,25 @@ def check_output(folder: Path, kind: FolderKind = RUN) -> None:
         above = next((parent for parent in whole.parents if parent.exists()), whole)
         if not above.is_dir() or not os.access(above, os.W_OK):
             raise InputError(folder, f"cannot be made: {above} is no folder that you may write", remedy)
-        held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+        held = [*folder.iterdir()] if folder.is_dir() else []
+        if any(not _HALF.fullmatch(path.name) for path in held):
+            _check_held(folder, kind, "exists and is not a results folder", remedy, " and would be lost")
     except OSError as e:
         raise InputError(folder, f"cannot be used: {e.strerror}", remedy) from e
-    if held and not _is_result(folder / kind.mark):
-        problem = f"exists and is not a results folder (it has no {kind.mark} of resim's)"
-        raise InputError(folder, problem, remedy)
-    if strange := [name for name in held if not kind.names.fullmatch(name)]:
-        raise InputError(
-            folder, f"holds {strange[0]}, which is no result of resim's and would be lost", remedy
-        )
 
 
-def _is_result(mark: Path) -> bool:
+def _check_held(folder: Path, kind: FolderKind, none: str, remedy: str, lost: str = "") -> None:
+    """Raise InputError where a folder holds anything but results of this kind: `none` and `lost` say so."""
     try:
-        return "resim" in parse_json(read_file(mark, ""), mark)["versions"]
-    except (InputError, KeyError, TypeError):
-        return False
+        mark = read_sealed(folder / kind.mark, remedy)
+        listed = {*mark["files"]} if "files" in mark else set[str]()
+        if "resim" not in mark["versions"]:
+            raise TypeError
+    except (InputError, KeyError, TypeError) as e:
+        problem = f"{none} (it has no {kind.mark} of resim's, or one that was changed since)"
+        raise InputError(folder, problem, remedy) from e
+    if strange := next(_strange(folder, kind, listed), None):
+        raise InputError(folder, f"holds {strange}, which is no result of resim's{lost}", remedy)
 
 
 def remove_results(folder: Path, kind: FolderKind) -> None:
@@ -93,27 +90,35 @@ def remove_results(folder: Path, kind: FolderKind) -> None:
     try:
         if folder.is_symlink():
             raise InputError(folder, "is a link, which is not followed to delete anything", remedy)
-        if not _is_result(folder / kind.mark):
-            raise InputError(folder, f"is not a results folder (it has no {kind.mark} of resim's)", remedy)
-        if strange := next(_strange(folder, kind), None):
-            raise InputError(folder, f"holds {strange}, which is no result of resim's", remedy)
+        _check_held(folder, kind, "is not a results folder", remedy)
         aside = folder.with_name(f".{folder.name}.{os.getpid()}.old")
         folder.rename(aside)  # what is deleted only in part never looks like a result
+        try:
+            _check_held(aside, kind, "is not a results folder", remedy)  # nobody puts anything in any more
+        except InputError:
+            _put_back(aside, folder)
+            raise
         shutil.rmtree(aside)
     except OSError as e:
         raise InputError(folder, f"cannot be deleted: {e.strerror}", remedy) from e
 
 
-def _strange(folder: Path, kind: FolderKind) -> Iterator[str]:
-    """Names of what resim does not write into such a folder."""
+def _strange(folder: Path, kind: FolderKind, listed: set[str]) -> Iterator[str]:
+    """Names of what resim did not write into such a folder: all but plain files that it lists or always has."""
+
+    def is_own(path: Path, name: str, names: re.Pattern[str]) -> bool:
+        known = name in listed or names.fullmatch(path.name) is not None
+        return known and path.is_file() and not path.is_symlink()
+
     for path in sorted(folder.iterdir()):
         within = kind.inside.get(path.name)
-        if path.is_symlink() or not kind.names.fullmatch(path.name) or path.is_dir() != (within is not None):
-            yield path.name
-        elif within is not None:
+        if within is None or path.is_symlink() or not path.is_dir():
+            if not is_own(path, path.name, kind.names):
+                yield path.name
+        else:
             for file in sorted(path.iterdir()):
-                if file.is_symlink() or file.is_dir() or not within.fullmatch(file.name):
-                    yield f"{path.name}/{file.name}"
+                if not is_own(file, name := f"{path.name}/{file.name}", within):
+                    yield name
 
 
 @contextlib.contextmanager
@@ -145,29 +150,63 @@ def explain_os_errors(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def whole_folder(folder: Path, kind: FolderKind = RUN) -> Iterator[Path]:
-    """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone."""
+    """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone.
+
+    Raises InputError where `folder` must not be replaced; where it got something else in the meantime, the error says
+    where the new results are.
+    """
     check_output(folder, kind)
     folder = Path(os.path.realpath(folder))  # where a link leads
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
-    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
         with explain_os_errors(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
             shutil.rmtree(beside, ignore_errors=True)
             beside.mkdir()
             yield beside
-            try:
-                if folder.exists():
-                    folder.rename(old)
-                beside.rename(folder)
-            except BaseException:  # a signal, too
-                if old.exists() and not folder.exists():
-                    old.rename(folder)
-                raise
-    finally:
+    except BaseException:
         shutil.rmtree(beside, ignore_errors=True)
-        if folder.exists():
+        raise
+    _take_place(beside, folder, kind)
+
+
+def _take_place(beside: Path, folder: Path, kind: FolderKind) -> None:
+    """Put a folder of new results in the place of one that may be replaced; nothing of either is lost if it may not."""
+    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+    try:
+        if os.path.lexists(folder):
+            folder.rename(old)  # from here on nobody puts anything in by its name
+        if old.is_symlink():
+            raise InputError(old, "is a link")
+        check_output(old, kind)
+        beside.rename(folder)
+    except (InputError, OSError) as e:
+        _put_back(old, folder)
+        why = e.problem if isinstance(e, InputError) else e.strerror
+        problem = f"is not as it was when the command began ({why}), and was left alone"
+        raise InputError(folder, problem, f"The results are in {_kept(beside, folder)}.") from e
+    except BaseException:  # a signal
+        _put_back(old, folder)
+        shutil.rmtree(beside, ignore_errors=True)
+        raise
+    finally:
+        if folder.exists() and not beside.exists():
             shutil.rmtree(old, ignore_errors=True)
+
+
+def _put_back(old: Path, folder: Path) -> None:
+    if os.path.lexists(old) and not os.path.lexists(folder):
+        old.rename(folder)
+
+
+def _kept(beside: Path, folder: Path) -> Path:
+    """Give new results a name that anybody sees, and that nobody has; say where they are."""
+    names = (f"{folder.name}.new{f'-{k}' if k else ''}" for k in itertools.count())
+    place = next(p for name in names if not os.path.lexists(p := folder.with_name(name)))
+    try:
+        return beside.rename(place)
+    except OSError:
+        return beside
 
 
 @contextlib.contextmanager

@@ -14,7 +14,8 @@ from typing import Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import parse_json, plain_names, read_file
+from resim.core.files import check_hashes, parse_json, plain_names, read_file
+from resim.core.sealed import read_sealed
 from resim.results.entry import KINDS, CatalogEntry, CatalogInput, CatalogOutcome, Kind, digest, kind_of
 from resim.results.rows import check_table
 
@@ -76,7 +77,9 @@ def read_entry(folder: Path) -> CatalogEntry:
 def _run(folder: Path) -> _FolderContents:
     from resim.recordings.content import hash_of_hashes
 
-    run, report, assessed = (_json(folder / f"{name}.json") for name in ("run", "report", "assessment"))
+    run, assessed = _sealed(folder / "run.json"), _sealed(folder / "assessment.json")
+    check_hashes(folder, {"report.json": run["files"]["report.json"]}, REMEDY)
+    report = parse_json(read_file(folder / "report.json", REMEDY, largest=LARGEST), folder / "report.json")
     hashes, build = run["hashes"], report["build"]
     label = f"{build['name']}-{build['version']}"
     told = [
@@ -97,7 +100,7 @@ def _run(folder: Path) -> _FolderContents:
 
 
 def _assessment(folder: Path) -> _FolderContents:
-    assessed = _json(folder / "assessment.json")
+    assessed = _sealed(folder / "assessment.json")
     of = assessed["inputs"]
     told = [CatalogInput("recording", of["recording"]["name"], hash=of["recording"]["hash"] or "")]
     builds: dict[str, str] = {}
@@ -114,7 +117,7 @@ def _assessment(folder: Path) -> _FolderContents:
 
 
 def _verification(folder: Path) -> _FolderContents:
-    found = _json(folder / "verification.json")
+    found = _sealed(folder / "verification.json")
     asked, told = found["inputs"], found["summary"]
     inputs = tuple(_verification_inputs(folder, asked))
     label = asked["build"]["label"]
@@ -133,7 +136,7 @@ def _verification(folder: Path) -> _FolderContents:
 
 
 def _sweep(folder: Path) -> _FolderContents:
-    manifest = _json(folder / "manifest.json")
+    manifest = _sealed(folder / "manifest.json")
     told = manifest["inputs"]
     labels = {name: build["label"] for name, build in told["builds"].items()}
     inputs = [_input(folder, "recording", name, file) for name, file in told["recordings"].items()]
@@ -252,5 +255,5 @@ def _counts(outcomes: Iterable[CatalogOutcome], order: tuple[str, ...]) -> dict[
     return {v: counts[v] for v in (*order, *(c for c in counts if c not in order))} if counts else {}
 
 
-def _json(path: Path) -> Any:
-    return parse_json(read_file(path, REMEDY, largest=LARGEST), path, REMEDY)
+def _sealed(path: Path) -> Any:
+    return read_sealed(path, REMEDY, largest=LARGEST)

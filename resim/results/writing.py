@@ -13,6 +13,7 @@ import duckdb
 from resim.core.errors import InputError
 from resim.core.files import file_hash, parse_json, read_file
 from resim.core.provenance import versions
+from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import to_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN
 
@@ -70,15 +71,18 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
     from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
     from resim.scenario.jscen import write_jscen
 
-    shutil.copyfile(result.recording.map, folder / map_name(result.recording.map))
-    for name, scenario in result.scenarios().items():
-        write_jscen(scenario, folder / f"{name}.jscen.json")
-    write_parquet(tracks_frame(result), folder / "tracks.parquet")
-    write_parquet(answers_frame(result), folder / "answers.parquet")
-    write_parquet(plans_frame(result), folder / "plans.parquet")
+    road = map_name(result.recording.map)
+    shutil.copyfile(result.recording.map, folder / road)
+    scenarios = {f"{name}.jscen.json": scenario for name, scenario in result.scenarios().items()}
+    for name, scenario in scenarios.items():
+        write_jscen(scenario, folder / name)
+    frames = {"tracks": tracks_frame, "answers": answers_frame, "plans": plans_frame}
+    tables = {f"{name}.parquet": frame for name, frame in frames.items()}
+    for name, frame in tables.items():
+        write_parquet(frame(result), folder / name)
     write_json(to_json(result.report), folder / "report.json")
-    files = {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()}
-    write_json({**provenance(result), "files": files}, folder / RUN.mark)
+    files = {name: file_hash(folder / name) for name in sorted([road, *scenarios, *tables, "report.json"])}
+    write_json(sealed({**provenance(result), "files": files}), folder / RUN.mark)
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:
@@ -86,18 +90,18 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     from resim.resimulation import map_name
 
     name = map_name(found.network.path).removesuffix(".xodr")
-    shutil.copyfile(found.net.path, folder / f"{name}.net.xml")
-    write_json({"versions": versions(), **found.report()}, folder / CONVERSION.mark)
+    net = folder / f"{name}.net.xml"
+    shutil.copyfile(found.net.path, net)
+    told = {"versions": versions(), **found.report(), "files": {net.name: file_hash(net)}}
+    write_json(sealed(told), folder / CONVERSION.mark)
 
 
 def write_assessment(found: ResimulationAssessment, folder: Path, drive: Path) -> None:
     """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
     criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
     inputs = {**_drive_inputs(drive, found.name), "criteria": criteria}
-    write_json(
-        {"versions": versions(), "inputs": inputs, **found.to_json()},
-        folder / ASSESSMENT.mark,
-    )
+    told = {"versions": versions(), "inputs": inputs, **found.to_json()}
+    write_json(sealed(told), folder / ASSESSMENT.mark)
     write_parquet(found.kpi_frame(), folder / "kpis.parquet")
 
 
@@ -109,7 +113,7 @@ def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
     if (mark := drive / RUN.mark).is_file():
         remedy = "Run it again."
         try:
-            hashes = parse_json(read_file(mark, remedy), mark, remedy)["hashes"]
+            hashes = read_sealed(mark, remedy)["hashes"]
             report = drive / "report.json"
             build = parse_json(read_file(report, remedy), report, remedy)["build"]
             return {

@@ -15,9 +15,10 @@ from typing import Any
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.files import file_hash, parse_json, read_file, relative
+from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
+from resim.core.sealed import read_sealed, sealed
 from resim.execution import journal
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
@@ -73,14 +74,14 @@ def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
     if not path.is_file():
         _make(out)
         with whole_file(path, (".json",)) as beside:
-            write_json({"versions": versions(), "inputs": told}, beside)
+            write_json(sealed({"versions": versions(), "inputs": told}), beside)
     elif not resume:
         raise InputError(
             out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
         )
     remedy = "Restore it, or begin anew with another --out."
     try:
-        held = parse_json(read_file(path, remedy), path, remedy)
+        held = read_sealed(path, remedy)
         differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(path, "is not what `resim sweep` writes", remedy) from e
@@ -293,13 +294,12 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
             write_parquet(whole.iloc[first : first + PART], path)
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
-    held = parse_json(read_file(out / "sweep.json", ""), out / "sweep.json")
+    held = read_sealed(out / "sweep.json", "Restore it, or begin anew with another --out.")
     counts = {"runs": len(whole), "failed": failed, "files": {name: file_hash(out / name) for name in parts}}
     grown = {"boundaries": boundaries(sweep, rows)} if grows else {}
     with whole_file(out / "manifest.json", (".json",)) as path:
-        write_json(
-            {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}, path
-        )
+        manifest = {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}
+        write_json(sealed(manifest), path)
     return 0, failed
 
 

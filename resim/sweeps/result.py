@@ -13,7 +13,7 @@ import pandas as pd
 from pydantic import ValidationError
 
 from resim.core.errors import InputError, ResimError
-from resim.core.files import parse_json, read_file
+from resim.core.sealed import read_sealed
 from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
@@ -81,7 +81,7 @@ def read_swept(folder: Path) -> SweepResult:
         done = len({entry["run"] for entry in journal.read(folder / "journal")})
         raise InputError(folder, f"its sweep is not finished, {done} runs are there so far", resume)
     try:
-        manifest = parse_json(read_file(path, resume), path, resume)
+        manifest = read_sealed(path, resume)
         if manifest["schema"] != SCHEMA:
             raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
         parameters = tuple(SweepParameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
@@ -89,7 +89,7 @@ def read_swept(folder: Path) -> SweepResult:
         hashes: dict[str, str] = {str(name): str(told) for name, told in manifest["files"].items()}
         _check_boundaries(manifest, len(parameters))
         begun = folder / "sweep.json"
-        held = parse_json(read_file(begun, resume), begun, resume)
+        held = read_sealed(begun, resume)
         if _without_paths(manifest, held) != _without_paths(held, held):
             raise InputError(path, "does not say what sweep.json says", resume)
     except (ValueError, KeyError, TypeError, AttributeError, ValidationError) as e:

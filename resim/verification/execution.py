@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from resim.core.errors import InputError
-from resim.core.files import file_hash, read_file
+from resim.core.files import file_hash
 from resim.core.provenance import versions
+from resim.core.sealed import read_sealed, sealed
 from resim.execution.child import Failure
-from resim.execution.journal import checksum
 from resim.execution.workers import run_all
-from resim.results import json_text, whole_file, write_json
+from resim.results import whole_file, write_json
 from resim.verification.request import VerificationRequest, tasks
 from resim.verification.summary import summary
 from resim.verification.tasks import VerificationTask, report, reports_of, run
@@ -49,7 +49,7 @@ def verify(
     keys = {name: _key(a, name) for name in todo}
     if out is not None:
         kept = {n: case for n in todo if (case := _kept(out, n, keys[n], damaged)) is not None}
-        _remove_reports(out, kept)
+        _remove_reports(out, [*todo], kept, builds=a.against is not None)
         for name, case in kept.items():
             tell(name, case["entry"]["verdict"], True)
     missing = [name for name in todo if name not in kept]
@@ -107,12 +107,17 @@ def _reports(out: Path, case: dict[str, Any]) -> list[str]:
     return [*hashes] if hashes == case.get("reports") else []
 
 
-def _remove_reports(out: Path, kept: dict[str, dict[str, Any]]) -> None:
-    """Take away all reports but those of the results that are kept: they are of something else."""
+def _remove_reports(out: Path, names: list[str], kept: dict[str, dict[str, Any]], *, builds: bool) -> None:
+    """Take away the reports of these recordings but those of the results that are kept: they are of something else."""
     of_these = {name for case in kept.values() for name in _reports(out, case)}
-    for path in (out / REPORTS).glob("*.html"):
-        if path.name not in of_these:
-            path.unlink()
+    for page in {page for name in names for page in reports_of(name, builds=builds)} - of_these:
+        (out / REPORTS / page).unlink(missing_ok=True)
+
+
+def files_of(a: VerificationRequest) -> list[str]:
+    """Give the names of the files that a verification may write into its folders, as seen from its results."""
+    pages = [page for name in a.recordings for page in reports_of(name, builds=a.against is not None)]
+    return [*(f"{CASES}/{name}.json" for name in a.recordings), *(f"{REPORTS}/{page}" for page in pages)]
 
 
 def _case(result: dict[str, Any] | Failure, task: VerificationTask, place: str) -> dict[str, Any]:
@@ -132,18 +137,7 @@ def _source(a: VerificationRequest, name: str) -> dict[str, Any]:
 def _keep(out: Path, name: str, key: str, case: dict[str, Any]) -> None:
     """Write what was found for a recording, and from which inputs."""
     with whole_file(out / CASES / f"{name}.json", (".json",)) as path:
-        write_json(_sealed({"key": key, **case}), path)
-
-
-def _sealed(case: dict[str, Any]) -> dict[str, Any]:
-    """The case as it is read again, with its checksum."""
-    read: dict[str, Any] = json.loads(json_text(case))
-    return {"checksum": _sum(read), **read}
-
-
-def _sum(case: dict[str, Any]) -> str:
-    """The checksum of all that a case says."""
-    return checksum(json.dumps(case, sort_keys=True).encode()).decode()
+        write_json(sealed({"key": key, **case}), path)
 
 
 def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> dict[str, Any] | None:
@@ -152,13 +146,11 @@ def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> di
     if not path.exists():
         return None
     try:
-        case: dict[str, Any] = json.loads(read_file(path, ""))
-        if case.pop("checksum") == _sum(case):
-            return case if case.pop("key") == key else None
-    except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        pass
-    damaged(path)
-    return None
+        case = read_sealed(path, "")
+        return case if case.pop("key") == key else None
+    except (InputError, KeyError):
+        damaged(path)
+        return None
 
 
 def _key(a: VerificationRequest, name: str) -> str:

@@ -12,12 +12,14 @@ import pandas as pd
 import pytest
 
 from resim.core.errors import InputError, StopError
+from resim.core.sealed import sealed
 from resim.recordings import Recording
 from resim.resimulation import ResimulationOptions, resimulate
 from resim.results import (
     RUN,
     check_output,
     locked,
+    remove_results,
     whole_folder,
     write_json,
     write_parquet,
@@ -41,7 +43,8 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
 
 
 def mark(folder: Path, text: str) -> None:
-    (folder / RUN.mark).write_text(json.dumps({"versions": {"resim": text}}))
+    listed = [path.name for path in folder.iterdir()]
+    write_json(sealed({"versions": {"resim": text}, "files": listed}), folder / RUN.mark)
 
 
 def fail(out: Path, error: type[BaseException]) -> None:
@@ -65,7 +68,7 @@ def test_a_pipe_is_no_result_and_is_not_waited_for(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("ends")
 def test_a_pipe_among_results_is_not_waited_for_by_who_registers_them(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text('{"times": {}, "perception": {}}')
+    (tmp_path / "run.json").write_text('{"times": {}, "perception": {}, "checksum": ""}')
     os.mkfifo(tmp_path / "report.json")
     with pytest.raises(InputError, match=r"report.json: cannot be read"):
         digest(tmp_path, "run")
@@ -112,8 +115,8 @@ def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for k in range(2):
         with whole_folder(out) as folder:
-            mark(folder, str(k))
             (folder / f"map{k}.xodr").touch()
+            mark(folder, str(k))
     assert names(out) == ["map1.xodr", RUN.mark]
     assert names(tmp_path) == ["out"]
 
@@ -155,6 +158,94 @@ def test_files_of_others_in_a_results_folder_are_not_lost(tmp_path: Path) -> Non
         check_output(foreign)
     with pytest.raises(InputError, match="File name too long"):
         check_output(tmp_path / ("x" * 300))
+
+
+@pytest.mark.parametrize("name", ["my_map_edit.xodr", "report.html", "old.xodr", "kpis.parquet"])
+@pytest.mark.parametrize("what", ["file", "folder", "link"])
+def test_only_plain_files_that_its_mark_lists_are_replaced(tmp_path: Path, name: str, what: str) -> None:
+    out, far = tmp_path / "out", tmp_path / "far"
+    far.write_text("precious")
+    with whole_folder(out) as folder:
+        (folder / "old.xodr").touch()
+        mark(folder, "1")
+    mine = out / name
+    mine.unlink(missing_ok=True)
+    if what == "folder":
+        mine.mkdir()
+        (mine / "thesis.txt").write_text("precious")
+    elif what == "link":
+        mine.symlink_to(far)
+    else:
+        mine.write_text("precious")
+    ours = what == "file" and name != "my_map_edit.xodr"  # of a name that resim itself gave
+    for refused in (check_output, lambda out: remove_results(out, RUN)):
+        if not ours:
+            with pytest.raises(InputError, match=f"holds {name}, which is no result of resim's"):
+                refused(out)
+    assert mine.exists()
+    check_output(out) if ours else None
+
+
+def test_what_came_while_a_command_worked_is_kept_and_so_are_its_results(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for k in range(3):
+        with pytest.raises(InputError) as told, whole_folder(out) as folder:  # noqa: PT012
+            mark(folder, f"result {k}")
+            out.mkdir(exist_ok=True)
+            (out / "thesis.txt").write_text("precious")
+        if k == 0:
+            assert "is not as it was when the command began (exists and is not a results folder" in str(
+                told.value
+            )
+            assert str(told.value).endswith(f"was left alone. The results are in {tmp_path / 'out.new'}.")
+        (out / "thesis.txt").rename(tmp_path / f"thesis{k}.txt")
+    assert names(tmp_path) == [
+        "out",
+        "out.new",
+        "out.new-1",
+        "out.new-2",
+        *(f"thesis{k}.txt" for k in range(3)),
+    ]
+    assert "result 2" in (tmp_path / "out.new-2" / RUN.mark).read_text()
+
+
+@pytest.mark.parametrize("what", ["file", "link", "notes among results"])
+def test_what_else_may_come_is_kept(tmp_path: Path, what: str) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=r"The results are in .*out\.new\."), whole_folder(out) as folder:  # noqa: PT012
+        mark(folder, "now")
+        if what == "file":
+            out.write_text("precious")
+        elif what == "link":
+            out.symlink_to(tmp_path / "nowhere")
+        else:
+            out.mkdir()
+            mark(out, "other")
+            (out / "notes.txt").touch()
+    assert os.path.lexists(out)
+    assert names(tmp_path) == ["out", "out.new"]
+
+
+def test_results_of_another_command_that_ended_first_are_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with whole_folder(out) as folder:
+        mark(folder, "last")
+        (tmp_path / "there").mkdir()
+        mark(tmp_path / "there", "first")
+        (tmp_path / "there").rename(out)
+    assert "last" in (out / RUN.mark).read_text()
+    assert names(tmp_path) == ["out"]
+
+
+def test_an_edited_mark_lists_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with whole_folder(out) as folder:
+        mark(folder, "1")
+    (out / "thesis.txt").touch()
+    text = (out / RUN.mark).read_text()
+    (out / RUN.mark).write_text(text.replace('"files": []', '"files": ["thesis.txt"]'))
+    with pytest.raises(InputError, match="or one that was changed since"):
+        check_output(out)
 
 
 def test_a_disk_that_takes_no_more_ends_in_one_error_and_nothing_half_written(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from resealed import edit
 from swept import state_hashes
 
 from resim.core.errors import InputError
@@ -87,7 +88,7 @@ def test_a_sweep_all_of_whose_runs_failed_is_told(made: Path, tmp_path: Path, na
         {"run": [0, 1], "recording": "cut_in_brake", "build": build, "end": "failed", "failure": "crash"}
     )
     write_parquet(rows, folder / "runs" / "part-00000.parquet")
-    (folder / "manifest.json").write_text(json.dumps({**manifest, "columns": list(rows)}))
+    edit(folder / "manifest.json", lambda said: said.update(columns=list(rows)))
     state_hashes(folder)
     found = read_entry(folder)
     assert found.verdict == "failed"
@@ -119,12 +120,17 @@ def test_a_folder_is_there_changed_or_gone(
 def test_how_long_it_took_is_nothing_that_tells_results_apart(made: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(made / "run", tmp_path / "run")
     before = read_entry(folder)
-    run = json.loads((folder / "run.json").read_text())
-    (folder / "run.json").write_text(json.dumps({**run, "times": {"map": 1.0}}))
+    edit(folder / "run.json", lambda run: run.update(times={"map": 1.0}))
     os.utime(folder / "run.json", (0.0, 0.0))
     again = read_entry(folder)
     assert again.id == before.id
     assert again.written == "1970-01-01T00:00:00.000+00:00"
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -133,6 +139,7 @@ def test_how_long_it_took_is_nothing_that_tells_results_apart(made: Path, tmp_pa
         (lambda f: (f / "manifest.json").unlink(), r"holds a sweep that is not finished\. Finish it with `resim sweep"),
         (lambda f: (f / "manifest.json").write_text("[1]"), r"manifest\.json: is not what resim writes"),
         (lambda f: (f / "manifest.json").write_text("{"), r"manifest\.json: is not JSON"),
+        (lambda f: replace(f / "manifest.json", '"runs": 2', '"runs": 3'), r"manifest\.json: is not as it was written"),
         (lambda f: shutil.rmtree(f / "runs"), r"part-00000\.parquet: cannot be read"),
         (lambda f: (f / "runs" / "part-00000.parquet").write_text("x"), r"part-00000\.parquet: is not as it was wri"),
         (lambda f: shutil.rmtree(f), r"is no folder\. Give one that `resim run`"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from conftest import Call
+from resealed import edit
 from swept import BIAS, GAP, LATENCY, read, write_adaptive
 
 ONE = (LATENCY.model_copy(update={"steps": 6, "width": 0.025}),)
@@ -117,13 +119,17 @@ def test_the_same_rows_give_the_same_bytes(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [('"boundaries"', '"bounds"', "is not what"), ('"cut_in"', '"other"', "does not say what")],
-)  # fmt: skip
-def test_a_damaged_boundary_is_refused(call: Call, tmp_path: Path, old: str, new: str, told: str) -> None:
+    ("change", "told"),
+    [
+        (lambda said: said.pop("boundaries"), "is not what"),
+        (lambda said: said["inputs"]["recordings"].pop("cut_in"), "does not say what"),
+    ],
+)
+def test_a_damaged_boundary_is_refused(
+    call: Call, tmp_path: Path, change: Callable[[dict[str, Any]], Any], told: str
+) -> None:
     write_adaptive(tmp_path / "swept", ONE)
-    path = tmp_path / "swept" / "manifest.json"
-    path.write_text(path.read_text().replace(old, new))
+    edit(tmp_path / "swept" / "manifest.json", change)
     code, _, error = call("sweep", "report", tmp_path / "swept")
     assert (code, error.count("\n")) == (2, 1)
     assert told in error

@@ -12,6 +12,7 @@ import pytest
 from conftest import Call
 from hostile import HOSTILE, harmless, poisoned
 from lxml import html
+from resealed import edit
 from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
 
 from resim.core.errors import InputError
@@ -249,18 +250,33 @@ def test_no_bit_of_the_table_may_be_another(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
-    [('"runs": 495', "holds 495 runs, expected 500"), ('"schema": "resim-sweep-1"', "expected resim-sweep-1"),
-     ('"name": "known"', "is not JSON")],
+    ("more", "told"),
+    [({"runs": 500}, "holds 495 runs, expected 500"), ({"schema": "resim-sweep-9"}, "expected resim-sweep-1"),
+     ({"columns": ["run", "other"]}, "has no column 'other'")],
 )  # fmt: skip
-def test_a_damaged_manifest_is_refused(call: Call, tmp_path: Path, text: str, told: str) -> None:
+def test_a_manifest_of_something_else_is_refused(
+    call: Call, tmp_path: Path, more: dict[str, object], told: str
+) -> None:
     write_swept(tmp_path / "swept")
-    path = tmp_path / "swept" / "manifest.json"
-    other = {'"runs": 495': '"runs": 500', '"schema": "resim-sweep-1"': '"schema": "resim-sweep-9"'}
-    path.write_text(path.read_text().replace(text, other.get(text, '"name": }')))
+    edit(tmp_path / "swept" / "manifest.json", lambda said: said.update(more))
     code, _, error = call("sweep", "report", tmp_path / "swept")
     assert code == 2
     assert told in error
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "sweep.json"])
+@pytest.mark.parametrize(
+    ("old", "new", "told"), [("known", "unknown", "not as it was written"), ("{", "", "not JSON")]
+)
+def test_an_edited_manifest_is_refused(
+    call: Call, tmp_path: Path, name: str, old: str, new: str, told: str
+) -> None:
+    write_swept(tmp_path / "swept")
+    path = tmp_path / "swept" / name
+    path.write_text(path.read_text().replace(old, new, 1))
+    code, _, error = call("sweep", "report", tmp_path / "swept")
+    assert code == 2
+    assert f"{name}: is {told}" in error
 
 
 def test_a_page_is_html(call: Call, tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pytest
 from conftest import ROOT
+from resealed import edit
 from swept import state_hashes
 
 from resim.results import write_parquet
@@ -51,10 +53,12 @@ def swept(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(made, tmp_path / "here")
     monkeypatch.chdir(tmp_path / "here")
     manifest = Path("out") / "manifest.json"
-    deep = json.loads(manifest.read_text())
-    for file in (*deep["inputs"]["builds"].values(), *deep["inputs"]["recordings"].values()):
-        file["path"] = str((made / "out" / file["path"]).resolve())
-    manifest.write_text(json.dumps(deep))
+
+    def where(said: dict[str, Any]) -> None:
+        for file in (*said["inputs"]["builds"].values(), *said["inputs"]["recordings"].values()):
+            file["path"] = str((made / "out" / file["path"]).resolve())
+
+    edit(manifest, where)
     return Path()
 
 

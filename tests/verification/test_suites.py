@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from resealed import edit
 
 from resim.core.errors import InputError
 from resim.recordings.content import content_hash, refuse_changed
@@ -316,7 +317,13 @@ def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
     code, said, _ = call("verify", "--replay", written, "--workers", 1)
     assert code == 0
     assert "the same bytes again, 1 recordings" in said
-    written.write_text(written.read_text().replace('"verdict": "verified"', '"verdict": "invalid"', 1))
+    whole = written.read_text()
+    written.write_text(whole.replace('"verdict": "verified"', '"verdict": "invalid"', 1))
+    code, _, error = call("verify", "--replay", written, "--workers", 1)
+    assert code == 2
+    assert "verification.json: is not as it was written" in error
+    written.write_text(whole)
+    edit(written, lambda said: said["recordings"][0].update(verdict="invalid"))
     code, _, error = call("verify", "--replay", written, "--workers", 1)
     assert code == 1
     assert "not the same bytes" in error

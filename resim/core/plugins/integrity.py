@@ -24,7 +24,9 @@ from resim.core.errors import ChangedError
 _OTHERS = ("builtins", "math", "json", "pickle", "dataclasses", "numpy", "numpy.linalg")
 """Modules of others on which judgement rests; they may get new names, but none may change."""
 _OURS = {
+    ("resim.core.plugins.descendants", "keeper"),
     ("resim.core.plugins.watchdog", "board"),
+    ("resim.core.plugins.watchdog", "whose"),
     ("resim.core.plugins.watchdog", "broken"),
     ("resim.simulation.sumo.session", "_open"),
 }

@@ -94,6 +94,7 @@ class LoadedCallable:
                 yield opened
         finally:
             self.opened.found |= opened.found
+            self.opened.elsewhere |= opened.elsewhere
 
     def load(self) -> Any:
         """Import the module, unless this run has it, and give what it has by the name; None where it has none."""

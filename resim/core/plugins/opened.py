@@ -13,7 +13,8 @@ from copy import copy
 from pathlib import Path
 from typing import Any
 
-from resim.core.plugins import integrity
+from resim.core.files import cache_folder
+from resim.core.plugins import integrity, process, watchdog
 from resim.core.plugins.modules import OwnModules
 
 UNKNOWN = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
@@ -26,31 +27,34 @@ _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 class OpenedFiles:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
-    path: the user's file. folder: its place in the frozen copy, where the code believes to be. names: what is in the
-    copy. modules: those that the code makes itself. Entering and leaving it raise ChangedError where such code changed
-    resim.
+    `elsewhere` are files that it reads at other places. path: the user's file. folder: its place in the frozen copy,
+    where the code believes to be. names: what is in the copy. modules: those that the code makes itself. Entering and
+    leaving it raise ChangedError where such code changed resim.
     """
 
     def __init__(self, path: Path, folder: Path, names: frozenset[str], modules: OwnModules) -> None:
         self.path = path
-        self.found = set[str]()
+        self.found, self.elsewhere = set[str](), set[str]()
+        self._written = set[str]()
         places = (folder, path.absolute().parent)
         self._folders = [
             name(place) + os.sep for name in (os.path.realpath, os.path.abspath) for place in places
         ]
         self._copy = {self._folders[0], self._folders[2]}
         self._names, self._modules = names, modules
+        self._process = os.getpid()
         self._held = set[str]()  # folders that it holds open, for opening what is in them
 
     def of_a_run(self) -> OpenedFiles:
         """Give the same that has heard of no file yet."""
         run = copy(self)
-        run.found, run._held = set(), set()
+        run.found, run.elsewhere, run._held, run._written = set(), set(), set(), set()
         return run
 
     def __enter__(self) -> OpenedFiles:
         if not _watching:
             integrity.begin(self.path)
+            watchdog.name_code(self.path)
         self._modules.__enter__()
         _watching.append(self)
         return self
@@ -62,18 +66,24 @@ class OpenedFiles:
             integrity.check()
 
     def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
-        """Note the files that an event of Python's audit names."""
+        """Note the files that an event of Python's audit names. Raises FunctionError where it would limit resim."""
         if event == "open":
             file, mode, flags = arguments
-            if isinstance(file, str | bytes) and flags & os.O_ACCMODE != os.O_WRONLY:
-                self._opens(os.fsdecode(file), held=mode is None)
+            if isinstance(file, str | bytes):
+                self._opens(os.fsdecode(file), held=mode is None, writes=flags & os.O_ACCMODE == os.O_WRONLY)
+        elif event in process.LIMITING:
+            if os.getpid() == self._process:
+                process.refuse_lower_limits(*arguments)
         elif (named := _EVENTS.get(event)) is not None:
             for word in {word for k in named for word in _words(arguments[k])}:
                 if Path(word).is_file():
                     self._opens(word, held=False)
 
-    def _opens(self, file: str, *, held: bool) -> None:
+    def _opens(self, file: str, *, held: bool, writes: bool = False) -> None:
         """Note a file; held: opened by `os.open`, which may look for it in a folder that the code holds open."""
+        self._note_elsewhere(os.path.realpath(file), writes=writes)
+        if writes:
+            return
         self._note(file)
         if not held:
             return
@@ -95,11 +105,20 @@ class OpenedFiles:
             if not listed and _OTHERS.isdisjoint(name.parts):
                 self.found.add(name.as_posix())
 
+    def _note_elsewhere(self, place: str, *, writes: bool) -> None:
+        """Note a file outside of the folder that the code reads in a call, and did not write itself."""
+        if not watchdog.board[0] or place.startswith((*self._folders, *_SYSTEM)):
+            return
+        if writes or not os.path.exists(place):  # noqa: PTH110
+            self._written.add(place)
+        elif os.path.isfile(place) and place not in self._written:  # noqa: PTH113
+            self.elsewhere.add(place)
+
     def note(self) -> str:
         """Say which files it opened that its hash does not know; "" for none."""
-        if not self.found:
-            return ""
-        return f"the code opened {', '.join(sorted(self.found))} beside {self.path.name}, {UNKNOWN}"
+        beside = f"{', '.join(sorted(self.found))} beside {self.path.name}" if self.found else ""
+        told = " and ".join(part for part in (beside, ", ".join(sorted(self.elsewhere))) if part)
+        return f"the code opened {told}, {UNKNOWN}" if told else ""
 
     def remedy(self) -> str:
         """Say what to write into the file so that the code has those that are there; "" where none is."""
@@ -112,6 +131,15 @@ class OpenedFiles:
         )
 
 
+_SYSTEM = tuple(
+    os.path.realpath(place) + os.sep
+    for place in (
+        *("/bin", "/dev", "/etc", "/lib", "/lib64", "/proc", "/sbin", "/sys", "/usr"),
+        *(sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, sys.path)),
+        str(Path(__file__).parents[2]), str(cache_folder("")),
+    )
+)  # fmt: skip
+"""Folders of what Python, installed packages, the system and resim open."""
 _watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
 _EVENTS = {
@@ -137,7 +165,7 @@ def _words(named: Any) -> Iterator[str]:
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
-    if _watching and (event == "open" or event in _EVENTS):
+    if _watching and (event == "open" or event in _EVENTS or event in process.LIMITING):
         _watching[-1].hear(event, arguments)
 
 

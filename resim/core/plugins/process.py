@@ -6,6 +6,7 @@ import decimal
 import locale
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import threading
@@ -14,6 +15,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+
+from resim.core.errors import FunctionError
 
 State = Mapping[str, Any]
 """What is set, by the names of `_SETTINGS`."""
@@ -31,6 +34,25 @@ def put_back(before: State) -> dict[str, Any]:
     for name in found:
         _SETTINGS[name][1](before[name])
     return found
+
+
+LIMITING = ("resource.setrlimit", "resource.prlimit")
+"""Audit events of who sets a limit of what a process may use."""
+
+
+def refuse_lower_limits(*arguments: Any) -> None:
+    """Raise FunctionError where a limit of this process would get lower: resim, which works in it, would fail.
+
+    arguments: of the event: the limit, and its soft and hard value; before them the number of the process, if told.
+    """
+    *process, which, limits = arguments
+    if limits is None or which == resource.RLIMIT_CORE or process not in ([], [0], [os.getpid()]):
+        return
+    for now, new in zip(resource.getrlimit(which), limits, strict=True):
+        if new != resource.RLIM_INFINITY and (now == resource.RLIM_INFINITY or new < now):
+            names = [name for name in dir(resource) if name.startswith("RLIMIT_")]
+            name = next(name for name in names if getattr(resource, name) == which)
+            raise FunctionError(f"lowers {name} of its process to {new}; set limits in a process of its own")
 
 
 def _umask() -> int:

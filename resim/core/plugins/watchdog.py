@@ -9,6 +9,7 @@ import threading
 import time
 from array import array
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -22,8 +23,27 @@ A deadline of 0 is none. In a child process this is memory that its supervisor r
 interrupts, such as compiled code that never returns.
 """
 
+whose: Any = bytearray(256)
+"""Path of the file whose code runs, or ran last in the task, for the supervisor to name; cut where it is longer."""
+
+BOARD = 32 + len(whose)
+"""Bytes of memory that a child process shares with its supervisor."""
+
 broken: dict[int, str] = {}
 """Calls that are known to end the process, by number, and how: they are not made again, they fail."""
+
+
+def boards(shared: Any) -> tuple[Any, Any]:
+    """Give `board` and `whose` as parts of this memory."""
+    whole = memoryview(shared)
+    return whole[: BOARD - len(whose)].cast("d"), whole[BOARD - len(whose) :]
+
+
+def name_code(path: Path | None) -> None:
+    """Note whose code begins to run; None for nobody's yet."""
+    told = b"" if path is None else os.fsencode(path.absolute())[: len(whose) - 1]
+    whose[:] = told.ljust(len(whose), b"\0")
+
 
 _DIGITS = 12
 """Of a hash that make the number of a load: as many as a float holds exactly."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Floats, constant
+from resim.core.plugins.descendants import end_strays
 from resim.core.plugins.loading import LOAD_LIMIT
 from resim.core.plugins.watchdog import Watchdog
 from resim.simulation.function.interface import (
@@ -80,9 +81,12 @@ class Driver:
         return answer
 
     def close(self) -> None:
-        """End the function."""
-        if hasattr(self, "_function"):
-            self._watchdog.call(_RESET_LIMIT, lambda: self._function.close())
+        """End the function, and what it left running. Raises FunctionError where it did."""
+        try:
+            if hasattr(self, "_function"):
+                self._watchdog.call(_RESET_LIMIT, lambda: self._function.close())
+        finally:
+            end_strays()
 
 
 def unchangeable(p: Perceived) -> Perceived:
@@ -132,6 +136,11 @@ def _plan(plan: Any) -> Floats:
         if is_table and (
             np.vdot(copy, copy) < _FARTHEST**2 or (np.abs(copy) < _FARTHEST).all()
         ):  # the former is quicker
+            if not (steps := np.diff(copy[:, 0]) > 0.0).all():
+                k = int(np.argmin(steps))
+                raise FunctionError(
+                    f"answered a plan whose times do not increase: {copy[k, 0]:g} s and then {copy[k + 1, 0]:g} s"
+                )
             return copy
     raise FunctionError(
         f"answered the plan {plan!r:.60}, expected one or more rows of finite numbers (K, 4) below {_FARTHEST:g}"
