@@ -146,3 +146,10 @@ def test_one_that_changes_the_map_is_named(judged):
     assert code == 1
     assert "mine.toml: the code changed roads[" in err.replace("\n", "")
     assert "PASS" not in out
+
+
+def test_the_name_that_the_table_had_is_told_what_to_write(judged):
+    code, _, error = judged(criteria=CRITERIA.replace("[[measure]]", "[[objectification]]"))
+    assert code == 2
+    assert "there is no table [[objectification]]" in error
+    assert "Write [[measure]]" in error
