@@ -102,7 +102,7 @@ def linger(name: str) -> None:
     late = threading.Timer(0.2, os._exit, [0])
     with Watchdog() as watchdog:
         watchdog.call(5.0, late.start if name == "thread" else lambda: os.closerange(3, 256))
-        if name == "thread":
+        if name != "files":
             time.sleep(60.0)
 
 
