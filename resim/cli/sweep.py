@@ -51,6 +51,7 @@ def sweep(
     from resim.execution import journal
     from resim.execution.cluster import cluster
     from resim.execution.workers import in_child
+    from resim.results import locked
     from resim.sweeps.execution import begin, compact, execute
     from resim.sweeps.file import read_sweep
 
@@ -67,17 +68,25 @@ def sweep(
     begin(out, told, resume=resume or part[1] > 1)
     numbers = {entry["run"] for entry in journal.read(out / "journal")}
     done = sum(number % part[1] == part[0] - 1 for number in numbers)
-    with ExitStack() as stack:
-        expect, tell = stack.enter_context(_progress(part[1], done))
-        pool = None
-        if scheduler is not None:
-            there = stack.enter_context(cluster(scheduler))
-            say(f"dashboard: {there.dashboard}", err=True)
-            pool, count = there.pool, there.threads
-        execute(
-            wanted, out, workers=count, shard=part, pool=pool, expect=expect, tell=tell, found=_say_findings
-        )
-    missing, failed = compact(wanted, out)
+    with locked(out, "a command that deletes it", shared=True):
+        with ExitStack() as stack:
+            expect, tell = stack.enter_context(_progress(part[1], done))
+            pool = None
+            if scheduler is not None:
+                there = stack.enter_context(cluster(scheduler))
+                say(f"dashboard: {there.dashboard}", err=True)
+                pool, count = there.pool, there.threads
+            execute(
+                wanted,
+                out,
+                workers=count,
+                shard=part,
+                pool=pool,
+                expect=expect,
+                tell=tell,
+                found=_say_findings,
+            )
+        missing, failed = compact(wanted, out)
     if missing:
         say(f"{out}: this shard is done; {missing} runs of others are missing")
         return

@@ -133,7 +133,7 @@ def _verify(wanted: VerificationRequest, out: Path, workers: int) -> None:
     from resim.verification.execution import outcome_code, verify
     from resim.verification.folder import begin, write
 
-    with locked(out, "resim verify"):
+    with locked(out, "another `resim verify`"):
         begin(out, wanted)
         with _progress(len(wanted.recordings)) as tell:
             found, traces = verify(
