@@ -16,7 +16,7 @@ CHECKSUM = "checksum"
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
     """Give the same as JSON has it, with its checksum. Raises ValueError for what is no JSON."""
-    read: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
+    read: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False, default=dict))
     return {CHECKSUM: _sum(read), **read}
 
 

@@ -43,7 +43,7 @@ _TICK = 0.1
 _GRACE = 2.0
 """s beyond its limit that a call has to be interrupted by the child itself."""
 _PATIENCE = 5.0
-"""s that a child has to end by itself that closed its pipe."""
+"""Half of the time [s] that a child has to end by itself that closed its pipe; its keeper takes the other at most."""
 _MOST_ENDS = 3
 """How often a function may end its process in one task, until the task is given up."""
 _FOREIGN = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
@@ -238,7 +238,7 @@ class _Child:
     def _died(self, killed: set[int]) -> Failure:
         """Say how the process ended, and whether it did so in a call of the function."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(_PATIENCE)
+            self.process.wait(2.0 * _PATIENCE)
         code, inside, called = self.process.poll(), self.board[0] > 0.0, self.call != 0
         self.end()
         foreign = code is None or -code in _FOREIGN
@@ -246,7 +246,7 @@ class _Child:
             return self._blamed(f"ended its process, which {_ended(code)}")
         if inside and self.call in killed:
             return self._blamed(f"ended its process, which {_ended(code)} twice in the same call")
-        if called and code is not None and code >= 0:  # resim ends it by none
+        if called and (code is None or code >= 0):  # resim does neither
             return self._blamed(f"{_OUTSIDE}: it {_ended(code)}")
         self.killed = inside and code is not None
         return Failure(f"the process {_ended(code)}", crashed=True)

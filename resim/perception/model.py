@@ -37,6 +37,14 @@ Late = Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
 """Time [s] that a perception remembers."""
 Rate = Annotated[float, Field(strict=True, ge=0.0, le=1e3)]
 
+Plain = Annotated[float, Field(strict=True)]
+"""Any number, and no text or truth value for one."""
+
+_SIGHT = {"range": 150.0, "bearing": np.pi, "relative_speed": 60.0, "acceleration": 10.0}
+"""As far as features of objects usually reach: m, rad, m/s, m/s²."""
+_STEEPEST = 50.0
+"""Exponent of a standard deviation from which on nobody means it; at five times that sight it is still finite."""
+
 MOST_FALSE = 100.0
 """False objects on the list at once, in the mean."""
 
@@ -85,6 +93,17 @@ class Spread(_ModelPart):
     relative_speed: Number = 0.0
     acceleration: Number = 0.0
 
+    @model_validator(mode="after")
+    def _is_measured(self) -> Spread:
+        grows = {name: getattr(self, name) * reach for name, reach in _SIGHT.items()}
+        if sum(max(part, 0.0) for part in grows.values()) > _STEEPEST:
+            name = max(grows, key=lambda n: grows[n])
+            raise ValueError(
+                f"{name}: at {_SIGHT[name]:.3g} the standard deviation is exp({grows[name]:.3g}) times the constant, "
+                f"expected exp({_STEEPEST:g}) at most"
+            )
+        return self
+
 
 class Error(_ModelPart):
     """The error of one quantity: bias, plus a drift correlated over correlation_time [s], plus white noise."""
@@ -108,7 +127,7 @@ class ErrorModels(_ModelPart):
     heading: Error = Error()
     length: Error = Error()
     width: Error = Error()
-    coupling: tuple[tuple[float, ...], ...] | None = None
+    coupling: tuple[tuple[Plain, ...], ...] | None = None
 
     @field_validator("coupling")
     @classmethod
@@ -155,9 +174,9 @@ class Detection(_ModelPart):
     rates make of a time step, whatever its length, is in `chain`.
     """
 
-    range_edges: tuple[float, ...] = ()
-    bearing_edges: tuple[float, ...] = ()
-    occlusion_edges: tuple[float, ...] = ()
+    range_edges: tuple[Plain, ...] = ()
+    bearing_edges: tuple[Plain, ...] = ()
+    occlusion_edges: tuple[Plain, ...] = ()
     loss: tuple[tuple[tuple[Rate, ...], ...], ...] = ()
     gain: tuple[tuple[tuple[Rate, ...], ...], ...] = ()
 
@@ -251,11 +270,11 @@ class Localisation(_ModelPart):
 class TrainedRange(_ModelPart):
     """The states that the model was trained on: least and largest of each feature, and of the EGO's speed [m/s]."""
 
-    range: tuple[float, float] | None = None
-    bearing: tuple[float, float] | None = None
-    relative_speed: tuple[float, float] | None = None
-    acceleration: tuple[float, float] | None = None
-    ego_speed: tuple[float, float] | None = None
+    range: tuple[Plain, Plain] | None = None
+    bearing: tuple[Plain, Plain] | None = None
+    relative_speed: tuple[Plain, Plain] | None = None
+    acceleration: tuple[Plain, Plain] | None = None
+    ego_speed: tuple[Plain, Plain] | None = None
 
     @model_validator(mode="after")
     def _in_order(self) -> TrainedRange:
@@ -269,9 +288,9 @@ class TrainedRange(_ModelPart):
 class TrainedParameter(_ModelPart):
     """One trained parameter: its value, the confidence interval (95 %), and how many samples stand behind it."""
 
-    value: float
-    low: float
-    high: float
+    value: Plain
+    low: Plain
+    high: Plain
     samples: int
 
 

@@ -91,6 +91,8 @@ def remove_results(folder: Path, kind: FolderKind) -> None:
         if folder.is_symlink():
             raise InputError(folder, "is a link, which is not followed to delete anything", remedy)
         _check_held(folder, kind, "is not a results folder", remedy)
+        with locked(folder, "another command"):
+            pass
         aside = folder.with_name(f".{folder.name}.{os.getpid()}.old")
         folder.rename(aside)  # what is deleted only in part never looks like a result
         try:
@@ -122,15 +124,19 @@ def _strange(folder: Path, kind: FolderKind, listed: set[str]) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def locked(folder: Path, command: str) -> Iterator[None]:
-    """Hold a folder of results for one command. Raises InputError where another process does at this moment."""
+def locked(folder: Path, command: str, *, shared: bool = False) -> Iterator[None]:
+    """Hold a folder of results for one command, or for all of those that share it.
+
+    Raises InputError where another process holds it at this moment.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     file = os.open(folder, os.O_RDONLY)
     try:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
+            how = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+            fcntl.flock(file, how | fcntl.LOCK_NB)  # gone with the process, however it ends
         except BlockingIOError as e:
-            problem = f"is written by another `{command}` at this moment"
+            problem = f"is written by {command} at this moment"
             raise InputError(folder, problem, "Wait for that one, or end it.") from e
         except OSError:
             pass  # a file system without locks

@@ -85,7 +85,7 @@ def read_swept(folder: Path) -> SweepResult:
         if manifest["schema"] != SCHEMA:
             raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
         parameters = tuple(SweepParameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
-        columns, count = list(manifest["columns"]), int(manifest["runs"])
+        columns, count = [str(name) for name in manifest["columns"]], int(manifest["runs"])
         hashes: dict[str, str] = {str(name): str(told) for name, told in manifest["files"].items()}
         _check_boundaries(manifest, len(parameters))
         begun = folder / "sweep.json"

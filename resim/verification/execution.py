@@ -147,8 +147,10 @@ def _kept(out: Path, name: str, key: str, damaged: Callable[[Path], None]) -> di
         return None
     try:
         case = read_sealed(path, "")
+        if not isinstance(case["entry"]["verdict"], str) or not isinstance(case["traces"], dict):
+            raise TypeError
         return case if case.pop("key") == key else None
-    except (InputError, KeyError):
+    except (InputError, KeyError, TypeError):
         damaged(path)
         return None
 

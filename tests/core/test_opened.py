@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from pathlib import Path
 
@@ -56,10 +55,48 @@ def test_a_file_opened_beside_the_build_is_named(folder: Path, way: str) -> None
     assert f"opened {SAID.get(way, 'data')} beside own.toml" in build.opened.note()
 
 
-def test_a_file_of_the_same_name_elsewhere_is_none_of_the_folder(folder: Path) -> None:
+ELSEWHERE = {
+    "open": "open(FAR).close()",
+    "code": "with open(FAR) as f: exec(f.read())",
+    "a module by its file": """
+spec = importlib.util.spec_from_file_location("f", FAR)
+spec.loader.exec_module(importlib.util.module_from_spec(spec))""",
+    "another program": "subprocess.run(['cat', FAR], stdout=subprocess.DEVNULL)",
+    "in a folder that is held open": """
+folder = os.open(FAR.rpartition("/")[0], os.O_RDONLY)
+os.close(os.open("far.py", os.O_RDONLY, dir_fd=folder))
+os.close(folder)""",
+}
+
+
+def note_of(folder: Path, top: str) -> str:
     methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
-    top = f"import os\nos.close(os.open({str(folder.parent / 'there' / 'far')!r}, os.O_RDONLY))"
     (folder / "own.py").write_text(f"{top}\nclass Own:\n{methods}\n")
     (folder / "own.toml").write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
-    assert os.path.isfile(folder / "linked" / "far")  # noqa: PTH113
-    assert load_build(folder / "own.toml").opened.note() == ""
+    return load_build(folder / "own.toml").opened.note()
+
+
+@pytest.mark.parametrize("way", ELSEWHERE)
+def test_a_file_read_elsewhere_is_named(folder: Path, way: str) -> None:
+    far = folder.parent / "there" / "far.py"
+    far.write_text("K = 1\n")
+    top = f"import importlib.util, os, subprocess, sys\nFAR = {str(far)!r}\n{ELSEWHERE[way]}"
+    assert note_of(folder, top).startswith(f"the code opened {far}, which its hash does not know")
+
+
+def test_files_of_both_places_are_told_apart(folder: Path) -> None:
+    far = folder.parent / "there" / "far"
+    top = f"open({str(folder / 'data')!r}).close()\nopen({str(far)!r}).close()"
+    assert note_of(folder, top).startswith(f"the code opened data beside own.toml and {far}, which its hash")
+
+
+@pytest.mark.parametrize(
+    "top",
+    [
+        "import tempfile\nwith tempfile.NamedTemporaryFile() as f: open(f.name).close()",
+        "open('/etc/passwd').close(); open('/proc/self/stat').close(); open('/dev/null').close()",
+        "import colorsys, numpy.polynomial, scipy.ndimage",
+    ],
+)
+def test_what_it_wrote_itself_and_what_is_the_systems_is_not_told(folder: Path, top: str) -> None:
+    assert note_of(folder, top) == ""

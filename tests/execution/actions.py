@@ -69,13 +69,17 @@ def _copy() -> None:
     os.fork()
 
 
+def _kill() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def _answer() -> None:
     """Be quick."""
 
 
 IN_FUNCTION = {
     "leave": _leave, "abort": os.abort, "never return": _never_return, "hear nothing": _hear_nothing,
-    "disarm": _disarm, "copy": _copy, "answer": _answer,
+    "disarm": _disarm, "copy": _copy, "answer": _answer, "kill": _kill,
 }  # fmt: skip
 
 
@@ -98,7 +102,7 @@ def linger(name: str) -> None:
     late = threading.Timer(0.2, os._exit, [0])
     with Watchdog() as watchdog:
         watchdog.call(5.0, late.start if name == "thread" else lambda: os.closerange(3, 256))
-        if name == "thread":
+        if name != "files":
             time.sleep(60.0)
 
 
@@ -118,6 +122,29 @@ def start_others(note: str) -> None:
         time.sleep(600.0)
     Path(note).write_text(f"{program.pid} {forked}")
     os._exit(3)
+
+
+def let_go(task: tuple[str, str]) -> None:
+    """Start a program that leaves the session, or loses its parent; note its number, and go on or wait."""
+    import subprocess
+
+    how, note = task
+    if how.startswith("session"):
+        number = subprocess.Popen(["sleep", "600"], start_new_session=True).pid
+    else:
+        number = int(subprocess.check_output(["sh", "-c", "sleep 600 >&2 & echo $!"]))
+    Path(note).write_text(str(number))
+    if how.endswith("waits"):
+        time.sleep(600.0)
+
+
+def is_killed_once(note: str) -> str:
+    """Be killed in a call of the function, as by a system that is short of memory; but not the second time."""
+    before = Path(note).exists()
+    Path(note).touch()
+    with Watchdog() as watchdog:
+        watchdog.call(20.0, _answer if before else _kill)
+    return "done"
 
 
 def leave_the_folder(folder: str) -> str:

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from execution import slow_start
-from execution.actions import act, call, doubled, leave_the_folder, linger, load, order, start_others
+from execution.actions import (
+    act,
+    call,
+    doubled,
+    is_killed_once,
+    leave_the_folder,
+    let_go,
+    linger,
+    load,
+    order,
+    start_others,
+)
 
 from resim.core.errors import FunctionError
 from resim.execution import workers
@@ -101,6 +114,7 @@ def test_what_the_system_refuses_is_worth_another_attempt() -> None:
         ("hear nothing", 1, "did not answer within 0.2 s, and could not be interrupted"),
         ("disarm", 1, "did not answer within 0.2 s, and could not be interrupted"),
         ("copy", 2, ""),
+        ("kill", 1, "ended its process, which was ended by SIGKILL twice in the same call"),
     ],
 )
 def test_what_a_function_does_to_its_process_is_told_as_its_failure(name: str, times: int, why: str) -> None:
@@ -108,12 +122,19 @@ def test_what_a_function_does_to_its_process_is_told_as_its_failure(name: str, t
     assert found == {0: [why] * times, 1: [""]}
 
 
-@pytest.mark.parametrize(("name", "code"), [("thread", 0), ("files", 1)])
-def test_who_ends_the_process_outside_of_a_call_is_the_function(name: str, code: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("thread", "ended with code 0"),
+        ("files", "ended with code 1"),
+        ("files, and works on", "closed its connection"),
+    ],
+)
+def test_who_ends_the_process_outside_of_a_call_is_the_function(name: str, how: str) -> None:
     (found,) = dict(run_all(linger, [name], workers=1, time_limit=60.0)).values()
     assert found.of_function
     assert "ended its process outside of its calls, as by a thread" in found.reason
-    assert found.reason.endswith(f"it ended with code {code}")
+    assert found.reason.endswith(f"it {how}")
 
 
 @pytest.mark.parametrize(
@@ -157,6 +178,48 @@ def test_what_a_process_started_holds_nothing_up_and_ends_with_it(tmp_path: Path
     while not all(map(is_gone, others)):
         assert time.monotonic() < begin + 60.0
         time.sleep(0.05)
+
+
+@pytest.mark.parametrize("how", ["session", "orphan"])
+def test_a_process_that_was_let_go_is_ended_and_is_the_functions_failure(tmp_path: Path, how: str) -> None:
+    note = tmp_path / "number"
+    tasks = [(how, str(note)), (how, str(note))]
+    for _, found in run_all(let_go, tasks, workers=1, time_limit=60.0):
+        why = "code that this task ran left processes behind that would not have ended with it (sleep)"
+        assert found == Failure(why, crashed=False, of_function=True)
+        assert is_gone(int(note.read_text()))
+
+
+@pytest.mark.parametrize("how", ["session, and waits", "orphan, and waits"])
+def test_what_left_the_session_ends_with_its_process(tmp_path: Path, how: str) -> None:
+    note = tmp_path / "number"
+    found = dict(run_all(let_go, [(how, str(note))], workers=1, time_limit=1.5))
+    assert found == {0: Failure("took longer than 1.5 s", crashed=True)}
+    assert is_gone(int(note.read_text()))
+
+
+@pytest.mark.parametrize("how", ["session, and waits", "orphan, and waits"])
+def test_nothing_outlives_a_command_that_is_killed(tmp_path: Path, how: str) -> None:
+    note = tmp_path / "number"
+    program = (
+        "from execution.actions import let_go\nfrom resim.execution.workers import run_all\n"
+        f"[*run_all(let_go, [({how!r}, {str(note)!r})], workers=1, time_limit=600.0)]"
+    )
+    path = os.pathsep.join(filter(None, sys.path))
+    command = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": path})
+    until = time.monotonic() + 60.0
+    while not (note.exists() and note.read_text()) and time.monotonic() < until:
+        time.sleep(0.02)
+    command.kill()
+    command.wait()
+    while not is_gone(int(note.read_text())):
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def test_who_was_killed_once_from_outside_is_not_to_blame(tmp_path: Path) -> None:
+    found = dict(run_all(is_killed_once, [str(tmp_path / "once")], workers=1, time_limit=60.0))
+    assert found == {0: "done"}
 
 
 @pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])

@@ -89,6 +89,14 @@ def test_correlations_at_their_limit(written) -> None:
             {"false_objects": {"rate": 50.0, "lifetime": 3.0}},
             "false_objects: rate: .*50 x 3 = 150; lower rate or",
         ),
+        ({"detection": {"range_edges": ["0", "50"]}}, "detection.range_edges.0: .*, found '0'"),
+        ({"detection": {"bearing_edges": [False, True]}}, "detection.bearing_edges.0: .*, found 'False'"),
+        ({"errors": {"coupling": np.eye(6).astype(bool).tolist()}}, "errors.coupling.0.0: .*, found 'True'"),
+        ({"validity": {"range": ["0", "1"]}}, "validity.range.0: .*, found '0'"),
+        (
+            {"errors": {"longitudinal": {"noise": {"constant": 1.0, "range": 10.0}}}},
+            r"noise: range: at 150 the standard deviation is exp\(1.5e\+03\) times the constant, expected exp\(50\)",
+        ),
     ],
 )
 def test_faults_are_named(written, parts: dict[str, object], says: str) -> None:

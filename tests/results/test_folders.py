@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -86,13 +87,27 @@ def test_results_go_where_a_link_leads(tmp_path: Path) -> None:
 
 def test_one_command_at_a_time_writes_into_a_folder(tmp_path: Path) -> None:
     with (
-        locked(tmp_path, "resim verify"),
+        locked(tmp_path, "another `resim verify`"),
         pytest.raises(InputError, match="is written by another `resim verify`"),
-        locked(tmp_path, "resim verify"),
+        locked(tmp_path, "another `resim verify`"),
     ):
         pass
-    with locked(tmp_path, "resim verify"):
+    with locked(tmp_path, "another `resim verify`"):
         pass
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_what_a_command_writes_into_is_not_deleted(tmp_path: Path, shared: bool) -> None:
+    with whole_folder(tmp_path / "out") as folder:
+        mark(folder, "1")
+    with (
+        locked(tmp_path / "out", "this", shared=shared),
+        locked(tmp_path / "out", "this", shared=True) if shared else contextlib.nullcontext(),
+        pytest.raises(InputError, match="is written by another command at this moment"),
+    ):
+        remove_results(tmp_path / "out", RUN)
+    remove_results(tmp_path / "out", RUN)
+    assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])

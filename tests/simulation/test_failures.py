@@ -67,6 +67,22 @@ STUBBORN = """while True:
             "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), 1e200))",
             "expected one or more rows of finite numbers (K, 4) below 1e+09",
         ),
+        (
+            "import numpy as np\nreturn Command(0.0, 0.0, np.array([[1.0, 0, 0, 0], [2.0, 1, 0, 0], [1.5, 2, 0, 0]]))",
+            "answered a plan whose times do not increase: 2 s and then 1.5 s",
+        ),
+        (
+            "import numpy as np\nreturn Command(0.0, 0.0, np.zeros((2, 4)))",
+            "answered a plan whose times do not increase: 0 s and then 0 s",
+        ),
+        (
+            "import resource\nresource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))",
+            "lowers RLIMIT_NOFILE of its process to 20; set limits in a process of its own",
+        ),
+        (
+            "import os, resource\nresource.prlimit(os.getpid(), resource.RLIMIT_FSIZE, (0, -1))",
+            "lowers RLIMIT_FSIZE of its process to 0",
+        ),
         ("return self.nothing.at_all", "raised AttributeError"),
         (NEVER, "did not answer within 0.5 s"),
         (SLEEPS, "did not answer within 0.5 s"),
@@ -155,6 +171,13 @@ def test_a_slow_run_of_quick_answers_is_no_overrun(drive: Drive, function: Make,
         function("time.sleep(0.004)\nreturn Command(0.0, 0.0)", top="time_limit = 0.5"), member("e", 300.0)
     )
     assert run.end == "duration"
+
+
+def test_limits_that_hurt_nobody_may_be_set(drive: Drive, function: Make, member: Member) -> None:
+    limits = "resource.setrlimit(resource.RLIMIT_CORE, (0, 0))"
+    inner = "lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))"
+    reset = f"import resource, subprocess\n{limits}\nsubprocess.run(['true'], check=True, preexec_fn={inner})"
+    assert drive(function(reset=reset), member("e", 300.0, 20.0)).failure == ""
 
 
 def test_an_alarm_of_the_caller_is_left_as_it_was(drive: Drive, function: Make, member: Member) -> None:

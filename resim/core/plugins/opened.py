@@ -37,9 +37,9 @@ class OpenedFiles:
         self.found, self.elsewhere = set[str](), set[str]()
         self._written = set[str]()
         places = (folder, path.absolute().parent)
-        self._folders = [
+        self._folders = tuple(
             name(place) + os.sep for name in (os.path.realpath, os.path.abspath) for place in places
-        ]
+        )
         self._copy = {self._folders[0], self._folders[2]}
         self._names, self._modules = names, modules
         self._process = os.getpid()
@@ -81,7 +81,7 @@ class OpenedFiles:
 
     def _opens(self, file: str, *, held: bool, writes: bool = False) -> None:
         """Note a file; held: opened by `os.open`, which may look for it in a folder that the code holds open."""
-        self._note_elsewhere(os.path.realpath(file), writes=writes)
+        self._note_elsewhere(file, writes=writes)
         if writes:
             return
         self._note(file)
@@ -93,6 +93,7 @@ class OpenedFiles:
             for inside in [os.path.join(folder, file) for folder in self._held]:  # noqa: PTH118
                 if os.path.isfile(inside):  # noqa: PTH113
                     self._note(inside)
+                    self._note_elsewhere(inside, writes=False)
 
     def _note(self, file: str) -> None:
         """Note a file of the folder, by the name that the code uses and by the one that a link leads to."""
@@ -105,9 +106,15 @@ class OpenedFiles:
             if not listed and _OTHERS.isdisjoint(name.parts):
                 self.found.add(name.as_posix())
 
-    def _note_elsewhere(self, place: str, *, writes: bool) -> None:
+    def _note_elsewhere(self, file: str, *, writes: bool) -> None:
         """Note a file outside of the folder that the code reads in a call, and did not write itself."""
-        if not watchdog.board[0] or place.startswith((*self._folders, *_SYSTEM)):
+        place = os.path.realpath(file)
+        names = (place, os.path.abspath(file))  # noqa: PTH100
+        if (
+            not watchdog.board[0]
+            or place.startswith(_SYSTEM)
+            or any(n.startswith(self._folders) for n in names)
+        ):
             return
         if writes or not os.path.exists(place):  # noqa: PTH110
             self._written.add(place)
