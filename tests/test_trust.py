@@ -64,7 +64,7 @@ def test_a_run_over_a_lane_that_the_net_has_not_says_so(tmp_path):
         "road.xodr: road v section 0 lane -1, which traces touch, is not in the SUMO net "
         "(another way through the junction links the same lanes)"
     )
-    assert json.dumps(result.report["warnings"]).count("SUMO net") == 1
+    assert json.dumps(result.report.warnings).count("SUMO net") == 1
     assert result.drives["rGT"].control_error < 1e-9
 
 

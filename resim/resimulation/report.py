@@ -58,9 +58,9 @@ def _of(make: Callable[[Any], T]) -> Callable[[Any], T]:
 
 
 OBJECT = WithJsonSchema({"type": "object"})
-FindingInFile = Annotated[Finding, PlainSerializer(_finding_json), PlainValidator(_of(_finding_of)), OBJECT]
+FindingInFile = Annotated[Finding, PlainValidator(_of(_finding_of)), PlainSerializer(_finding_json), OBJECT]
 DoubtsInFile = Annotated[
-    Doubts, PlainSerializer(Doubts.to_json), PlainValidator(_of(Doubts.from_json)), OBJECT
+    Doubts, PlainValidator(_of(Doubts.from_json)), PlainSerializer(Doubts.to_json), OBJECT
 ]
 
 

@@ -131,7 +131,7 @@ def test_who_walks_needs_no_way(network):
 def test_the_published_mode_knows_no_road(network):
     state, size = np.array([[on(network, -1, STRAIGHT, 10.0)]]), np.array([[CAR]])
     made = Scenes(driven(network, -1, 100.0, 10.0)[None], np.array([CAR]), state, size, np.zeros((1, 1, 4)),
-                  lane_paths=lane_paths(network, state, size, horizon=4.0))  # fmt: skip
+                  ways=lane_paths(network, state, size, horizon=4.0))  # fmt: skip
     with pytest.raises(ResimError, match="published"):
         accident_risk(made, Parameters(mode="published"))
     with pytest.raises(ResimError, match="ways are those of"):

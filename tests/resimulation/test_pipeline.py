@@ -10,6 +10,7 @@ import pytest
 from lxml import etree
 
 from resim.core.errors import ResimError
+from resim.core.spec import to_json
 from resim.core.tracks import Tracks
 from resim.recordings import Recording, read_commonroad
 from resim.resimulation import (
@@ -110,8 +111,8 @@ def test_the_report_has_its_structure(corner_case: Resimulation) -> None:
                 low = [statistics[q] for q in ("min", "q25", "q50", "q75", "max")]
                 assert low == sorted(low)
     for part in ("reaction", "decision"):
-        assert set(report[part]) == {"GT", "rGT", "rSD"}
-    assert json.loads(json.dumps(report, allow_nan=False)) == report
+        assert set(getattr(report, part)) == {"GT", "rGT", "rSD"}
+    json.dumps(to_json(report), allow_nan=False)
 
 
 @pytest.mark.parametrize("name", ["cut_in_brake", "rear_end", "overtake"])
@@ -131,8 +132,8 @@ def test_the_rear_end_drive_ends_in_its_collision_with_the_function_that_drove_i
     assert (report.collision["GT"], report.collision["rGT"]) == (True, True)
     assert report.end["rGT"] == "collision"
     gt, again = report.collisions["GT"][0], report.collisions["rGT"][0]
-    assert gt["id"] == again["id"] == "1"
-    assert again["t"] == pytest.approx(gt["t"], abs=0.1)
+    assert gt.id == again.id == "1"
+    assert again.t == pytest.approx(gt.t, abs=0.1)
     assert any("rGT ended at t = " in w and "collision" in w for w in report.warnings)
 
 
@@ -184,8 +185,8 @@ def test_times_do_not_matter_to_the_result(shipped: Shipped, build: Builds) -> N
     assert one.sd is not None
     two = replace(one, gt=one.gt.shifted(32.0), sd=one.sd.shifted(32.0))
     a, b = (resimulate(r, build("highway_pilot")).report for r in (one, two))
-    assert a["decision"] == b["decision"]
-    assert b["reaction"]["rGT"] - a["reaction"]["rGT"] == pytest.approx(32.0, abs=0.05)
+    assert a.decision == b.decision
+    assert b.reaction["rGT"] - a.reaction["rGT"] == pytest.approx(32.0, abs=0.05)
 
 
 def test_times_before_zero_can_be_written(shipped: Shipped, build: Builds, tmp_path: Path) -> None:
@@ -230,7 +231,7 @@ class Own:
     assert report.errors["PIPE_GT"]["ego"]["d"] is None
     assert (report.reaction["rGT"], report.collision["rGT"]) == (None, False)
     assert tracks_frame(result)["source"].isin(["GT", "SD"]).all()
-    json.dumps(report, allow_nan=False)
+    json.dumps(to_json(report), allow_nan=False)
 
 
 def test_what_was_perceived_stands_in_map_coordinates(corner_case: Resimulation) -> None:

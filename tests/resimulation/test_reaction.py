@@ -79,5 +79,5 @@ def test_a_replay_brakes_with_the_measured_drive(
 ) -> None:
     result = resimulate(shipped("cut_in_brake"), build("replay"), ResimulationOptions(bases=("GT",)))
     report = result.report
-    assert report["reaction_spread"] > 0.0
-    assert abs(report["reaction_difference"]["rGT"]) <= min(report["reaction_spread"], 0.05)
+    assert report.reaction_spread > 0.0
+    assert abs(report.reaction_difference["rGT"]) <= min(report.reaction_spread, 0.05)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from resim.perception.model import read_model
@@ -67,6 +66,7 @@ def test_each_plan_is_kept_though_the_function_uses_one_array(
     step = """import numpy as np
 if not hasattr(self, "plan"): self.plan = np.zeros((3, 4))
 self.plan[:] = perceived.t
+self.plan[:, 0] += [0.0, 1.0, 2.0]
 return Command(0.0, 0.0, self.plan)"""
     plans = run(function(step), None).plans
     assert [when for when, _ in plans] == [plan[0, 0] for _, plan in plans]
@@ -100,8 +100,10 @@ def test_a_plan_of_what_are_no_numbers_fails(
 
 
 def test_a_plan_of_large_numbers_is_one(run: Callable[..., SimulatedDrive], function: Make) -> None:
-    found = run(function("import numpy as np\nreturn Command(0.0, 0.0, np.full((2, 4), 9e8))"), None)
-    assert np.all(found.plans[0][1] == 9e8)
+    found = run(
+        function("import numpy as np\nreturn Command(0.0, 0.0, np.array([[9e8] * 4, [9.1e8] * 4]))"), None
+    )
+    assert found.plans[0][1].tolist() == [[9e8] * 4, [9.1e8] * 4]
 
 
 def test_a_parameter_that_is_changed_is_whole_again_in_the_next_run(
