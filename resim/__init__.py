@@ -86,9 +86,8 @@ __all__ = list(_WHERE)
 def __getattr__(name: str) -> Any:
     if name not in _WHERE:
         raise AttributeError(f"module 'resim' has no attribute {name!r}")
-    found = getattr(importlib.import_module(f"resim.{_WHERE[name]}"), name)
-    globals()[name] = found
-    return found
+    # not kept here: whatever is set in a module of resim between two runs counts as changed by code under test
+    return getattr(importlib.import_module(f"resim.{_WHERE[name]}"), name)
 
 
 def __dir__() -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import subprocess
 import sys
@@ -144,7 +145,7 @@ def test_random_jscen_are_read_or_refused(data: st.DataObject) -> None:
     case = json.loads(json.dumps(JSCEN))
     for _ in range(data.draw(st.integers(1, 2))):
         parent, key = data.draw(st.sampled_from(places(case)))
-        parent[key] = data.draw(VALUES)
+        parent[key] = copy.deepcopy(data.draw(VALUES))  # not to be changed by the next
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "case.jscen.json"
         path.write_text(json.dumps(case))

@@ -175,7 +175,7 @@ def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
         raise InputError(path, faults.describe(found), EXAMPLE) from e
 
 
-def read_criteria(criteria: Path | FrozenFile) -> Criteria:
+def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
     """Read a TOML file of criteria, from a frozen copy.
 
     Args:
@@ -187,7 +187,7 @@ def read_criteria(criteria: Path | FrozenFile) -> Criteria:
     Raises:
         InputError: Names every fault.
     """
-    frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(criteria)
+    frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(Path(criteria))
     path, copy = frozen.path, thaw(frozen, freeze_criteria)
     file = _parsed(copy.raw, path)
     own = tuple(_own(frozen, copy, o) for o in file.measure)

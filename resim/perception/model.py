@@ -381,7 +381,7 @@ def freeze_model(path: Path) -> FrozenFile:
     return freeze(path, read_file(path, REMEDY))
 
 
-def read_model(model: Path | FrozenFile, overrides: tuple[str, ...] = ()) -> PerceptionModel:
+def read_model(model: str | Path | FrozenFile, overrides: tuple[str, ...] = ()) -> PerceptionModel:
     """Read a perception model.
 
     What is set of latency, averaging or errors is set of every maneuver. With a latency that was set, averaging is at
@@ -400,7 +400,8 @@ def read_model(model: Path | FrozenFile, overrides: tuple[str, ...] = ()) -> Per
     if isinstance(model, FrozenFile):
         path, raw = model.path, thaw(model).raw
     else:
-        path, raw = model, read_file(model, REMEDY)
+        path = Path(model)
+        raw = read_file(path, REMEDY)
     data = parse_json(raw, path, REMEDY)
     for override in overrides:
         _override(data, override)

@@ -20,7 +20,7 @@ MOST_LINES = 3
 """Findings of a code that are told one by one."""
 
 
-def load_checked(folder: Path, *, accept: Collection[str] = ()) -> Recording:
+def load_checked(folder: str | Path, *, accept: Collection[str] = ()) -> Recording:
     """Read a recording folder, examine it, and give it with what was found.
 
     Args:
@@ -34,6 +34,7 @@ def load_checked(folder: Path, *, accept: Collection[str] = ()) -> Recording:
         InputError: It cannot be read, or has other errors.
     """
     check_codes(accept)
+    folder = Path(folder)
     tables = read_tables(folder)
     findings = examine(tables, load(tables.map))
     refuse_findings(folder, findings, accept)

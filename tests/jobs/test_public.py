@@ -99,3 +99,17 @@ def described(value: object) -> dict[str, dict[str, str]]:
         section: dict(re.findall(r"^        (\w+): (.+)$", body, re.MULTILINE)) or {"": body}
         for section, body in SECTION.findall(text)
     }
+
+
+def test_exports_that_are_first_used_after_a_run_are_no_change_of_resim() -> None:
+    root = SOURCE.parents[1]
+    told = (
+        "import resim\n"
+        f"result = resim.resimulate({str(root / 'scenarios' / 'overtake')!r}, "
+        f"{str(root / 'adfunc' / 'builds' / 'replay-1.0.toml')!r})\n"
+        "resim.check_map, resim.verify, resim.sweep, resim.train\n"
+        f"resim.assess(result, criteria={str(root / 'scenarios' / 'criteria' / 'traffic.toml')!r})\n"
+        f"resim.load_build({str(root / 'adfunc' / 'builds' / 'idm-1.0.toml')!r}).make()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

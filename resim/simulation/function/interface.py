@@ -180,7 +180,7 @@ def freeze_build(path: Path) -> FrozenFile:
     return freeze_code(path, raw, [file.factory], file.files)
 
 
-def load_build(file: Path | FrozenFile) -> Build:
+def load_build(file: str | Path | FrozenFile) -> Build:
     """Read a build file (TOML) and import the factory that it names, from a frozen copy.
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module.
@@ -194,7 +194,7 @@ def load_build(file: Path | FrozenFile) -> Build:
     Raises:
         InputError: A file, field, module or name is not there.
     """
-    frozen = file if isinstance(file, FrozenFile) else freeze_build(file)
+    frozen = file if isinstance(file, FrozenFile) else freeze_build(Path(file))
     path, copy = frozen.path, thaw(frozen, freeze_build)
     said = _parsed(copy.raw, path)
     named = load_named(frozen, copy, said.factory, "factory")
