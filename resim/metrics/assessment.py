@@ -205,7 +205,8 @@ def assess(
         verdict = judge(c, measure, drive.t, drive.ids, drive.present)
         if larger is not None:
             again, _ = larger.judged(c.measure, c.side, c.limit)
-            verdict = resized(verdict, judge(c, again, drive.t, drive.ids, drive.present), doubts)
+            with_larger = judge(c, again, drive.t, drive.ids, drive.present)
+            verdict = resized(verdict, with_larger, c, definitions[c.measure], inputs, doubts)
         verdict = doubted(verdict, c, definitions[c.measure], measure, inputs, doubts, seen)
         if flaw and verdict.outcome == "PASS" and not inputs.contacts:
             verdict = replace(verdict, outcome="INVALID", reason=flaw)

@@ -73,6 +73,10 @@ class Criterion(BaseModel):
         """The limit, in the unit of the measure."""
         return float(getattr(self, self.side))
 
+    def worsens(self, worst: WorstEnd) -> bool:
+        """Say whether it is broken towards the worse end of a measure: only there is the worst known that can be."""
+        return worst == "both" or (self.side == "below") == (worst == "low")
+
     def badness(self, value: Floats) -> Floats:
         """Give values so that larger is worse and more than 0 breaks the limit; NaN stays NaN."""
         if self.side == "below":
@@ -321,7 +325,7 @@ def _beyond(criterion: Criterion, measure: MeasureValues, none: Bools, broken: B
     """In which scenes (S, K) a limit can be broken beyond the horizon, of those who can have broken it for long."""
     if measure.beyond is None:
         return np.zeros(none.shape, dtype=bool)
-    can = none & (criterion.badness(measure.beyond) > _SAME)
+    can = none & ((criterion.badness(measure.beyond) > _SAME) | (not criterion.worsens(measure.worst)))
     long = [
         c.any() and criterion.lasts(np.array([longest(c | b, t)]), t).any()
         for c, b in zip(can.T, broken.T, strict=True)
@@ -331,6 +335,9 @@ def _beyond(criterion: Criterion, measure: MeasureValues, none: Bools, broken: B
 
 def _so_far(criterion: Criterion, measure: MeasureValues, beyond: Bools) -> str:
     """What is not shown by no conflict within the horizon."""
+    if not criterion.worsens(measure.worst):
+        limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
+        return f"no conflict as far as is looked ahead does not show that it is not {limit}"
     most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
     worst = float(most.min() if criterion.side == "below" else most.max())
     so_far = f"{criterion.side} {amount(worst, measure.unit)}"
