@@ -71,7 +71,10 @@ def off_by(k: Sightings, *, walks: bool = False) -> tuple[float, float]:
     else:
         sums[:2] = _forwards(sums[0], sums[1], windows[0])
     most = np.hypot(np.ptp(sums[1].real), np.ptp(sums[1].imag))
-    off = np.max([_off_in(hop, sums, noise, k.size[0], walks=walks) for hop in windows], axis=0)
+    told, added = (_change(values, windows[0]) for values in sums[:2])
+    late = _lateness(np.abs(told), np.abs(told + added))
+    windows = [hop for hop in windows if hop < len(grid) - late]
+    off = np.max([_off_in(hop, late, sums, noise, k.size[0], walks=walks) for hop in windows], axis=0)
     if not walks:  # windows that are long count a jump at an end of the track more than once
         off = np.minimum(off, most)
     if off.max() < FAR:
@@ -90,15 +93,16 @@ def _forwards(way: _Numbers, rest: _Numbers, hop: int) -> list[_Numbers]:
     return [signed, way + rest - signed]
 
 
-def _off_in(hop: int, sums: Sequence[_Numbers], noise: float, length: float, *, walks: bool) -> Floats:
-    """How far [m] it is off along and across, by windows of as many cells.
+def _off_in(
+    hop: int, late: int, sums: Sequence[_Numbers], noise: float, length: float, *, walks: bool
+) -> Floats:
+    """How far [m] it is off along and across, by windows of `hop` cells; speeds are told `late` cells later.
 
     sums: at the grid's times, the way that is told, what the positions add to it, what hides between samples [m], and
     the heading [rad]; noise: m, by which the change of an averaged position is off without any reason.
     """
     told, left, hidden, turn = (_change(values, hop) / (hop * CELL) for values in sums)
     moved = told + left
-    late = _lateness(np.abs(told), np.abs(moved))
     told, moved = told[late:], moved[: len(moved) - late]
     loose = LEAST + hidden.real[: len(moved)] + noise / (hop * CELL)
     speed = np.maximum(np.abs(told), np.abs(moved))
