@@ -198,7 +198,7 @@ def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
     known = [measure.name for measure in (*MEASURES, *own)]
     for what, called in (("criterion", [c.name for c in file.criterion]), ("measure", known)):
         if twice := [name for name in called if called.count(name) > 1]:
-            raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
+            raise InputError(path, f"the {what} {twice[0]!r} is a duplicate", "Give each its own name.")
     if strange := [c.measure for c in file.criterion if c.measure not in known]:
         raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
     return Criteria(file.name, file.criterion, own, frozen.hash)
@@ -337,11 +337,11 @@ def _so_far(criterion: Criterion, measure: MeasureValues, beyond: Bools) -> str:
     """What is not shown by no conflict within the horizon."""
     if not criterion.worsens(measure.worst):
         limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-        return f"no conflict as far as is looked ahead does not show that it is not {limit}"
+        return f"no conflict within the look-ahead does not show that it is not {limit}"
     most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
     worst = float(most.min() if criterion.side == "below" else most.max())
     so_far = f"{criterion.side} {amount(worst, measure.unit)}"
-    return f"no conflict as far as is looked ahead shows only that it is not {so_far}"
+    return f"no conflict within the look-ahead shows only that it is not {so_far}"
 
 
 def amount(value: float, unit: str) -> str:

@@ -119,7 +119,7 @@ def _lost(tracks: Tracks, name: str, off: float) -> Absence:
     """Somebody whose place is worth nothing."""
     n = tracks.index(name)
     start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
-    why = f"its trace is {off:.0f} m off its positions, or these off each other"
+    why = f"its trace is {off:.0f} m away from its positions, or these contradict each other"
     size = float(tracks.length[n]), float(tracks.width[n])
     return Absence(name, start, end, np.empty(0), np.empty((0, 5)), size, why)
 

@@ -197,7 +197,7 @@ def measured_tracks(recording: Recording) -> dict[Basis, Tracks]:
     if sd.t[0] > gt.t[-1] or sd.t[-1] < gt.t[0]:
         raise ResimError(
             f"{where}: gt lasts from {gt.t[0]:g} to {gt.t[-1]:g} s and sd from {sd.t[0]:g} to {sd.t[-1]:g} s: "
-            "they have no time in common. Give both the same clock."
+            "they do not overlap in time. Give both the same clock."
         )
     return {"GT": gt, "SD": sd}
 

@@ -156,7 +156,7 @@ def test_somebody_else_who_begins_where_one_was_lost_is_not_the_same(judge, as_)
 
 @pytest.mark.parametrize("late", [0.0, 4.5])
 def test_a_second_detection_of_one_object_puts_its_place_in_doubt(judge, late):
-    """The sensor sees the car that stands twice, 3.5 m apart; the shorter track is dropped."""
+    """The sensor sees the standing car twice, 3.5 m apart; the shorter track is dropped."""
     lead = standing()
     aside = lead.assign(y=-8.75, id="s1", gt_id="1")
     there = lead[late + 0.1 < T].assign(id="s2", gt_id="1")

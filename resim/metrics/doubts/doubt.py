@@ -54,7 +54,7 @@ def doubted(
         lasted = longest(_lasting(broken, whose, inputs), drive.t)
         if len(whose) > 1 and criterion.lasts(np.array([lasted]), drive.t).any():
             limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-            who = f"objects {', '.join(whose[:5])} can be one, seen under one id after the other"
+            who = f"objects {', '.join(whose[:5])} can be one object under successive ids"
             return replace(verdict, outcome="INVALID", reason=f"{who}: {limit} for {lasted:.1f} s")
         possible = np.any([broken, *(p for _, p in found)], axis=0)
         lasted = longest(_lasting(possible, whose, inputs), drive.t)
@@ -122,7 +122,7 @@ def _lasting(bad: Bools, whose: tuple[str, ...], inputs: MeasureInputs) -> Bools
 
 def _invalid(verdict: Verdict, measure: MeasureValues, criterion: Criterion, absence: Absence) -> Verdict:
     limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-    reason = f"{told(absence)}; it can have broken the limit, {limit}"
+    reason = f"{told(absence)}; it may have exceeded the limit, {limit}"
     return replace(verdict, outcome="INVALID", reason=reason)
 
 
@@ -156,7 +156,7 @@ def resized(
     if doubts.off:
         worst = sorted(((who, max(d)) for who, d in doubts.off.items()), key=lambda found: -found[1])[:5]
         why.append(f"place in doubt: {', '.join(f'{name} (by {d:.2f} m)' for name, d in worst)}")
-    so = "it can have broken the limit"
+    so = "it may have exceeded the limit"
     if larger.outcome != "PASS":
-        so = f"with boxes as large as that: {larger.outcome}, {larger.reason}"
+        so = f"with boxes that large: {larger.outcome}, {larger.reason}"
     return replace(verdict, outcome="INVALID", reason=f"{'; '.join(why)}; {so}")

@@ -30,7 +30,7 @@ NEARER = 2.0
 """Distance [m] by which another EGO has to be nearer to somebody who has left than the measured one."""
 BETWEEN = 0.2
 """Longest time [s] from one sample of an object to the next that the drive may begin or end in: it goes straight on."""
-LEFT = "not seen there by the measured EGO, and this EGO is nearer"
+LEFT = "not seen there by the measured EGO, while this EGO is nearer"
 
 
 @dataclass(frozen=True, eq=False)
