@@ -7,11 +7,11 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.provenance import versions
+from resim.core.schema import VerificationSchema
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.verification.cases import CASES, Traces, VerificationCase, keep, kept
@@ -22,7 +22,7 @@ from resim.verification.request import tasks
 from resim.verification.summary import summary
 from resim.verification.tasks import VerificationTask, report, reports_of, run
 
-SCHEMA: Literal["resim-verification-1"] = "resim-verification-1"
+SCHEMA: VerificationSchema = "resim-verification-1"
 REPORTS = "reports"
 """The folder of the re-simulation reports of those to look at."""
 LONGEST, LONGEST_SEED = 3600.0, 60.0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag
 
+from resim.core.schema import VerificationSchema
 from resim.core.spec import EXACT
 from resim.verification.compare import Verdict
 from resim.verification.entries import BuildVerdict, ComparedRecording, FailedRecording, VerifiedRecording
@@ -105,7 +106,7 @@ class VerificationReport:
 
     __pydantic_config__ = EXACT
 
-    schema: Literal["resim-verification-1"]
+    schema: VerificationSchema
     versions: Mapping[str, str]
     inputs: VerificationRequest
     summary: Summary
