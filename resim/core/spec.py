@@ -66,10 +66,15 @@ def read_sealed_json(
 def from_json(data: Any, kind: Callable[..., T], path: Path, writer: str, remedy: str) -> T:
     """Give what a part of the JSON file at `path` holds as a dataclass. Raises InputError for what is none."""
     try:
-        found: T = _adapter(kind).validate_json(json.dumps(data), strict=True)
-        return found
+        return exactly(data, kind)
     except ValidationError as e:
         raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
+
+
+def exactly(data: Any, kind: Callable[..., T]) -> T:
+    """Give JSON data as a dataclass. Raises ValidationError (a ValueError) for what is none."""
+    found: T = _adapter(kind).validate_json(json.dumps(data), strict=True)
+    return found
 
 
 def json_schema(kind: Any) -> dict[str, Any]:

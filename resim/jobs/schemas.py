@@ -17,6 +17,7 @@ from resim.resimulation.report import RunProvenance, RunReport
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
 from resim.sweeps.file import SweepFile
+from resim.sweeps.report import SweepReport
 from resim.verification.report import VerificationReport
 from resim.verification.suite import SuiteFile
 
@@ -53,8 +54,9 @@ FORMATS: Mapping[str, FileFormat] = {
     "report": FileFormat("report.json", RunReport),
     "run": FileFormat("run.json", RunProvenance, sealed=True),
     "verification": FileFormat("verification.json", VerificationReport, sealed=True),
+    "sweep_report": FileFormat("report.json", SweepReport),
 }
-"""By name; that of a run's report.json is "report"."""
+"""By name; report.json of a run is "report", that of a sweep "sweep_report"."""
 
 
 def schema_of(name: str) -> dict[str, Any]:

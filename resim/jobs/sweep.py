@@ -15,6 +15,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import relative
 from resim.core.sealed import read_sealed
+from resim.core.spec import to_json
 from resim.execution import journal
 from resim.execution.cluster import cluster
 from resim.execution.workers import in_child
@@ -28,6 +29,7 @@ from resim.sweeps.file import Sweep, read_sweep
 from resim.sweeps.page import write_sweep_page
 from resim.sweeps.repeat import other_versions, task_of, write_traces
 from resim.sweeps.repeat import repeat as repeat_task
+from resim.sweeps.report import SweepReport
 from resim.sweeps.result import read_swept
 from resim.sweeps.runs import RunTask
 
@@ -226,7 +228,7 @@ def _checked(
     return inputs(sweep, out), runs if wanted else None
 
 
-def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[str, Any]:
+def report_sweep(folder: str | Path, page: str | Path | None = None) -> SweepReport:
     """Say what a finished sweep found, and write a page and, with all numbers, a JSON file of the same name.
 
     Args:
@@ -234,7 +236,7 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[
         page: Page (.html) to write; report.html in the folder, if None.
 
     Returns:
-        Requirements, boundaries, sensitivity, responses and the worst runs, as the JSON file holds them.
+        Requirements, boundaries, sensitivity, responses and the worst runs, as the JSON file has them.
 
     Raises:
         InputError: The folder holds no finished sweep, or the page cannot be written.
@@ -246,11 +248,11 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[
     with whole_file(path) as beside:
         write_sweep_page(found, beside)
     with whole_file(path.with_suffix(".json"), (".json",)) as beside:
-        write_json(found, beside)
+        write_json(to_json(found), beside)
     return found
 
 
-def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
+def _analysed(results: tuple[Path, str]) -> SweepReport:
     """Analyse a sweep in a child process, as its criteria bring code: its folder, and that from where commands run."""
     return analyse(read_swept(results[0]), results[1])
 
