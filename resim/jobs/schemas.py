@@ -17,6 +17,7 @@ from resim.resimulation.report import RunProvenance, RunReport
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
 from resim.sweeps.file import SweepFile
+from resim.sweeps.manifest import SweepManifest
 from resim.sweeps.report import SweepReport
 from resim.verification.report import VerificationReport
 from resim.verification.suite import SuiteFile
@@ -54,6 +55,7 @@ FORMATS: Mapping[str, FileFormat] = {
     "report": FileFormat("report.json", RunReport),
     "run": FileFormat("run.json", RunProvenance, sealed=True),
     "verification": FileFormat("verification.json", VerificationReport, sealed=True),
+    "manifest": FileFormat("manifest.json", SweepManifest, sealed=True),
     "sweep_report": FileFormat("report.json", SweepReport),
 }
 """By name; report.json of a run is "report", that of a sweep "sweep_report"."""

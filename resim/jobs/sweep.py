@@ -14,8 +14,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
-from resim.core.sealed import read_sealed
-from resim.core.spec import to_json
+from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
 from resim.execution.cluster import cluster
 from resim.execution.workers import in_child
@@ -26,6 +25,7 @@ from resim.results import check_output, whole_file, write_json
 from resim.sweeps.analysis import analyse
 from resim.sweeps.execution import begin, compact, execute, inputs, sample, table
 from resim.sweeps.file import Sweep, read_sweep
+from resim.sweeps.manifest import SweepInputs, SweepManifest
 from resim.sweeps.page import write_sweep_page
 from resim.sweeps.repeat import other_versions, task_of, write_traces
 from resim.sweeps.repeat import repeat as repeat_task
@@ -93,21 +93,22 @@ class SweepRuns:
     missing: int
 
     @cached_property
-    def manifest(self) -> Mapping[str, Any]:
-        """What manifest.json holds; empty while runs are missing."""
+    def manifest(self) -> SweepManifest | None:
+        """What manifest.json says; None while runs are missing."""
         if self.missing:
-            return {}
-        return read_sealed(self.folder / "manifest.json", "Resume the sweep with --resume.")
+            return None
+        remedy = "Resume the sweep with --resume."
+        return read_sealed_json(self.folder / "manifest.json", SweepManifest, "resim sweep", remedy)
 
     @property
     def failed(self) -> int:
         """How many runs failed."""
-        return int(self.manifest.get("failed", 0))
+        return 0 if self.manifest is None else self.manifest.failed
 
     @property
     def runs(self) -> int:
         """How many runs there are."""
-        return int(self.manifest.get("runs", 0))
+        return 0 if self.manifest is None else self.manifest.runs
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -221,7 +222,7 @@ def estimate(file: str | Path, out: str | Path, options: SweepOptions = SweepOpt
 
 def _checked(
     task: tuple[Sweep, Path, tuple[int, int], bool],
-) -> tuple[dict[str, Any], pd.DataFrame | None]:
+) -> tuple[SweepInputs, pd.DataFrame | None]:
     """Check in a child process that the builds take what is swept; give the inputs, and the runs if they are wanted."""
     sweep, out, shard, wanted = task
     runs = table(sweep, shard)

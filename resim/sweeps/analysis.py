@@ -16,7 +16,6 @@ from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
 from resim.core.schema import SweepReportSchema
 from resim.sweeps.boundary import boundary
 from resim.sweeps.plans.parameter import SweepParameter
-from resim.sweeps.plans.registry import PLANS
 from resim.sweeps.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
 from resim.sweeps.report import (
     ConstantOutcome,
@@ -57,12 +56,12 @@ def analyse(swept: SweepResult, place: str) -> SweepReport:
     """Give what report.json says. place: the folder of the results, from where commands are to run."""
     rows = swept.rows
     place = f"./{place}" if place.startswith("-") else place  # it is no option
-    groups, grown = rows.groupby(["recording", "build"], sort=False), PLANS[swept.file["plan"]].grows
+    groups, grown = rows.groupby(["recording", "build"], sort=False), swept.file.planned.grows
     return SweepReport(
         schema=SCHEMA,
-        name=swept.file["name"],
-        plan=swept.file["plan"],
-        versions=swept.manifest["versions"],
+        name=swept.file.name,
+        plan=swept.file.plan,
+        versions=swept.manifest.versions,
         inputs=swept.inputs,
         confidence=MISSING if grown else CONFIDENCE,
         demanded=MISSING if grown else DEMANDED,
@@ -81,11 +80,11 @@ def _parameter(p: SweepParameter) -> SweptParameter:
 def _section(swept: SweepResult, rows: pd.DataFrame, place: str) -> SweepSection:
     """What was found for one recording and build; where points lie by what came of others, its boundary."""
     points, outcomes = points_of(swept, rows)
-    grows = PLANS[swept.file["plan"]].grows
+    grows = swept.file.planned.grows
     recording, build = str(rows["recording"].iloc[0]), str(rows["build"].iloc[0])
     return SweepSection(
         recording=recording,
-        build=swept.inputs["builds"][build]["label"],
+        build=swept.inputs.builds[build].label,
         **vars(_overview(rows)),
         constant=tuple(
             ConstantOutcome(o.name, o.label, o.unit, o.share, _first(o.y)) for o in outcomes if _constant(o.y)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
+from resim.sweeps.file import SweepBoundary
 from resim.sweeps.outcomes.registry import column_of
 from resim.sweeps.plans.adaptive import Lattice, Places
 from resim.sweeps.points import SweepOutcome, SweepPoints
@@ -132,22 +133,22 @@ def boundary(
 
     Raises InputError where the manifest does not tell of it.
     """
-    asked, lattice = swept.file["adaptive"], Lattice.over(swept.parameters)
-    column, _ = column_of(asked["outcome"])
+    asked, lattice = swept.file.adaptive, Lattice.over(swept.parameters)
+    column, _ = column_of(asked.outcome)
     outcome = next(o for o in outcomes if o.name == column)
     told, names = _boundary_entry(swept, rows), tuple(p.name for p in swept.parameters)
-    cells = np.array(told["cells"], dtype=float).reshape(-1, len(names), 2)
+    cells = np.array(told.cells, dtype=float).reshape(-1, len(names), 2)
     places, low, high = (_places(lattice, x) for x in (points.x, cells[:, :, 0], cells[:, :, 1]))
     good_seeds, seeds = outcome.y.sum(axis=1).astype(int), outcome.y.shape[1]
-    needed = next(n for n in range(1, seeds + 1) if n / seeds >= asked["share"])
+    needed = next(n for n in range(1, seeds + 1) if n / seeds >= asked.share)
     f = _BoundaryCells(lattice, names, places, good_seeds >= needed, low, high)
     finest = (np.array(lattice.high) - np.array(lattice.low)) / lattice.counts
     widest = dict(zip(names, _exact((high - low).max(axis=0) * finest), strict=True)) if len(low) else None
     tried = zip(points.x, good_seeds.tolist(), strict=True)
     return BoundaryReport(
         name=outcome.name, label=outcome.label, limit=limits(swept).get(column.removeprefix("kpi ")),
-        share=asked["share"], seeds=seeds, needed=needed,
-        points=len(places), good=int(f.good.sum()), most=swept.file["points"], known=told["known"],
+        share=asked.share, seeds=seeds, needed=needed,
+        points=len(places), good=int(f.good.sum()), most=swept.file.points, known=told.known,
         widths={p.name: p.width for p in swept.parameters},
         finest=dict(zip(names, _exact(finest), strict=True)),
         widest=widest,
@@ -160,12 +161,12 @@ def boundary(
     )  # fmt: skip
 
 
-def _boundary_entry(swept: SweepResult, rows: pd.DataFrame) -> dict[str, Any]:
+def _boundary_entry(swept: SweepResult, rows: pd.DataFrame) -> SweepBoundary:
     """What the manifest says of the boundary of these rows."""
     pair = (rows["recording"].iloc[0], rows["build"].iloc[0])
-    for told in swept.manifest["boundaries"]:
-        if (told["recording"], told["build"]) == pair:
-            return dict(told)
+    for told in swept.manifest.found():
+        if (told.recording, told.build) == pair:
+            return told
     problem = f"has no boundary for recording {pair[0]!r} and build {pair[1]!r}"
     raise InputError(swept.folder / "manifest.json", problem, RESUME.format(folder=swept.folder))
 

@@ -14,6 +14,7 @@ from pydantic import MISSING, Field, PlainSerializer, PlainValidator, WithJsonSc
 from resim.core.schema import SweepReportSchema
 from resim.core.spec import EXACT, exactly, json_schema, to_json
 from resim.sweeps.boundary import BoundaryReport
+from resim.sweeps.manifest import SweepInputs
 from resim.sweeps.statistics.boundary import Crossing
 from resim.sweeps.statistics.requirement import Requirement
 
@@ -243,7 +244,7 @@ class SweepReport:
     name: str
     plan: str
     versions: Mapping[str, str]
-    inputs: Mapping[str, Any]
+    inputs: SweepInputs
     confidence: float | MISSING = MISSING
     demanded: float | MISSING = MISSING
     runs: int

@@ -17,6 +17,7 @@ from resim.sweeps.page.figures import DEMANDED, HALF, map_figure, response_figur
 from resim.sweeps.page.words import demanded_of, keeps, overview_line, percent, quantity, requirement_lines
 from resim.sweeps.plans.registry import PLANS
 from resim.sweeps.report import MapEntry, SweepReport, SweepSection, SweptParameter, VaryingOutcome
+from resim.verification.inputs import HashedFile
 
 REDRAW = (
     "document.querySelectorAll('details').forEach(d => "
@@ -75,9 +76,9 @@ def _header(found: SweepReport) -> Markup:
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
     facts = [("plan", f"{plan}: {points} points, {first.seeds} seeds each")]
     facts += [
-        (name, Path(inputs[name]["path"]).name)
-        for name in ("perception", "criteria")
-        if inputs[name] is not None
+        (name, Path(file.path).name)
+        for name, file in (("perception", inputs.perception), ("criteria", inputs.criteria))
+        if file is not None
     ]
     facts += [(p.label, f"{quantity(p.low, '')} to {quantity(p.high, p.unit)}") for p in found.parameters]
     listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
@@ -208,10 +209,12 @@ def _reading(found: SweepReport) -> Markup:
 
 def _inputs(found: SweepReport) -> Markup:
     inputs = found.inputs
-    used = [(name, inputs[name]) for name in ("criteria", "perception") if inputs[name] is not None]
-    used += [(f"build {b['label']}", b) for b in inputs["builds"].values()]
-    used += [(f"recording {name}", r) for name, r in inputs["recordings"].items()]
-    rows = [[name, html("<code>{}</code>", f["hash"])] for name, f in used]
+    used: dict[str, HashedFile | None] = {
+        "criteria": inputs.criteria, "perception": inputs.perception,
+        **{f"build {b.label}": b for b in inputs.builds.values()},
+        **{f"recording {name}": file for name, file in inputs.recordings.items()},
+    }  # fmt: skip
+    rows = [[name, html("<code>{}</code>", f.hash)] for name, f in used.items() if f is not None]
     versions = ", ".join(f"{name} {v}" for name, v in found.versions.items())
     return html(
         "<details><summary>Inputs, hashes and versions</summary><p>Run with {}.</p>{}</details>",
