@@ -146,7 +146,7 @@ class ErrorModels(_ModelPart):
         least = float(np.linalg.eigvalsh(c)[0])
         if least < -1e-9:
             raise ValueError(
-                f"no correlations can be like that: the least eigenvalue is {least:.3g}, expected none below 0"
+                f"this is not a correlation matrix: its least eigenvalue is {least:.3g}, expected none below 0"
             )
         return table
 
@@ -244,7 +244,7 @@ class FalseObjects(_ModelPart):
     def _not_a_crowd(self) -> FalseObjects:
         if self.rate * self.lifetime > MOST_FALSE:
             raise ValueError(
-                f"rate: expected at most {MOST_FALSE:g} objects at once in the mean, rate x lifetime, found "
+                f"rate: expected at most {MOST_FALSE:g} objects at once on average, rate x lifetime, found "
                 f"{self.rate:g} x {self.lifetime:g} = {self.rate * self.lifetime:g}; lower rate or lifetime"
             )
         return self
