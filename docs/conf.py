@@ -43,8 +43,14 @@ def _docstring(app: Any, what: str, name: str, obj: Any, options: Any, lines: li
     lines[:] = generated.as_rst(lines)
 
 
+def _schemas(app: Any, exception: Exception | None) -> None:
+    """Publish the JSON Schema of every file beside the pages."""
+    generated.write_schemas(Path(app.outdir) / "schemas")
+
+
 def setup(app: Any) -> None:
-    """Connect both, and draw the picture of the layers."""
+    """Connect all, and draw the picture of the layers."""
     draw_layers.draw()
+    app.connect("build-finished", _schemas)
     app.connect("source-read", _source)
     app.connect("autodoc-process-docstring", _docstring)

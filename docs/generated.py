@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from pydantic import BaseModel
 
 import resim.core.errors
 import resim.core.tracks
@@ -38,22 +37,9 @@ import resim.scenario.scenario
 import resim.simulation.case
 import resim.simulation.function.interface
 from resim.cli import app
-from resim.metrics.criteria import _CriteriaFile
+from resim.jobs.schemas import FORMATS, schema_of
 from resim.metrics.measures.registry import MEASURES
-from resim.metrics.risk.prediction import PredictionSet
-from resim.perception.model import PerceptionModel
 from resim.recordings.checks.codes import CODES
-from resim.recordings.settings import Settings
-from resim.scenario.jscen import JscenFile
-from resim.simulation.function.interface import _BuildFile
-from resim.sweeps.file import SweepFile
-from resim.verification.suite import SuiteFile
-
-FILES: Mapping[str, type[BaseModel]] = {
-    "recording": Settings, "jscen": JscenFile, "build": _BuildFile, "criteria": _CriteriaFile, "suite": SuiteFile,
-    "sweep": SweepFile, "perception": PerceptionModel, "prediction": PredictionSet,
-}  # fmt: skip
-"""The model of each file that users write or read."""
 
 API = {
     "Re-simulate": resim.jobs.resimulate,
@@ -160,15 +146,20 @@ def _helps(command: Any, name: str, above: Any = None) -> Iterator[str]:
 
 def schema(file: str) -> str:
     """Give the fields of a kind of file as tables, one for each of its parts, and its JSON Schema."""
-    model = FILES[file]
-    made = model.model_json_schema()
-    parts = {model.__name__: made, **made.get("$defs", {})}
+    made = schema_of(file)
+    parts = {made["title"]: made, **made.get("$defs", {})}
     tables = [_part(name, parts, top=part is made) for name, part in parts.items() if "properties" in part]
-    whole = json.dumps(
-        {"$schema": "https://json-schema.org/draft/2020-12/schema", **made}, indent=2, ensure_ascii=False
-    )
+    whole = json.dumps(made, indent=2, ensure_ascii=False)
     tables.append(f"<details><summary>JSON Schema</summary>\n\n```json\n{whole}\n```\n\n</details>")
     return "\n\n".join(tables)
+
+
+def write_schemas(folder: Path) -> None:
+    """Write the JSON Schema of every kind of file into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in FORMATS:
+        text = json.dumps(schema_of(name), indent=2, ensure_ascii=False)
+        (folder / f"{name}.schema.json").write_text(text + "\n", encoding="utf-8")
 
 
 def _part(name: str, parts: Mapping[str, Mapping[str, Any]], *, top: bool) -> str:
@@ -228,8 +219,8 @@ def _type(of: Mapping[str, Any]) -> str:
     """A type in a few words."""
     if "$ref" in of:
         return _name(of["$ref"])
-    if "anyOf" in of:
-        return " or ".join(dict.fromkeys(_type(one) for one in of["anyOf"] if one.get("type") != "null"))
+    if several := of.get("anyOf", of.get("oneOf")):
+        return " or ".join(dict.fromkeys(_type(one) for one in several if one.get("type") != "null"))
     if "enum" in of or "const" in of:
         return ", ".join(f"`{json.dumps(v)}`" for v in of.get("enum", [of.get("const")]))
     kind = of.get("type")

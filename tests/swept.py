@@ -13,8 +13,9 @@ from resealed import edit
 
 from resim.core.geometry import Floats
 from resim.core.sealed import sealed
+from resim.core.spec import to_json
 from resim.results import write_json, write_parquet
-from resim.sweeps.file import Sweep, SweepFile, boundaries, check_plan, runs
+from resim.sweeps.file import Sweep, SweepBoundary, SweepFile, boundaries, check_plan, runs
 from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.plans.registry import PLANS
 
@@ -55,7 +56,7 @@ def write_swept(
 def write_adaptive(
     folder: Path, parameters: tuple[SweepParameter, ...], *, points: int = 1000, share: float = 0.5, seeds: int = 5,
     outcome: str = "same_decision",
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> tuple[SweepBoundary, ...]:  # fmt: skip
     """Write an adaptive sweep of the same truth: as measured where the latency is above 0.3 s + 0.1 bias.
 
     With less than 0.04 s more, the last of the seeds is not. Gives its boundaries.
@@ -78,7 +79,14 @@ def write_adaptive(
     told = boundaries(sweep, rows)
     more = {"plan": "adaptive", "seeds": seeds, "points": points, "adaptive": file.adaptive.model_dump()}
     whole = pd.concat([table, found], axis=1)
-    _write(folder, whole, parameters, more, (("cut_in", "pilot-1.0"),), {"failed": 0, "boundaries": told})
+    _write(
+        folder,
+        whole,
+        parameters,
+        more,
+        (("cut_in", "pilot-1.0"),),
+        {"failed": 0, "boundaries": [to_json(one) for one in told]},
+    )
     return told
 
 
@@ -87,11 +95,14 @@ def _write(
     sections: tuple[tuple[str, str], ...], told: dict[str, Any],
 ) -> None:  # fmt: skip
     """Write the folder of a finished sweep. file, told: what else its file and its manifest say."""
+    said = SweepFile.model_validate({
+        "name": "known", "recording": [{"folder": name} for name, _ in sections], "perception": "model.json",
+        "build": [f"../{b}.toml" for b in dict.fromkeys(b for _, b in sections)], "criteria": "highway.toml",
+        **file, "parameter": [q.model_dump() for q in parameters],
+    })  # fmt: skip
     inputs: dict[str, Any] = {
-        "sweep": {
-            "name": "known", **file, "time_limit": 60.0, "accept": [],
-            "parameter": [q.model_dump(mode="json") for q in parameters],
-        },
+        "sweep": said.model_dump(mode="json"),
+        "vehicle": "kinematic",
         "criteria": {"path": "highway.toml", "hash": "0" * 64},
         "perception": {"path": "model.json", "hash": "1" * 64},
         "builds": {f"../{b}.toml": {"path": f"../{b}.toml", "hash": "2" * 64, "label": b} for _, b in sections},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,7 @@ from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.jobs.sweep import SweepListener, SweepOptions
+    from resim.sweeps.file import SweepBoundary
 
 
 @sweep_app.command("run")
@@ -57,8 +58,9 @@ def sweep(
         say(f"{out}: this shard is done; {done.missing} runs of others are missing")
         return
     say(f"{out / 'runs'}: {done.runs} runs, {done.failed} failed")
-    for found in done.manifest.get("boundaries", ()):
-        _tell_boundary(found, len(done.manifest["inputs"]["sweep"]["build"]) > 1)
+    if done.manifest is not None:
+        for found in done.manifest.found():
+            _tell_boundary(found, len(done.manifest.inputs.sweep.build) > 1)
     register(out)
     if done.failed == done.runs:
         raise BadVerdictError(f"{out}: every run failed, for example run 0: {done.first_failure()}")
@@ -69,18 +71,18 @@ def _say_findings(recording: str, findings: tuple[str, ...]) -> None:
         say(f"{recording}: finding: {line}")
 
 
-def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
+def _tell_boundary(found: SweepBoundary, builds: bool) -> None:
     """Say what an adaptive plan found."""
-    of = f"{found['recording']}, {found['build']}" if builds else found["recording"]
-    cells = len(found["cells"])
+    of = f"{found.recording}, {found.build}" if builds else found.recording
+    cells = len(found.cells)
     told = (
         f"the outcome changes in {cells} cell{'s' * (cells != 1)} of the requested width"
         if cells
         else "the outcome is the same at all points tried"
     )
-    if not found["known"]:
+    if not found.known:
         told = "the boundary is not known to the requested width: give more points"
-    say(f"{of}: {told} ({found['points']} points)")
+    say(f"{of}: {told} ({found.points} points)")
 
 
 def _estimate(file: Path, out: Path, options: SweepOptions) -> None:

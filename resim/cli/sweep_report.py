@@ -24,17 +24,19 @@ def report(
 
     Writes a page and, with all numbers, a JSON file of the same name.
     """
+    from pydantic import MISSING
+
     from resim.jobs.sweep import report_sweep
-    from resim.sweeps.page import boundary_lines, overview_line, requirement_lines
+    from resim.sweeps.page import boundary_lines, demanded_of, overview_line, requirement_lines
 
     page = folder / "report.html" if out is None else out
     found = report_sweep(folder, page)
-    for section in found["sections"]:
-        say(f"{section['recording']}, {section['build']}: {overview_line(section)}")
+    for section in found.sections:
+        say(f"{section.recording}, {section.build}: {overview_line(section)}")
         told = (
-            boundary_lines(section, found["parameters"])
-            if "boundary" in section
-            else requirement_lines(section, found["parameters"], found["demanded"])
+            requirement_lines(section, found.parameters, demanded_of(found))
+            if section.boundary is MISSING
+            else boundary_lines(section.boundary, found.parameters)
         )
         for what, lines in told:
             say(f"  {what}")

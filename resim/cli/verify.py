@@ -101,7 +101,7 @@ def verify(
             found = verify_build(suite, build, out, options, workers=workers, listener=listener)
         else:
             found = compare(suite, build, against, out, options, workers=workers, listener=listener)
-    print_verification(found.document)
+    print_verification(found.report)
     say("")
     say(f"verification: {out / 'verification.html'}")
     register(out)
@@ -122,7 +122,7 @@ def _replay(path: Path, workers: int | None) -> None:
     with _progress() as listener:
         again = replay(path, workers=workers, listener=listener)
     if again.same:
-        say(f"{path}: identical bytes, {len(again.verification.document['recordings'])} recordings")
+        say(f"{path}: identical bytes, {len(again.verification.report.recordings)} recordings")
         _end(again.verification)
         return
     if again.versions:
@@ -134,21 +134,23 @@ def _replay(path: Path, workers: int | None) -> None:
 
 def _end(verification: Verification) -> None:
     """Leave with the verification's exit code."""
-    found, told, code = verification.document, verification.summary, verification.code
+    from resim.verification.report import ComparisonSummary
+
+    told, code = verification.summary, verification.code
     if code == 2:
-        broken = [r for r in found["recordings"] if r["verdict"] == "error"]
+        broken = [r for r in verification.report.recordings if r.verdict == "error"]
         more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
-        raise ResimError(f"{broken[0]['name']}: {broken[0]['error']}{more}")
-    if code == 1 and "limits" in told:
+        raise ResimError(f"{broken[0].name}: {broken[0].error}{more}")
+    if code == 1 and isinstance(told, ComparisonSummary):
         broken_limits = [
-            f"{name} {limit['value']:.3g}, at most {limit['limit']:g}"
-            for name, limit in told["limits"].items()
-            if not limit["kept"]
+            f"{name} {limit.value:.3g}, at most {limit.limit:g}"
+            for name, limit in told.limits.items()
+            if not limit.kept
         ]
         raise BadVerdictError(f"the build regresses: {'; '.join(broken_limits)}")
     if code == 1:
-        bad = ("not verified", "undecided", "invalid")
-        raise BadVerdictError(", ".join(f"{told[verdict]} {verdict}" for verdict in bad))
+        counts, bad = told.counts(), ("not verified", "undecided", "invalid")
+        raise BadVerdictError(", ".join(f"{counts[verdict]} {verdict}" for verdict in bad))
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,7 +12,11 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from resim.core import faults
 from resim.core.errors import InputError
-from resim.core.files import parse_json, parse_toml, read_file
+from resim.core.files import LARGEST_TEXT, parse_json, parse_toml, read_file
+from resim.core.sealed import CHECKSUM, read_sealed
+
+EXACT = ConfigDict(extra="forbid", allow_inf_nan=False)
+"""For `__pydantic_config__` of a dataclass that is a file: it and its parts hold no other fields, and no NaN."""
 
 
 class Strict(BaseModel):
@@ -37,7 +42,7 @@ T = TypeVar("T")
 def to_json(value: object) -> Any:
     """Give what JSON holds of a dataclass: fields by name, in their order."""
     kind: Any = type(value)
-    return _adapter(kind).dump_python(value)
+    return _adapter(kind).dump_python(value, by_alias=True)
 
 
 def read_json(path: Path, kind: Callable[..., T], writer: str, remedy: str) -> T:
@@ -51,9 +56,41 @@ def read_json(path: Path, kind: Callable[..., T], writer: str, remedy: str) -> T
         raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
 
 
+def read_sealed_json(
+    path: Path, kind: Callable[..., T], writer: str, remedy: str, *, largest: int = LARGEST_TEXT
+) -> T:
+    """Read a JSON file with a checksum of itself as a dataclass. Raises InputError, also where it was changed."""
+    return from_json(read_sealed(path, remedy, largest=largest), kind, path, writer, remedy)
+
+
+def from_json(data: Any, kind: Callable[..., T], path: Path, writer: str, remedy: str) -> T:
+    """Give what a part of the JSON file at `path` holds as a dataclass. Raises InputError for what is none."""
+    try:
+        return exactly(data, kind)
+    except ValidationError as e:
+        raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
+
+
+def exactly(data: Any, kind: Callable[..., T]) -> T:
+    """Give JSON data as a dataclass. Raises ValidationError (a ValueError) for what is none."""
+    found: T = _adapter(kind).validate_json(json.dumps(data), strict=True)
+    return found
+
+
 def json_schema(kind: Any) -> dict[str, Any]:
     """Give the JSON Schema of a file that a dataclass says."""
     return _adapter(kind).json_schema(mode="serialization")
+
+
+def sealed_schema(kind: Any) -> dict[str, Any]:
+    """Give the JSON Schema of a file that a dataclass says, and that has a checksum of itself."""
+    found = json_schema(kind)
+    checksum: Mapping[str, Any] = {"type": "string", "pattern": "^[0-9a-f]{64}$"}
+    return {
+        **found,
+        "properties": {CHECKSUM: checksum, **found["properties"]},
+        "required": [CHECKSUM, *found["required"]],
+    }
 
 
 @lru_cache(maxsize=64)

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle, wrap_angle
+from resim.core.schema import COLUMNS as COLUMNS
+from resim.core.schema import OPTIONAL_COLUMNS as OPTIONAL_COLUMNS
 
-COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
-OPTIONAL_COLUMNS = ("yaw_rate", "a")
 KINDS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown")
 
 PART = "~"

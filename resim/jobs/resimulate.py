@@ -133,7 +133,7 @@ class ResimulationResult:
     def _repr_html_(self) -> str:
         r = self.resimulation
         figure = measured_figure(
-            r.recording.name, {"reaction": self.report.reaction, "cause": None}, speed_traces(r)
+            r.recording.name, {k: (t,) for k, t in self.report.reaction.items()}, None, speed_traces(r)
         )
         tables = {"errors of every step": self.errors, "verdicts": self.verdicts}
         return notebook_html(repr(self).strip("<>"), figure, tables)

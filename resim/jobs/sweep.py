@@ -14,7 +14,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
-from resim.core.sealed import read_sealed
+from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
 from resim.execution.cluster import cluster
 from resim.execution.workers import in_child
@@ -25,9 +25,11 @@ from resim.results import check_output, whole_file, write_json
 from resim.sweeps.analysis import analyse
 from resim.sweeps.execution import begin, compact, execute, inputs, sample, table
 from resim.sweeps.file import Sweep, read_sweep
+from resim.sweeps.manifest import SweepInputs, SweepManifest
 from resim.sweeps.page import write_sweep_page
 from resim.sweeps.repeat import other_versions, task_of, write_traces
 from resim.sweeps.repeat import repeat as repeat_task
+from resim.sweeps.report import SweepReport
 from resim.sweeps.result import read_swept
 from resim.sweeps.runs import RunTask
 
@@ -91,21 +93,22 @@ class SweepRuns:
     missing: int
 
     @cached_property
-    def manifest(self) -> Mapping[str, Any]:
-        """What manifest.json holds; empty while runs are missing."""
+    def manifest(self) -> SweepManifest | None:
+        """What manifest.json says; None while runs are missing."""
         if self.missing:
-            return {}
-        return read_sealed(self.folder / "manifest.json", "Resume the sweep with --resume.")
+            return None
+        remedy = "Resume the sweep with --resume."
+        return read_sealed_json(self.folder / "manifest.json", SweepManifest, "resim sweep", remedy)
 
     @property
     def failed(self) -> int:
         """How many runs failed."""
-        return int(self.manifest.get("failed", 0))
+        return 0 if self.manifest is None else self.manifest.failed
 
     @property
     def runs(self) -> int:
         """How many runs there are."""
-        return int(self.manifest.get("runs", 0))
+        return 0 if self.manifest is None else self.manifest.runs
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -219,14 +222,14 @@ def estimate(file: str | Path, out: str | Path, options: SweepOptions = SweepOpt
 
 def _checked(
     task: tuple[Sweep, Path, tuple[int, int], bool],
-) -> tuple[dict[str, Any], pd.DataFrame | None]:
+) -> tuple[SweepInputs, pd.DataFrame | None]:
     """Check in a child process that the builds take what is swept; give the inputs, and the runs if they are wanted."""
     sweep, out, shard, wanted = task
     runs = table(sweep, shard)
     return inputs(sweep, out), runs if wanted else None
 
 
-def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[str, Any]:
+def report_sweep(folder: str | Path, page: str | Path | None = None) -> SweepReport:
     """Say what a finished sweep found, and write a page and, with all numbers, a JSON file of the same name.
 
     Args:
@@ -234,7 +237,7 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[
         page: Page (.html) to write; report.html in the folder, if None.
 
     Returns:
-        Requirements, boundaries, sensitivity, responses and the worst runs, as the JSON file holds them.
+        Requirements, boundaries, sensitivity, responses and the worst runs, as the JSON file has them.
 
     Raises:
         InputError: The folder holds no finished sweep, or the page cannot be written.
@@ -246,11 +249,11 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[
     with whole_file(path) as beside:
         write_sweep_page(found, beside)
     with whole_file(path.with_suffix(".json"), (".json",)) as beside:
-        write_json(found, beside)
+        write_json(to_json(found), beside)
     return found
 
 
-def _analysed(results: tuple[Path, str]) -> dict[str, Any]:
+def _analysed(results: tuple[Path, str]) -> SweepReport:
     """Analyse a sweep in a child process, as its criteria bring code: its folder, and that from where commands run."""
     return analyse(read_swept(results[0]), results[1])
 

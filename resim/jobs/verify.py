@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -15,17 +14,14 @@ from resim.execution.workers import in_child
 from resim.jobs.given import path_of
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
-from resim.results import VERIFICATION, check_output, json_text, locked
+from resim.results import VERIFICATION, check_output, locked
+from resim.verification.entries import VerifiedRecording
 from resim.verification.execution import outcome_code
 from resim.verification.execution import verify as execute
 from resim.verification.folder import begin, read, text, write
-from resim.verification.request import (
-    VerificationRequest,
-    VerifyOptions,
-    make_request,
-    read_request_again,
-    refuse_others,
-)
+from resim.verification.inputs import VerificationRequest
+from resim.verification.report import Summary, VerificationReport
+from resim.verification.request import VerifyOptions, make_request, refuse_changes, refuse_others
 from resim.verification.suite import read_suite
 
 
@@ -51,18 +47,17 @@ class Verification:
     """A verified suite, or two builds compared on it. Shows itself in a notebook.
 
     Attributes:
-        document: What verification.json holds.
+        report: What verification.json says.
         folder: Folder of the results.
     """
 
-    document: Mapping[str, Any]
+    report: VerificationReport
     folder: Path
 
     @property
-    def summary(self) -> Mapping[str, Any]:
+    def summary(self) -> Summary:
         """Counts of recordings by verdict, and of causes."""
-        found: Mapping[str, Any] = self.document["summary"]
-        return found
+        return self.report.summary
 
     @property
     def good(self) -> bool:
@@ -72,24 +67,23 @@ class Verification:
     @property
     def code(self) -> int:
         """The exit code: 0 good, 1 a verdict is bad, 2 a recording is broken or a function crashed."""
-        return outcome_code(self.document)
+        return outcome_code(self.report)
 
     @cached_property
     def recordings(self) -> pd.DataFrame:
         """A row a recording: name, verdict, cause, error."""
         return pd.DataFrame(
             {
-                "name": r["name"], "verdict": r["verdict"],
-                "cause": (r.get("cause") or {}).get("step", ""), "error": r.get("error") or "",
-            } for r in self.document["recordings"]
+                "name": r.name, "verdict": r.verdict,
+                "cause": r.cause.step if isinstance(r, VerifiedRecording) and r.cause else "", "error": r.error or "",
+            } for r in self.report.recordings
         )  # fmt: skip
 
     def __repr__(self) -> str:
-        inputs, counts = self.document["inputs"], self.recordings["verdict"].value_counts()
-        against = inputs["against"]
-        what = inputs["build"]["label"] + (f" against {against['label']}" if against else "")
+        inputs, counts = self.report.inputs, self.recordings["verdict"].value_counts()
+        what = inputs.build.label + (f" against {inputs.against.label}" if inputs.against else "")
         told = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
-        return f"<Verification {inputs['name']}, {what}: {told}>"
+        return f"<Verification {inputs.name}, {what}: {told}>"
 
     def _repr_html_(self) -> str:
         return notebook_html(repr(self).strip("<>"), Markup(), {"recordings": self.recordings})
@@ -219,21 +213,22 @@ def replay(
     """
     path = path_of(file)
     before = read(path)
-    wanted = in_child(_request_again, (before["inputs"], path))
+    wanted = before.inputs
+    in_child(_refuse_changes, (wanted, path))
     listener.begun(len(wanted.recordings))
     found, _ = execute(wanted, path.parent, None, workers=workers or os.cpu_count() or 1, tell=listener.done)
-    was = {r["name"]: r for r in before["recordings"]}
+    was = {r.name: r for r in before.recordings}
     return Replay(
         Verification(found, path.parent),
         text(found) == path.read_text(encoding="utf-8"),
-        tuple(r["name"] for r in found["recordings"] if json_text(r) != json_text(was.get(r["name"]))),
+        tuple(r.name for r in found.recordings if r != was.get(r.name)),
         tuple(
-            f"{name} {version}, now {found['versions'].get(name)}"
-            for name, version in before["versions"].items()
-            if found["versions"].get(name) != version
+            f"{name} {version}, now {found.versions.get(name)}"
+            for name, version in before.versions.items()
+            if found.versions.get(name) != version
         ),
     )
 
 
-def _request_again(task: tuple[dict[str, Any], Path]) -> VerificationRequest:
-    return read_request_again(*task)
+def _refuse_changes(task: tuple[VerificationRequest, Path]) -> None:
+    refuse_changes(*task)

@@ -119,7 +119,9 @@ class OwnMeasure(BaseModel):
     worst: WorstEnd = "high"
 
 
-class _CriteriaFile(BaseModel):
+class CriteriaFile(BaseModel):
+    """What a criteria file says."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(min_length=1)
@@ -164,14 +166,14 @@ def freeze_criteria(path: Path) -> FrozenFile:
     return freeze_code(path, raw, [o.function for o in file.measure], file.files)
 
 
-def _parsed(raw: bytes, path: Path) -> _CriteriaFile:
+def _parsed(raw: bytes, path: Path) -> CriteriaFile:
     said = parse_toml(raw, path, EXAMPLE)
     if "objectification" in said:
         raise InputError(
             path, "there is no table [[objectification]]", "Write [[measure]]: it has the same fields."
         )
     try:
-        return _CriteriaFile.model_validate(said)
+        return CriteriaFile.model_validate(said)
     except ValidationError as e:
         found = [
             p for p in e.errors() if p["type"] != "too_short"

@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.plugins.frozen import FrozenFile, freeze, thaw
+from resim.core.schema import PerceptionSchema
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
@@ -344,7 +345,7 @@ class PerceptionModel(_ModelPart):
     id_switch: 1/s, at which a detected object gets another id.
     """
 
-    schema_: Literal["resim-perception-1"] = Field(default="resim-perception-1", alias="schema")
+    schema_: PerceptionSchema = Field(default="resim-perception-1", alias="schema")
     name: str = Field(min_length=1)
     provenance: str = ""
     latency: Latency = Latency()

@@ -10,13 +10,11 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import InputError
+from resim.core.schema import PLAN_COLUMNS
 from resim.recordings.recording import Recording, existing_map
 from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
 from resim.recordings.source import RecordingTables, recording_of
 from resim.recordings.tables import GT_ID, read_table, read_track_table, row_problem
-
-PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
-"""Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""
 
 
 def read_tables(folder: Path) -> RecordingTables:

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from resim.core.errors import InputError
 from resim.core.files import plain_names
-from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
+from resim.core.schema import COLUMNS, OPTIONAL_COLUMNS
+from resim.core.tracks import KINDS
 
 GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
 TOLD = {"length": "told_length", "width": "told_width"}
@@ -45,7 +46,7 @@ _CSV_ERRORS = (
 def read_track_table(path: Path) -> pd.DataFrame:
     """Give the rows of a track table as they stand, indexed by their row number in the file.
 
-    The columns are `core.tracks.COLUMNS` and, where the file has them, OPTIONAL_COLUMNS, `gt_id` ("" for
+    The columns are `core.schema.COLUMNS` and, where the file has them, OPTIONAL_COLUMNS, `gt_id` ("" for
     none), `existence_probability`, `repaired` ("" or the codes of the findings repaired, spaces between) and
     TOLD; other columns are left out. A CSV row's number is its line (the header is line 1), a Parquet row's its
     place from 1. Rows may repeat or run back in time, and VALUES may be NaN. Raises InputError for whatever

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from resim.core.spec import to_json
 from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.steps import SYMBOLS
@@ -177,9 +178,10 @@ def span_words(start: float, end: float) -> str:
 
 def provenance(view: View) -> Markup:
     """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
-    facts = {key: value for key, value in run_provenance(view.result).items() if key != "times"}
+    told = to_json(run_provenance(view.result, {}))
+    facts = {key: value for key, value in told.items() if key not in ("times", "files")}
     if (seen := facts["perception"]) is not None:
-        facts["perception"] = {**seen, "seeds": [s["seed"] for s in seen["seeds"]]}
+        facts["perception"] = {"set": [*seen["set"]], "seeds": [s["seed"] for s in seen["seeds"]]}
     rows = [[key, html("<code>{}</code>", value)] for key, value in _flat(facts)]
     rows += [
         [f"recording: {key}", str(value)] for key, value in sorted(view.result.recording.provenance.items())

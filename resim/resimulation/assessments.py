@@ -12,13 +12,12 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import check_hashes
 from resim.core.finding import Finding
-from resim.core.sealed import read_sealed
-from resim.core.spec import read_json
+from resim.core.schema import PLAN_COLUMNS, SOURCE
+from resim.core.spec import read_json, read_sealed_json
 from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
-from resim.recordings.folder import PLAN_COLUMNS
 from resim.recordings.tables import read_table
 from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.blocks import (
@@ -31,7 +30,7 @@ from resim.resimulation.blocks import (
 from resim.resimulation.doubts import doubts
 from resim.resimulation.fidelity import collisions
 from resim.resimulation.notes import misfits
-from resim.resimulation.report import RunReport
+from resim.resimulation.report import RunProvenance, RunReport
 from resim.resimulation.result import Resimulation
 from resim.resimulation.run import describe_recording, map_name, measured_tracks
 from resim.resimulation.run_blocks import (
@@ -126,10 +125,7 @@ def assess_drive(
 def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessment:
     report, mark = folder / "report.json", folder / "run.json"
     remedy = "Run it again."
-    try:
-        hashes = {str(name): str(told) for name, told in read_sealed(mark, remedy)["files"].items()}
-    except (KeyError, TypeError, AttributeError) as e:
-        raise InputError(mark, "is not what `resim run` writes", remedy) from e
+    hashes = read_sealed_json(mark, RunProvenance, "resim run", remedy).files
     check_hashes(folder, hashes, remedy)
     written = read_json(report, RunReport, "resim run", remedy)
     try:
@@ -145,12 +141,12 @@ def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessm
     tables = RunTables(
         read_table(
             folder / "tracks.parquet",
-            required=("source", "t", "id", "x", "y"),
-            text=("source", "id", "kind"),
+            required=(SOURCE, "t", "id", "x", "y"),
+            text=(SOURCE, "id", "kind"),
             optional=("heading", "v", "length", "width", "kind"),
         ),
-        _table(folder / "answers.parquet", ("source", "t")),
-        _table(folder / "plans.parquet", ("source", *PLAN_COLUMNS)),
+        _table(folder / "answers.parquet", (SOURCE, "t")),
+        _table(folder / "plans.parquet", (SOURCE, *PLAN_COLUMNS)),
     )
     try:
         if lost := [basis for basis in ("GT", *described_runs(written)) if basis not in scenarios]:

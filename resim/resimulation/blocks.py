@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Floats
+from resim.core.schema import PLAN_COLUMNS
 from resim.core.tracks import Strings, Tracks, whole_id
 from resim.metrics.assessment import Assessment, assess
 from resim.metrics.doubts.unseen import WHOLE, Doubts
@@ -16,7 +17,6 @@ from resim.metrics.drive import Plans, drive
 from resim.metrics.measures.collision import contacts
 from resim.metrics.measures.functional import FunctionActivity
 from resim.metrics.measures.inputs import MeasureInputs
-from resim.recordings.folder import PLAN_COLUMNS
 from resim.resimulation.assessed import AssessmentOptions
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario

@@ -12,6 +12,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from resim.core.finding import Finding
 from resim.core.provenance import versions
+from resim.core.spec import EXACT
 from resim.metrics.doubts.unseen import Doubts
 from resim.resimulation import fidelity
 from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Statistics
@@ -123,6 +124,8 @@ class RunReport:
     repaired: samples by source and code of the finding. doubts: what GT and SD leave open.
     """
 
+    __pydantic_config__ = EXACT
+
     recording: str
     map: str
     ego: str
@@ -219,31 +222,75 @@ def _seed(result: Resimulation, seed: int, measured: float | None) -> SeedReport
     )
 
 
-def provenance(result: Resimulation) -> dict[str, Any]:
-    """Give what run.json holds: versions, hashes, cases, seeds, times."""
+@dataclass(frozen=True)
+class SeedProvenance:
+    """A drive with the perception model: how long it took [s], and why the function failed in it, or None."""
+
+    seed: int
+    time: float
+    failure: str | None
+
+
+@dataclass(frozen=True)
+class PerceptionProvenance:
+    """The parameters of the perception model that were set by hand, and its drives."""
+
+    set: tuple[str, ...]
+    seeds: tuple[SeedProvenance, ...]
+
+
+@dataclass(frozen=True)
+class RunProvenance:
+    """What run.json says: what a re-simulation was made from and by.
+
+    hashes: of all inputs. cases: of all that is simulated, by drive. step, lead_in: s. control_error: largest distance
+    [m] between where a vehicle was commanded to be and where the engine had it. times: s of wall clock by stage.
+    files: hashes of what was written.
+    """
+
+    __pydantic_config__ = EXACT
+
+    versions: Mapping[str, str]
+    hashes: Mapping[str, str]
+    cases: Mapping[str, str]
+    engine: str
+    vehicle: str
+    seed: int
+    step: float
+    lead_in: float
+    stop_at_collision: bool
+    perception: PerceptionProvenance | None
+    control_error: Mapping[str, float]
+    times: Mapping[str, float]
+    files: Mapping[str, str]
+
+
+def provenance(result: Resimulation, files: Mapping[str, str]) -> RunProvenance:
+    """Give what run.json says. files: hashes of what was written, by name."""
     options = result.options
-    return {
-        "versions": {**versions(), "python": platform.python_version()},
-        "hashes": dict(result.hashes),
-        "cases": {name: drive.case.hash for name, drive in result.drives.items()},
-        "engine": options.engine.name,
-        "vehicle": options.vehicle,
-        "seed": options.seed,
-        "step": options.step,
-        "lead_in": options.lead_in,
-        "stop_at_collision": options.stop_at_collision,
-        "perception": _perception_provenance(result),
-        "control_error": {name: drive.control_error for name, drive in result.simulated().items()},
-        "times": dict(result.times),
-    }
+    return RunProvenance(
+        versions={**versions(), "python": platform.python_version()},
+        hashes=result.hashes,
+        cases={name: drive.case.hash for name, drive in result.drives.items()},
+        engine=options.engine.name,
+        vehicle=options.vehicle,
+        seed=options.seed,
+        step=options.step,
+        lead_in=options.lead_in,
+        stop_at_collision=options.stop_at_collision,
+        perception=_perception_provenance(result),
+        control_error={name: drive.control_error for name, drive in result.simulated().items()},
+        times=result.times,
+        files=files,
+    )
 
 
-def _perception_provenance(result: Resimulation) -> dict[str, Any] | None:
+def _perception_provenance(result: Resimulation) -> PerceptionProvenance | None:
     if result.perceiving is None:
         return None
     drives = {seed: result.drives[of_seed(seed)] for seed in result.seeds}
-    seeds = [{"seed": seed, "time": d.time, "failure": d.failure or None} for seed, d in drives.items()]
-    return {"set": list(result.perceiving.overrides), "seeds": seeds}
+    seeds = tuple(SeedProvenance(seed, d.time, d.failure or None) for seed, d in drives.items())
+    return PerceptionProvenance(result.perceiving.overrides, seeds)
 
 
 def _statistics(result: Resimulation, step: str) -> Mapping[str, ByQuantity]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Floats, wrap_angle
-from resim.recordings.folder import PLAN_COLUMNS
+from resim.core.schema import ANSWER_COLUMNS, PLAN_COLUMNS, SOURCE
 from resim.resimulation.result import Resimulation
 from resim.simulation.function.interface import Perceived
 
@@ -23,7 +23,7 @@ def tracks_frame(result: Resimulation) -> pd.DataFrame:
         parts.append(drive.truth.select([result.ego]).to_frame().assign(source=source))
         parts.append(perceived_frame(drive.perceived).assign(source=f"perceived_{source}"))
     table = pd.concat(parts, ignore_index=True)
-    return table[["source", *(c for c in table.columns if c != "source")]]
+    return table[[SOURCE, *(c for c in table.columns if c != SOURCE)]]
 
 
 def answers_frame(result: Resimulation) -> pd.DataFrame:
@@ -37,8 +37,8 @@ def answers_frame(result: Resimulation) -> pd.DataFrame:
         step = np.clip(np.searchsorted(drive.truth.t, t - 1e-9), 0, max(len(drive.truth.t) - 1, 0))
         acceleration, curvature = drive.commands[step].T if len(t) else np.empty((2, 0))
         counts = np.array([len(p.ids) for p in drive.perceived], dtype=int)
-        columns = {"t": t, "acceleration": acceleration, "curvature": curvature, "objects": counts}
-        parts.append(pd.DataFrame({"source": source, **columns}))
+        columns = dict(zip(ANSWER_COLUMNS, (t, acceleration, curvature, counts), strict=True))
+        parts.append(pd.DataFrame({SOURCE: source, **columns}))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -48,7 +48,7 @@ def plans_frame(result: Resimulation) -> pd.DataFrame:
     if result.recording.plan is None:
         return made
     recorded = result.recording.plan[list(PLAN_COLUMNS)].assign(source="recorded")
-    return pd.concat([recorded, made], ignore_index=True)[["source", *PLAN_COLUMNS]]
+    return pd.concat([recorded, made], ignore_index=True)[[SOURCE, *PLAN_COLUMNS]]
 
 
 def plan_frame(plans: Mapping[str, Sequence[tuple[float, Floats]]]) -> pd.DataFrame:
@@ -59,7 +59,7 @@ def plan_frame(plans: Mapping[str, Sequence[tuple[float, Floats]]]) -> pd.DataFr
     made_at = np.repeat([when for _, when, _ in every], counts)
     columns = dict(zip(PLAN_COLUMNS, (made_at, *rows.T), strict=True))
     return pd.DataFrame(
-        {"source": np.repeat([source for source, _, _ in every], counts).astype(str), **columns}
+        {SOURCE: np.repeat([source for source, _, _ in every], counts).astype(str), **columns}
     )
 
 

@@ -10,7 +10,8 @@ import pandas as pd
 
 from resim.core.geometry import Bools
 from resim.core.objects import GAP
-from resim.core.tracks import OPTIONAL_COLUMNS, Tracks
+from resim.core.schema import OPTIONAL_COLUMNS
+from resim.core.tracks import Tracks
 from resim.metrics.doubts.unseen import Absence
 from resim.recordings import Recording
 from resim.recordings.tables import JOINED, PARTED, REPAIRED, VALUES

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import file_hash, parse_json, read_file
+from resim.core.files import file_hash
 from resim.core.provenance import versions
-from resim.core.sealed import read_sealed, sealed
-from resim.core.spec import to_json
+from resim.core.sealed import sealed
+from resim.core.spec import read_json, read_sealed_json, to_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN
 
 if TYPE_CHECKING:  # the catalog lists results without loading all that makes them
@@ -82,7 +82,7 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
         write_parquet(frame(result), folder / name)
     write_json(to_json(result.report), folder / "report.json")
     files = {name: file_hash(folder / name) for name in sorted([road, *scenarios, *tables, "report.json"])}
-    write_json(sealed({**provenance(result), "files": files}), folder / RUN.mark)
+    write_json(sealed(to_json(provenance(result, files))), folder / RUN.mark)
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:
@@ -109,18 +109,18 @@ def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
     """The recording and the build of what `resim run` wrote, or of a recording."""
     from resim.recordings.content import content_hash, hash_of_hashes
     from resim.recordings.settings import SETTINGS, read_settings
+    from resim.resimulation.report import RunProvenance, RunReport
 
     if (mark := drive / RUN.mark).is_file():
         remedy = "Run it again."
         try:
-            hashes = read_sealed(mark, remedy)["hashes"]
-            report = drive / "report.json"
-            build = parse_json(read_file(report, remedy), report, remedy)["build"]
+            hashes = read_sealed_json(mark, RunProvenance, "resim run", remedy).hashes
+            build = read_json(drive / "report.json", RunReport, "resim run", remedy).build
             return {
                 "recording": {"name": name, "hash": hash_of_hashes(hashes, hashes["map"])},
-                "build": {"label": f"{build['name']}-{build['version']}", "hash": hashes["build"]},
+                "build": {"label": f"{build.name}-{build.version}", "hash": hashes["build"]},
             }
-        except (KeyError, TypeError, ValueError, AttributeError) as e:
+        except (KeyError, ValueError) as e:
             raise InputError(mark, "is not what `resim run` writes", remedy) from e
     settings = read_settings(drive / SETTINGS)
     drove = None if settings.build is None else {"label": settings.build, "hash": settings.build_hash}

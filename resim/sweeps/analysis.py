@@ -5,92 +5,104 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydantic import MISSING
 
 from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
+from resim.core.schema import SweepReportSchema
 from resim.sweeps.boundary import boundary
 from resim.sweeps.plans.parameter import SweepParameter
-from resim.sweeps.plans.registry import PLANS
 from resim.sweeps.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
+from resim.sweeps.report import (
+    ConstantOutcome,
+    Influence,
+    MapEntry,
+    Numbers,
+    RequirementEntry,
+    ResponseCurve,
+    Rows,
+    RunCounts,
+    SobolIndex,
+    SobolIndices,
+    SweepReport,
+    SweepSection,
+    SweptParameter,
+    VaryingOutcome,
+    WorstRun,
+)
 from resim.sweeps.result import SweepResult, limits
-from resim.sweeps.statistics.boundary import MESH, ShareMap, crossings, grid_map, smooth_map
+from resim.sweeps.statistics.boundary import MESH, Crossing, crossings, grid_map, smooth_map
 from resim.sweeps.statistics.indices import Sensitivity
 from resim.sweeps.statistics.requirement import Requirement, Side, requirement
 from resim.sweeps.statistics.response import Levels, levels
 from resim.sweeps.statistics.sensitivity import ranges, ranking, sensitivity
 
-SCHEMA = "resim-sweep-report-1"
+SCHEMA: SweepReportSchema = "resim-sweep-report-1"
 DEMANDED = 0.95
 """Share of the runs that a requirement asks for."""
 BOUNDARIES = (0.5, DEMANDED)
 BINS, FINE = 20, 50
 """Bins of what was drawn: for responses, and for requirements."""
-MISSING = 0.05
+LACKING = 0.05
 """Share of the points that may have no value of an outcome whose sensitivity is told."""
 WORST = 10
 
 
-def analyse(swept: SweepResult, place: str) -> dict[str, Any]:
-    """Give what report.json holds. place: the folder of the results, from where commands are to run."""
+def analyse(swept: SweepResult, place: str) -> SweepReport:
+    """Give what report.json says. place: the folder of the results, from where commands are to run."""
     rows = swept.rows
     place = f"./{place}" if place.startswith("-") else place  # it is no option
-    groups, grown = rows.groupby(["recording", "build"], sort=False), PLANS[swept.file["plan"]].grows
-    return {
-        "schema": SCHEMA,
-        "name": swept.file["name"],
-        "plan": swept.file["plan"],
-        "versions": swept.manifest["versions"],
-        "inputs": swept.inputs,
-        **({} if grown else {"confidence": CONFIDENCE, "demanded": DEMANDED}),
-        "runs": len(rows),
-        "failed": int(failed(rows).sum()),
-        "parameters": [_parameter(p) for p in swept.parameters],
-        "sections": [_section(swept, part, place) for _, part in groups],
-    }
+    groups, grown = rows.groupby(["recording", "build"], sort=False), swept.file.planned.grows
+    return SweepReport(
+        schema=SCHEMA,
+        name=swept.file.name,
+        plan=swept.file.plan,
+        versions=swept.manifest.versions,
+        inputs=swept.inputs,
+        confidence=MISSING if grown else CONFIDENCE,
+        demanded=MISSING if grown else DEMANDED,
+        runs=len(rows),
+        failed=int(failed(rows).sum()),
+        parameters=tuple(_parameter(p) for p in swept.parameters),
+        sections=tuple(_section(swept, part, place) for _, part in groups),
+    )
 
 
-def _parameter(p: SweepParameter) -> dict[str, Any]:
-    ends = [p.low, p.high] if not p.values else [min(p.values), max(p.values)]
-    return {"name": p.name, "label": label(p.name), "unit": unit_of(p.name), "low": ends[0], "high": ends[1]}
+def _parameter(p: SweepParameter) -> SweptParameter:
+    low, high = (min(p.values), max(p.values)) if p.values else (p.low or 0.0, p.high or 0.0)
+    return SweptParameter(p.name, label(p.name), unit_of(p.name), low, high)
 
 
-def _section(swept: SweepResult, rows: pd.DataFrame, place: str) -> dict[str, Any]:
-    """What was found for one recording and build."""
+def _section(swept: SweepResult, rows: pd.DataFrame, place: str) -> SweepSection:
+    """What was found for one recording and build; where points lie by what came of others, its boundary."""
     points, outcomes = points_of(swept, rows)
+    grows = swept.file.planned.grows
     recording, build = str(rows["recording"].iloc[0]), str(rows["build"].iloc[0])
-    constant = [o for o in outcomes if _constant(o.y)]
-    return {
-        "recording": recording,
-        "build": swept.inputs["builds"][build]["label"],
-        **_overview(rows),
-        "constant": [
-            {"name": o.name, "label": o.label, "unit": o.unit, "share": o.share, "value": _first(o.y)}
-            for o in constant
-        ],
-        **_varying(swept, rows, points, outcomes),
-        "worst": _worst(rows, swept.parameters, place),
-    }
+    return SweepSection(
+        recording=recording,
+        build=swept.inputs.builds[build].label,
+        **vars(_overview(rows)),
+        constant=tuple(
+            ConstantOutcome(o.name, o.label, o.unit, o.share, _first(o.y)) for o in outcomes if _constant(o.y)
+        ),
+        boundary=boundary(swept, rows, points, outcomes) if grows else MISSING,
+        outcomes=MISSING if grows else _varying(swept, points, outcomes),
+        worst=_worst(rows, swept.parameters, place),
+    )
 
 
 def _varying(
-    swept: SweepResult, rows: pd.DataFrame, points: SweepPoints, outcomes: Sequence[SweepOutcome]
-) -> dict[str, Any]:
-    """What follows from the parameters; where points lie by what came of others, nothing but the boundary."""
-    if PLANS[swept.file["plan"]].grows:
-        return {"boundary": boundary(swept, rows, points, outcomes)}
+    swept: SweepResult, points: SweepPoints, outcomes: Sequence[SweepOutcome]
+) -> tuple[VaryingOutcome, ...]:
+    """What follows from the parameters."""
     asked = limits(swept)
-    return {
-        "outcomes": [
-            {**_outcome(o, points), "limit": asked.get(o.name.removeprefix("kpi "))}
-            for o in outcomes
-            if not _constant(o.y)
-        ]
-    }
+    return tuple(
+        _outcome(o, points, asked.get(o.name.removeprefix("kpi "))) for o in outcomes if not _constant(o.y)
+    )
 
 
 def _constant(y: Floats) -> bool:
@@ -103,23 +115,23 @@ def _first(y: Floats) -> float | None:
     return number(float(known[0])) if len(known) else None
 
 
-def _overview(rows: pd.DataFrame) -> dict[str, Any]:
+def _overview(rows: pd.DataFrame) -> RunCounts:
     lost = failed(rows)
     did = rows.loc[~lost, "decision"].fillna("").value_counts(sort=False).sort_index(kind="stable")
     reasons = rows.loc[lost, "failure"].fillna("no result").value_counts(sort=False).sort_index()
     risk = rows.loc[~lost, "risk"].to_numpy(dtype=float)
-    return {
-        "runs": len(rows),
-        "points": int(rows["point"].nunique()),
-        "seeds": int(rows.groupby("point").size().max()),
-        "failed": int(lost.sum()),
-        "failures": _counts(reasons),
-        "passed": int((equal(rows["verdict"], "PASS") & ~lost).sum()),
-        "collisions": int(equal(rows["collision"], True).sum()),
-        "same_decision": int((equal(rows["same_decision"], True) & ~lost).sum()),
-        "decisions": _counts(did),
-        "largest_risk": number(float(np.nanmax(risk))) if np.isfinite(risk).any() else None,
-    }
+    return RunCounts(
+        runs=len(rows),
+        points=int(rows["point"].nunique()),
+        seeds=int(rows.groupby("point").size().max()),
+        failed=int(lost.sum()),
+        failures=_counts(reasons),
+        passed=int((equal(rows["verdict"], "PASS") & ~lost).sum()),
+        collisions=int(equal(rows["collision"], True).sum()),
+        same_decision=int((equal(rows["same_decision"], True) & ~lost).sum()),
+        decisions=_counts(did),
+        largest_risk=number(float(np.nanmax(risk))) if np.isfinite(risk).any() else None,
+    )
 
 
 def _counts(found: pd.Series[int]) -> dict[str, int]:
@@ -128,7 +140,7 @@ def _counts(found: pd.Series[int]) -> dict[str, int]:
     return {str(name): int(n) for name, n in ordered.items()}
 
 
-def _outcome(o: SweepOutcome, points: SweepPoints) -> dict[str, Any]:
+def _outcome(o: SweepOutcome, points: SweepPoints, limit: str | None) -> VaryingOutcome:
     """Responses, sensitivity, and of shares the requirements and the map."""
     estimate = shares if o.share else means
     varied = [p for p in range(points.x.shape[1]) if len(np.unique(points.x[:, p])) > 1]
@@ -136,56 +148,58 @@ def _outcome(o: SweepOutcome, points: SweepPoints) -> dict[str, Any]:
     found = {i: estimate(o.y, step.of, len(step)) for i, step in steps.items()}
     names = [p.name for p in points.parameters]
     known: Bools = np.asarray(np.isfinite(o.y).any(axis=1))
-    out: dict[str, Any] = {
-        "name": o.name, "label": o.label, "unit": o.unit, "share": o.share,
-        "mean": number(float(np.nanmean(o.y))), "without": int(len(known) - known.sum()),
-        "responses": {names[i]: _response(steps[i], found[i]) for i in varied},
-    }  # fmt: skip
     reach = ranges([found[i].mean if i in found else np.array([np.nan]) for i in range(len(names))])
     index = _sensitivity(o, points, known)
     influence = reach if index is None else index.total
     order = ranking(influence, np.isin(np.arange(len(names)), varied))
-    out["sensitivity"] = {
-        "ranking": [names[i] for i in order],
-        "range": dict(zip(names, numbers(reach), strict=True)),
-        "sobol": None if index is None else _sobol(index, names),
-    }
-    if not o.share:
-        return out
-    out["requirements"] = {names[i]: _requirements(o.y, points, i) for i in varied}
-    drawn = None if len(order) < 2 else _map(o.y, points, order[0], order[1])
-    out["map"] = drawn
-    return out
+    drawn = _map(o.y, points, order[0], order[1]) if o.share and len(order) > 1 else None
+    return VaryingOutcome(
+        name=o.name,
+        label=o.label,
+        unit=o.unit,
+        share=o.share,
+        mean=number(float(np.nanmean(o.y))),
+        without=int(len(known) - known.sum()),
+        responses={names[i]: _response(steps[i], found[i]) for i in varied},
+        sensitivity=Influence(
+            ranking=tuple(names[i] for i in order),
+            range=dict(zip(names, numbers(reach), strict=True)),
+            sobol=None if index is None else _sobol(index, names),
+        ),
+        requirements={names[i]: _requirements(o.y, points, i) for i in varied} if o.share else MISSING,
+        map=drawn if o.share else MISSING,
+        limit=limit,
+    )
 
 
-def _response(step: Levels, e: GroupMean) -> dict[str, Any]:
-    return {
-        "at": numbers(step.centre), "from": numbers(step.low), "to": numbers(step.high), "binned": step.binned,
-        "mean": numbers(e.mean), "low": numbers(e.low), "high": numbers(e.high),
-        "points": e.points.tolist(), "runs": e.runs.tolist(),
-    }  # fmt: skip
+def _response(step: Levels, e: GroupMean) -> ResponseCurve:
+    return ResponseCurve(
+        at=numbers(step.centre), start=numbers(step.low), to=numbers(step.high), binned=step.binned,
+        mean=numbers(e.mean), low=numbers(e.low), high=numbers(e.high),
+        points=tuple(e.points.tolist()), runs=tuple(e.runs.tolist()),
+    )  # fmt: skip
 
 
 def _sensitivity(o: SweepOutcome, points: SweepPoints, known: Bools) -> Sensitivity | None:
     """Sobol indices, None where the plan or what is missing does not let them be told."""
-    if points.layout == "axes" or np.mean(~known) > MISSING:
+    if points.layout == "axes" or np.mean(~known) > LACKING:
         return None
     return sensitivity(points.u, o.y, grid=points.layout == "grid")
 
 
-def _sobol(s: Sensitivity, names: Sequence[str]) -> dict[str, Any]:
+def _sobol(s: Sensitivity, names: Sequence[str]) -> SobolIndices:
     each = {
-        name: {
-            "first": number(s.first[i]), "first_interval": numbers(s.first_interval[i]),
-            "total": number(s.total[i]), "total_interval": numbers(s.total_interval[i]),
-        }
+        name: SobolIndex(
+            first=number(s.first[i]), first_interval=numbers(s.first_interval[i]),
+            total=number(s.total[i]), total_interval=numbers(s.total_interval[i]),
+        )
         for i, name in enumerate(names)
     }  # fmt: skip
-    more = {"noise": number(s.noise), "unexplained": number(s.unexplained), "method": s.method}
-    return {**each, **more, "q2": None if s.q2 is None else number(s.q2), "degree": s.degree}
+    q2 = None if s.q2 is None else number(s.q2)
+    return SobolIndices(each, number(s.noise), number(s.unexplained), s.method, q2, s.degree)
 
 
-def _requirements(y: Floats, points: SweepPoints, i: int) -> list[dict[str, Any]]:
+def _requirements(y: Floats, points: SweepPoints, i: int) -> tuple[RequirementEntry, ...]:
     """From each side; of a parameter around zero, and where neither side keeps it, between two bounds."""
     step = levels(points.x[:, i], FINE, points.along(i), np.delete(points.x, i, axis=1))
     around = bool(step.low[0] < 0.0 < step.high[-1])
@@ -194,18 +208,19 @@ def _requirements(y: Floats, points: SweepPoints, i: int) -> list[dict[str, Any]
     found = [requirement(y, step, DEMANDED, side, drawn=drawn) for side in sides]
     if all(r.found == "none" for r in found) and not around:
         found.append(requirement(y, step, DEMANDED, "between", drawn=drawn))
-    return [{**_plain(r), "binned": step.binned} for r in found]
+    return tuple(RequirementEntry(**_rounded(r), binned=step.binned) for r in found)
 
 
-def _plain(r: Requirement) -> dict[str, Any]:
+def _rounded(found: Requirement | Crossing) -> dict[str, Any]:
+    """The fields of either, numbers with six digits."""
     return {
-        name: number(v) if isinstance(v, float) else [None if x is None else number(x) for x in v]
-        if isinstance(v, tuple) else v
-        for name, v in asdict(r).items()
+        name: number(v) if isinstance(v, float)
+        else tuple(None if x is None else number(x) for x in v) if isinstance(v, tuple) else v
+        for name, v in vars(found).items()
     }  # fmt: skip
 
 
-def _map(y: Floats, points: SweepPoints, i: int, j: int) -> dict[str, Any] | None:
+def _map(y: Floats, points: SweepPoints, i: int, j: int) -> MapEntry | None:
     """The map over the two most influential parameters; none where they are never varied together."""
     if points.layout == "axes":
         return None
@@ -215,19 +230,14 @@ def _map(y: Floats, points: SweepPoints, i: int, j: int) -> dict[str, Any] | Non
     else:
         (ua, at_a), (ub, at_b) = _mesh(a), _mesh(b)
         found = smooth_map(y, points.u[:, [i, j]], ua, ub, (at_a, at_b))
-    return {
-        "a": a.name, "b": b.name, "others": [p.name for p in points.parameters if p not in (a, b)],
-        "at_a": numbers(found.a), "at_b": numbers(found.b), "width": found.width,
-        "share": _rows(found.share), "low": _rows(found.low), "high": _rows(found.high),
-        "boundaries": {f"{level:g}": _boundary(found, level) for level in BOUNDARIES},
-    }  # fmt: skip
-
-
-def _boundary(found: ShareMap, level: float) -> list[dict[str, Any]]:
-    return [
-        {name: number(v) if isinstance(v, float) else v for name, v in asdict(c).items()}
-        for c in crossings(found, level)
-    ]
+    return MapEntry(
+        a=a.name, b=b.name, others=tuple(p.name for p in points.parameters if p not in (a, b)),
+        at_a=numbers(found.a), at_b=numbers(found.b), width=found.width,
+        share=_rows(found.share), low=_rows(found.low), high=_rows(found.high),
+        boundaries={
+            f"{level:g}": tuple(Crossing(**_rounded(c)) for c in crossings(found, level)) for level in BOUNDARIES
+        },
+    )  # fmt: skip
 
 
 def _mesh(p: SweepParameter) -> tuple[Floats, Floats]:
@@ -237,7 +247,7 @@ def _mesh(p: SweepParameter) -> tuple[Floats, Floats]:
     return share, p.at(share)
 
 
-def _worst(rows: pd.DataFrame, parameters: Sequence[SweepParameter], place: str) -> list[dict[str, Any]]:
+def _worst(rows: pd.DataFrame, parameters: Sequence[SweepParameter], place: str) -> tuple[WorstRun, ...]:
     """The worst runs: without a result first, then collisions, then by risk, then by how many criteria fail."""
     kpis = [c for c in rows.columns if str(c).startswith("kpi ")]
     bad = (rows[kpis] != "PASS").sum(axis=1).to_numpy()
@@ -255,16 +265,16 @@ def _worst(rows: pd.DataFrame, parameters: Sequence[SweepParameter], place: str)
         row = rows.iloc[k]
         run = int(row["run"])
         again = f"{place}-run-{run}" if place.strip("./") else f"run-{run}"
-        out.append({
-            "run": run, "point": int(row["point"]), "seed": int(row["seed"]),
-            "parameters": {p.name: number(float(row[p.name])) for p in parameters},
-            "end": str(row["end"]), "failure": None if pd.isna(row["failure"]) else str(row["failure"]),
-            "decision": None if pd.isna(row["decision"]) else str(row["decision"]),
-            "collision": None if pd.isna(row["collision"]) else bool(hit[k]), "risk": number(float(risk[k])),
-            "failing": [str(c).removeprefix("kpi ") for c in kpis if row[c] != "PASS"],
-            "command": shlex.join(["resim", "sweep", "repeat", place, str(run), "--out", again]),
-        })  # fmt: skip
-    return out
+        out.append(WorstRun(
+            run=run, point=int(row["point"]), seed=int(row["seed"]),
+            parameters={p.name: number(float(row[p.name])) for p in parameters},
+            end=str(row["end"]), failure=None if pd.isna(row["failure"]) else str(row["failure"]),
+            decision=None if pd.isna(row["decision"]) else str(row["decision"]),
+            collision=None if pd.isna(row["collision"]) else bool(hit[k]), risk=number(float(risk[k])),
+            failing=tuple(str(c).removeprefix("kpi ") for c in kpis if row[c] != "PASS"),
+            command=shlex.join(["resim", "sweep", "repeat", place, str(run), "--out", again]),
+        ))  # fmt: skip
+    return tuple(out)
 
 
 def number(value: float) -> float | None:
@@ -272,10 +282,10 @@ def number(value: float) -> float | None:
     return float(f"{value:.6g}") + 0.0 if math.isfinite(value) else None
 
 
-def numbers(values: Floats) -> list[float | None]:
-    """Give numbers (N,) as JSON has them."""
-    return [number(v) for v in np.asarray(values, dtype=float).tolist()]
+def numbers(values: Floats) -> Numbers:
+    """Give numbers (N,) with six digits, None for none."""
+    return tuple(number(v) for v in np.asarray(values, dtype=float).tolist())
 
 
-def _rows(values: Floats) -> list[list[float | None]]:
-    return [numbers(row) for row in values]
+def _rows(values: Floats) -> Rows:
+    return tuple(numbers(row) for row in values)

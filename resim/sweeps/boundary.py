@@ -6,16 +6,17 @@ told is of points that were tried, and of the cells between them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
+from resim.sweeps.file import SweepBoundary
 from resim.sweeps.outcomes.registry import column_of
 from resim.sweeps.plans.adaptive import Lattice, Places
 from resim.sweeps.points import SweepOutcome, SweepPoints
@@ -25,6 +26,85 @@ ISLANDS = (0.05, 0.1, 0.2)
 """Sizes of islands, as shares of each range, whose probability to be missed is told."""
 Span = tuple[int, int]
 """An interval of one parameter, in finest steps of the lattice."""
+
+
+Ends = tuple[float, float]
+"""Low and high of an interval of a parameter, in its unit."""
+
+
+@dataclass(frozen=True)
+class TriedPoint:
+    """A point, by the parameters' values, and how many of its seeds are good."""
+
+    at: tuple[float, ...]
+    good_seeds: int
+
+
+@dataclass(frozen=True)
+class GoodRange:
+    """From an end of a parameter on to a value, or over its whole range (None), all points that were tried are good."""
+
+    parameter: str
+    side: Literal["whole", "under", "over"]
+    value: float | None
+    points: int
+
+
+@dataclass(frozen=True)
+class IslandChance:
+    """How likely an island of this size, as a share of each range, is missed."""
+
+    size: float
+    missed: float
+
+
+@dataclass(frozen=True)
+class StripChange:
+    """Where the outcome changes along the first parameter; below, above: whether it is good there, None at an end."""
+
+    between: Ends
+    below: bool | None
+    above: bool | None
+
+
+@dataclass(frozen=True)
+class BoundaryStrip:
+    """An interval of the second parameter; good: whether the outcome is, where it does not change."""
+
+    at: Ends
+    changes: tuple[StripChange, ...]
+    good: bool | None
+
+
+@dataclass(frozen=True)
+class BoundaryReport:
+    """What is known of the boundary of one recording and build.
+
+    limit: what the outcome's criterion asks for. share: of the seeds of a good point; needed: how many those are. most:
+    points there may be. known: whether the cells are as small as asked for. widths: asked for, None for any; finest,
+    widest: of the lattice and of the cells, by parameter. cells: ends by parameter. changes: intervals of each
+    parameter in which the outcome changes. strips: of two parameters, None of others.
+    """
+
+    name: str
+    label: str
+    limit: str | None
+    share: float
+    seeds: int
+    needed: int
+    points: int
+    good: int
+    most: int
+    known: bool
+    widths: Mapping[str, float | None]
+    finest: Mapping[str, float]
+    widest: Mapping[str, float] | None
+    cells: tuple[tuple[Ends, ...], ...]
+    tried: tuple[TriedPoint, ...]
+    changes: Mapping[str, tuple[Ends, ...]]
+    ranges: tuple[GoodRange, ...]
+    islands: tuple[IslandChance, ...]
+    strips: tuple[BoundaryStrip, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,53 +118,55 @@ class _BoundaryCells:
     low: Places
     high: Places
 
-    def span(self, i: int, ends: Span) -> list[float]:
+    def span(self, i: int, ends: Span) -> Ends:
         """Give an interval of the i-th parameter in its unit."""
         places = np.zeros((2, len(self.names)), dtype=np.intp)
         places[:, i] = ends
         low, high = _exact(self.lattice.values(places)[:, i])
-        return [low, high]
+        return low, high
 
 
 def boundary(
     swept: SweepResult, rows: pd.DataFrame, points: SweepPoints, outcomes: Sequence[SweepOutcome]
-) -> dict[str, Any]:
+) -> BoundaryReport:
     """Give what is known of the boundary for one recording and build: of its rows, points (K, P), and outcomes.
 
     Raises InputError where the manifest does not tell of it.
     """
-    asked, lattice = swept.file["adaptive"], Lattice.over(swept.parameters)
-    column, _ = column_of(asked["outcome"])
+    asked, lattice = swept.file.adaptive, Lattice.over(swept.parameters)
+    column, _ = column_of(asked.outcome)
     outcome = next(o for o in outcomes if o.name == column)
     told, names = _boundary_entry(swept, rows), tuple(p.name for p in swept.parameters)
-    cells = np.array(told["cells"], dtype=float).reshape(-1, len(names), 2)
+    cells = np.array(told.cells, dtype=float).reshape(-1, len(names), 2)
     places, low, high = (_places(lattice, x) for x in (points.x, cells[:, :, 0], cells[:, :, 1]))
     good_seeds, seeds = outcome.y.sum(axis=1).astype(int), outcome.y.shape[1]
-    needed = next(n for n in range(1, seeds + 1) if n / seeds >= asked["share"])
+    needed = next(n for n in range(1, seeds + 1) if n / seeds >= asked.share)
     f = _BoundaryCells(lattice, names, places, good_seeds >= needed, low, high)
     finest = (np.array(lattice.high) - np.array(lattice.low)) / lattice.counts
-    return {
-        "name": outcome.name, "label": outcome.label, "limit": limits(swept).get(column.removeprefix("kpi ")),
-        "share": asked["share"], "seeds": seeds, "needed": needed,
-        "points": len(places), "good": int(f.good.sum()), "most": swept.file["points"], "known": told["known"],
-        "widths": {p.name: p.width for p in swept.parameters},
-        "finest": dict(zip(names, _exact(finest), strict=True)),
-        "widest": dict(zip(names, _exact((high - low).max(axis=0) * finest), strict=True)) if len(low) else None,
-        "cells": [_exact(ends) for ends in cells],
-        "tried": [{"at": _exact(x), "good_seeds": n} for x, n in zip(points.x, good_seeds.tolist(), strict=True)],
-        "changes": {n: [f.span(i, s) for s in _joined(low[:, i], high[:, i])] for i, n in enumerate(names)},
-        "ranges": list(_ranges(f)),
-        "islands": [{"size": size, "missed": lattice.missed(size)} for size in ISLANDS],
-        "strips": _strips(f) if len(names) == 2 else None,
-    }  # fmt: skip
+    widest = dict(zip(names, _exact((high - low).max(axis=0) * finest), strict=True)) if len(low) else None
+    tried = zip(points.x, good_seeds.tolist(), strict=True)
+    return BoundaryReport(
+        name=outcome.name, label=outcome.label, limit=limits(swept).get(column.removeprefix("kpi ")),
+        share=asked.share, seeds=seeds, needed=needed,
+        points=len(places), good=int(f.good.sum()), most=swept.file.points, known=told.known,
+        widths={p.name: p.width for p in swept.parameters},
+        finest=dict(zip(names, _exact(finest), strict=True)),
+        widest=widest,
+        cells=tuple(tuple((low, high) for low, high in map(_exact, ends)) for ends in cells),
+        tried=tuple(TriedPoint(_exact(x), n) for x, n in tried),
+        changes={n: tuple(f.span(i, s) for s in _joined(low[:, i], high[:, i])) for i, n in enumerate(names)},
+        ranges=tuple(_ranges(f)),
+        islands=tuple(IslandChance(size, lattice.missed(size)) for size in ISLANDS),
+        strips=_strips(f) if len(names) == 2 else None,
+    )  # fmt: skip
 
 
-def _boundary_entry(swept: SweepResult, rows: pd.DataFrame) -> dict[str, Any]:
+def _boundary_entry(swept: SweepResult, rows: pd.DataFrame) -> SweepBoundary:
     """What the manifest says of the boundary of these rows."""
     pair = (rows["recording"].iloc[0], rows["build"].iloc[0])
-    for told in swept.manifest["boundaries"]:
-        if (told["recording"], told["build"]) == pair:
-            return dict(told)
+    for told in swept.manifest.found():
+        if (told.recording, told.build) == pair:
+            return told
     problem = f"has no boundary for recording {pair[0]!r} and build {pair[1]!r}"
     raise InputError(swept.folder / "manifest.json", problem, RESUME.format(folder=swept.folder))
 
@@ -106,42 +188,42 @@ def _joined(low: Places, high: Places) -> list[Span]:
     return out
 
 
-def _ranges(f: _BoundaryCells) -> Iterator[dict[str, Any]]:
+def _ranges(f: _BoundaryCells) -> Iterator[GoodRange]:
     """From each end of each parameter, the largest range in which every point that was tried is good; wider than 0."""
     for i, name in enumerate(f.names):
         at, bad, last = f.places[:, i], f.places[~f.good, i], int(f.lattice.counts[i])
         if not len(bad):
-            yield {"parameter": name, "side": "whole", "value": None, "points": len(at)}
+            yield GoodRange(name, "whole", None, len(at))
             continue
-        for side, inside, end in (("under", at < bad.min(), 0), ("over", at > bad.max(), last)):
+        sides: tuple[tuple[Literal["under", "over"], Bools, int], ...] = (
+            ("under", at < bad.min(), 0), ("over", at > bad.max(), last),
+        )  # fmt: skip
+        for side, inside, end in sides:
             if not inside.any():
                 continue
             limit = int(at[inside].max() if side == "under" else at[inside].min())
             if limit != end:
                 value = f.span(i, (limit, limit))[0]
-                yield {"parameter": name, "side": side, "value": value, "points": int(inside.sum())}
+                yield GoodRange(name, side, value, int(inside.sum()))
 
 
-def _strips(f: _BoundaryCells) -> list[dict[str, Any]]:
-    """Of two parameters, by intervals of the second: where along the first the outcome changes, and what is beside it.
-
-    below, above: whether it is good there, None at an end of the range. good: whether it is, where it does not change.
-    """
+def _strips(f: _BoundaryCells) -> tuple[BoundaryStrip, ...]:
+    """Of two parameters, by intervals of the second: where along the first the outcome changes, and what is beside."""
     cuts = sorted({0, int(f.lattice.counts[1]), *f.low[:, 1].tolist(), *f.high[:, 1].tolist()})
-    strips: list[tuple[Span, list[dict[str, Any]]]] = []
+    strips: list[tuple[Span, tuple[StripChange, ...]]] = []
     for b in pairwise(cuts):
         found = _across(f, b)
         if strips and strips[-1][1] == found:
             strips[-1] = ((strips[-1][0][0], b[1]), found)
         else:
             strips.append((b, found))
-    return [
-        {"at": f.span(1, b), "changes": found, "good": None if found else _good(f, f.places[:, 1], b)}
+    return tuple(
+        BoundaryStrip(f.span(1, b), found, None if found else _good(f, f.places[:, 1], b))
         for b, found in strips
-    ]
+    )
 
 
-def _across(f: _BoundaryCells, b: Span) -> list[dict[str, Any]]:
+def _across(f: _BoundaryCells, b: Span) -> tuple[StripChange, ...]:
     """Where along the first parameter the outcome changes, for an interval of the second."""
     there = (f.low[:, 1] <= b[0]) & (f.high[:, 1] >= b[1])
     low, high = f.low[there], f.high[there]
@@ -153,14 +235,14 @@ def _across(f: _BoundaryCells, b: Span) -> list[dict[str, Any]]:
         span = (int(low[cells, 1].min()), int(high[cells, 1].max()))
         return _good(f, np.where(f.places[:, 0] == a, f.places[:, 1], -1), span)
 
-    return [
-        {
-            "between": f.span(0, (first, last)),
-            "below": beside(first, 0, low[:, 0] == first),
-            "above": beside(last, int(f.lattice.counts[0]), high[:, 0] == last),
-        }
+    return tuple(
+        StripChange(
+            between=f.span(0, (first, last)),
+            below=beside(first, 0, low[:, 0] == first),
+            above=beside(last, int(f.lattice.counts[0]), high[:, 0] == last),
+        )
         for first, last in _joined(low[:, 0], high[:, 0])
-    ]
+    )
 
 
 def _good(f: _BoundaryCells, at: Places, span: Span) -> bool:
@@ -168,6 +250,6 @@ def _good(f: _BoundaryCells, at: Places, span: Span) -> bool:
     return bool(f.good[(at >= span[0]) & (at <= span[1])].all())
 
 
-def _exact(values: Floats) -> Any:
-    """Give numbers as JSON has them, with twelve digits."""
-    return np.vectorize(lambda v: float(f"{v:.12g}") + 0.0, otypes=[float])(values).tolist()
+def _exact(values: Floats) -> tuple[float, ...]:
+    """Give numbers (N,) with twelve digits."""
+    return tuple(float(f"{v:.12g}") + 0.0 for v in values.tolist())

@@ -13,12 +13,14 @@ from statistics import median
 from typing import Any
 
 import pandas as pd
+from pydantic import MISSING
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
+from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
@@ -28,8 +30,10 @@ from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
 from resim.sweeps.file import RUN, Sweep, boundaries, runs
+from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
 from resim.sweeps.runs import RunTask, Values, run, swept_model, with_values
+from resim.verification.inputs import HashedFile, NamedBuild
 
 ATTEMPTS = 3
 """How often a run is tried whose process crashes."""
@@ -42,47 +46,47 @@ Tell = Callable[[bool], None]
 """Hears of each run that was done: whether it failed."""
 
 
-def inputs(sweep: Sweep, out: Path) -> dict[str, Any]:
+def inputs(sweep: Sweep, out: Path) -> SweepInputs:
     """Give everything that the results follow from: what the file says, and hashes, paths from `out`.
 
     Raises InputError for what cannot be read.
     """
     file = sweep.file
 
-    def told(path: Path, digest: str) -> dict[str, str]:
-        return {"path": relative(path, out), "hash": digest}
+    def kept(path: Path, digest: str) -> HashedFile:
+        return HashedFile(path=relative(path, out), hash=digest)
 
-    def kept(frozen: FrozenFile) -> dict[str, str]:
-        return told(frozen.path, frozen.hash)
+    def build(frozen: FrozenFile) -> NamedBuild:
+        label = load_build(frozen).label
+        return NamedBuild(path=relative(frozen.path, out), hash=frozen.hash, label=label)
 
     read_criteria(sweep.criteria)
-    return {
-        "sweep": file.model_dump(mode="json"),
-        "vehicle": sweep.vehicle,
-        "criteria": kept(sweep.criteria),
-        "perception": None if sweep.perception is None else kept(sweep.perception),
-        "builds": {
-            n: {**kept(sweep.frozen[n]), "label": load_build(sweep.frozen[n]).label} for n in file.build
-        },
-        "recordings": {name: told(folder, sweep.hashes[name]) for name, folder in sweep.folders.items()},
-    }
+    seen = sweep.perception
+    return SweepInputs(
+        sweep=file,
+        vehicle=sweep.vehicle,
+        criteria=kept(sweep.criteria.path, sweep.criteria.hash),
+        perception=None if seen is None else kept(seen.path, seen.hash),
+        builds={name: build(sweep.frozen[name]) for name in file.build},
+        recordings={name: kept(folder, sweep.hashes[name]) for name, folder in sweep.folders.items()},
+    )
 
 
-def begin(out: Path, told: Mapping[str, Any], *, resume: bool) -> None:
+def begin(out: Path, told: SweepInputs, *, resume: bool) -> None:
     """Make the folder of the results, or go on in it. Raises InputError where it holds another sweep."""
     path = out / "sweep.json"
     if not path.is_file():
         _make(out)
         with whole_file(path, (".json",)) as beside:
-            write_json(sealed({"versions": versions(), "inputs": told}), beside)
+            write_json(sealed(to_json(SweepBegun(versions(), told))), beside)
     elif not resume:
         raise InputError(
             out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
         )
     remedy = "Restore it, or begin anew with another --out."
     try:
-        held = read_sealed(path, remedy)
-        differ = chain(_differ(held["inputs"], told), _differ(held["versions"], versions()))
+        held, now = read_sealed(path, remedy), sealed(to_json(SweepBegun(versions(), told)))
+        differ = chain(*(_differ(held[name], now[name]) for name in ("inputs", "versions")))
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(path, "is not what `resim sweep` writes", remedy) from e
     if (name := next(differ, None)) is not None:
@@ -294,12 +298,20 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
             write_parquet(whole.iloc[first : first + PART], path)
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
-    held = read_sealed(out / "sweep.json", "Restore it, or begin anew with another --out.")
-    counts = {"runs": len(whole), "failed": failed, "files": {name: file_hash(out / name) for name in parts}}
-    grown = {"boundaries": boundaries(sweep, rows)} if grows else {}
+    remedy = "Restore it, or begin anew with another --out."
+    held = read_sealed_json(out / "sweep.json", SweepBegun, "resim sweep", remedy)
+    manifest = SweepManifest(
+        schema=SCHEMA,
+        versions=held.versions,
+        inputs=held.inputs,
+        runs=len(whole),
+        failed=failed,
+        files={name: file_hash(out / name) for name in parts},
+        boundaries=boundaries(sweep, rows) if grows else MISSING,
+        columns=tuple(map(str, whole.columns)),
+    )
     with whole_file(out / "manifest.json", (".json",)) as path:
-        manifest = {"schema": "resim-sweep-1", **held, **counts, **grown, "columns": list(whole.columns)}
-        write_json(sealed(manifest), path)
+        write_json(sealed(to_json(manifest)), path)
     return 0, failed
 
 

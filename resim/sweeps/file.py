@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -226,21 +227,32 @@ def _table(
     return pd.DataFrame(table | {q.name: values[:, k] for k, q in enumerate(sweep.file.parameter)})
 
 
-def boundaries(sweep: Sweep, rows: Mapping[int, Row]) -> list[dict[str, Any]]:
-    """Give what an adaptive plan found: recording, build, points, the cells in which the outcome changes, and whether
-    these are as small as asked for (`known`). A cell: low and high of each parameter.
+@dataclass(frozen=True)
+class SweepBoundary:
+    """What an adaptive plan found for one recording and build: how many points it tried, and the cells, by low and high
+    of each parameter, in which the outcome changes; known: whether these are as small as asked for.
     """
+
+    recording: str
+    build: str
+    points: int
+    known: bool
+    cells: tuple[tuple[tuple[float, float], ...], ...]
+
+
+def boundaries(sweep: Sweep, rows: Mapping[int, Row]) -> tuple[SweepBoundary, ...]:
+    """Give what an adaptive plan found, by recording and build."""
     searches, _ = _searched(sweep, rows)
     recordings, out = list(sweep.folders), []
     for search in searches:
         ends = boundary(search.lattice, search.places, search.good)
         cells = np.stack([search.lattice.values(end) for end in ends], axis=2)
-        out.append({
-            "recording": recordings[search.recording], "build": sweep.file.build[search.build],
-            "points": len(search.places), "known": not len(wanted(search.lattice, search.places, search.good)),
-            "cells": cells.tolist(),
-        })  # fmt: skip
-    return out
+        out.append(SweepBoundary(
+            recording=recordings[search.recording], build=sweep.file.build[search.build],
+            points=len(search.places), known=not len(wanted(search.lattice, search.places, search.good)),
+            cells=tuple(tuple((low, high) for low, high in cell) for cell in cells.tolist()),
+        ))  # fmt: skip
+    return tuple(out)
 
 
 def _grown(sweep: Sweep, rows: Mapping[int, Row]) -> pd.DataFrame:

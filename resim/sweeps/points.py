@@ -13,7 +13,7 @@ from resim.core.geometry import Bools, Floats
 from resim.perception.parameters import unit
 from resim.sweeps.outcomes.registry import OUTCOMES
 from resim.sweeps.plans.parameter import SweepParameter
-from resim.sweeps.plans.registry import PLANS, Layout
+from resim.sweeps.plans.registry import Layout
 from resim.sweeps.result import SweepResult
 
 
@@ -62,7 +62,7 @@ def points_of(swept: SweepResult, rows: pd.DataFrame) -> tuple[SweepPoints, list
         SweepOutcome(name, words, unit, share, by_point(v))
         for name, words, unit, share, v in _columns(swept, rows)
     ]
-    return SweepPoints(swept.parameters, PLANS[swept.file["plan"]].layout, x, u), outcomes
+    return SweepPoints(swept.parameters, swept.file.planned.layout, x, u), outcomes
 
 
 def _columns(swept: SweepResult, rows: pd.DataFrame) -> Iterator[tuple[str, str, str, bool, Floats]]:

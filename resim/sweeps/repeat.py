@@ -32,6 +32,7 @@ from resim.simulation.function.interface import freeze_build, load_build
 from resim.simulation.vehicles.registry import vehicle_model
 from resim.sweeps.result import SweepResult
 from resim.sweeps.runs import RunTask, run, swept_model, with_values
+from resim.verification.inputs import HashedFile
 
 LONGEST = 600.0
 """s of wall clock for the traces and the report of one run."""
@@ -50,7 +51,7 @@ def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunT
 
     Raises InputError where there is no such run, or where an input has changed since, ResimError for no such model.
     """
-    vehicle_model(vehicle or swept.inputs["vehicle"])
+    vehicle_model(vehicle or swept.inputs.vehicle)
     row = _row(swept, number)
     inputs, file = swept.inputs, swept.file
     hashes: dict[str, Callable[[Path], str]] = {
@@ -58,8 +59,8 @@ def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunT
         "criteria": lambda p: freeze_criteria(p).hash, "perception": lambda p: freeze_model(p).hash,
     }  # fmt: skip
     told = {
-        "recording": inputs["recordings"][row["recording"]], "build": inputs["builds"][row["build"]],
-        "criteria": inputs["criteria"], "perception": inputs["perception"],
+        "recording": inputs.recordings[row["recording"]], "build": inputs.builds[row["build"]],
+        "criteria": inputs.criteria, "perception": inputs.perception,
     }  # fmt: skip
     held = {
         name: _unchanged(swept.folder, one, hashes[name]) for name, one in told.items() if one is not None
@@ -67,8 +68,8 @@ def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunT
     values = tuple((p.name, float(row[p.name])) for p in swept.parameters)
     return RunTask(
         number, held["recording"].path, held["recording"].hash, held["build"], held.get("perception"),
-        held["criteria"], tuple(file["accept"]), values, int(row["seed"]),
-        vehicle or swept.inputs["vehicle"],
+        held["criteria"], file.accept, values, int(row["seed"]),
+        vehicle or swept.inputs.vehicle,
     )  # fmt: skip
 
 
@@ -80,16 +81,16 @@ def _row(swept: SweepResult, number: int) -> pd.Series[Any]:
     return mine.iloc[0]
 
 
-def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str]) -> FrozenFile:
+def _unchanged(folder: Path, told: HashedFile, hash_of: Callable[[Path], str]) -> FrozenFile:
     """An input, as long as it is what it was."""
-    path = Path(os.path.normpath(folder / told["path"]))
+    path = Path(os.path.normpath(folder / told.path))
     remedy = "Restore it as it was in the sweep; without it the run cannot be repeated."
     try:
         found = hash_of(path)
     except (OSError, ResimError) as e:
         raise InputError(path, f"an input of the sweep, cannot be read: {e}", remedy) from e
-    if found != told["hash"]:
-        problem = f"has changed since the sweep: its hash is {found[:12]}…, was {told['hash'][:12]}…"
+    if found != told.hash:
+        problem = f"has changed since the sweep: its hash is {found[:12]}…, was {str(told.hash)[:12]}…"
         raise InputError(path, problem, remedy)
     return FrozenFile(path, found)
 
@@ -97,7 +98,7 @@ def _unchanged(folder: Path, told: dict[str, str], hash_of: Callable[[Path], str
 def repeat(swept: SweepResult, task: RunTask) -> dict[str, tuple[Any, Any]]:
     """Do a run again, in a child process, and give the columns that differ: in the table, and now."""
     row = _row(swept, task.run)
-    _, result = next(run_all(run, [task], workers=1, time_limit=float(swept.file["time_limit"])))
+    _, result = next(run_all(run, [task], workers=1, time_limit=swept.file.time_limit))
     now = {"end": "failed", "failure": result.reason} if isinstance(result, Failure) else result["row"]
     made = list(swept.rows.columns)[list(swept.rows.columns).index("end") :]
     pairs = {name: (_plain(row[name]), _plain(now.get(name))) for name in made}
@@ -113,7 +114,7 @@ def _plain(value: Any) -> Any:
 
 def other_versions(swept: SweepResult) -> list[str]:
     """Say what was of another version in the sweep than now."""
-    then, now = swept.manifest["versions"], versions()
+    then, now = swept.manifest.versions, versions()
     return [f"{name} {v}, now {now.get(name)}" for name, v in then.items() if now.get(name) != v]
 
 

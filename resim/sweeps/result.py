@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from pydantic import ValidationError
+from pydantic import MISSING
 
 from resim.core.errors import InputError, ResimError
-from resim.core.sealed import read_sealed
+from resim.core.spec import read_sealed_json
 from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
+from resim.sweeps.file import SweepFile
+from resim.sweeps.manifest import SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES
 from resim.sweeps.plans.parameter import SweepParameter
-from resim.sweeps.plans.registry import PLANS
 
-SCHEMA = "resim-sweep-1"
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
 RESULTS = ("decision", *(outcome.column for outcome in OUTCOMES))
 """Columns of every run that has a result (`resim.sweeps.prepared`)."""
@@ -29,24 +29,26 @@ RESULTS = ("decision", *(outcome.column for outcome in OUTCOMES))
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """A finished sweep in its folder: manifest.json, its parameters, and a row a run."""
+    """A finished sweep in its folder: manifest.json, and a row a run."""
 
     folder: Path
-    manifest: dict[str, Any]
-    parameters: tuple[SweepParameter, ...]
+    manifest: SweepManifest
     rows: pd.DataFrame
 
     @property
-    def inputs(self) -> dict[str, Any]:
-        """What the results follow from (`resim.sweeps.execution.inputs`)."""
-        found: dict[str, Any] = self.manifest["inputs"]
-        return found
+    def inputs(self) -> SweepInputs:
+        """What the results follow from."""
+        return self.manifest.inputs
 
     @property
-    def file(self) -> dict[str, Any]:
+    def file(self) -> SweepFile:
         """What the sweep's file said."""
-        found: dict[str, Any] = self.inputs["sweep"]
-        return found
+        return self.inputs.sweep
+
+    @property
+    def parameters(self) -> tuple[SweepParameter, ...]:
+        """What was varied."""
+        return self.file.parameter
 
     def unit(self, criterion: str) -> str:
         """The unit of a criterion's value; "" where it has none, or no run could be judged."""
@@ -56,12 +58,12 @@ class SweepResult:
 
 def limits(swept: SweepResult) -> dict[str, str]:
     """Say what each criterion asks for, by name; nothing where their file is not any more what it was in the sweep."""
-    told = swept.inputs["criteria"]
+    told = swept.inputs.criteria
     try:
-        found = read_criteria(Path(os.path.normpath(swept.folder / told["path"])))
+        found = read_criteria(Path(os.path.normpath(swept.folder / told.path)))
     except ResimError:
         return {}
-    if found.hash != told["hash"]:
+    if found.hash != told.hash:
         return {}
     words = {"below": "not below", "above": "not above", "beyond": "not beyond ±"}
     return {
@@ -80,40 +82,40 @@ def read_swept(folder: Path) -> SweepResult:
     if not path.is_file():
         done = len({entry["run"] for entry in journal.read(folder / "journal")})
         raise InputError(folder, f"its sweep is not finished, {done} runs are there so far", resume)
-    try:
-        manifest = read_sealed(path, resume)
-        if manifest["schema"] != SCHEMA:
-            raise InputError(path, f"has the schema {manifest['schema']!r}, expected {SCHEMA}", resume)
-        parameters = tuple(SweepParameter.model_validate(p) for p in manifest["inputs"]["sweep"]["parameter"])
-        columns, count = [str(name) for name in manifest["columns"]], int(manifest["runs"])
-        hashes: dict[str, str] = {str(name): str(told) for name, told in manifest["files"].items()}
-        _check_boundaries(manifest, len(parameters))
-        begun = folder / "sweep.json"
-        held = read_sealed(begun, resume)
-        if _without_paths(manifest, held) != _without_paths(held, held):
-            raise InputError(path, "does not say what sweep.json says", resume)
-    except (ValueError, KeyError, TypeError, AttributeError, ValidationError) as e:
-        raise InputError(path, "is not what `resim sweep` writes", resume) from e
-    rows = read_rows(folder, hashes)
+    manifest = read_sealed_json(path, SweepManifest, "resim sweep", resume)
+    if manifest.inputs.sweep.planned.grows and manifest.boundaries is MISSING:
+        raise InputError(path, "is not what `resim sweep` writes: boundaries: are missing", resume)
+    _check_cells(manifest, path, resume)
+    begun = read_sealed_json(folder / "sweep.json", SweepBegun, "resim sweep", resume)
+    if _without_paths(manifest.versions, manifest.inputs) != _without_paths(begun.versions, begun.inputs):
+        raise InputError(path, "does not say what sweep.json says", resume)
+    rows, count = read_rows(folder, dict(manifest.files)), manifest.runs
     if len(rows) != count or rows["run"].nunique() != count:
         raise InputError(folder / "runs", f"holds {len(rows)} runs, expected {count}", resume)
-    if lost := [name for name in columns if name not in rows]:
+    if lost := [name for name in manifest.columns if name not in rows]:
         raise InputError(folder / "runs", f"has no column {lost[0]!r}", resume)
     unknown = [name for name in RESULTS if name not in rows]  # as where every run failed before it began
-    return SweepResult(folder, manifest, parameters, rows.reindex(columns=[*rows.columns, *unknown]))
+    return SweepResult(folder, manifest, rows.reindex(columns=[*rows.columns, *unknown]))
 
 
-def _without_paths(told: Any, held: Any) -> Any:
-    """What is told under the names of `held`, but where files lie: a folder of results may be moved."""
-    if not isinstance(told, dict) or not isinstance(held, dict):
-        return told
-    return {name: _without_paths(told.get(name), value) for name, value in held.items() if name != "path"}
+def _without_paths(versions: Mapping[str, str], inputs: SweepInputs) -> Any:
+    """Both, but for where files lie: a folder of results may be moved."""
+    files = [*inputs.builds.items(), *inputs.recordings.items()]
+    files += [("criteria", inputs.criteria)] + (
+        [] if inputs.perception is None else [("", inputs.perception)]
+    )
+    return (
+        dict(versions),
+        inputs.sweep,
+        inputs.vehicle,
+        [(n, f.model_copy(update={"path": ""})) for n, f in files],
+    )
 
 
-def _check_boundaries(manifest: dict[str, Any], parameters: int) -> None:
-    """Raise KeyError, TypeError or ValueError where an adaptive sweep's manifest does not have its boundaries, and
-    ResimError where the plan is unknown."""
-    if PLANS[manifest["inputs"]["sweep"]["plan"]].grows:
-        for told in manifest["boundaries"]:
-            np.array(told["cells"], dtype=float).reshape(-1, parameters, 2)
-            _ = told["recording"], told["build"], told["known"]
+def _check_cells(manifest: SweepManifest, path: Path, remedy: str) -> None:
+    """Raise InputError where a boundary has cells of more or fewer parameters than the sweep."""
+    many = len(manifest.inputs.sweep.parameter)
+    for told in manifest.found():
+        if any(len(cell) != many for cell in told.cells):
+            problem = f"is not what `resim sweep` writes: boundaries: a cell does not have {many} parameters"
+            raise InputError(path, problem, remedy)

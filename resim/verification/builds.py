@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from resim.core.plugins.opened import UNKNOWN
 from resim.metrics.criteria import Criteria
@@ -19,6 +18,12 @@ from resim.resimulation.result import Resimulation, ResimulationOptions, of_seed
 from resim.resimulation.run import resimulate
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
+from resim.verification.entries import (
+    BuildVerdict,
+    ComparedRecording,
+    ReactionsOfBuilds,
+    RecordingSource,
+)
 from resim.verification.paired import RunPair, pair
 from resim.verification.verify import COMPARED, has_plans
 
@@ -32,7 +37,7 @@ class BuildComparison:
     pairs: tuple[RunPair, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> BuildVerdict:
         """Whether the new build lost a KPI in any run, gained one, does something else, or none of it."""
         if any(p.failure for p in self.pairs):
             return "error"
@@ -42,27 +47,27 @@ class BuildComparison:
             return "better"
         return "changed" if any(p.changed for p in self.pairs) else "same"
 
-    def to_json(self) -> dict[str, Any]:
-        """Give what verification.json holds of the recording."""
+    def entry(self, source: RecordingSource) -> ComparedRecording:
+        """Give what verification.json says of the recording, which lies at `source`."""
         worst = max(self.pairs, key=lambda p: (bool(p.failure), p.weight_lost, p.risk or 0.0))
-        return {
-            "verdict": self.verdict,
-            "t": worst.t,
-            "differences": list(worst.differences),
-            "error": worst.failure or None,
-            "findings": list(finding_lines(self.old.recording.findings)),
-            "weight_lost": worst.weight_lost,
-            "reaction": {
-                "before": [p.reactions[0] for p in self.pairs],
-                "now": [p.reactions[1] for p in self.pairs],
-            },
-            "cases": {
+        return ComparedRecording(
+            **vars(source),
+            verdict=self.verdict,
+            t=worst.t,
+            differences=worst.differences,
+            error=worst.failure or None,
+            findings=finding_lines(self.old.recording.findings),
+            weight_lost=worst.weight_lost,
+            reaction=ReactionsOfBuilds(
+                tuple(p.reactions[0] for p in self.pairs), tuple(p.reactions[1] for p in self.pairs)
+            ),
+            cases={
                 when: {name: drive.case.hash for name, drive in result.drives.items()}
                 for when, result in (("before", self.old), ("now", self.new))
             },
-            "pairs": [asdict(p) for p in self.pairs],
-            "notes": [n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNKNOWN)],
-        }
+            pairs=self.pairs,
+            notes=tuple(n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNKNOWN)),
+        )
 
 
 def compare_builds(

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from resim.core.errors import InputError
 from resim.core.files import read_file
 from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
+from resim.core.spec import read_sealed_json, to_json
 from resim.results import VERIFICATION, check_output, json_text, whole_file
-from resim.verification.execution import CASES, REPORTS, files_of
+from resim.verification.cases import CASES, Traces
+from resim.verification.execution import REPORTS, files_of
+from resim.verification.inputs import VerificationRequest
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
-from resim.verification.request import VerificationRequest
+from resim.verification.report import VerificationReport
 
 REMEDY = "Give the verification.json that `resim verify` wrote."
 
@@ -42,11 +43,10 @@ def begin(out: Path, a: VerificationRequest) -> None:
         path.unlink()
 
 
-def write(out: Path, found: Mapping[str, Any], traces: Mapping[str, Any]) -> None:
+def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) -> None:
     """Write verification.json, verification.html and junit.xml, and take away reports that nothing leads to."""
-    told = {report for r in found["recordings"] for report in r["reports"]}
-    a = VerificationRequest.model_validate(found["inputs"])
-    for name in files_of(a):
+    told = {report for r in found.recordings for report in r.reports}
+    for name in files_of(found.inputs):
         if name.startswith(f"{REPORTS}/") and name not in told:
             (out / name).unlink(missing_ok=True)
     with whole_file(out / "verification.html") as path:
@@ -55,25 +55,14 @@ def write(out: Path, found: Mapping[str, Any], traces: Mapping[str, Any]) -> Non
     _write(out / "verification.json", text(found))
 
 
-def text(found: Mapping[str, Any]) -> str:
+def text(found: VerificationReport) -> str:
     """Give verification.json."""
-    return json_text(sealed(found))
+    return json_text(sealed(to_json(found)))
 
 
-def read(path: Path) -> dict[str, Any]:
+def read(path: Path) -> VerificationReport:
     """Read a verification.json. Raises InputError."""
-    try:
-        found = read_sealed(path, REMEDY)
-        names = [str(r["name"]) for r in found["recordings"]]
-        if not names or not isinstance(found["versions"], dict) or not isinstance(found["inputs"], dict):
-            raise TypeError
-        if found["schema"] != "resim-verification-1":
-            raise InputError(
-                path, f"has the schema {found['schema']!r}, expected resim-verification-1", REMEDY
-            )
-        return {name: found[name] for name in ("schema", "versions", "inputs", "summary", "recordings")}
-    except (ValueError, KeyError, TypeError) as e:
-        raise InputError(path, "is not what `resim verify` writes", REMEDY) from e
+    return read_sealed_json(path, VerificationReport, "resim verify", REMEDY)
 
 
 def _write(path: Path, text: str) -> None:

@@ -1,14 +1,11 @@
-"""What a verification is asked for: everything that its result follows from, as `inputs` of verification.json."""
+"""What a verification is asked for, and the tasks that it comes to."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.errors import InputError, ResimError
 from resim.core.files import relative
@@ -22,53 +19,12 @@ from resim.scenario.variation import PARAMETERS
 from resim.simulation.function.interface import freeze_build, load_build
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.registry import vehicle_model
-from resim.verification.paired import RegressionLimits
+from resim.verification.entries import RecordingSource
+from resim.verification.inputs import HashedFile, NamedBuild, VerificationRequest
 from resim.verification.sequential import SequentialTest
 from resim.verification.suite import Suite
 from resim.verification.tasks import VerificationTask
-from resim.verification.tolerance import Tolerances
 from resim.verification.verify import UNKNOWN, may_verify
-
-
-class _RequestModel(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
-class HashedFile(_RequestModel):
-    """A file or folder, and the SHA-256 of what it held; None where it could not be read."""
-
-    path: str
-    hash: str | None
-
-
-class NamedBuild(HashedFile):
-    """A build, with its name and version."""
-
-    label: str
-
-
-class VerificationRequest(_RequestModel):
-    """Everything that a verification follows from; paths from the folder of verification.json."""
-
-    name: str
-    suite: HashedFile
-    build: NamedBuild
-    against: NamedBuild | None
-    criteria: HashedFile
-    perception: HashedFile | None
-    settings: tuple[str, ...]
-    seeds: tuple[int, ...]
-    bases: tuple[Literal["GT", "SD"], ...]
-    agreement: float = Field(ge=0.5, le=0.99)
-    vary: tuple[str, ...]
-    accept: tuple[str, ...]
-    driven_by: tuple[str, ...]
-    vehicle: str
-    tolerances: Tolerances
-    limits: RegressionLimits
-    reports: int
-    recordings: dict[str, HashedFile]
-    wanted: dict[str, str] = Field(description="hashes that the suite wants")
 
 
 @dataclass(frozen=True)
@@ -152,13 +108,8 @@ def _enough(suite: Path, test: SequentialTest) -> None:
         raise InputError(suite, problem, f"Allow seeds = {test.fewest} or more; 200 if nothing is said.")
 
 
-def read_request_again(inputs: Mapping[str, Any], path: Path) -> VerificationRequest:
-    """Give what the verification.json at `path` was asked for. Raises InputError where anything has changed since."""
-    remedy = "Give the verification.json that `resim verify` wrote."
-    try:
-        before = VerificationRequest.model_validate(inputs)
-    except ValidationError as e:
-        raise InputError(path, "is not what `resim verify` writes", remedy) from e
+def refuse_changes(before: VerificationRequest, path: Path) -> None:
+    """Raise InputError where anything that the verification.json at `path` was asked for has changed since."""
     base = path.parent
     files: list[tuple[HashedFile | None, Callable[[Path], FrozenFile]]] = [
         (before.build, freeze_build), (before.against, freeze_build), (before.perception, freeze_model),
@@ -171,7 +122,6 @@ def read_request_again(inputs: Mapping[str, Any], path: Path) -> VerificationReq
     if changed := [name for name, old, new in now if old != new]:
         more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
         raise InputError(path, f"{changed[0]}{more} is not what it was", "Restore it, or verify anew.")
-    return before
 
 
 def refuse_others(a: VerificationRequest, base: Path) -> None:
@@ -202,9 +152,9 @@ def tasks(a: VerificationRequest, base: Path, reports: Path | None) -> dict[str,
     perception = None if a.perception is None else _frozen(base, a.perception)
     return {
         name: VerificationTask(
-            name, _there(base, file), a.wanted.get(name) or file.hash, _frozen(base, a.build), against,
-            _frozen(base, a.criteria), a.bases, perception, a.settings, a.seeds, a.agreement,
-            a.tolerances, a.vary, a.accept, a.vehicle, reports,
+            RecordingSource(name, file.path, file.hash), _there(base, file), a.wanted.get(name) or file.hash,
+            _frozen(base, a.build), against, _frozen(base, a.criteria), a.bases, perception, a.settings,
+            a.seeds, a.agreement, a.tolerances, a.vary, a.accept, a.vehicle, reports,
         )
         for name, file in a.recordings.items()
     }  # fmt: skip

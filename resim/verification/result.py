@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from statistics import median
-from typing import Any
+from typing import Any, TypeVar
 
 from resim.recordings.checked import finding_lines
 from resim.resimulation.outcome import DriveOutcome, Kpi, Rms
 from resim.resimulation.result import Resimulation
 from resim.verification.cause import Cause
-from resim.verification.compare import DriveComparison, SeedVerdict, Verdict, Way
-from resim.verification.share import share
+from resim.verification.compare import DriveComparison, Equality, SeedVerdict, Verdict, Way
+from resim.verification.entries import (
+    MODEL,
+    ComparedRun,
+    KpiComparison,
+    KpiEntry,
+    OpenLoopEntry,
+    PerDrive,
+    RecordingSource,
+    SeedRun,
+    SeedRuns,
+    SingleRun,
+    VerifiedRecording,
+    WayRuns,
+)
+from resim.verification.share import Share, share
 from resim.verification.validity import ValidityInterval
 from resim.verification.vehicle import OpenLoop
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,111 +71,101 @@ class VerificationResult:
         """That of the way that it rests on; an error where the function failed in any run."""
         return "error" if self.failure else self.judged[self.way].verdict
 
-    def to_json(self) -> dict[str, Any]:
-        """Give what verification.json holds of the recording."""
-        return {
-            "verdict": self.verdict,
-            "way": self.way,
-            "error": self.failure or None,
-            "cause": _cause(self.causes[self.way]),
-            "ways": {way: self._way(way) for way in self.judged},
-            "kpis": {name: self._kpi(name) for name in self.outcomes["GT"].kpis},
-            "decision": self._of("decision"),
-            "reaction": self._of("reaction"),
-            "reaction_spread": self.outcomes["GT"].reaction_spread,
-            "risk": self._of("risk"),
-            "comfort": self._of("comfort"),
-            "errors": self.errors,
-            "recorded": None if self.recorded is None else _comparison(self.recorded),
-            "driven": None if self.driven is None else _driven(self.driven),
-            "cases": {name: drive.case.hash for name, drive in self.result.drives.items()},
-            "validity": [asdict(v) for v in self.validity],
-            "findings": list(finding_lines(self.result.recording.findings)),
-            "notes": list(self.notes),
-        }
+    def entry(self, source: RecordingSource) -> VerifiedRecording:
+        """Give what verification.json says of the recording, which lies at `source`."""
+        return VerifiedRecording(
+            **vars(source),
+            verdict=self.verdict,
+            way=self.way,
+            error=self.failure or None,
+            cause=self.causes[self.way],
+            ways={way: self._way(way) for way in self.judged},
+            kpis={name: self._kpi(name) for name in self.outcomes["GT"].kpis},
+            decision=self._per_drive(lambda o: tuple(o.decision)),
+            reaction=self._per_drive(lambda o: o.reaction),
+            reaction_spread=self.outcomes["GT"].reaction_spread,
+            risk=self._per_drive(lambda o: o.risk),
+            comfort=self._per_drive(lambda o: o.comfort),
+            errors=self.errors,
+            recorded=None if self.recorded is None else ComparedRun(**_compared(self.recorded)),
+            driven=None if self.driven is None else _driven(self.driven),
+            cases={name: drive.case.hash for name, drive in self.result.drives.items()},
+            validity=self.validity,
+            findings=finding_lines(self.result.recording.findings),
+            notes=self.notes,
+        )
 
     def _off(self, way: Way, name: str) -> float | None:
         """How far the KPI's value is from the measured one, in its unit; over seeds the median."""
-        runs = self.seeds.values() if way == "rGT+M" else [self.outcomes[way]]
+        runs = self.seeds.values() if way == MODEL else [self.outcomes[way]]
         gt = self.outcomes["GT"].kpis[name].value
         values = [k.value for o in runs if (k := o.kpis.get(name)) is not None and k.value is not None]
         return None if gt is None or not values else float(median(values) - gt)
 
-    def _of(self, name: str) -> dict[str, Any]:
-        """One field of all outcomes: by source, a list over the seeds."""
-        out = {source: getattr(outcome, name) for source, outcome in self.outcomes.items()}
-        return out | ({"rGT+M": [getattr(o, name) for o in self.seeds.values()]} if self.seeds else {})
+    def _per_drive(self, of: Callable[[DriveOutcome], T]) -> PerDrive[T]:
+        """Something of all outcomes, by drive."""
+        single = {source: of(outcome) for source, outcome in self.outcomes.items()}
+        seeds = {"over_seeds": tuple(of(o) for o in self.seeds.values())} if self.seeds else {}
+        return PerDrive(**single, **seeds)  # type: ignore[arg-type]
 
-    def _way(self, way: Way) -> dict[str, Any]:
-        judged = self.judged[way]
-        out: dict[str, Any] = {"verdict": judged.verdict, "cause": _cause(self.causes[way])}
+    def _way(self, way: Way) -> WayRuns:
+        judged, cause = self.judged[way], self.causes[way]
         if (test := judged.test) is None:
-            return {**out, **_comparison(judged.comparisons[0])}
+            return SingleRun(cause=cause, **_compared(judged.comparisons[0]))
         each = zip(self.seeds.items(), judged.comparisons, strict=True)
-        return {
-            **out,
-            "agreement": test.demand,
-            "share": asdict(judged.share),
-            "needed": judged.needed,
-            "same_decision": asdict(share([c.same_decision for c in judged.comparisons])),
-            "seeds": [
-                {"seed": seed, **_comparison(c), "end": o.end, "errors": o.errors} for (seed, o), c in each
-            ],
-        }
+        return SeedRuns(
+            verdict=judged.verdict,
+            cause=cause,
+            agreement=test.demand,
+            share=judged.share,
+            needed=judged.needed,
+            same_decision=share([c.same_decision for c in judged.comparisons]),
+            seeds=tuple(
+                SeedRun(seed=seed, **_compared(c), end=o.end, errors=o.errors) for (seed, o), c in each
+            ),
+        )
 
-    def _kpi(self, name: str) -> dict[str, Any]:
+    def _kpi(self, name: str) -> KpiComparison:
         """One criterion: the KPI of each drive, whether they are equal, and the share of seeds that are."""
         gt = self.outcomes["GT"].kpis[name]
-        out: dict[str, Any] = {
-            "unit": gt.unit,
-            "weight": gt.weight,
-            "difference": {way: self._off(way, name) for way in self.judged},
-            **{source: _kpi_entry(outcome.kpis.get(name)) for source, outcome in self.outcomes.items()},
-            "equal": {way: j.comparisons[0].kpis[name] for way, j in self.judged.items() if way != "rGT+M"},
+        equal: dict[Way, Equality | Share] = {
+            way: j.comparisons[0].kpis[name] for way, j in self.judged.items() if way != MODEL
         }
-        if "rGT+M" in self.judged:
-            out["rGT+M"] = [_kpi_entry(o.kpis.get(name)) for o in self.seeds.values()]
-            equal = [c.kpis[name] == "equal" for c in self.judged["rGT+M"].comparisons]
-            out["equal"]["rGT+M"] = asdict(share(equal))
-        return out
+        runs: dict[str, Any] = {
+            source: _kpi_entry(outcome.kpis.get(name)) for source, outcome in self.outcomes.items()
+        }
+        if MODEL in self.judged:
+            runs["over_seeds"] = tuple(_kpi_entry(o.kpis.get(name)) for o in self.seeds.values())
+            equal[MODEL] = share([c.kpis[name] == "equal" for c in self.judged[MODEL].comparisons])
+        off = {way: self._off(way, name) for way in self.judged}
+        return KpiComparison(unit=gt.unit, weight=gt.weight, difference=off, equal=equal, **runs)
 
 
-def _kpi_entry(kpi: Kpi | None) -> dict[str, Any] | None:
-    """A KPI as JSON has it; None for a run that ended before there was anything to judge."""
-    if kpi is None:
-        return None
-    return {
-        "verdict": kpi.outcome,
-        "value": kpi.value,
-        "t": kpi.t,
-        "object": kpi.object,
-        "reason": kpi.reason,
-    }
+def _kpi_entry(kpi: Kpi | None) -> KpiEntry | None:
+    """A KPI without what all of its criterion share; None for a run that ended before there was anything to judge."""
+    return None if kpi is None else KpiEntry(kpi.outcome, kpi.value, kpi.t, kpi.object, kpi.reason)
 
 
-def _driven(driven: OpenLoop) -> dict[str, Any]:
-    return {
-        "error": dict(driven.error),
-        "beyond": [e.model_dump() for e in driven.beyond],
-        "t": driven.t,
-        "function": driven.function,
-        "planned_otherwise": driven.planned,
-        "blamed": driven.blamed,
-        "text": str(driven),
-    }
+def _driven(driven: OpenLoop) -> OpenLoopEntry:
+    return OpenLoopEntry(
+        error=driven.error,
+        beyond=driven.beyond,
+        t=driven.t,
+        function=driven.function,
+        planned_otherwise=driven.planned,
+        blamed=driven.blamed,
+        text=str(driven),
+    )
 
 
-def _cause(cause: Cause | None) -> dict[str, Any] | None:
-    return None if cause is None else asdict(cause)
-
-
-def _comparison(c: DriveComparison) -> dict[str, Any]:
+def _compared(c: DriveComparison) -> dict[str, Any]:
+    """The fields of `ComparedRun`."""
     return {
         "verdict": c.verdict,
         "same_decision": c.same_decision,
         "reaction_difference": c.reaction_difference,
         "t": c.t,
-        "differences": list(c.differences),
-        "beyond": [e.model_dump() for e in c.beyond],
+        "differences": c.differences,
+        "beyond": c.beyond,
         "failure": c.failure or None,
     }

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenFile
@@ -25,10 +24,12 @@ from resim.resimulation import (
     load_checked,
     resimulate,
 )
-from resim.resimulation.traces import speed_traces
+from resim.resimulation.traces import SpeedTraces, speed_traces
 from resim.results import whole_file
 from resim.simulation.function.interface import load_build
 from resim.verification.builds import compare_builds
+from resim.verification.cases import BuildTraces, VerificationCase
+from resim.verification.entries import ComparedRecording, RecordingSource, VerifiedRecording
 from resim.verification.page.drive import REPORTED
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import Demands, verify_recording
@@ -41,11 +42,11 @@ BUILDS = ("before", "now")
 class VerificationTask:
     """One recording to verify, or to run with two builds where `against` is one.
 
-    hash: that its content must have, None where it could not be read. reports: folder for the re-simulation reports,
-    None for none.
+    source: what verification.json says of where it lies. hash: that its content must have, None where it could not be
+    read. reports: folder for the re-simulation reports, None for none.
     """
 
-    name: str
+    source: RecordingSource
     folder: Path
     hash: str | None
     build: FrozenFile
@@ -62,14 +63,19 @@ class VerificationTask:
     vehicle: str
     reports: Path | None = None
 
+    @property
+    def name(self) -> str:
+        """The recording's name."""
+        return self.source.name
 
-def run(task: VerificationTask) -> dict[str, Any]:
-    """Give what verification.json holds of the recording (`entry`), `traces` for the page, and how long it took [s]."""
+
+def run(task: VerificationTask) -> VerificationCase:
+    """Give what verification.json says of the recording, the traces for the page, and how long it took [s]."""
     begin = time.perf_counter()
     with _unchanged(task):
         recording = load_checked(task.folder, accept=task.accept)
-        out = _verify(task, recording) if task.against is None else _compare(task, recording)
-    return {**out, "time": time.perf_counter() - begin}
+        entry, traces = _verify(task, recording) if task.against is None else _compare(task, recording)
+    return VerificationCase(entry, traces, time.perf_counter() - begin)
 
 
 @contextmanager
@@ -80,25 +86,22 @@ def _unchanged(task: VerificationTask) -> Iterator[None]:
     refuse_changed(task.folder, task.hash)
 
 
-def _verify(task: VerificationTask, recording: Recording) -> dict[str, Any]:
+def _verify(task: VerificationTask, recording: Recording) -> tuple[VerifiedRecording, SpeedTraces]:
     demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
     found = verify_recording(
         recording, load_build(task.build), demands,
         ResimulationOptions(bases=task.bases, vehicle=task.vehicle), _perceiving(task), task.accept,
     )  # fmt: skip
-    return {"entry": found.to_json(), "traces": speed_traces(found.result)}
+    return found.entry(task.source), speed_traces(found.result)
 
 
-def _compare(task: VerificationTask, recording: Recording) -> dict[str, Any]:
+def _compare(task: VerificationTask, recording: Recording) -> tuple[ComparedRecording, BuildTraces]:
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
     options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle)
     found = compare_builds(
         recording, old, new, read_criteria(task.criteria), options, _perceiving(task), task.accept
     )
-    traces = {
-        which: speed_traces(result) for which, result in zip(BUILDS, (found.old, found.new), strict=True)
-    }
-    return {"entry": found.to_json(), "traces": traces}
+    return found.entry(task.source), BuildTraces(speed_traces(found.old), speed_traces(found.new))
 
 
 def reports_of(name: str, *, builds: bool) -> list[str]:

@@ -14,9 +14,9 @@ import yaml
 from pages import DOCS, PAGES, ROOT
 
 from resim import __version__
-from resim.core.tracks import COLUMNS, KINDS, OPTIONAL_COLUMNS
+from resim.core.schema import COLUMNS, OPTIONAL_COLUMNS, PLAN_COLUMNS
+from resim.core.tracks import KINDS
 from resim.metrics.measures.registry import MEASURES
-from resim.recordings.folder import PLAN_COLUMNS
 from resim.recordings.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
 
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]

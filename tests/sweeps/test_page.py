@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import re
 import shlex
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from conftest import Call
 from hostile import HOSTILE, harmless, poisoned
@@ -16,7 +20,11 @@ from resealed import edit
 from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
 
 from resim.core.errors import InputError
+from resim.core.spec import from_json, read_json, to_json
+from resim.jobs.schemas import schema_of
+from resim.results import json_text
 from resim.sweeps.page import write_sweep_page
+from resim.sweeps.report import SweepReport
 from resim.sweeps.result import read_swept
 
 SPEED, AHEAD, GAP = (p.name for p in THREE)
@@ -28,6 +36,35 @@ def report(call: Call, folder: Path, **more: Any) -> tuple[dict[str, Any], str, 
     code, said, error = call("sweep", "report", folder)
     assert (code, error) == (0, "")
     return read(folder / "report.json"), (folder / "report.html").read_text(encoding="utf-8"), said
+
+
+@pytest.mark.parametrize("plan", ["grid", "latin_hypercube", "one_at_a_time", "adaptive"])
+def test_report_json_fits_its_schema_and_is_read_back_as_it_was_written(
+    call: Call, tmp_path: Path, plan: str
+) -> None:
+    if plan == "adaptive":
+        wide = (LATENCY.model_copy(update={"width": 0.1}), BIAS.model_copy(update={"width": 0.5}))
+        write_adaptive(tmp_path / "swept", wide)
+        assert call("sweep", "report", tmp_path / "swept")[0] == 0
+    else:
+        report(call, tmp_path / "swept", plan=plan, points=64, failed=2)
+    path = tmp_path / "swept" / "report.json"
+    said, schema = read(path), jsonschema.Draft202012Validator(schema_of("sweep_report"))
+    schema.validate(said)
+    again = read_json(path, SweepReport, "resim sweep report", "")
+    assert json_text(to_json(again)) == path.read_text(encoding="utf-8")
+    changes: list[Callable[[dict[str, Any]], Any]] = [
+        lambda f: f.update(runs="many"), lambda f: f["sections"][0].pop("decisions"),
+        lambda f: f["sections"][0]["worst"][0].update(collision=1), lambda f: f.update(mood="good"),
+        lambda f: f["sections"][0].update(boundary={}),
+    ]  # fmt: skip
+    for change in changes:
+        altered = copy.deepcopy(said)
+        change(altered)
+        assert not schema.is_valid(altered)
+        path.write_text(json.dumps(altered), encoding="utf-8")
+        with pytest.raises(InputError, match=r"report\.json: is not what `resim sweep report` writes: "):
+            read_json(path, SweepReport, "resim sweep report", "")
 
 
 def outcome(found: dict[str, Any], name: str) -> dict[str, Any]:
@@ -251,7 +288,8 @@ def test_no_bit_of_the_table_may_be_another(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("more", "told"),
-    [({"runs": 500}, "holds 495 runs, expected 500"), ({"schema": "resim-sweep-9"}, "expected resim-sweep-1"),
+    [({"runs": 500}, "holds 495 runs, expected 500"),
+     ({"schema": "resim-sweep-9"}, "schema: Input should be 'resim-sweep-1'"),
      ({"columns": ["run", "other"]}, "has no column 'other'")],
 )  # fmt: skip
 def test_a_manifest_of_something_else_is_refused(
@@ -296,7 +334,7 @@ def test_nothing_in_a_report_makes_elements(call: Call, tmp_path: Path, plan: st
         write_adaptive(tmp_path / "grid", tuple(wide))
         assert call("sweep", "report", tmp_path / "grid")[0] == 0
         found = read(tmp_path / "grid" / "report.json")
-    ours = {"plan", "found", "side", "end", "method"}
+    ours = {"plan", "found", "side", "end", "method", "schema"}
     named = {"responses", "range", "requirements", "widths", "finest", "widest", "builds", "recordings", "versions",
              "decisions", "failures", "parameters", "changes"}  # fmt: skip
     evil = poisoned(found, ours, named)
@@ -306,5 +344,6 @@ def test_nothing_in_a_report_makes_elements(call: Call, tmp_path: Path, plan: st
             for p in found["parameters"]:
                 if sobol is not None:
                     sobol[p["name"] + HOSTILE] = sobol.pop(p["name"])
-    write_sweep_page(evil, tmp_path / "page.html")
+    path = tmp_path / "page.html"
+    write_sweep_page(from_json(evil, SweepReport, path, "resim sweep report", ""), path)
     harmless((tmp_path / "page.html").read_text(encoding="utf-8"))

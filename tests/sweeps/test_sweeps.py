@@ -19,12 +19,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import duckdb
+import jsonschema
 import pandas as pd
 import pytest
 from swept import THREE, write_adaptive
 
 from resim.core.errors import InputError
+from resim.core.sealed import sealed as with_checksum
+from resim.core.spec import to_json
 from resim.execution import journal
+from resim.jobs.schemas import schema_of
+from resim.results import json_text
+from resim.sweeps.result import read_swept
 
 ROOT = Path(__file__).parents[2]
 Call = Callable[..., tuple[int, str, str]]
@@ -377,6 +383,13 @@ def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path])
     assert manifest["failed"] == 6
     assert manifest["inputs"]["recordings"]["cut_in_brake"]["hash"]
     assert manifest["columns"] == table(undisturbed[1]).columns.tolist()
+    schema = jsonschema.Draft202012Validator(schema_of("manifest"))
+    schema.validate(manifest)
+    assert not schema.is_valid({**manifest, "runs": "8"})
+    assert not schema.is_valid({**manifest, "inputs": {**manifest["inputs"], "mood": "good"}})
+    assert json_text(with_checksum(to_json(read_swept(undisturbed[1]).manifest))) == (
+        undisturbed[1] / "manifest.json"
+    ).read_text(encoding="utf-8")
 
 
 def test_findings_are_told_by_who_examines_a_recording_to_run_it(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +18,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from lxml import etree, html
 
+from resim.core.spec import from_json, to_json
+from resim.results import json_text
+from resim.verification.cases import Traces
 from resim.verification.execution import verify
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
 from resim.verification.page.axes import SEEN, seen, ticks
+from resim.verification.report import VerificationReport
 from resim.verification.request import VerifyOptions, make_request
 from resim.verification.suite import read_suite
 
@@ -51,19 +57,35 @@ def suite(tmp_path_factory):
     return read_suite(folder / "suite.toml")
 
 
+def as_json(found, traces):
+    """What was found as JSON, to be changed."""
+    return json.loads(json_text(to_json(found))), {name: to_json(one) for name, one in traces.items()}
+
+
+def report(found):
+    return from_json(found, VerificationReport, Path("verification.json"), "resim verify", "")
+
+
+def drawn(found, traces, path):
+    """The page of JSON."""
+    speeds = {name: from_json(one, Traces, path, "resim verify", "") for name, one in traces.items()}
+    write_verification_page(report(found), speeds, path)
+    return path.read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
 def measured(suite, tmp_path_factory):
     """A corner case of which GT with the model agrees or not, a drive of another build, and a broken recording."""
     out = tmp_path_factory.mktemp("measured")
-    return verify(
-        make_request(suite, PILOT, None, VerifyOptions(perception=MODEL, seeds=5), out), out, out, workers=1
-    )
+    wanted = make_request(suite, PILOT, None, VerifyOptions(perception=MODEL, seeds=5), out)
+    return as_json(*verify(wanted, out, out, workers=1))
 
 
 @pytest.fixture(scope="module")
 def builds(suite, tmp_path_factory):
     out = tmp_path_factory.mktemp("builds")
-    return verify(make_request(suite, BLIND, PILOT, VerifyOptions(), out), out, out, workers=1)
+    wanted = make_request(suite, BLIND, PILOT, VerifyOptions(), out)
+    return as_json(*verify(wanted, out, out, workers=1))
 
 
 @pytest.fixture
@@ -71,8 +93,7 @@ def write(tmp_path):
     """Write the page; gives its text and its document."""
 
     def page(found, traces):
-        write_verification_page(found, traces, tmp_path / "page.html")
-        text = (tmp_path / "page.html").read_text(encoding="utf-8")
+        text = drawn(found, traces, tmp_path / "page.html")
         return text, html.fromstring(text)
 
     return page
@@ -315,7 +336,7 @@ def cases(found, schema):
 
 def test_junit_has_failures_and_errors_apart(measured, schema):
     found, _ = measured
-    each = cases(found, schema)
+    each = cases(report(found), schema)
     entry = by_name(found)["rear_end"]
     assert [child.tag for child in each["rear_end"]] == ["failure"]
     failure = each["rear_end"][0]
@@ -336,7 +357,7 @@ def test_junit_has_failures_and_errors_apart(measured, schema):
 
 def test_junit_of_builds_fails_where_limits_are_broken(builds, schema):
     found, _ = builds
-    each = cases(found, schema)
+    each = cases(report(found), schema)
     worse = each["rear_end"].find("failure")
     assert worse.get("message").startswith(
         f"worse, from {by_name(found)['rear_end']['t']:.1f} s: no collision: PASS"
@@ -346,22 +367,23 @@ def test_junit_of_builds_fails_where_limits_are_broken(builds, schema):
     kept["summary"]["good"] = True
     for limit in kept["summary"]["limits"].values():
         limit |= {"kept": True, "limit": 99}
-    each = cases(kept, schema)
+    each = cases(report(kept), schema)
     assert [name for name, case in each.items() if len(case)] == ["broken"]
 
 
 def test_junit_says_crashed_where_the_function_did_and_survives_control_characters(measured, schema):
-    found = copy.deepcopy(measured[0])
-    entry = by_name(found)["cut_in_brake"]
-    entry |= {"verdict": "error", "error": "boom \x00\x1b[31m\ud800 \U0001f600", "cause": None}
-    found["inputs"]["name"] = "a\x07b"
-    error = cases(found, schema)["cut_in_brake"].find("error")
+    json_of = copy.deepcopy(measured[0])
+    json_of["inputs"]["name"] = "a\x07b"
+    found = report(json_of)
+    (entry,) = (r for r in found.recordings if r.name == "cut_in_brake")
+    failed = replace(entry, verdict="error", error="boom \x00\x1b[31m\ud800 \U0001f600", cause=None)
+    error = cases(replace(found, recordings=(failed,)), schema)["cut_in_brake"].find("error")
     assert error.get("type") == "crashed"
     assert error.get("message") == "boom \ufffd\ufffd[31m\ufffd \U0001f600"
 
 
 OURS = {"verdict", "way", "who", "quantity", "bases", "tolerances", "errors", "summary", "equal", "difference", "ways",
-        "reaction", "driven"}  # fmt: skip
+        "reaction", "driven", "step", "schema"}  # fmt: skip
 """What the page looks up in tables of its own, and numbers by such names."""
 NAMED = {"kpis", "versions", "recordings", "comfort"}
 
@@ -375,16 +397,17 @@ def test_nothing_in_a_verification_makes_elements(kind, request, tmp_path):
     evil["recordings"] = poisoned(found["recordings"], OURS, NAMED)
     for r, was in zip(evil["recordings"], found["recordings"], strict=True):
         if "ways" in was:
-            r["ways"] = poisoned(was["ways"], {"verdict", "who", "quantity"})
-            r["way"] = was["way"]
-        r["notes"], r["reports"] = [HOSTILE], ["javascript:alert(1)"] * 2
+            r["ways"] = poisoned(was["ways"], {"verdict", "who", "quantity", "step"})
+            r["way"], r["comfort"] = was["way"], was["comfort"]
+        r["reports"] = ["javascript:alert(1)"] * 2
+        if "notes" in r:
+            r["notes"] = [HOSTILE]
         if "validity" in r:
             r["validity"] = [{**RANGE, "parameter": HOSTILE, "unit": HOSTILE, "object": HOSTILE}]
-    drawn = {name + HOSTILE: one for name, one in traces.items()}
-    write_verification_page(evil, drawn, tmp_path / "page.html")
-    harmless((tmp_path / "page.html").read_text(encoding="utf-8"))
-    root = etree.fromstring(junit(evil).encode())
+    speeds = {name + HOSTILE: one for name, one in traces.items()}
+    harmless(drawn(evil, speeds, tmp_path / "page.html"))
+    root = etree.fromstring(junit(report(evil)).encode())
     assert {e.tag for e in root.iter()} <= {
         "testsuites", "testsuite", "properties", "property", "testcase", "failure", "error",
     }  # fmt: skip
-    assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f]", junit(evil))
+    assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f]", junit(report(evil)))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
+from resim.verification.entries import BuildVerdict, ComparedRecording, ReactionsOfBuilds
 from resim.verification.paired import RegressionLimits, RunPair, difference, pair
+from resim.verification.report import ComparisonSummary, LimitCheck
 from resim.verification.summary import summary
 
 
@@ -60,9 +62,11 @@ def test_differences_have_intervals_over_recordings_not_over_seeds() -> None:
     assert difference([[None]]) is None
 
 
-def entry(name: str, *pairs: RunPair) -> dict[str, object]:
-    worse = any(p.lost for p in pairs)
-    return {"name": name, "verdict": "worse" if worse else "same", "pairs": [asdict(p) for p in pairs]}
+def entry(name: str, *pairs: RunPair) -> ComparedRecording:
+    verdict: BuildVerdict = "worse" if any(p.lost for p in pairs) else "same"
+    return ComparedRecording(
+        name, name, None, verdict, None, (), None, (), 0.0, ReactionsOfBuilds((), ()), {}, pairs, ()
+    )
 
 
 def test_limits_decide_and_the_worst_come_first() -> None:
@@ -70,9 +74,10 @@ def test_limits_decide_and_the_worst_come_first() -> None:
     worse = entry("worse", pair(None, drive("PASS"), drive("FAIL", risk=0.5), 2.0))
     fine = entry("fine", pair(None, drive("PASS"), drive("PASS"), None))
     told = summary([bad, fine, worse], RegressionLimits())
-    assert told["worst"] == ["worse", "bad"]
-    assert told["limits"]["lost"] == {"value": 2, "limit": 0, "kept": False}
-    assert not told["good"]
-    assert summary([bad, fine], RegressionLimits(lost=1))["good"]
-    assert not summary([worse], RegressionLimits(lost=1, risk=0.1))["good"]
-    assert summary([fine], RegressionLimits())["good"]
+    assert isinstance(told, ComparisonSummary)
+    assert told.worst == ("worse", "bad")
+    assert told.limits["lost"] == LimitCheck(2, 0, kept=False)
+    assert not told.good
+    assert summary([bad, fine], RegressionLimits(lost=1)).good
+    assert not summary([worse], RegressionLimits(lost=1, risk=0.1)).good
+    assert summary([fine], RegressionLimits()).good

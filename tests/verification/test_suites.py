@@ -17,10 +17,12 @@ import pytest
 from resealed import edit
 
 from resim.core.errors import InputError
+from resim.core.spec import to_json
 from resim.recordings.content import content_hash, refuse_changed
 from resim.verification.execution import verify
-from resim.verification.request import VerificationRequest, make_request
+from resim.verification.inputs import VerificationRequest
 from resim.verification.request import VerifyOptions as Wanted
+from resim.verification.request import make_request
 from resim.verification.suite import read_suite
 
 ROOT = Path(__file__).parents[2]
@@ -264,7 +266,7 @@ def reported(
     )
     lost: dict[str, str] = {}
     found, _ = verify(wanted, out, out, workers=1, tell=tell, unreported=lost.__setitem__)
-    return {"lost": lost, **{r["name"]: r for r in found["recordings"]}}
+    return {"lost": lost, **{r["name"]: r for r in to_json(found)["recordings"]}}
 
 
 def test_a_report_is_of_the_result_that_links_it_whenever_it_was_stopped(
@@ -303,7 +305,7 @@ def test_a_report_of_a_recording_that_has_changed_since_is_not_made_and_it_is_sa
 
     found = reported(path, braking(tmp_path, -1.0), out, change)
     assert found["rear_end"]["verdict"] == "not verified"
-    assert found["rear_end"]["reports"] == []
+    assert found["rear_end"]["reports"] == ()
     assert not list((out / "reports").glob("*"))
     assert "its content has the hash" in found["lost"]["rear_end"]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from resim.verification.entries import VerifiedRecording
 from resim.verification.execution import verify
 from resim.verification.request import VerifyOptions, make_request
 from resim.verification.suite import read_suite
@@ -49,11 +50,9 @@ def verdicts(few: Path) -> Verdicts:
         options = VerifyOptions(driven_by=driven_by)
         wanted = make_request(read_suite(few), BUILDS / build, None, options, few.parent)
         found, _ = verify(wanted, few.parent, None, workers=1)
-        causes = {r["name"]: r["cause"] for r in found["recordings"]}
-        return {
-            r["name"]: (r["verdict"], causes[r["name"]] and causes[r["name"]]["step"])
-            for r in found["recordings"]
-        }
+        entries = [r for r in found.recordings if isinstance(r, VerifiedRecording)]
+        assert len(entries) == len(found.recordings)
+        return {r.name: (r.verdict, r.cause and r.cause.step) for r in entries}
 
     return run
 

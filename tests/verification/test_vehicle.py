@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from conftest import ROOT
@@ -22,6 +21,7 @@ from resim.simulation.perception import IdealPerception
 from resim.simulation.sumo.engine import Sumo
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.model import Vehicle, VehicleModel, VehicleState
+from resim.verification.entries import RecordingSource
 from resim.verification.result import VerificationResult
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import Demands, verify_recording
@@ -117,9 +117,10 @@ def test_a_vehicle_that_responds_otherwise_is_the_cause(
     assert (found.verdict, step_of(found)) == ("not verified", "vehicle")
     assert found.driven is not None
     assert found.driven.function == "plans as recorded"
-    told: dict[str, Any] = found.to_json()
-    assert told["driven"]["blamed"] == "vehicle"
-    assert any("the vehicle moved otherwise than its model does" in note for note in told["notes"])
+    told = found.entry(RecordingSource(name, name, None))
+    assert told.driven is not None
+    assert told.driven.blamed == "vehicle"
+    assert any("the vehicle moved otherwise than its model does" in note for note in told.notes)
 
 
 def test_without_plans_the_build_that_drove_is_known_by_its_hash_alone(driven: Drive) -> None:

@@ -60,9 +60,7 @@ def took(folders: list[Path], home: Path, workers: int, reports: bool) -> tuple[
     refuse_others(wanted, out)
     found, _ = verify(wanted, out, out if reports else None, workers=workers)
     seconds = time.perf_counter() - begin
-    return seconds, {
-        name: found["summary"][name] for name in ("verified", "not verified", "invalid", "error")
-    }
+    return seconds, found.summary.counts()
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.core.tracks import OPTIONAL_COLUMNS
+from resim.core.schema import OPTIONAL_COLUMNS
 from resim.recordings import RecordingTables
 from resim.recordings.checks.samples import HOLE, SHORT
 from resim.recordings.checks.tracks import PEDESTRIAN, Complex, Track

@@ -114,7 +114,9 @@ class AdFunction(Protocol):
         """End the run."""
 
 
-class _BuildFile(BaseModel):
+class BuildFile(BaseModel):
+    """What a build file says."""
+
     model_config = ConfigDict(extra="forbid")
     name: str = Field(min_length=1)
     version: str = Field(min_length=1)
@@ -228,8 +230,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     )
 
 
-def _parsed(raw: bytes, path: Path) -> _BuildFile:
+def _parsed(raw: bytes, path: Path) -> BuildFile:
     try:
-        return _BuildFile.model_validate(parse_toml(raw, path, PARTS))
+        return BuildFile.model_validate(parse_toml(raw, path, PARTS))
     except ValidationError as e:
         raise InputError(path, faults.describe(e.errors()), PARTS) from e

@@ -12,42 +12,43 @@ from resim.core.geometry import Floats
 from resim.report.markup import Markup, html, join
 from resim.report.plots import INK, compact, fade, sample, style, to_html
 from resim.report.tables import table
+from resim.sweeps.boundary import BoundaryReport
 from resim.sweeps.page.boundary_words import ROWS, boundary_lines, ran_out, strip_lines
 from resim.sweeps.page.figures import SCALE, share_bar
-from resim.sweeps.page.words import Entry, axis_title
+from resim.sweeps.page.words import axis_title
+from resim.sweeps.report import SweptParameter
 
 BAND = "#e69f00"
 """Colour of the cells in which the outcome changes."""
 
 
-def boundary_html(section: Entry, parameters: Sequence[Entry], k: int) -> Markup:
+def boundary_html(found: BoundaryReport, parameters: Sequence[SweptParameter], k: int) -> Markup:
     """Give the part of the page on the k-th section's boundary."""
-    found = section["boundary"]
-    what, lines = next(boundary_lines(section, parameters))
-    warning = None if found["known"] else ran_out(found, parameters)
+    what, lines = next(boundary_lines(found, parameters))
+    warning = None if found.known else ran_out(found, parameters)
     told = join(html("<li>{}</li>", line) for line in lines if line != warning)
     parts = [
         html("<h2>Boundary <i>{}</i></h2>\n", what),
         Markup() if warning is None else html('<div class="warnings">{}</div>', warning),
         html('<ul>{}</ul><div class="panels">{}', told, _figures(found, parameters, k)),
     ]
-    if found["strips"] and found["cells"]:
+    if found.strips and found.cells:
         parts.append(html("<div>{}</div>", _table(found, *parameters)))
     return html("{}</div>", join(parts))
 
 
-def _figures(found: Entry, parameters: Sequence[Entry], k: int) -> Markup:
+def _figures(found: BoundaryReport, parameters: Sequence[SweptParameter], k: int) -> Markup:
     """The points and the cells: over one parameter, or over each pair of them."""
     pairs = list(combinations(range(len(parameters)), 2)) or [(0, 0)]
     key = (
         html('<div class="key-here">{}</div>', sample("cells in which the outcome changes", BAND))
-        if found["cells"]
+        if found.cells
         else ""
     )
     figures = []
     for n, (i, j) in enumerate(pairs):
         drawn = _figure(found, parameters, i, j)
-        caption = html("<b>{}, {}</b>", parameters[i]["label"], parameters[j]["label"])
+        caption = html("<b>{}, {}</b>", parameters[i].label, parameters[j].label)
         note = Markup(
             '<span class="note">all points and cells, projected; a dot has the mean of all that lie there</span>'
         )
@@ -56,11 +57,11 @@ def _figures(found: Entry, parameters: Sequence[Entry], k: int) -> Markup:
     return join(figures)
 
 
-def _figure(found: Entry, parameters: Sequence[Entry], i: int, j: int) -> go.Figure:
+def _figure(found: BoundaryReport, parameters: Sequence[SweptParameter], i: int, j: int) -> go.Figure:
     """Draw points and cells over the i-th and j-th parameter; of one parameter, the share of good seeds upwards."""
-    at = np.array([tried["at"] for tried in found["tried"]])
-    share = np.array([tried["good_seeds"] for tried in found["tried"]]) / found["seeds"]
-    cells = np.array(found["cells"]).reshape(-1, len(parameters), 2)
+    at = np.array([tried.at for tried in found.tried])
+    share = np.array([tried.good_seeds for tried in found.tried]) / found.seeds
+    cells = np.array(found.cells).reshape(-1, len(parameters), 2)
     x, a = at[:, i], cells[:, i]
     y, b = (share, np.broadcast_to([-0.05, 1.05], a.shape)) if i == j else (at[:, j], cells[:, j])
     figure = go.Figure([_boxes(a, b), _points(x, y, share)])
@@ -103,12 +104,10 @@ def _points(x: Floats, y: Floats, share: Floats) -> go.Scatter:
     )  # fmt: skip
 
 
-def _table(found: Entry, first: Entry, second: Entry) -> Markup:
+def _table(found: BoundaryReport, first: SweptParameter, second: SweptParameter) -> Markup:
     """Where the outcome changes along the first parameter, by intervals of the second."""
     rows = list(strip_lines(found, first, second))
-    drawn = table([second["label"], f"{first['label']}: it changes", ""], rows, "strips")
+    drawn = table([second.label, f"{first.label}: it changes", ""], rows, "strips")
     if len(rows) <= ROWS:
         return drawn
-    return html(
-        "<details><summary>{} intervals of {}</summary>{}</details>", len(rows), second["label"], drawn
-    )
+    return html("<details><summary>{} intervals of {}</summary>{}</details>", len(rows), second.label, drawn)

@@ -12,7 +12,8 @@ from plotly.subplots import make_subplots
 from resim.core.geometry import Floats
 from resim.report.markup import html
 from resim.report.plots import DASH, INK, compact, fade, plain, style
-from resim.sweeps.page.words import Entry, axis_title, keeps
+from resim.sweeps.page.words import axis_title, keeps
+from resim.sweeps.report import MapEntry, ResponseCurve, SweptParameter, VaryingOutcome
 
 SHARE, VALUE = "#0072b2", "#d55e00"
 HALF, DEMANDED = INK, "#e69f00"
@@ -23,21 +24,21 @@ PANEL, GAP = 112.0, 44.0
 TOP, BOTTOM = 34.0, 50.0
 
 
-def response_figure(outcomes: Sequence[Entry], parameter: Entry) -> go.Figure:
+def response_figure(outcomes: Sequence[VaryingOutcome], parameter: SweptParameter) -> go.Figure:
     """Draw how outcomes answer to one parameter, a panel each: mean and 95 % band; all of shares, or all of values."""
     rows = len(outcomes)
     height = rows * PANEL + (rows - 1) * GAP
-    titles = [o["label"] + (f" [{o['unit']}]" if o["unit"] else "") for o in outcomes]
+    titles = [o.label + (f" [{o.unit}]" if o.unit else "") for o in outcomes]
     figure = make_subplots(
         rows=rows, cols=1, shared_xaxes=True, vertical_spacing=GAP / height if rows > 1 else 0.0,
         subplot_titles=titles,
     )  # fmt: skip
     for k, outcome in enumerate(outcomes, start=1):
-        for trace in _response(outcome, outcome["responses"][parameter["name"]]):
+        for trace in _response(outcome, outcome.responses[parameter.name]):
             figure.add_trace(trace, row=k, col=1)
     style(figure, height + TOP + BOTTOM, margin={"l": 56, "r": 14, "t": TOP, "b": BOTTOM})
     figure.update_annotations(x=0.0, xanchor="left", font={"size": 12})
-    if outcomes[0]["share"]:
+    if outcomes[0].share:
         figure.update_yaxes(range=[-0.06, 1.06], tickvals=[0.0, 0.5, 1.0], tickformat=".0%")
     else:
         figure.update_yaxes(nticks=4)
@@ -45,10 +46,10 @@ def response_figure(outcomes: Sequence[Entry], parameter: Entry) -> go.Figure:
     return figure
 
 
-def _response(outcome: Entry, found: Entry) -> list[go.Scatter]:
+def _response(outcome: VaryingOutcome, found: ResponseCurve) -> list[go.Scatter]:
     """Band, line and dots of one panel."""
-    x, mean, low, high = (_array(found[key]) for key in ("at", "mean", "low", "high"))
-    color, form = (SHARE, ".1%") if outcome["share"] else (VALUE, ".4g")
+    x, mean, low, high = map(_array, (found.at, found.mean, found.low, found.high))
+    color, form = (SHARE, ".1%") if outcome.share else (VALUE, ".4g")
     known = np.isfinite(low + high)
     band = go.Scatter(
         x=compact(np.concatenate([x[known], x[known][::-1]])),
@@ -58,7 +59,7 @@ def _response(outcome: Entry, found: Entry) -> list[go.Scatter]:
     line = go.Scatter(
         x=compact(x), y=compact(mean), mode="lines+markers", showlegend=False,
         line={"color": color, "width": 2}, marker={"size": 5, "color": color},
-        customdata=np.stack([low, high, _array(found["runs"])], axis=1),
+        customdata=np.stack([low, high, _array(found.runs)], axis=1),
         hovertemplate=html(
             "%{{x:.4g}}: <b>%{{y:{0}}}</b> [%{{customdata[0]:{0}}}, %{{customdata[1]:{0}}}], "
             "%{{customdata[2]}} runs<extra></extra>",
@@ -68,11 +69,12 @@ def _response(outcome: Entry, found: Entry) -> list[go.Scatter]:
     return [band, line]
 
 
-def map_figure(outcome: Entry, a: Entry, b: Entry) -> go.Figure:
+def map_figure(outcome: VaryingOutcome, found: MapEntry, a: SweptParameter, b: SweptParameter) -> go.Figure:
     """Draw the share of runs that are good over two parameters, the boundaries and their 95 % bounds."""
-    found = outcome["map"]
-    x, y = _array(found["at_a"]), _array(found["at_b"])
-    share, low, high = (np.array([_array(row) for row in found[key]]) for key in ("share", "low", "high"))
+    x, y = _array(found.at_a), _array(found.at_b)
+    share, low, high = (
+        np.array([_array(row) for row in rows]) for rows in (found.share, found.low, found.high)
+    )
     figure = go.Figure(
         go.Heatmap(
             x=compact(x), y=compact(y), z=compact(share), zmin=0.0, zmax=1.0, colorscale=SCALE,
@@ -80,11 +82,11 @@ def map_figure(outcome: Entry, a: Entry, b: Entry) -> go.Figure:
             hovertemplate=html(
                 "{} %{{x:.4g}} {}<br>{} %{{y:.4g}} {}<br>"
                 "{}: <b>%{{z:.0%}}</b> [%{{customdata[0]:.0%}}, %{{customdata[1]:.0%}}]<extra></extra>",
-                *map(plain, (a["label"], a["unit"], b["label"], b["unit"], keeps(outcome))),
+                *map(plain, (a.label, a.unit, b.label, b.unit, keeps(outcome, outcome.limit))),
             ),
         )
     )  # fmt: skip
-    for level, color in zip(map(float, found["boundaries"]), (HALF, DEMANDED), strict=True):
+    for level, color in zip(map(float, found.boundaries), (HALF, DEMANDED), strict=True):
         for z, dashed in ((low, True), (high, True), (share, False)):
             figure.add_trace(_contour(x, y, z, level, color, dashed))
     style(figure, 330.0, margin={"l": 56, "r": 8, "t": 8, "b": 48})

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+
+from pydantic import MISSING
 
 from resim.report.document import document, text
 from resim.report.markup import Markup, html, join
@@ -12,8 +14,10 @@ from resim.report.tables import table
 from resim.sweeps.page import tables
 from resim.sweeps.page.boundary import boundary_html
 from resim.sweeps.page.figures import DEMANDED, HALF, map_figure, response_figure
-from resim.sweeps.page.words import Entry, keeps, overview_line, percent, quantity, requirement_lines
+from resim.sweeps.page.words import demanded_of, keeps, overview_line, percent, quantity, requirement_lines
 from resim.sweeps.plans.registry import PLANS
+from resim.sweeps.report import MapEntry, SweepReport, SweepSection, SweptParameter, VaryingOutcome
+from resim.verification.inputs import HashedFile
 
 REDRAW = (
     "document.querySelectorAll('details').forEach(d => "
@@ -39,20 +43,20 @@ READING = Markup(
 )
 
 
-def write_sweep_page(found: Entry, path: Path) -> None:
-    """Write the page; found: what report.json holds."""
+def write_sweep_page(found: SweepReport, path: Path) -> None:
+    """Write the page."""
     path.write_text(page(found), encoding="utf-8", newline="\n")
 
 
-def page(found: Entry) -> Markup:
+def page(found: SweepReport) -> Markup:
     """Give the page's HTML."""
-    several = len(found["sections"]) > 1
+    several = len(found.sections) > 1
     body = [
         Markup("<main>\n"),
         _header(found),
-        tables.overview(found["sections"], shares=not PLANS[found["plan"]].grows),
+        tables.overview(found.sections, shares=not PLANS[found.plan].grows),
     ]
-    for k, section in enumerate(found["sections"]):
+    for k, section in enumerate(found.sections):
         inside = join(_section(found, section, k))
         if several:
             inside = html("<summary>{}</summary>{}", tables.title(section), inside)
@@ -62,38 +66,35 @@ def page(found: Entry) -> Markup:
         body.append(inside)
     body += [_reading(found), _inputs(found), Markup("</main>")]
     css = text("resim.sweeps.page", "sweep.css")
-    return document(f"{found['name']} · sweep", join(body), css=css, scripts=[REDRAW])
+    return document(f"{found.name} · sweep", join(body), css=css, scripts=[REDRAW])
 
 
-def _header(found: Entry) -> Markup:
-    first, inputs = found["sections"][0], found["inputs"]
-    plan = PLANS[found["plan"]].words
-    counts = sorted({s["points"] for s in found["sections"]})  # of an adaptive plan, each section has its own
+def _header(found: SweepReport) -> Markup:
+    first, inputs = found.sections[0], found.inputs
+    plan = PLANS[found.plan].words
+    counts = sorted({s.points for s in found.sections})  # of an adaptive plan, each section has its own
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
-    facts = [("plan", f"{plan}: {points} points, {first['seeds']} seeds each")]
+    facts = [("plan", f"{plan}: {points} points, {first.seeds} seeds each")]
     facts += [
-        (name, Path(inputs[name]["path"]).name)
-        for name in ("perception", "criteria")
-        if inputs[name] is not None
+        (name, Path(file.path).name)
+        for name, file in (("perception", inputs.perception), ("criteria", inputs.criteria))
+        if file is not None
     ]
-    facts += [
-        (p["label"], f"{quantity(p['low'], '')} to {quantity(p['high'], p['unit'])}")
-        for p in found["parameters"]
-    ]
+    facts += [(p.label, f"{quantity(p.low, '')} to {quantity(p.high, p.unit)}") for p in found.parameters]
     listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
-    line = html('<p class="line">{}.</p>', overview_line(first)) if len(found["sections"]) == 1 else ""
+    line = html('<p class="line">{}.</p>', overview_line(first)) if len(found.sections) == 1 else ""
     return html(
         '<header><p class="kind">Sweep report</p><h1>{}</h1><dl class="facts">{}</dl>\n{}</header>\n',
-        found["name"],
+        found.name,
         listed,
         line,
     )
 
 
-def _section(found: Entry, section: Entry, k: int) -> Iterator[Markup]:
+def _section(found: SweepReport, section: SweepSection, k: int) -> Iterator[Markup]:
     yield tables.failures(section)
-    if "boundary" in section:
-        yield boundary_html(section, found["parameters"], k)
+    if section.boundary is not MISSING:
+        yield boundary_html(section.boundary, found.parameters, k)
     else:
         yield from _spread(found, section, k)
     yield html("<h2>The same in all runs</h2>\n{}", tables.constant(section))
@@ -101,22 +102,22 @@ def _section(found: Entry, section: Entry, k: int) -> Iterator[Markup]:
         "<h2>Worst runs <i>failed first, then collisions, then by risk, then by criteria that fail</i></h2>\n"
     )
     yield Markup("<p>The commands are for the folder that this report was made from.</p>")
-    yield tables.worst(section, found["parameters"])
+    yield tables.worst(section, found.parameters)
 
 
-def _spread(found: Entry, section: Entry, k: int) -> Iterator[Markup]:
+def _spread(found: SweepReport, section: SweepSection, k: int) -> Iterator[Markup]:
     """What points that are spread over the ranges tell of these."""
-    parameters = found["parameters"]
+    parameters = found.parameters
     yield html(
         "<h2>Requirements <i>in {} of runs</i></h2>\n{}",
-        percent(found["demanded"]),
+        percent(demanded_of(found)),
         _requirements(found, section),
     )
     yield _maps(section, parameters, k)
     yield Markup("<h2>Sensitivity <i>shares of the variance of all runs, with 95 % intervals</i></h2>\n")
     yield tables.sensitivity(section, parameters)
     for share, words in ((True, "How often a run is good"), (False, "Values")):
-        outcomes = [o for o in section["outcomes"] if o["share"] == share]
+        outcomes = [o for o in section.varying() if o.share == share]
         if outcomes:
             yield html(
                 "<h2>{} <i>mean and 95 % band over points</i></h2>\n{}",
@@ -125,31 +126,31 @@ def _spread(found: Entry, section: Entry, k: int) -> Iterator[Markup]:
             )
 
 
-def _requirements(found: Entry, section: Entry) -> Markup:
+def _requirements(found: SweepReport, section: SweepSection) -> Markup:
     items = [
         html("<dt>{}</dt><dd><ul>{}</ul></dd>", what, join(html("<li>{}</li>", line) for line in lines))
-        for what, lines in requirement_lines(section, found["parameters"], found["demanded"])
+        for what, lines in requirement_lines(section, found.parameters, demanded_of(found))
     ]
     if not items:
         return Markup("<p>No outcome varies.</p>")
     return html('<dl class="requirements">{}</dl>', join(items))
 
 
-def _maps(section: Entry, parameters: Sequence[Entry], k: int) -> Markup:
+def _maps(section: SweepSection, parameters: Sequence[SweptParameter], k: int) -> Markup:
     """A map for each share that varies."""
-    by_name = {p["name"]: p for p in parameters}
-    drawn = [o for o in section["outcomes"] if o["share"] and o["map"] is not None]
+    by_name = {p.name: p for p in parameters}
+    drawn = [(o, o.map) for o in section.varying() if o.map is not MISSING and o.map is not None]
     if not drawn:
         return Markup()
     figures = [
-        html("<figure><figcaption><b>{}</b> {}</figcaption>", keeps(o), _note(o["map"], by_name))
-        + to_html(map_figure(o, by_name[o["map"]["a"]], by_name[o["map"]["b"]]), f"map-{k}-{n}")
+        html("<figure><figcaption><b>{}</b> {}</figcaption>", keeps(o, o.limit), _note(m, by_name))
+        + to_html(map_figure(o, m, by_name[m.a], by_name[m.b]), f"map-{k}-{n}")
         + Markup("</figure>")
-        for n, o in enumerate(drawn)
+        for n, (o, m) in enumerate(drawn)
     ]
     key = join(
         sample(f"{percent(level)} of runs", color) + sample("its 95 % bounds", color, dashed=True)
-        for level, color in zip(map(float, drawn[0]["map"]["boundaries"]), (HALF, DEMANDED), strict=True)
+        for level, color in zip(map(float, drawn[0][1].boundaries), (HALF, DEMANDED), strict=True)
     )
     return html(
         "<h2>Boundaries <i>share of runs that are good</i></h2>\n"
@@ -159,27 +160,27 @@ def _maps(section: Entry, parameters: Sequence[Entry], k: int) -> Markup:
     )
 
 
-def _note(found: Entry, by_name: dict[str, Entry]) -> Markup:
+def _note(found: MapEntry, by_name: Mapping[str, SweptParameter]) -> Markup:
     parts = []
-    if found["others"]:
-        parts.append("varies, too: " + ", ".join(by_name[name]["label"] for name in found["others"]))
-    if found["width"] is not None:
-        parts.append(f"smoothed over {percent(found['width'])} of the ranges")
+    if found.others:
+        parts.append("varies, too: " + ", ".join(by_name[name].label for name in found.others))
+    if found.width is not None:
+        parts.append(f"smoothed over {percent(found.width)} of the ranges")
     return html('<span class="note">{}</span>', "; ".join(parts)) if parts else Markup()
 
 
-def _responses(outcomes: Sequence[Entry], parameters: Sequence[Entry], k: int) -> Markup:
-    kind = "share" if outcomes[0]["share"] else "value"
+def _responses(outcomes: Sequence[VaryingOutcome], parameters: Sequence[SweptParameter], k: int) -> Markup:
+    kind = "share" if outcomes[0].share else "value"
     figures = [
         html("<figure>{}</figure>", to_html(response_figure(outcomes, p), f"{kind}-{k}-{n}"))
         for n, p in enumerate(parameters)
-        if p["name"] in outcomes[0]["responses"]
+        if p.name in outcomes[0].responses
     ]
     return html('<div class="panels">{}</div>', join(figures))
 
 
-def _reading(found: Entry) -> Markup:
-    if PLANS[found["plan"]].grows:
+def _reading(found: SweepReport) -> Markup:
+    if PLANS[found.plan].grows:
         return READING
     return html(
         "<h2>How to read it</h2><ul>"
@@ -202,17 +203,19 @@ def _reading(found: Entry) -> Markup:
         "they predict where they were not fitted; what they leave over may be any parameter's, so that the upper ends "
         "of the intervals have it, too. Sharp outcomes leave much over. One at a time tells main effects only.</li>"
         "<li>A run that failed is never good.</li></ul>",
-        percent(found["demanded"]),
+        percent(demanded_of(found)),
     )
 
 
-def _inputs(found: Entry) -> Markup:
-    inputs = found["inputs"]
-    used = [(name, inputs[name]) for name in ("criteria", "perception") if inputs[name] is not None]
-    used += [(f"build {b['label']}", b) for b in inputs["builds"].values()]
-    used += [(f"recording {name}", r) for name, r in inputs["recordings"].items()]
-    rows = [[name, html("<code>{}</code>", f["hash"])] for name, f in used]
-    versions = ", ".join(f"{name} {v}" for name, v in found["versions"].items())
+def _inputs(found: SweepReport) -> Markup:
+    inputs = found.inputs
+    used: dict[str, HashedFile | None] = {
+        "criteria": inputs.criteria, "perception": inputs.perception,
+        **{f"build {b.label}": b for b in inputs.builds.values()},
+        **{f"recording {name}": file for name, file in inputs.recordings.items()},
+    }  # fmt: skip
+    rows = [[name, html("<code>{}</code>", f.hash)] for name, f in used.items() if f is not None]
+    versions = ", ".join(f"{name} {v}" for name, v in found.versions.items())
     return html(
         "<details><summary>Inputs, hashes and versions</summary><p>Run with {}.</p>{}</details>",
         versions,

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
+from pydantic import MISSING
+
+from resim.sweeps.boundary import BoundaryReport
 from resim.sweeps.outcomes.registry import OUTCOMES
-
-Entry = Mapping[str, Any]
-"""A part of report.json."""
+from resim.sweeps.report import (
+    ConstantOutcome,
+    RequirementEntry,
+    RunCounts,
+    SweepReport,
+    SweepSection,
+    SweptParameter,
+    VaryingOutcome,
+)
+from resim.sweeps.statistics.requirement import Bounds
 
 KEEPS = {outcome.column: outcome.keeps for outcome in OUTCOMES if outcome.good is not None}
 
 
-def keeps(outcome: Entry) -> str:
-    """Say what a run does that is good by an outcome."""
-    limit = f": {outcome['limit']}" if outcome.get("limit") else ""
-    return KEEPS.get(outcome["name"], f"“{outcome['label']}” is passed{limit}")
+def keeps(outcome: ConstantOutcome | VaryingOutcome | BoundaryReport, limit: str | None = None) -> str:
+    """Say what a run does that is good by an outcome. limit: what its criterion asks for, where that is to be told."""
+    return KEEPS.get(outcome.name, f"“{outcome.label}” is passed{f': {limit}' if limit else ''}")
 
 
-def axis_title(parameter: Entry) -> str:
+def axis_title(parameter: SweptParameter) -> str:
     """Give a parameter's label with its unit."""
-    return f"{parameter['label']} [{parameter['unit']}]" if parameter["unit"] else str(parameter["label"])
+    return f"{parameter.label} [{parameter.unit}]" if parameter.unit else parameter.label
 
 
 def plain(value: float) -> str:
@@ -44,58 +52,67 @@ def percent(share: float) -> str:
     return f"{text} %"
 
 
-def overview_line(section: Entry) -> str:
+def overview_line(section: RunCounts) -> str:
     """Say what came of the runs of a section."""
-    failed = f", {section['failed']} failed" if section["failed"] else ""
-    risk = "" if section["largest_risk"] is None else f"; largest risk {percent(section['largest_risk'])}"
+    failed = f", {section.failed} failed" if section.failed else ""
+    risk = "" if section.largest_risk is None else f"; largest risk {percent(section.largest_risk)}"
     return (
-        f"{section['runs']} runs{failed}: {section['passed']} pass every criterion, {section['collisions']} collide, "
-        f"{section['same_decision']} decide as measured{risk}"
+        f"{section.runs} runs{failed}: {section.passed} pass every criterion, {section.collisions} collide, "
+        f"{section.same_decision} decide as measured{risk}"
     )
 
 
+def demanded_of(found: SweepReport) -> float:
+    """Give the share of runs that requirements ask for; 1 where the plan lets none be told."""
+    return 1.0 if found.demanded is MISSING else found.demanded
+
+
 def requirement_lines(
-    section: Entry, parameters: Sequence[Entry], demanded: float
+    section: SweepSection, parameters: Sequence[SweptParameter], demanded: float
 ) -> Iterator[tuple[str, list[str]]]:
     """Give of each outcome what is good by it, and a sentence or more for each parameter; of criteria that vary."""
-    by_name = {p["name"]: p for p in parameters}
+    by_name = {p.name: p for p in parameters}
     none = "no value swept keeps it, it holds in no run"
-    if section["failed"]:
-        none += f"; {section['failed']} runs failed, which keep nothing"
-    for o in section["constant"]:
-        if o["name"] in KEEPS:
-            yield keeps(o), ["holds in every run" if o["value"] == 1.0 else none]
-    for outcome in section["outcomes"]:
-        if outcome["share"]:
+    if section.failed:
+        none += f"; {section.failed} runs failed, which keep nothing"
+    for o in section.constant:
+        if o.name in KEEPS:
+            yield keeps(o), ["holds in every run" if o.value == 1.0 else none]
+    for outcome in section.varying():
+        if outcome.requirements is not MISSING:
             lines = [
                 line
-                for name, found in outcome["requirements"].items()
+                for name, found in outcome.requirements.items()
                 for line in _lines(found, by_name[name], demanded)
             ]
-            yield keeps(outcome), lines
+            yield keeps(outcome, outcome.limit), lines
 
 
-def _lines(found: Sequence[Entry], parameter: Entry, demanded: float) -> Iterator[str]:
+def _lines(found: Sequence[RequirementEntry], parameter: SweptParameter, demanded: float) -> Iterator[str]:
     """Sentences for one parameter: what is shown; else that it holds everywhere, that nothing is shown, or nowhere."""
-    label, unit = parameter["label"], parameter["unit"]
-    limits = [r for r in found if r["found"] == "limit"]
-    if any(r["found"] == "whole" for r in found):
-        whole = next(r for r in found if r["found"] == "whole")
-        span = f"{quantity(parameter['low'], unit)} to {quantity(parameter['high'], unit)}"
+    label, unit = parameter.label, parameter.unit
+    limits = [r for r in found if r.found == "limit"]
+    if any(r.found == "whole" for r in found):
+        whole = next(r for r in found if r.found == "whole")
+        span = f"{quantity(parameter.low, unit)} to {quantity(parameter.high, unit)}"
         yield f"{label}: holds in the whole range swept, {span} ({_share(whole)})"
     elif limits:
         yield from (_limit(r, parameter, demanded) for r in limits)
-    elif any(r["found"] == "unclear" for r in found):
-        yield from (_unclear(r, parameter, demanded) for r in found if r["found"] == "unclear")
+    elif any(r.found == "unclear" for r in found):
+        yield from (_unclear(r, parameter, demanded) for r in found if r.found == "unclear")
     else:
         yield f"{label}: no value swept keeps it in {percent(demanded)} of runs"
 
 
-def _share(r: Entry) -> str:
-    return f"{percent(r['share'])} of {r['runs']} runs, at least {percent(r['least'])} at 95 % confidence"
+def _share(r: RequirementEntry) -> str:
+    if r.share is None or r.least is None:
+        return "none"
+    return f"{percent(r.share)} of {r.runs} runs, at least {percent(r.least)} at 95 % confidence"
 
 
-def _span(bounds: Sequence[float | None], unit: str) -> str:
+def _span(bounds: Bounds | None, unit: str) -> str:
+    if bounds is None:
+        return "nowhere"
     low, high = bounds
     if low is None and high is None:
         return "the whole range swept"
@@ -106,25 +123,26 @@ def _span(bounds: Sequence[float | None], unit: str) -> str:
     return f"at {quantity(low, unit)}" if low == high else f"from {plain(low)} to {quantity(high, unit)}"
 
 
-def _unclear(r: Entry, parameter: Entry, demanded: float) -> str:
-    label, unit = parameter["label"], parameter["unit"]
-    if r["bounds"] is not None:
-        told = f"shown {_span(r['bounds'], unit)} ({_share(r)}), but its values differ by no more than chance"
+def _unclear(r: RequirementEntry, parameter: SweptParameter, demanded: float) -> str:
+    label, unit = parameter.label, parameter.unit
+    if r.bounds is not None:
+        told = f"shown {_span(r.bounds, unit)} ({_share(r)}), but its values differ by no more than chance"
         return f"{label}: no limit can be told; {told}"
-    if r["estimate"] is None:
+    if r.estimate is None:
         return f"{label}: unclear, too few runs to tell where it is kept in {percent(demanded)} of them"
-    return f"{label}: unclear, too few runs to show it; estimate: {_span(r['estimate'], unit)} ({_share(r)})"
+    return f"{label}: unclear, too few runs to show it; estimate: {_span(r.estimate, unit)} ({_share(r)})"
 
 
-def _limit(r: Entry, parameter: Entry, demanded: float) -> str:
-    unit = parameter["unit"]
-    ends = [k for k in (0, 1) if r["bounds"][k] is not None]
-    if r["binned"]:
-        at = "".join(f"; {percent(r['at'][k])} in the bin of drawn values at this end" for k in ends)
+def _limit(r: RequirementEntry, parameter: SweptParameter, demanded: float) -> str:
+    unit, none = parameter.unit, (None, None)
+    each = zip(r.bounds or none, r.at or none, r.beyond or none, strict=True)
+    ends = [(end, share, after) for end, share, after in each if end is not None and share is not None]
+    if r.binned:
+        at = "".join(f"; {percent(share)} in the bin of drawn values at this end" for _, share, _ in ends)
     else:
-        at = "".join(f"; {percent(r['at'][k])} at {quantity(r['bounds'][k], unit)} alone" for k in ends)
-        at += f"; the next value swept is {' and '.join(quantity(r['beyond'][k], unit) for k in ends)}"
+        at = "".join(f"; {percent(share)} at {quantity(end, unit)} alone" for end, share, _ in ends)
+        at += f"; the next value swept is {' and '.join(quantity(after, unit) for _, _, after in ends)}"
     return (
-        f"{parameter['label']} {_span(r['bounds'], unit)} keeps it in {percent(demanded)} of runs ({_share(r)}{at}; "
-        f"estimate: {_span(r['estimate'], unit)}; possible: {_span(r['possible'], unit)})"
+        f"{parameter.label} {_span(r.bounds, unit)} keeps it in {percent(demanded)} of runs ({_share(r)}{at}; "
+        f"estimate: {_span(r.estimate, unit)}; possible: {_span(r.possible, unit)})"
     )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 from resim.metrics.measures.registry import MEASURES
 from resim.report.markup import Markup, html, join
 from resim.report.tables import decision_words
+from resim.verification.cases import BuildTraces, Traces
+from resim.verification.entries import ComparedRecording
+from resim.verification.inputs import VerificationRequest
 from resim.verification.page.cells import (
     NONE,
-    Entry,
     badge,
     bullets,
     counted,
@@ -24,6 +25,8 @@ from resim.verification.page.cells import (
 )
 from resim.verification.page.drive import command, folded, reason, report_links
 from resim.verification.page.speeds import builds_figure
+from resim.verification.paired import Difference, RunPair
+from resim.verification.report import ComparisonSummary, RecordingResult, VerificationReport
 from resim.verification.summary import namesakes
 
 ORDER = ("error", "worse", "changed", "better", "same")
@@ -39,25 +42,28 @@ LIMITS = {
 UNITS = {measure.name: measure.unit for measure in MEASURES}
 
 
-def builds(found: Entry, traces: Mapping[str, Any]) -> Iterator[Markup]:
+def builds(
+    found: VerificationReport, told: ComparisonSummary, traces: Mapping[str, Traces]
+) -> Iterator[Markup]:
     """Give the parts of the page of build against build."""
-    inputs, told = found["inputs"], found["summary"]
+    counts = told.counts()
     yield _limits(told)
     yield _means(told)
-    yield Markup("<h2>Recordings</h2>\n") + filters({verdict: told[verdict] for verdict in ORDER})
+    yield Markup("<h2>Recordings</h2>\n") + filters({verdict: counts[verdict] for verdict in ORDER})
     entries = _ordered(found)
     yield rows_table(HEAD, (_row(r) for r in entries), "overview")
     yield Markup("<h2>Recordings in detail</h2>\n")
     for r in entries:
-        if "pairs" in r:
-            yield folded(r, _detail(r, traces.get(r["name"], {}), inputs))
+        if isinstance(r, ComparedRecording):
+            speeds = traces.get(r.name)
+            yield folded(r, _detail(r, speeds if isinstance(speeds, BuildTraces) else None, found.inputs))
         else:
             yield folded(r, html("<p>{}</p>", reason(r)))
 
 
-def meaning(inputs: Entry) -> Markup:
+def meaning(inputs: VerificationRequest) -> Markup:
     """Say in a sentence what is compared."""
-    seeds = f", each with the same {len(inputs['seeds'])} seeds" if inputs["seeds"] else ""
+    seeds = f", each with the same {len(inputs.seeds)} seeds" if inputs.seeds else ""
     return html(
         "Both builds drove the same scenarios on ground truth{}. <b>Worse</b>: a KPI that passed before does not "
         "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else.{}",
@@ -66,100 +72,96 @@ def meaning(inputs: Entry) -> Markup:
     )
 
 
-def _ordered(found: Entry) -> list[Entry]:
+def _ordered(found: VerificationReport) -> list[RecordingResult]:
     """Errors first, then the worst regressions, then what is the same."""
-    by_name = {r["name"]: r for r in found["recordings"]}
-    worst = found["summary"]["worst"]
-    first = [name for name, r in by_name.items() if r["verdict"] == "error"]
+    by_name = {r.name: r for r in found.recordings}
+    worst = found.summary.worst
+    first = [name for name, r in by_name.items() if r.verdict == "error"]
     rest = [name for name in by_name if name not in worst and name not in first]
     return [by_name[name] for name in (*first, *worst, *rest)]
 
 
-def _limits(told: Entry) -> Markup:
+def _limits(told: ComparisonSummary) -> Markup:
     """Each limit of the suite, and whether it is kept."""
     rows = []
     for name, (text, form) in LIMITS.items():
-        limit = told["limits"][name]
-        value = NONE if limit["value"] is None else format(limit["value"], form).replace("-", "−")
-        most = "any" if limit["limit"] is None else f"{limit['limit']:g}"
-        state = ("pass", "kept") if limit["kept"] else ("fail", "broken")
-        if limit["limit"] is None:
+        limit = told.limits[name]
+        value = NONE if limit.value is None else format(limit.value, form).replace("-", "−")
+        most = "any" if limit.limit is None else f"{limit.limit:g}"
+        state = ("pass", "kept") if limit.kept else ("fail", "broken")
+        if limit.limit is None:
             state = ("none", "no limit")
         rows.append(row([text, value, most, html('<span class="badge {}">{}</span>', state[0], state[1])]))
     return Markup("<h2>Limits of the suite</h2>") + rows_table(["", "found", "at most", ""], rows, "limits")
 
 
-def _means(told: Entry) -> Markup:
+def _means(told: ComparisonSummary) -> Markup:
     """Mean differences of risk and comfort over the recordings, with their intervals."""
-    rows = [_mean("largest risk", "", told["risk"], 4)]
-    rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told["comfort"].items()]
+    rows = [_mean("largest risk", "", told.risk, 4)]
+    rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told.comfort.items()]
     note = "Now less before; each recording counts with the mean of its seeds, the interval is a bootstrap over them."
     head = ["", "mean difference", "95 % interval", "recordings"]
     return html("<h2>Risk and comfort</h2><p>{}</p>{}", note, rows_table(head, rows, "limits"))
 
 
-def _mean(name: str, unit: str, d: Entry | None, digits: int) -> Markup:
+def _mean(name: str, unit: str, d: Difference | None, digits: int) -> Markup:
     if d is None:
         return row([name, NONE, NONE, "0"])
-    between = (
-        NONE if d["low"] is None else f"{signed(d['low'], digits)} to {signed(d['high'], digits)} {unit}"
-    )
-    return row([name, f"{signed(d['mean'], digits)} {unit}", between, str(d["of"])])
+    between = NONE
+    if d.low is not None and d.high is not None:
+        between = f"{signed(d.low, digits)} to {signed(d.high, digits)} {unit}"
+    return row([name, f"{signed(d.mean, digits)} {unit}", between, str(d.of)])
 
 
-def _row(r: Entry) -> Markup:
-    if "pairs" not in r:
-        return row([link(r["name"]), badge(r["verdict"]), *[NONE] * (len(HEAD) - 2)], r["verdict"])
-    pairs = r["pairs"]
+def _row(r: RecordingResult) -> Markup:
+    if not isinstance(r, ComparedRecording):
+        return row([link(r.name), badge(r.verdict), *[NONE] * (len(HEAD) - 2)], r.verdict)
+    pairs = r.pairs
     cells = [
-        link(r["name"]), badge(r["verdict"]), _kpis(r, "lost"), _kpis(r, "gained"),
-        *(counted([decision_words(p["decisions"][k]) for p in pairs]) for k in (0, 1)),
-        spread([p["risk"] for p in pairs], 3, ""), second(r["t"]),
+        link(r.name), badge(r.verdict), _kpis([p.lost for p in pairs]), _kpis([p.gained for p in pairs]),
+        *(counted([decision_words(p.decisions[k]) for p in pairs]) for k in (0, 1)),
+        spread([p.risk for p in pairs], 3, ""), second(r.t),
         report_links(r, "before", "now") or NONE,
     ]  # fmt: skip
-    return row(cells, r["verdict"])
+    return row(cells, r.verdict)
 
 
-def _kpis(r: Entry, which: str) -> str:
-    """KPIs lost or gained, each with in how many of the runs."""
-    names = dict.fromkeys(name for p in r["pairs"] for name in p[which])
-    of = len(r["pairs"])
+def _kpis(runs: Sequence[Sequence[str]]) -> str:
+    """KPIs lost or gained in each run, each with in how many of them."""
     told = []
-    for name in names:
-        count = sum(name in p[which] for p in r["pairs"])
-        told.append(name + (f" ({count} of {of})" if count < of else ""))
+    for name in dict.fromkeys(name for names in runs for name in names):
+        count = sum(name in names for names in runs)
+        told.append(name + (f" ({count} of {len(runs)})" if count < len(runs) else ""))
     return ", ".join(told) or NONE
 
 
-def _detail(r: Entry, traces: Mapping[str, Any], inputs: Entry) -> Markup:
-    labels = {"before": inputs["against"]["label"], "now": inputs["build"]["label"]}
-    out = [html("<p>{}</p>", reason(r))] if r["error"] is not None else []
-    if r["differences"]:
-        since = "" if r["t"] is None else html(", from <b>{:.1f} s</b>", r["t"])
-        out.append(html("<p>What differs in the worst run{}:</p>{}", since, bullets(r["differences"])))
-    if traces:
-        out.append(builds_figure(r["name"], r, traces, labels))
-    out.append(Markup("<h4>Each run</h4>") + _pairs(r))
-    if r["reports"]:
+def _detail(r: ComparedRecording, traces: BuildTraces | None, inputs: VerificationRequest) -> Markup:
+    builds = {when: b for when, b in (("before", inputs.against), ("now", inputs.build)) if b is not None}
+    labels = {when: build.label for when, build in builds.items()}
+    out = [html("<p>{}</p>", reason(r))] if r.error is not None else []
+    if r.differences:
+        since = "" if r.t is None else html(", from <b>{:.1f} s</b>", r.t)
+        out.append(html("<p>What differs in the worst run{}:</p>{}", since, bullets(r.differences)))
+    if traces is not None:
+        out.append(builds_figure(r.name, r.reaction, r.t, traces, labels))
+    out.append(Markup("<h4>Each run</h4>") + _pairs(r.pairs))
+    if r.reports:
         names = (f"Re-simulation report of {label}" for label in labels.values())
         return join([*out, html("<p>{}</p>", report_links(r, *names))])
-    both = "\n".join(command(r, inputs, inputs[which]) for which in ("against", "build"))
+    both = "\n".join(command(r, inputs, build) for build in builds.values())
     return join([*out, html("<p>To see every step, in this file's folder:</p><pre>{}</pre>", both)])
 
 
-def _pairs(r: Entry) -> Markup:
+def _pairs(pairs: Sequence[RunPair]) -> Markup:
     """Each run of both builds with the same seed: KPIs, decisions, differences of risk and comfort."""
     rows = []
-    for p in r["pairs"]:
-        named = (
-            ", ".join(p["lost"]) or NONE,
-            ", ".join(p["gained"]) or NONE,
-        )
-        comfort = [NONE if v is None else signed(v, 2) for v in p["comfort"].values()]
-        risk = NONE if p["risk"] is None else signed(p["risk"], 4)
-        did = (decision_words(one) for one in p["decisions"])
-        seed = "without model" if p["seed"] is None else f"seed {p['seed']}"
-        rows.append(row([seed, *named, *did, risk, *comfort, second(p["t"])]))
-    measures = [f"{name} [{UNITS.get(name, '')}]" for name in r["pairs"][0]["comfort"]]
+    for p in pairs:
+        named = (", ".join(p.lost) or NONE, ", ".join(p.gained) or NONE)
+        comfort = [NONE if v is None else signed(v, 2) for v in p.comfort.values()]
+        risk = NONE if p.risk is None else signed(p.risk, 4)
+        did = (decision_words(one) for one in p.decisions)
+        seed = "without model" if p.seed is None else f"seed {p.seed}"
+        rows.append(row([seed, *named, *did, risk, *comfort, second(p.t)]))
+    measures = [f"{name} [{UNITS.get(name, '')}]" for name in pairs[0].comfort]
     head = ["", "lost", "gained", "decision before", "now", "risk", *measures, "they part at"]
     return rows_table(head, rows, "pairs")

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from resim.report.markup import Markup, html, join
-
-Entry = Mapping[str, Any]
-"""What verification.json holds of a recording, or a part of it."""
+from resim.verification.share import Share
 
 NONE = "–"
 
@@ -92,10 +89,10 @@ def counted(words: Sequence[str]) -> Markup:
     return join(told, "; ")
 
 
-def share(found: Entry) -> Markup:
+def share(found: Share) -> Markup:
     """Give a share of the seeds with its interval."""
-    between = f"[{found['low']:.2f}, {found['high']:.2f}]"
-    return html("{} of {} <i>{}</i>", found["count"], found["of"], between)
+    between = f"[{found.low:.2f}, {found.high:.2f}]"
+    return html("{} of {} <i>{}</i>", found.count, found.of, between)
 
 
 def row(cells: Iterable[str], verdict: str = "") -> Markup:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+
+from pydantic import MISSING
 
 from resim.report.markup import Markup, html, join
-from resim.verification.page.cells import NONE, Entry, minus, row, rows_table, share, spread
+from resim.resimulation.outcome import KpiOutcome
+from resim.verification.entries import MODEL, KpiComparison, KpiEntry, SeedRun, VerifiedRecording
+from resim.verification.page.cells import NONE, minus, row, rows_table, share, spread
+from resim.verification.share import Share
+from resim.verification.tolerance import ErrorLimits, StepLimits, Tolerances
 
 SOURCES = ("GT", "SD", "rGT", "rSD")
-MODEL = "rGT+M"
-OUTCOMES = ("PASS", "FAIL", "INVALID")
+OUTCOMES: tuple[KpiOutcome, ...] = ("PASS", "FAIL", "INVALID")
 STEPS: Mapping[str, str] = {
     "S": "sensor", "FIT_GT": "fit", "FIT_SD": "fit", "SIM_GT": "simulation", "SIM_SD": "simulation",
     "PIPE_GT": "pipeline", "PIPE_SD": "pipeline",
@@ -19,77 +23,81 @@ STEPS: Mapping[str, str] = {
 """The tolerances that each step's error is held against, in the order of the chain (Eq. 5.6)."""
 QUANTITIES: Mapping[str, tuple[str, int]] = {"d": ("m", 3), "v": ("m/s", 3), "heading": ("rad", 4)}
 """Unit and digits."""
+Errors = Mapping[str, Mapping[str, float | None]]
+"""Errors by "ego" or "to" and quantity."""
 
 
-def kpi_table(entry: Entry) -> Markup:
+def kpi_table(entry: VerifiedRecording) -> Markup:
     """Give a row a criterion: what each drive came to, marked where it is not as in GT."""
-    kpis = entry["kpis"]
-    sources = [s for s in SOURCES if any(s in kpi for kpi in kpis.values())]
-    model = any(MODEL in kpi for kpi in kpis.values())
+    kpis = entry.kpis
+    sources = [s for s in SOURCES if any(s in kpi.single() for kpi in kpis.values())]
+    model = any(kpi.over_seeds is not MISSING for kpi in kpis.values())
     rows = []
     for name, kpi in kpis.items():
-        unit = "" if kpi["unit"] == "1" else html(" <i>{}</i>", kpi["unit"])
-        cells = [_kpi(kpi.get(s), kpi["GT"]) for s in sources]
+        unit = "" if kpi.unit == "1" else html(" <i>{}</i>", kpi.unit)
+        cells = [_kpi(kpi.single().get(s), kpi.GT) for s in sources]
         if model:
             cells.append(_over_seeds(kpi))
-        off = kpi["difference"][entry["way"]]
+        off = kpi.difference[entry.way]
         cells.append(NONE if off is None else minus(f"{off:+.2g}") if off else "0")
         rows.append(row([name + unit, *cells]))
-    head = ["criterion", *sources, *([f"{MODEL}, seeds"] if model else []), f"{entry['way']} less GT"]
+    head = ["criterion", *sources, *([f"{MODEL}, seeds"] if model else []), f"{entry.way} less GT"]
     return rows_table(head, rows, "kpis")
 
 
-def _kpi(found: Entry | None, gt: Entry) -> str:
+def _kpi(found: KpiEntry | None, gt: KpiEntry) -> str:
     """One drive's KPI: outcome, worst value and when."""
     if found is None:
         return NONE
-    verdict = found["verdict"]
+    verdict = found.verdict
     text = _outcome(verdict) + _worst(found)
     if verdict == "INVALID":
-        text += html(" <i>{}</i>", found["reason"])
-    return text if verdict == gt["verdict"] else html('<span class="off">≠ {}</span>', text)
+        text += html(" <i>{}</i>", found.reason)
+    return text if verdict == gt.verdict else html('<span class="off">≠ {}</span>', text)
 
 
 def _outcome(verdict: str) -> Markup:
     return html("<b>{}</b>", verdict) if verdict == "PASS" else html('<b class="{}">{}</b>', verdict, verdict)
 
 
-def _worst(found: Entry) -> str:
+def _worst(found: KpiEntry) -> str:
     """The worst value and when; nothing where there is none, or where what must not be never was."""
-    never = found["value"] == 0.0 and found["reason"] == "kept"
-    if never or found["value"] is None or found["t"] is None:
+    never = found.value == 0.0 and found.reason == "kept"
+    if never or found.value is None or found.t is None:
         return ""
-    return f" {minus(format(found['value'], '.3g'))} at {found['t']:.1f} s"
+    return f" {minus(format(found.value, '.3g'))} at {found.t:.1f} s"
 
 
-def _over_seeds(kpi: Entry) -> Markup:
+def _over_seeds(kpi: KpiComparison) -> str:
     """The share of the seeds that are as GT, how many pass and fail, and the range of their worst values."""
-    runs, equal = kpi[MODEL], kpi["equal"][MODEL]
-    counts = Counter(None if run is None else run["verdict"] for run in runs)
+    runs, equal = kpi.over_seeds, kpi.equal.get(MODEL)
+    if runs is MISSING or not isinstance(equal, Share):
+        return NONE
+    counts = Counter(None if run is None else run.verdict for run in runs)
     told = join((html("{} {}", _outcome(o), counts[o]) for o in OUTCOMES if counts[o]), ", ")
-    values = [run["value"] for run in runs if run is not None and run["value"] is not None]
+    values = [run.value for run in runs if run is not None and run.value is not None]
     span = ""
     if any(values):
         low, high = (minus(format(value, ".3g")) for value in (min(values), max(values)))
         span = f"; {low}" if low == high else f"; {low} to {high}"
-    if equal["count"] == equal["of"]:
+    if equal.count == equal.of:
         return html("{} of {}{}", told, len(runs), span)
     return html('<span class="off">≠ {} equal: {}{}</span>', share(equal), told, span)
 
 
-def errors_table(entry: Entry, tolerances: Entry) -> Markup:
+def errors_table(entry: VerifiedRecording, tolerances: Tolerances) -> Markup:
     """Give the root mean square errors of each step, EGO and TO, with the tolerance beneath; marked where beyond."""
     rows = []
     for step, kind in STEPS.items():
-        if step in entry["errors"]:
-            cells = [_error(who, q, entry["errors"][step], tolerances[kind]) for who, q in _columns()]
+        if (errors := entry.errors.get(step)) is not None:
+            limits: StepLimits = getattr(tolerances, kind)
+            cells = [_error(who, q, errors, limits) for who, q in _columns()]
             rows.append(row([html("{} <i>{}</i>", step, kind), *cells]))
-    if (driven := entry["driven"]) is not None:
-        cells = [_error(who, q, {"ego": driven["error"]}, tolerances["vehicle"]) for who, q in _columns()]
+    if (driven := entry.driven) is not None:
+        cells = [_error(who, q, {"ego": driven.error}, tolerances.vehicle) for who, q in _columns()]
         rows.append(row([Markup("vehicle model <i>vehicle, largest after one second</i>"), *cells]))
-    seeds = entry["ways"].get(MODEL, {}).get("seeds", [])
-    if seeds:
-        cells = list(_pipeline(seeds, tolerances["pipeline"]["ego"]))
+    if entry.seeds:
+        cells = list(_pipeline(entry.seeds, tolerances.pipeline.ego))
         rows.append(row([html("PIPE of {} <i>pipeline, median and range</i>", MODEL), *cells]))
     head = [f"{who.upper()} {q} [{QUANTITIES[q][0]}]" for who, q in _columns()]
     return rows_table(["error (RMS)", *head], rows, "rms")
@@ -99,19 +107,19 @@ def _columns() -> Iterator[tuple[str, str]]:
     return ((who, quantity) for who in ("ego", "to") for quantity in QUANTITIES)
 
 
-def _error(who: str, quantity: str, errors: Entry, limits: Entry) -> str:
+def _error(who: str, quantity: str, errors: Errors, limits: StepLimits) -> str:
     value = (errors.get(who) or {}).get(quantity)
     if value is None:
         return NONE
-    return _held(f"{value:.{QUANTITIES[quantity][1]}f}", value, limits[who][quantity])
+    return _held(f"{value:.{QUANTITIES[quantity][1]}f}", value, getattr(getattr(limits, who), quantity))
 
 
-def _pipeline(seeds: Sequence[Mapping[str, Any]], limits: Entry) -> Iterator[str]:
+def _pipeline(seeds: Sequence[SeedRun], limits: ErrorLimits) -> Iterator[str]:
     """The EGO's errors over the seeds; traffic objects drive as they did."""
     for quantity, (_, digits) in QUANTITIES.items():
-        values = [v for s in seeds if (v := (s["errors"] or {}).get(quantity)) is not None]
+        values = [v for s in seeds if (v := (s.errors or {}).get(quantity)) is not None]
         text = spread(values, digits, "", sign=False)
-        yield _held(text, max(values), limits[quantity]) if values else NONE
+        yield _held(text, max(values), getattr(limits, quantity)) if values else NONE
     yield from [NONE] * len(QUANTITIES)
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from resim.report.markup import Markup, html, join
-from resim.verification.page.cells import Entry, minus, row, rows_table
+from resim.verification.page.cells import minus, row, rows_table
+from resim.verification.validity import IntervalEnd, ValidityInterval
 
 MEANING = Markup(
     "Within each interval no KPI flips in simulation. That is no proof for the interval: it is what <b>one real "
@@ -16,36 +19,36 @@ REACH = 96.0
 """Units of the view box from the middle to the farther end."""
 
 
-def ranges(entry: Entry) -> Markup:
+def ranges(validity: Sequence[ValidityInterval]) -> Markup:
     """Give the intervals of all parameters that were varied."""
-    rows = [_range(v) for v in entry["validity"]]
+    rows = [_range(v) for v in validity]
     head = ["parameter", "from", "", "to", "resolution"]
     return html("<p>{}</p>{}", MEANING, rows_table(head, rows, "ranges"))
 
 
-def _range(v: Entry) -> Markup:
-    of = html("{} <i>of object {}</i>", v["parameter"], v["object"])
-    resolution = f"{v['resolution']:g} {v['unit']}, {v['tried']} variations run"
-    return row([of, _end(v["low"], v["unit"]), _bar(v), _end(v["high"], v["unit"]), resolution])
+def _range(v: ValidityInterval) -> Markup:
+    of = html("{} <i>of object {}</i>", v.parameter, v.object)
+    resolution = f"{v.resolution:g} {v.unit}, {v.tried} variations run"
+    return row([of, _end(v.low, v.unit), _bar(v), _end(v.high, v.unit), resolution])
 
 
-def _end(end: Entry, unit: str) -> Markup:
+def _end(end: IntervalEnd, unit: str) -> Markup:
     """An end of the interval, and what flips behind it."""
-    then = f"then {', '.join(end['flips'])} flips" if len(end["flips"]) == 1 else ""
-    if len(end["flips"]) > 1:
-        then = f"then {', '.join(end['flips'])} flip"
-    amount = minus(f"{end['amount']:+.3g}")
+    then = f"then {', '.join(end.flips)} flips" if len(end.flips) == 1 else ""
+    if len(end.flips) > 1:
+        then = f"then {', '.join(end.flips)} flip"
+    amount = minus(f"{end.amount:+.3g}")
     return html("<b>{} {}</b> <i>{}</i>", amount, unit, then or "nothing flips as far as tried")
 
 
-def _bar(v: Entry) -> Markup:
+def _bar(v: ValidityInterval) -> Markup:
     """The interval about no change: a stop where something flips, an arrow where the search ended first."""
-    low, high = v["low"], v["high"]
-    far = max(abs(low["amount"]), abs(high["amount"])) or 1.0
-    a, b = (MIDDLE + REACH * end["amount"] / far for end in (low, high))
+    low, high = v.low, v.high
+    far = max(abs(low.amount), abs(high.amount)) or 1.0
+    a, b = (MIDDLE + REACH * end.amount / far for end in (low, high))
     ends = join(
         html('<path class="stop" d="M{:.1f} 3v16"/>', x)
-        if end["flips"]
+        if end.flips
         else html('<path class="open" d="M{:.1f} 5l{:g} 6l{:g} 6"/>', x, way * 9.0, -way * 9.0)
         for x, end, way in ((a, low, -1.0), (b, high, 1.0))
     )

@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from resim.core.geometry import Floats
 from resim.report.markup import Markup, html, join
+from resim.resimulation.traces import SpeedTraces
+from resim.verification.cases import BuildTraces
+from resim.verification.entries import MODEL, ReactionsOfBuilds
 from resim.verification.page.axes import Axes, array
-from resim.verification.page.cells import Entry
 
 LEAST = 2.0
 """m/s that the axis spans at least, so that noise looks like it."""
-MODEL = "rGT+M"
 DRIVES = {"GT": "gt", "rGT": "rgt", "rSD": "rsd"}
 """Drives with a curve of their own, and their look (verification.css)."""
 
 Curves = Mapping[str, Floats]
 """Speeds [m/s] by drive, each (K,) or, over seeds, (seeds, K)."""
+Reactions = Mapping[str, Sequence[float | None]]
+"""First braking [s] by drive, of each run."""
 
 
-def measured_figure(name: str, entry: Entry, traces: Mapping[str, Any]) -> Markup:
-    """Give the figure of a recording's drives: GT, rGT, rSD, and the range and median with the perception model."""
+def measured_figure(name: str, reactions: Reactions, since: float | None, traces: SpeedTraces) -> Markup:
+    """Give the figure of a recording's drives: GT, rGT, rSD, and the range and median with the perception model.
+
+    since: when [s] the first difference shows, None where none does.
+    """
     t, curves = _curves(traces)
     axes = _axes(t, curves)
     drawn = _band(axes, t, curves[MODEL], "m") if MODEL in curves else Markup()
     drawn += join(axes.line(t, curves[k], css) for k, css in DRIVES.items() if k in curves)
-    drawn += join(_first_braking(axes, t, curves, entry["reaction"]))
-    if entry["cause"] is not None:
-        drawn += _first_difference(axes, entry["cause"]["t"])
+    drawn += join(_first_braking(axes, t, curves, reactions)) + _first_difference(axes, since)
     keys = [_key(k, css) for k, css in DRIVES.items() if k in curves]
     if MODEL in curves:
         keys.append(_key(f"{MODEL}: median and range of {len(curves[MODEL])} seeds", "m"))
@@ -38,9 +41,15 @@ def measured_figure(name: str, entry: Entry, traces: Mapping[str, Any]) -> Marku
     return _figure(axes.svg(drawn, f"Speed of the EGO, {name}"), keys)
 
 
-def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Mapping[str, str]) -> Markup:
+def builds_figure(
+    name: str,
+    reactions: ReactionsOfBuilds,
+    since: float | None,
+    traces: BuildTraces,
+    labels: Mapping[str, str],
+) -> Markup:
     """Give the figure of GT and of the EGO with both builds. labels: the builds', of "before" and "now"."""
-    found = {which: _curves(traces[which]) for which in labels}
+    found = {"before": _curves(traces.before), "now": _curves(traces.now)}
     t, measured = found["now"]
     runs = {which: curves.get(MODEL, curves.get("rGT")) for which, (_, curves) in found.items()}
     known = {which: speeds for which, speeds in runs.items() if speeds is not None}
@@ -48,8 +57,8 @@ def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Ma
     drawn = axes.line(t, measured["GT"], "thin")
     for which, speeds in known.items():
         drawn += _band(axes, found[which][0], np.atleast_2d(speeds), which)
-    drawn += join(_first_braking(axes, t, known, entry["reaction"]))
-    drawn += _first_difference(axes, entry["t"])
+    each = {"before": reactions.before, "now": reactions.now}
+    drawn += join(_first_braking(axes, t, known, each)) + _first_difference(axes, since)
     seeds = {which: f", {len(s)} seeds" if s.ndim == 2 else "" for which, s in known.items()}
     keys = [_key(f"{labels[which]} ({which}{text})", which) for which, text in seeds.items()]
     return _figure(
@@ -58,12 +67,12 @@ def builds_figure(name: str, entry: Entry, traces: Mapping[str, Any], labels: Ma
     )
 
 
-def _curves(traces: Mapping[str, Any]) -> tuple[Floats, dict[str, Floats]]:
+def _curves(traces: SpeedTraces) -> tuple[Floats, dict[str, Floats]]:
     """The times [s] (K,) and the speeds [m/s] by drive."""
-    out = {k: array(traces[k]) for k in ("GT", "rGT", "rSD") if k in traces}
-    if traces.get(MODEL):
-        out[MODEL] = np.stack([array(one) for one in traces[MODEL]])
-    return array(traces["t"]), out
+    out = {drive: array(speeds) for drive, speeds in traces.single().items()}
+    if traces.over_seeds:
+        out[MODEL] = np.stack([array(one) for one in traces.over_seeds])
+    return array(traces.t), out
 
 
 def _axes(t: Floats, curves: Curves) -> Axes:
@@ -85,11 +94,11 @@ def _band(axes: Axes, t: Floats, speeds: Floats, css: str) -> Markup:
     return area + axes.line(t, middle, css)
 
 
-def _first_braking(axes: Axes, t: Floats, curves: Curves, reaction: Mapping[str, Any]) -> list[Markup]:
+def _first_braking(axes: Axes, t: Floats, curves: Curves, reactions: Reactions) -> list[Markup]:
     """A dot on each curve where the EGO first brakes; over seeds at the median time of those that do."""
     out = []
     for drive, speeds in curves.items():
-        known = [v for v in _each(reaction.get(drive)) if v is not None]
+        known = [v for v in reactions.get(drive, ()) if v is not None]
         if not known:
             continue
         at = float(np.median(known))
@@ -100,10 +109,6 @@ def _first_braking(axes: Axes, t: Floats, curves: Curves, reaction: Mapping[str,
                 axes.dot(at, float(np.nanmedian(values)), DRIVES.get(drive, "m" if drive == MODEL else drive))
             )
     return out
-
-
-def _each(found: Any) -> Sequence[float | None]:
-    return found if isinstance(found, list) else [found]
 
 
 def _first_difference(axes: Axes, t: float | None) -> Markup:

@@ -1,0 +1,27 @@
+"""The names in files that more than one room knows: schemas of JSON files, columns of tables; each stands here once.
+
+`resim.jobs.schemas` has the JSON Schema of every file, by the dataclass or model that reads and writes it.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+PerceptionSchema = Literal["resim-perception-1"]
+VerificationSchema = Literal["resim-verification-1"]
+SweepSchema = Literal["resim-sweep-1"]
+SweepReportSchema = Literal["resim-sweep-report-1"]
+"""Of a perception model, of verification.json, of a sweep's manifest.json and of its report.json."""
+
+COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
+OPTIONAL_COLUMNS = ("yaw_rate", "a")
+"""Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s²."""
+
+PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
+"""Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""
+
+ANSWER_COLUMNS = ("t", "acceleration", "curvature", "objects")
+"""Of a function's answers: s, m/s², 1/m, number of objects that it was shown."""
+
+SOURCE = "source"
+"""Column of the tables of a run: what drive a row is of (GT, SD, rGT, rSD, rGT+M0, ..., perceived_...)."""

@@ -1,0 +1,76 @@
+"""The JSON Schema of every file that users write, and of the JSON files that resim writes: from what reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from resim.core.spec import json_schema, sealed_schema
+from resim.metrics.criteria import CriteriaFile
+from resim.metrics.risk.prediction import PredictionSet
+from resim.perception.model import PerceptionModel
+from resim.recordings.settings import Settings
+from resim.resimulation.report import RunProvenance, RunReport
+from resim.scenario.jscen import JscenFile
+from resim.simulation.function.interface import BuildFile
+from resim.sweeps.file import SweepFile
+from resim.sweeps.manifest import SweepManifest
+from resim.sweeps.report import SweepReport
+from resim.verification.report import VerificationReport
+from resim.verification.suite import SuiteFile
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A kind of file: what it is called, and the model or dataclass that reads it.
+
+    sealed: whether it has a checksum of itself.
+    """
+
+    file: str
+    kind: type
+    sealed: bool = False
+
+    def schema(self) -> dict[str, Any]:
+        """Give its JSON Schema; a TOML file is valid where what it says is, as JSON."""
+        if issubclass(self.kind, BaseModel):
+            return {"$schema": DIALECT, **self.kind.model_json_schema()}
+        return {"$schema": DIALECT, **(sealed_schema if self.sealed else json_schema)(self.kind)}
+
+
+FORMATS: Mapping[str, FileFormat] = {
+    "recording": FileFormat("recording.toml", Settings),
+    "jscen": FileFormat("*.jscen.json", JscenFile),
+    "build": FileFormat("*.toml", BuildFile),
+    "criteria": FileFormat("*.toml", CriteriaFile),
+    "suite": FileFormat("*.toml", SuiteFile),
+    "sweep": FileFormat("*.toml", SweepFile),
+    "perception": FileFormat("*.json", PerceptionModel),
+    "prediction": FileFormat("*.json", PredictionSet),
+    "report": FileFormat("report.json", RunReport),
+    "run": FileFormat("run.json", RunProvenance, sealed=True),
+    "verification": FileFormat("verification.json", VerificationReport, sealed=True),
+    "manifest": FileFormat("manifest.json", SweepManifest, sealed=True),
+    "sweep_report": FileFormat("report.json", SweepReport),
+}
+"""By name; report.json of a run is "report", that of a sweep "sweep_report"."""
+
+
+def schema_of(name: str) -> dict[str, Any]:
+    """Give the JSON Schema of a kind of file.
+
+    Args:
+        name: Of `FORMATS`.
+
+    Returns:
+        A schema of draft 2020-12.
+
+    Raises:
+        KeyError: There is no such kind.
+    """
+    return FORMATS[name].schema()

@@ -1,0 +1,106 @@
+"""verification.json is read back by field, as it was written; what is none is refused with the field."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from conftest import ROOT
+from resealed import edit
+
+import resim
+from resim.core.errors import InputError
+from resim.core.spec import sealed_schema
+from resim.verification.cases import VerificationCase, kept
+from resim.verification.entries import RecordingSource, VerifiedRecording
+from resim.verification.folder import read, text
+from resim.verification.report import VerificationReport
+from resim.verification.request import VerifyOptions
+
+PILOT = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
+MODEL = ROOT / "adfunc" / "perception" / "proving_ground.json"
+SUITE = """name = "two"
+criteria = "{root}/scenarios/criteria/highway.toml"
+agreement = 0.5
+recording = [{{folder = "{root}/scenarios/cut_in_brake"}}, {{folder = "nowhere"}}]
+"""
+
+Change = Callable[[dict[str, Any]], Any]
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory: pytest.TempPathFactory) -> resim.Verification:
+    """A drive that is judged by seeds, and a recording that is not there."""
+    folder = tmp_path_factory.mktemp("verified")
+    (folder / "suite.toml").write_text(SUITE.format(root=ROOT), encoding="utf-8")
+    asked = VerifyOptions(perception=MODEL, seeds=5)
+    return resim.verify(folder / "suite.toml", PILOT, folder / "out", asked, workers=1)
+
+
+@pytest.fixture
+def written(verified: resim.Verification, tmp_path: Path) -> Path:
+    path = tmp_path / "verification.json"
+    path.write_bytes((verified.folder / "verification.json").read_bytes())
+    return path
+
+
+def test_it_is_read_back_as_it_was_written(verified: resim.Verification, written: Path) -> None:
+    again = read(written)
+    assert again == verified.report
+    assert text(again) == written.read_text(encoding="utf-8")
+    judged, failed = again.recordings
+    assert isinstance(judged, VerifiedRecording)
+    assert judged.decision.over_seeds is not None
+    assert len(judged.seeds) == len(judged.reaction.each()["rGT+M"])
+    assert (failed.verdict, failed.reports) == ("error", ())
+
+
+def test_its_schema_is_that_of_the_file(written: Path) -> None:
+    found = json.loads(written.read_text())
+    jsonschema.validate(found, sealed_schema(VerificationReport))
+    found["recordings"][0]["verdict"] = "fine"
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(found, sealed_schema(VerificationReport))
+
+
+CHANGES: dict[str, Change] = {
+    "recordings.0.verified.verdict": lambda f: f["recordings"][0].update(verdict="fine"),
+    "recordings.0.verified.kpis": lambda f: f["recordings"][0].pop("kpis"),
+    "recordings.0.verified.mood": lambda f: f["recordings"][0].update(mood="good"),
+    "recordings.0.verified.reaction.GT": lambda f: f["recordings"][0]["reaction"].update(GT="1.0"),
+    "recordings.1.failed.crashed": lambda f: f["recordings"][1].update(crashed=0),
+    "summary.measured.good": lambda f: f["summary"].update(good="yes"),
+    "inputs.build.hash": lambda f: f["inputs"]["build"].pop("hash"),
+    "schema": lambda f: f.update(schema="resim-verification-9"),
+    "recordings": lambda f: f.update(recordings=[]),
+}
+
+
+@pytest.mark.parametrize("field", CHANGES)
+def test_what_is_none_is_refused_with_the_field(written: Path, field: str) -> None:
+    edit(written, CHANGES[field])
+    with pytest.raises(
+        InputError, match=rf"is not what `resim verify` writes: .*{field.replace('.', '[.]')}"
+    ):
+        read(written)
+
+
+def test_a_kept_case_is_read_by_field(verified: resim.Verification, tmp_path: Path) -> None:
+    (file,) = (verified.folder / "cases").glob("*.json")
+    (tmp_path / "cases").mkdir()
+    copy = tmp_path / "cases" / file.name
+    copy.write_bytes(file.read_bytes())
+    judged, key = verified.report.recordings[0], json.loads(file.read_text())["key"]
+    source, damaged = RecordingSource(judged.name, judged.folder, judged.hash), list[Path]()
+    case = kept(tmp_path, source, key, damaged.append)
+    assert isinstance(case, VerificationCase)
+    assert case.entry.verdict == judged.verdict
+    assert kept(tmp_path, source, "0" * 64, damaged.append) is None
+    assert damaged == []
+    edit(copy, lambda said: said["entry"].update(way="straight on"))
+    assert kept(tmp_path, source, key, damaged.append) is None
+    assert damaged == [copy]
