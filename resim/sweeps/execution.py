@@ -81,21 +81,21 @@ def begin(out: Path, told: SweepInputs, *, resume: bool) -> None:
             write_json(sealed(to_json(SweepBegun(versions(), told))), beside)
     elif not resume:
         raise InputError(
-            out, "holds a sweep already", "Go on with it by --resume, or name another with --out."
+            out, "already has a sweep", "Resume it with --resume, or name another folder with --out."
         )
-    remedy = "Restore it, or begin anew with another --out."
+    remedy = "Restore it, or start again with another --out."
     try:
         held, now = read_sealed(path, remedy), sealed(to_json(SweepBegun(versions(), told)))
         differ = chain(*(_differ(held[name], now[name]) for name in ("inputs", "versions")))
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(path, "is not what `resim sweep` writes", remedy) from e
     if (name := next(differ, None)) is not None:
-        raise InputError(out, f"{name} is not what it was when the sweep began", remedy)
+        raise InputError(out, f"{name} has changed when the sweep began", remedy)
 
 
 def _make(out: Path) -> None:
     """Make the folder, unless another shard does so at this moment. Raises InputError where it is of something else."""
-    remedy = "Name another with --out."
+    remedy = "Name another folder with --out."
     try:
         out.mkdir(parents=True, exist_ok=True)
         held = [path for path in out.iterdir() if not path.name.endswith(".new")]
@@ -106,7 +106,7 @@ def _make(out: Path) -> None:
     except OSError as e:
         raise InputError(out, f"cannot be made or read: {e.strerror}", remedy) from e
     if strange:
-        raise InputError(out, "exists and holds no sweep", remedy)
+        raise InputError(out, "exists and has no sweep", remedy)
 
 
 def _differ(old: Any, new: Any, name: str = "") -> Iterator[str]:
@@ -137,7 +137,7 @@ def table(sweep: Sweep, shard: tuple[int, int] = (1, 1)) -> pd.DataFrame:
 def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
     """Raise ResimError where a cycle time is no multiple of the simulation's step."""
     if sweep.file.planned.grows:
-        remedy = "Take another plan, with values = [...]."
+        remedy = "Choose another plan, with values = [...]."
         raise InputError(
             sweep.path, f"an adaptive plan cannot halve {name}: it is a multiple of the step", remedy
         )
@@ -298,7 +298,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
             write_parquet(whole.iloc[first : first + PART], path)
     with whole_file(out / "times.parquet", (".parquet",)) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
-    remedy = "Restore it, or begin anew with another --out."
+    remedy = "Restore it, or start again with another --out."
     held = read_sealed_json(out / "sweep.json", SweepBegun, "resim sweep", remedy)
     manifest = SweepManifest(
         schema=SCHEMA,

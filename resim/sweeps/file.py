@@ -134,7 +134,7 @@ def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
     vehicle_model(vehicle)
     file = read_strict(path, SweepFile, EXAMPLE)
     if bool(file.recording) == (file.suite is not None):
-        raise InputError(path, "names both or neither of recording and suite", "Name one of them.")
+        raise InputError(path, "needs either [[recording]] or suite", "Name one of them.")
     if again := [name for name in file.build if file.build.count(name) > 1]:
         raise InputError(path, f"build {again[0]!r} is a duplicate", "Take one away.")
     names = [p.name for p in file.parameter]
@@ -149,7 +149,7 @@ def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
     else:
         folders, pinned = found_folders(path, file.recording)
     if (count := _count(file, len(folders))) > MOST:
-        remedy = "Give fewer points, steps or seeds, or cut it into several."
+        remedy = "Give fewer points, steps or seeds, or split it into several sweeps."
         raise InputError(path, f"asks for up to {count:,} runs; a sweep has up to {MOST:,}", remedy)
     frozen = {name: freeze_build(joined(path, name)) for name in file.build}
     frozen[file.criteria] = freeze_criteria(joined(path, file.criteria))
@@ -178,7 +178,7 @@ def check_plan(path: Path, file: SweepFile) -> None:
     for p in file.parameter:
         if p.low is None or p.mean is not None or p.width is None:
             problem = f"parameter {p.name!r}: an adaptive plan needs low, high and width, and no mean"
-            raise InputError(path, problem, "Correct it, or take another plan.")
+            raise InputError(path, problem, "Correct it, or choose another plan.")
     first = int(np.prod([p.steps for p in file.parameter]))
     if first > file.points:
         raise InputError(

@@ -74,7 +74,7 @@ def cause(
         if recorded.failure:
             tried = [f"shown what was recorded as perceived, the function failed: {recorded.failure}"]
     if recorded is None and sensor:
-        return Cause("sensor", f"{_excess_in_words(sensor)}; not tried out", worst.t)
+        return Cause("sensor", f"{_excess_in_words(sensor)}; not tested", worst.t)
     steps: tuple[Step, ...] = ("sensor", "fit", "simulation")
     for step in steps:
         if far := [excess for excess in worst.beyond if excess.step == step]:
@@ -85,8 +85,8 @@ def cause(
         since = worst.t if driven.blamed == "function" else driven.t
         return Cause(driven.blamed, "; ".join([str(driven), *tried]), since)
     if recorded is None:
-        tried = ["there are no sensor data: errors of perception cannot be told from the function's own"]
-    own = "no step before it is beyond tolerance: it acts otherwise itself, or a KPI is at its limit"
+        tried = ["there are no sensor data: errors of perception cannot be separated from the function's own"]
+    own = "no step before it is beyond tolerance: it acts differently itself, or a KPI is at its limit"
     moved = [] if driven is None else [str(driven)]
     return Cause("function", "; ".join([own, *tried, *moved]), worst.t)
 
@@ -96,7 +96,7 @@ def _undecided(judged: SeedVerdict) -> str:
     told = judged.share
     return (
         f"{told.count} of {told.of} seeds agree, [{told.low:.3f}, {told.high:.3f}] at {told.confidence:.0%}: neither "
-        f"enough nor too few; some {judged.needed} seeds would, if this is their true share"
+        f"enough nor too few; some {judged.needed} seeds would decide, if this is the true share"
     )
 
 

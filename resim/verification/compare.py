@@ -165,9 +165,9 @@ def _ended(measured: DriveOutcome, simulated: DriveOutcome) -> str:
     """How the simulation ended otherwise than the drive."""
     if measured.collision != simulated.collision:
         return (
-            "the EGO collides in the drive alone"
+            "the EGO collides only in the drive"
             if measured.collision
-            else "the EGO collides in simulation alone"
+            else "the EGO collides only in simulation"
         )
     return f"the simulation ended early: {simulated.end.replace('_', ' ')}"
 

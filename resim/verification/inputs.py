@@ -45,4 +45,4 @@ class VerificationRequest(Strict):
     limits: RegressionLimits
     reports: int
     recordings: dict[str, HashedFile]
-    wanted: dict[str, str] = Field(description="hashes that the suite wants")
+    wanted: dict[str, str] = Field(description="hashes that the suite expects")

@@ -64,7 +64,9 @@ def make_request(
     if strange := [name for name in call.vary if name not in PARAMETERS]:
         raise InputError("--vary", f"there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
     if against is not None and (call.vary or call.driven_by):
-        raise InputError("--against", "compares builds alone", "Leave out --vary and --driven-by.")
+        raise InputError(
+            "--against", "compares two builds and takes neither", "Leave out --vary and --driven-by."
+        )
     check_codes(file.accept)
     vehicle_model(call.vehicle)
     model = None if perception is None else freeze_model(perception)
@@ -104,7 +106,9 @@ def make_request(
 def _enough(suite: Path, test: SequentialTest) -> None:
     """Raise InputError where no outcome of so few seeds would verify anything."""
     if test.most < test.fewest:
-        problem = f"agreement {test.demand:g} cannot be told by {test.most} seeds, even if all of them agree"
+        problem = (
+            f"agreement {test.demand:g} cannot be decided with {test.most} seeds, even if all of them agree"
+        )
         raise InputError(suite, problem, f"Allow seeds = {test.fewest} or more; 200 if nothing is said.")
 
 
@@ -121,7 +125,7 @@ def refuse_changes(before: VerificationRequest, path: Path) -> None:
     now += [(r.path, r.hash, _content(_there(base, r))) for r in before.recordings.values()]
     if changed := [name for name, old, new in now if old != new]:
         more = f" (and {len(changed) - 1} more)" if len(changed) > 1 else ""
-        raise InputError(path, f"{changed[0]}{more} is not what it was", "Restore it, or verify anew.")
+        raise InputError(path, f"{changed[0]}{more} has changed", "Restore it, or verify again.")
 
 
 def refuse_others(a: VerificationRequest, base: Path) -> None:
@@ -142,7 +146,7 @@ def refuse_others(a: VerificationRequest, base: Path) -> None:
         was = f"was driven by {label!r}" + (", with another hash" if label == build.label else "")
         raise InputError(
             name, f"{was}, not by this {build.label!r}{more}",
-            f"Take the build that drove, compare builds with --against, or ask for it with --driven-by {label}.",
+            f"Use the build that drove, compare builds with --against, or accept it with --driven-by {label}.",
         )  # fmt: skip
 
 

@@ -51,27 +51,23 @@ class OpenLoop:
         shown = "shown what was recorded as perceived" if self.senses else "shown the truth"
         if self.function == "plans otherwise":
             since = f"for {self.planned:.1f} s"
-            return f"along the measured drive, {shown}, the function plans otherwise than recorded, {since}"
+            return f"along the measured drive, {shown}, the function plans differently from the recording, {since}"
         if not self.beyond:
-            return (
-                f"along the measured drive, {shown}, its answers move the vehicle model as the vehicle moved"
-            )
+            return f"along the measured drive, {shown}, its answers move the vehicle model as the real vehicle moved"
         moved = (
             f"along the measured drive the function, {shown}, {_ANSWERS[self.function]}; within one second of its "
-            f"answers the vehicle moved otherwise than its model does: {', '.join(map(str, self.beyond))}"
+            f"answers the vehicle moved differently from its model: {', '.join(map(str, self.beyond))}"
         )
         return f"{moved}; {self._untold()}" if self.function == "unknown" else moved
 
     def _untold(self) -> str:
         if not self.senses:
             return "what it perceived was not recorded: function, vehicle, or perception"
-        return (
-            "there are no recorded plans, nor is this known to be the build that drove: function or vehicle"
-        )
+        return "there are no recorded plans, and nobody knows whether this build drove: function or vehicle"
 
 
 _ANSWERS: Mapping[Function, str] = {
     "plans as recorded": "plans as it did",
     "is the build that drove": "which is the build that drove",
-    "unknown": "which may answer otherwise than the one that drove",
+    "unknown": "which may answer differently from the one that drove",
 }

@@ -105,7 +105,7 @@ def verify_recording(
     if any(j.verdict == "not verified" for j in judged.values()):
         recorded = _as_recorded(result, found["GT"], errors, demands, how)
     driven = open_loop(result, demands.tolerances)
-    shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smooth as its splines"}
+    shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smoothed by its splines"}
     if perceiving is not None:
         shown["rGT+M"] = f"what {perceiving.model.name} shows"
     causes: dict[Way, Cause | None] = {

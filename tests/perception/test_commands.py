@@ -41,7 +41,7 @@ def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     seeds = report["perception"]["seeds"]
     same = [s["decision"] == report["decision"]["GT"] for s in seeds]
     assert np.mean(same) >= 0.9
-    assert f"{sum(same)} of 20 seeds decide as measured" in " ".join(out.split())
+    assert f"{sum(same)} of 20 seeds make the measured decision" in " ".join(out.split())
     assert report["perception"]["same_decision"] == sum(same)
     # the sensor itself, with other seeds, is 0.10 s early: the measured drive was a late one
     assert abs(np.median([s["reaction_difference"] for s in seeds])) < 0.1 + 0.041
@@ -54,7 +54,7 @@ def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "With the perception model" in page
     assert f"<b>{sum(same)} of 20</b> seeds decide as the measured drive" in page
-    assert f"{sum(same)} of 20 seeds decide as measured</span>" in page
+    assert f"{sum(same)} of 20 seeds make the measured decision</span>" in page
     middle = np.median([s["reaction"] for s in seeds])
     assert f"<td>median <b>{middle:.2f} s</b>" in page
     run = json.loads((tmp_path / "out" / "run.json").read_text())

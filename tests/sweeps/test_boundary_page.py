@@ -33,9 +33,9 @@ def test_one_parameter_has_a_threshold(call: Call, tmp_path: Path) -> None:
     assert found["cells"] == [[[0.3, 0.325]]]
     assert found["ranges"] == [{"parameter": SPEED, "side": "over", "value": 0.325, "points": 6}]
     for told in (
-        "the EGO decides as measured, in 3 or more of the 5 seeds of a point",
+        "the EGO makes the measured decision, in 3 or more of the 5 seeds of a point",
         "between 0.300 s and 0.325 s of latency of speed (0 of 5 seeds good at the lower end, 4 at the upper one)",
-        "the EGO decides as measured at every point tried with latency of speed of 0.325 s or more (6 points)",
+        "the EGO makes the measured decision at every tested point with latency of speed of 0.325 s or more (6 points)",
     ):
         assert told in page
         assert told in said
@@ -91,7 +91,7 @@ def test_points_that_run_out_are_told(call: Call, tmp_path: Path, parameters: An
 def test_what_does_not_change_is_told(call: Call, tmp_path: Path) -> None:
     found, page, said = report(call, tmp_path / "lane", TWO, outcome="lane")
     assert (found["known"], found["cells"], found["widest"]) == (True, [], None)
-    assert "“lane” is passed at every point tried" in page
+    assert "“lane” is passed at every tested point" in page
     assert "30 points tried, 30 of them good: the outcome does not change" in said
 
 

@@ -92,7 +92,7 @@ def test_it_says_how_far_a_parameter_may_go(grid: tuple[dict[str, Any], str, str
 
 
 def test_it_finds_the_boundary(grid: tuple[dict[str, Any], str, str]) -> None:
-    """The EGO decides as measured where the latency is above 0.3 s + 0.1 bias."""
+    """The EGO makes the measured decision where the latency is above 0.3 s + 0.1 bias."""
     boundary = outcome(grid[0], "same_decision")["map"]["boundaries"]["0.5"]
     assert [c["b"] for c in boundary] == [-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0]
     for c in boundary:
@@ -141,7 +141,7 @@ def test_where_all_fail_nothing_is_kept(call: Call, tmp_path: Path) -> None:
     found, _, said = report(call, tmp_path / "failed", failed=495)
     assert found["sections"][0]["outcomes"] == []
     assert found["sections"][0]["largest_risk"] is None
-    assert said.count("no value swept keeps it, it holds in no run; 495 runs failed, which keep nothing") == 3
+    assert said.count("never met in this sweep; 495 runs failed, which count as not met") == 3
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def test_a_sweep_with_another_vehicle_is_another_sweep(made: Path, call: Call, t
     assert len({case for each in cases for case in each}) == len(cases[0]) + len(cases[1])
     code, _, error = call("sweep", made / "sweep.toml", "--out", out, "--resume")
     assert code == 2
-    assert "vehicle is not what it was when the sweep began" in error
+    assert "vehicle has changed when the sweep began" in error
     assert call("sweep", "repeat", out, "0", "--out", tmp_path / "same")[0] == 0
     assert json.loads((tmp_path / "same" / "run.json").read_text())["vehicle"] == "single-track"
     code, _, error = call("sweep", "repeat", out, "0", "--out", tmp_path / "other", "--vehicle", "kinematic")

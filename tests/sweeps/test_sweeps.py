@@ -329,7 +329,7 @@ def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call:
     code, _, error = call("sweep", str(path), "--out", str(out), "--resume")
     path.write_text(text)
     assert code == 2
-    assert "sweep.parameter is not what it was when the sweep began" in error
+    assert "sweep.parameter has changed when the sweep began" in error
 
 
 @pytest.mark.parametrize(

@@ -238,7 +238,7 @@ def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLo
     [
         ("plans as recorded", True, True, "vehicle", "EGO speed 2 m/s (tolerance 0.5 m/s)"),
         ("is the build that drove", True, True, "vehicle", "is the build that drove"),
-        ("unknown", True, True, "function or vehicle", "nor is this known to be the build that drove"),
+        ("unknown", True, True, "function or vehicle", "and nobody knows whether this build drove"),
         ("unknown", True, False, "function or vehicle", "what it perceived was not recorded"),
         ("plans otherwise", True, True, "function", "plans otherwise than recorded, for 1.0 s"),
         ("plans otherwise", False, True, "function", "plans otherwise than recorded"),

@@ -222,7 +222,7 @@ def test_local_validity_is_told_as_no_more_than_it_is(measured, write):
     (row,) = select(detail, ".ranges tbody tr")
     assert words(row[0]) == "gap of object <1>"
     assert words(row[1]) == "−6.56 m then accident risk, time headway flip"
-    assert words(row[3]) == "+30 m nothing flips as far as tried"
+    assert words(row[3]) == "+30 m no KPI flips in the tested range"
     assert [p.get("class") for p in select(row, "path")] == ["grid", "held", "frame", "stop", "open"]
 
 

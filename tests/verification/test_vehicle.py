@@ -120,7 +120,7 @@ def test_a_vehicle_that_responds_otherwise_is_the_cause(
     told = found.entry(RecordingSource(name, name, None))
     assert told.driven is not None
     assert told.driven.blamed == "vehicle"
-    assert any("the vehicle moved otherwise than its model does" in note for note in told.notes)
+    assert any("the vehicle moved differently from its model" in note for note in told.notes)
 
 
 def test_without_plans_the_build_that_drove_is_known_by_its_hash_alone(driven: Drive) -> None:

@@ -10,7 +10,7 @@ COLLISION = OutcomeDefinition(
     label="no collision of the EGO",
     of=lambda run: run.found.collision,
     good=False,
-    keeps="the EGO collides with nothing",
+    keeps="the EGO does not collide",
     asked="no collision",
     final=True,
 )

@@ -7,8 +7,8 @@ from resim.sweeps.outcomes.definition import OutcomeDefinition
 SAME_DECISION = OutcomeDefinition(
     column="same_decision",
     type="flag",
-    label="decides as measured",
+    label="makes the measured decision",
     of=lambda run: run.found.decision == run.measured_decision,
     good=True,
-    keeps="the EGO decides as measured",
+    keeps="the EGO makes the measured decision",
 )

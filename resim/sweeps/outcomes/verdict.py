@@ -18,6 +18,6 @@ VERDICT = OutcomeDefinition(
     label="every criterion passes",
     of=_verdict,
     good="PASS",
-    keeps="every criterion is passed",
+    keeps="every criterion passes",
     final=True,
 )

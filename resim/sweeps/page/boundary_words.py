@@ -42,13 +42,13 @@ def _asked(found: BoundaryReport) -> str:
 
 def _known(found: BoundaryReport, parameters: Sequence[SweptParameter]) -> Iterator[str]:
     """How many points were tried, and how well the boundary is known by them."""
-    tried = f"{found.points} points tried, {found.good} of them good"
+    tried = f"{found.points} points tested, {found.good} of them good"
     if not found.cells:
         yield f"{tried}: the outcome does not change between the points of the first grid"
         return
     cells = f"{tried}: the outcome changes in {len(found.cells)} cell{'s' * (len(found.cells) != 1)}"
     if found.known:
-        yield f"{cells} of {_size(found, parameters, found.widest)}, as small as was asked for"
+        yield f"{cells} of {_size(found, parameters, found.widest)}, as small as requested"
     else:
         yield cells
         yield ran_out(found, parameters)
@@ -57,16 +57,17 @@ def _known(found: BoundaryReport, parameters: Sequence[SweptParameter]) -> Itera
 def ran_out(found: BoundaryReport, parameters: Sequence[SweptParameter]) -> str:
     """Say that the plan had too few points, and what they leave open."""
     return (
-        f"the boundary is not known to the width asked for: points = {found.most} ran out before the next round, "
+        f"the boundary is not known to the requested width: points = {found.most} ran out before the next round, "
         f"and cells of up to {_size(found, parameters, found.widest)} are left open "
-        f"(asked for: {_size(found, parameters, found.widths)})"
+        f"(requested: {_size(found, parameters, found.widths)})"
     )
 
 
 def _islands(found: BoundaryReport) -> str:
     """Say how likely it is that a small region where the outcome is another was missed."""
     sizes = ", ".join(f"{percent(i.size)}: {percent(i.missed)}" for i in found.islands)
-    return f"an island within one cell of the first grid is not found; missed, by its share of each range: {sizes}"
+    chance = f"probability to miss it, by its share of each range: {sizes}"
+    return f"an island within one cell of the first grid is not found; {chance}"
 
 
 def _size(
@@ -105,15 +106,15 @@ def _ranges(found: BoundaryReport, parameters: Sequence[SweptParameter]) -> Iter
     what = keeps(found)
     by_name = {p.name: p for p in parameters}
     if any(r.side == "whole" for r in found.ranges):
-        yield f"{what} at every point tried"
+        yield f"{what} at every tested point"
         return
     for r in found.ranges:
         if r.value is not None:
             p = by_name[r.parameter]
             value, side = _value(p, found, r.value), "more" if r.side == "over" else "less"
-            yield f"{what} at every point tried with {p.label} of {value} or {side} ({r.points} points)"
+            yield f"{what} at every tested point with {p.label} of {value} or {side} ({r.points} points)"
     if not found.good:
-        yield f"{what} at no point tried"
+        yield f"{what} at no tested point"
     elif not found.ranges:
         yield "from no end of a parameter's range on are all points good"
 

@@ -32,7 +32,7 @@ def overview(sections: Sequence[SweepSection], *, shares: bool) -> Markup:
         "failed",
         "pass every criterion",
         "collisions",
-        "decide as measured",
+        "make the measured decision",
         "largest risk",
         "decisions",
     ]

@@ -58,7 +58,7 @@ def overview_line(section: RunCounts) -> str:
     risk = "" if section.largest_risk is None else f"; largest risk {percent(section.largest_risk)}"
     return (
         f"{section.runs} runs{failed}: {section.passed} pass every criterion, {section.collisions} collide, "
-        f"{section.same_decision} decide as measured{risk}"
+        f"{section.same_decision} make the measured decision{risk}"
     )
 
 
@@ -72,12 +72,12 @@ def requirement_lines(
 ) -> Iterator[tuple[str, list[str]]]:
     """Give of each outcome what is good by it, and a sentence or more for each parameter; of criteria that vary."""
     by_name = {p.name: p for p in parameters}
-    none = "no value swept keeps it, it holds in no run"
+    none = "never met in this sweep"
     if section.failed:
-        none += f"; {section.failed} runs failed, which keep nothing"
+        none += f"; {section.failed} runs failed, which count as not met"
     for o in section.constant:
         if o.name in KEEPS:
-            yield keeps(o), ["holds in every run" if o.value == 1.0 else none]
+            yield keeps(o), ["met in every run" if o.value == 1.0 else none]
     for outcome in section.varying():
         if outcome.requirements is not MISSING:
             lines = [
@@ -95,13 +95,13 @@ def _lines(found: Sequence[RequirementEntry], parameter: SweptParameter, demande
     if any(r.found == "whole" for r in found):
         whole = next(r for r in found if r.found == "whole")
         span = f"{quantity(parameter.low, unit)} to {quantity(parameter.high, unit)}"
-        yield f"{label}: holds in the whole range swept, {span} ({_share(whole)})"
+        yield f"{label}: met in the whole swept range, {span} ({_share(whole)})"
     elif limits:
         yield from (_limit(r, parameter, demanded) for r in limits)
     elif any(r.found == "unclear" for r in found):
         yield from (_unclear(r, parameter, demanded) for r in found if r.found == "unclear")
     else:
-        yield f"{label}: no value swept keeps it in {percent(demanded)} of runs"
+        yield f"{label}: no swept value meets it in {percent(demanded)} of runs"
 
 
 def _share(r: RequirementEntry) -> str:
@@ -115,7 +115,7 @@ def _span(bounds: Bounds | None, unit: str) -> str:
         return "nowhere"
     low, high = bounds
     if low is None and high is None:
-        return "the whole range swept"
+        return "the whole swept range"
     if low is None:
         return f"up to {quantity(high, unit)}"
     if high is None:
@@ -126,10 +126,10 @@ def _span(bounds: Bounds | None, unit: str) -> str:
 def _unclear(r: RequirementEntry, parameter: SweptParameter, demanded: float) -> str:
     label, unit = parameter.label, parameter.unit
     if r.bounds is not None:
-        told = f"shown {_span(r.bounds, unit)} ({_share(r)}), but its values differ by no more than chance"
-        return f"{label}: no limit can be told; {told}"
+        told = f"shown {_span(r.bounds, unit)} ({_share(r)}), but its values differ no more than by chance"
+        return f"{label}: no limit can be given; {told}"
     if r.estimate is None:
-        return f"{label}: unclear, too few runs to tell where it is kept in {percent(demanded)} of them"
+        return f"{label}: unclear, too few runs to show where it is met in {percent(demanded)} of them"
     return f"{label}: unclear, too few runs to show it; estimate: {_span(r.estimate, unit)} ({_share(r)})"
 
 
@@ -141,8 +141,8 @@ def _limit(r: RequirementEntry, parameter: SweptParameter, demanded: float) -> s
         at = "".join(f"; {percent(share)} in the bin of drawn values at this end" for _, share, _ in ends)
     else:
         at = "".join(f"; {percent(share)} at {quantity(end, unit)} alone" for end, share, _ in ends)
-        at += f"; the next value swept is {' and '.join(quantity(after, unit) for _, _, after in ends)}"
+        at += f"; the next swept value is {' and '.join(quantity(after, unit) for _, _, after in ends)}"
     return (
-        f"{parameter.label} {_span(r.bounds, unit)} keeps it in {percent(demanded)} of runs ({_share(r)}{at}; "
+        f"{parameter.label} {_span(r.bounds, unit)} meets it in {percent(demanded)} of runs ({_share(r)}{at}; "
         f"estimate: {_span(r.estimate, unit)}; possible: {_span(r.possible, unit)})"
     )

@@ -42,7 +42,9 @@ class SweepParameter(BaseModel):
         if self.low is not None and self.high is not None and not self.low < self.high:
             raise ValueError(f"low {self.low:g} is not below high {self.high:g}")
         if self.low is not None and self.high is not None and math.isinf(self.high - self.low):
-            raise ValueError(f"from low {self.low:g} to high {self.high:g} is farther than a number can say")
+            raise ValueError(
+                f"from low {self.low:g} to high {self.high:g} is too large for a floating-point number"
+            )
         if (self.mean is None) != (self.std is None):
             raise ValueError("expected mean and std, both")
         if self.values and self.mean is not None:

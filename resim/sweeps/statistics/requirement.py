@@ -22,7 +22,7 @@ class Requirement:
     """Within which values of a parameter enough of the runs pass, all else as the sweep varies it.
 
     side: "under", up to a value; "over", from one on; "between" two. found: "limit" where a range is shown to hold, and
-    the next levels are not; "whole" where the whole range swept is; "none" where no range can hold; else "unclear": too
+    the next levels are not; "whole" where the whole swept range is; "none" where no range can hold; else "unclear": too
     few runs to show it, or levels that differ by no more than chance.
 
     bounds: of the range that is shown: the lower end of the interval of its share is what is demanded or more.

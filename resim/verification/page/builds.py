@@ -31,8 +31,8 @@ from resim.verification.summary import namesakes
 
 ORDER = ("error", "worse", "changed", "better", "same")
 HEAD = (
-    "recording", "verdict", "KPIs lost", "KPIs gained", "decision before", "now", "largest risk, now less before",
-    "they part at", "re-simulations",
+    "recording", "verdict", "KPIs lost", "KPIs gained", "decision before", "now", "largest risk, change (new - old)",
+    "diverge at", "re-simulations",
 )  # fmt: skip
 LIMITS = {
     "lost": ("KPIs lost in all runs", "g"),
@@ -65,8 +65,8 @@ def meaning(inputs: VerificationRequest) -> Markup:
     """Say in a sentence what is compared."""
     seeds = f", each with the same {len(inputs.seeds)} seeds" if inputs.seeds else ""
     return html(
-        "Both builds drove the same scenarios on ground truth{}. <b>Worse</b>: a KPI that passed before does not "
-        "any more; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO does something else.{}",
+        "Both builds drove the same scenarios on ground truth{}. <b>Worse</b>: a KPI that passed no longer "
+        "does; <b>better</b>: one is gained and none lost; <b>changed</b>: the EGO decides differently.{}",
         seeds,
         f" Note: {same}." if (same := namesakes(inputs)) else "",
     )
@@ -99,7 +99,7 @@ def _means(told: ComparisonSummary) -> Markup:
     """Mean differences of risk and comfort over the recordings, with their intervals."""
     rows = [_mean("largest risk", "", told.risk, 4)]
     rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told.comfort.items()]
-    note = "Now less before; each recording counts with the mean of its seeds, the interval is a bootstrap over them."
+    note = "Change (new - old); a recording counts with the mean of its seeds, the interval is a bootstrap over these."
     head = ["", "mean difference", "95 % interval", "recordings"]
     return html("<h2>Risk and comfort</h2><p>{}</p>{}", note, rows_table(head, rows, "limits"))
 
@@ -163,5 +163,5 @@ def _pairs(pairs: Sequence[RunPair]) -> Markup:
         seed = "without model" if p.seed is None else f"seed {p.seed}"
         rows.append(row([seed, *named, *did, risk, *comfort, second(p.t)]))
     measures = [f"{name} [{UNITS.get(name, '')}]" for name in pairs[0].comfort]
-    head = ["", "lost", "gained", "decision before", "now", "risk", *measures, "they part at"]
+    head = ["", "lost", "gained", "decision before", "now", "risk", *measures, "diverge at"]
     return rows_table(head, rows, "pairs")

@@ -127,7 +127,7 @@ def _ways(entry: VerifiedRecording) -> Markup:
     rows = []
     for way, found in entry.ways.items():
         why = NONE if found.cause is None else f"{found.cause.step}: {found.cause.text}"
-        rests = Markup(" <i>the verdict rests on it</i>") if way == entry.way else Markup()
+        rests = Markup(" <i>the verdict is judged by it</i>") if way == entry.way else Markup()
         cells = [kpis_equal(entry, way), decisions(entry, way), first_braking(runs_of(found)), why]
         rows.append(row([way + rests, badge(found.verdict), *cells]))
     if (shown := entry.recorded) is not None:
@@ -137,7 +137,7 @@ def _ways(entry: VerifiedRecording) -> Markup:
         rows.append(row([name, badge(shown.verdict), NONE, same, first_braking([shown]), text]))
     measured = html("decision <i>measured: {}</i>", decision_words(entry.decision.GT))
     off = entry.reaction_spread
-    late = "first braking less GT" + ("" if off is None else html(" <i>± {:.2f} s</i>", off))
+    late = "braking delay against GT" + ("" if off is None else html(" <i>± {:.2f} s</i>", off))
     head = ["", "verdict", "KPIs equal", measured, late, "first cause"]
     return rows_table(head, rows, "ways")
 
@@ -151,7 +151,7 @@ def _seeds(seeds: Sequence[SeedRun]) -> Markup:
         differ = ", ".join(dict.fromkeys(text.split(":")[0] for text in s.differences))
         since = "" if s.t is None else second(s.t)
         rows.append(row([str(s.seed), s.verdict, first_braking([s]), since, s.failure or differ]))
-    head = ["seed", "verdict", "first braking less GT", "differs from", "in"]
+    head = ["seed", "verdict", "braking delay against GT", "differs from", "in"]
     return html("<details><summary>Each seed</summary>{}</details>", rows_table(head, rows))
 
 

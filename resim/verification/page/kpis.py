@@ -41,7 +41,7 @@ def kpi_table(entry: VerifiedRecording) -> Markup:
         off = kpi.difference[entry.way]
         cells.append(NONE if off is None else minus(f"{off:+.2g}") if off else "0")
         rows.append(row([name + unit, *cells]))
-    head = ["criterion", *sources, *([f"{MODEL}, seeds"] if model else []), f"{entry.way} less GT"]
+    head = ["criterion", *sources, *([f"{MODEL}, seeds"] if model else []), f"{entry.way} minus GT"]
     return rows_table(head, rows, "kpis")
 
 

@@ -25,7 +25,7 @@ from resim.verification.sequential import ERROR
 ORDER = ("error", "not verified", "undecided", "invalid", "verified")
 """What needs attention first."""
 HEAD = (
-    "recording", "verdict", "rests on", "KPIs equal", "decision measured", "simulated", "first braking less GT",
+    "recording", "verdict", "rests on", "KPIs equal", "decision measured", "simulated", "braking delay against GT",
     "largest error beyond tolerance", "first cause", "from",
 )  # fmt: skip
 NAMES = {"d": "position", "v": "speed", "heading": "heading"}

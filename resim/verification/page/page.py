@@ -79,7 +79,7 @@ def _line(found: VerificationReport) -> Markup:
     if not isinstance(told, ComparisonSummary):
         return html("<b>{} of {}</b> recordings verified{}.", told.verified, of, broken)
     kept = (
-        "The limits of the suite are kept"
+        "The limits of the suite are met"
         if told.good
         else Markup("<b>The limits of the suite are broken</b>")
     )

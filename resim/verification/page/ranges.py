@@ -9,7 +9,7 @@ from resim.verification.page.cells import minus, row, rows_table
 from resim.verification.validity import IntervalEnd, ValidityInterval
 
 MEANING = Markup(
-    "Within each interval no KPI flips in simulation. That is no proof for the interval: it is what <b>one real "
+    "Within each interval no KPI flips in simulation. This does not prove the interval safe: it is what <b>one real "
     "re-check at its end</b> would legitimise, and no further (Groh 2018, III.C). A flip and back between two "
     "variations that were run would not have been seen."
 )
@@ -38,7 +38,7 @@ def _end(end: IntervalEnd, unit: str) -> Markup:
     if len(end.flips) > 1:
         then = f"then {', '.join(end.flips)} flip"
     amount = minus(f"{end.amount:+.3g}")
-    return html("<b>{} {}</b> <i>{}</i>", amount, unit, then or "nothing flips as far as tried")
+    return html("<b>{} {}</b> <i>{}</i>", amount, unit, then or "no KPI flips in the tested range")
 
 
 def _bar(v: ValidityInterval) -> Markup:
