@@ -39,7 +39,17 @@ def test_a_drive_comes_back_as_it_was_written(copy: Extended) -> None:
 def test_what_the_file_does_not_hold_is_told(copy: Extended) -> None:
     path: Path = copy.folder / "none.xml"
     path.write_text("<fcd-export></fcd-export>")
-    words = ("import", "fcd", path, "--map", "networks/proving_ground.xodr", "--ego", "ego", "--out", "out/none")
+    words = (
+        "import",
+        "fcd",
+        path,
+        "--map",
+        "networks/proving_ground.xodr",
+        "--ego",
+        "ego",
+        "--out",
+        "out/none",
+    )
     done = copy.run("-m", "resim", *words)
     assert (done.returncode, "none.xml: holds no vehicle" in done.stderr) == (2, True), done.stderr
 
