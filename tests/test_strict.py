@@ -1,4 +1,4 @@
-"""What is no number, stands twice, or is beyond all measure is refused with file, field and value, never guessed."""
+"""What is no number, is a duplicate, or is beyond all measure is refused with file, field and value, never guessed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ REFUSED = [
     (read_suite, SUITE, 'agreement = "0.8"', "agreement: Input should be a valid number, found '0.8'"),
     (read_suite, SUITE, "seeds = true", "seeds: Input should be a valid integer, found True"),
     (read_suite, SUITE, "seeds = 5.0", "seeds: Input should be a valid integer, found 5.0"),
-    (read_suite, SUITE, 'bases = ["GT", "GT"]', "bases: Value error, 'GT' stands twice"),
+    (read_suite, SUITE, 'bases = ["GT", "GT"]', "bases: Value error, 'GT' is a duplicate"),
     (read_suite, SUITE, 'tolerances.reaction = "1"', "tolerances.reaction: Input should be a valid number, found '1'"),
     (read_suite, SUITE, 'tolerances.fit.ego.d = "1"', "tolerances.fit.ego.d: Input should be a valid number"),
     (read_suite, SUITE, "limits.lost = true", "limits.lost: Input should be a valid integer, found True"),
@@ -80,7 +80,7 @@ def test_whole_numbers_stand_for_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('"name"', '"name": "another", "name"', "'name' stands twice"),
+        ('"name"', '"name": "another", "name"', "'name' is a duplicate"),
         ('"correlation_time": ', '"correlation_time": true, "unused": ', "Input should be a valid number"),
     ],
 )

@@ -61,8 +61,8 @@ def test_a_run_over_a_lane_that_the_net_has_not_says_so(tmp_path):
     result = resimulate(recording, load_build(ROOT / "adfunc" / "builds" / "replay-1.0.toml"))
     (said,) = [w for w in result.warnings if "SUMO net" in w]
     assert said == (
-        "road.xodr: road v section 0 lane -1, which traces touch, is not in the SUMO net "
-        "(another way through the junction links the same lanes)"
+        "road.xodr: road v section 0 lane -1, which is driven on, is not in the SUMO net "
+        "(another path through the junction links the same lanes)"
     )
     assert json.dumps(result.report.warnings).count("SUMO net") == 1
     assert result.drives["rGT"].control_error < 1e-9

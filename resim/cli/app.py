@@ -41,19 +41,23 @@ class _FirstByDefault(TyperGroup):
 
 assess_app = typer.Typer(cls=_FirstByDefault, rich_markup_mode=None)
 app.add_typer(
-    assess_app, name="assess", help="How dangerous was a drive, when, because of whom, and does it pass?"
+    assess_app,
+    name="assess",
+    help="Rate the danger of each moment of a drive, name the objects, and judge the drive by criteria.",
 )
 
 
 sweep_app = typer.Typer(cls=_FirstByDefault, rich_markup_mode=None)
 app.add_typer(
-    sweep_app, name="sweep", help="How late, how wrong, how blind may perception be? Thousands of runs."
+    sweep_app, name="sweep", help="Sweep perception errors and other parameters over thousands of runs."
 )
 
 
 Accept = Annotated[
     list[str] | None,
-    typer.Option(metavar="CODE", help="Go on in spite of findings of this code; may be given several times."),
+    typer.Option(
+        metavar="CODE", help="Continue despite findings with this code; may be given several times."
+    ),
 ]
 """Errors in spite of which a command goes on."""
 
@@ -95,12 +99,12 @@ def main() -> None:
         sys.exit(2)
     except OSError as e:
         if e.filename is None:
-            _untold(f"does not take all that is to be told ({e.strerror})")
+            _untold(f"does not accept the whole output ({e.strerror})")
         say(f"resim: {e}", err=True)
         sys.exit(2)
     except SystemExit as e:
         if isinstance(e.__context__, BrokenPipeError):
-            _untold("was closed before all was told")
+            _untold("was closed before the whole output was written")
         raise
     finally:
         _flush()
@@ -128,7 +132,7 @@ def _flush() -> None:
     try:
         sys.stdout.flush()
     except OSError as e:
-        _untold(f"does not take all that is to be told ({e.strerror})")
+        _untold(f"does not accept the whole output ({e.strerror})")
 
 
 def _untold(why: str) -> NoReturn:

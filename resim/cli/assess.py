@@ -55,20 +55,23 @@ def assess(
     ] = None,
     criteria: CriteriaFile = None,
     mode: Annotated[
-        ModeChoice, typer.Option(help="Accident risk: without missed contact, or as published.")
+        ModeChoice, typer.Option(help="Accident risk: misses no contact, or computed as published.")
     ] = ModeChoice.continuous,
     path: Annotated[
         PathChoice,
-        typer.Option(help="The EGO's path: its plan (else its state, kept), its state, or where it drove."),
+        typer.Option(
+            help="The EGO's predicted path: its plan (or, without one, its state), its state, or the path it drove."
+        ),
     ] = PathChoice.plan,
     prediction: Annotated[
         str,
         typer.Option(
-            metavar="SET|FILE", help="How objects may go on: a set that ships, or a file of fit-prediction."
+            metavar="SET|FILE",
+            help="Motion prediction of objects: a set that ships with resim, or a file from fit-prediction.",
         ),
     ] = "published",
     road_aware: Annotated[
-        bool, typer.Option("--road-aware", help="Predict objects along their lanes, and none off the road.")
+        bool, typer.Option("--road-aware", help="Predict objects along their lanes, and nobody off the road.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
     accept: Accept = None,
@@ -83,7 +86,9 @@ def assess(
     if out is not None:
         check_output(out, ASSESSMENT)
     if road_aware and mode is ModeChoice.published:
-        raise InputError("--road-aware", "the published mode knows no road", "Leave out one of both.")
+        raise InputError(
+            "--road-aware", "the published mode does not use the road", "Leave out one of the two."
+        )
     asked = _AssessOptions(
         drive,
         frozen(criteria),

@@ -28,15 +28,17 @@ def check(
     recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
     fix: Annotated[
         Path | None,
-        typer.Option(metavar="OUT", help="Write a repaired copy there, a new folder, and judge that."),
+        typer.Option(metavar="OUT", help="Write a repaired copy to this new folder, and judge the copy."),
     ] = None,
     max_gap: Annotated[
         float | None,
-        typer.Option(metavar="SECONDS", help="Longest gap that is filled [s]; 1, if not given."),
+        typer.Option(metavar="SECONDS", help="Longest gap to fill [s]; default: 1."),
     ] = None,
     outliers: Annotated[
         str | None,
-        typer.Option(metavar="FILTER", help="What tells outliers: robust (if not given) or moving-average."),
+        typer.Option(
+            metavar="FILTER", help="Method that detects outliers: robust (default) or moving-average."
+        ),
     ] = None,
 ) -> None:
     """Examine a recording: what is wrong with it, what that means for results, and what can be repaired.
@@ -48,7 +50,7 @@ def check(
 
     for name, value in (("--max-gap", max_gap), ("--outliers", outliers)):
         if fix is None and value is not None:
-            raise InputError(name, "says how to repair, and nothing is to be repaired", "Give --fix OUT too.")
+            raise InputError(name, "sets how to repair, but --fix is missing", "Give --fix OUT too.")
     if fix is None:
         found = job.check(recording)
         _print(found.findings)

@@ -89,7 +89,7 @@ def print_entry(entry: CatalogEntry) -> None:
 
     out = console()
     state = {
-        "there": "", "gone": " (gone)", "changed": " (holds something else since)", "elsewhere": f" (of {entry.host})",
+        "there": "", "gone": " (gone)", "changed": " (overwritten since)", "elsewhere": f" (of {entry.host})",
     }[entry.state()]  # fmt: skip
     told = {
         "result": line(entry), "id": entry.id,
@@ -106,7 +106,7 @@ def print_entry(entry: CatalogEntry) -> None:
         told["rows"] = f"duckdb.sql({json.dumps(query)}).df()"
     for name, text in told.items():
         out.print(f"{name:8} {text}", highlight=False, soft_wrap=True)
-    inputs = Table("input", "name", "SHA-256", "path", title="what went in")
+    inputs = Table("input", "name", "SHA-256", "path", title="inputs")
     for i in entry.inputs:
         inputs.add_row(i.role, i.name, i.hash[:12] or "–", i.path or "–")
     out.print(inputs)
@@ -122,7 +122,7 @@ def _print_outcomes(outcomes: tuple[CatalogOutcome, ...]) -> None:
     rows = [_cells(outcome) for outcome in outcomes]
     names = [n for n in rows[0] if n != "build" or len({row[n] for row in rows}) > 1] if rows else []
     held = [name for name in names if any(row[name] for row in rows)]
-    table = Table(*held, title="what came out")
+    table = Table(*held, title="results")
     for column in table.columns:
         column.overflow = "fold"
     for row in rows:

@@ -43,8 +43,8 @@ app.add_typer(imports, name="import")
 
 Map = Annotated[Path, typer.Option("--map", help="OpenDRIVE map of the recording.")]
 Ego = Annotated[str, typer.Option(help="Id of the object that becomes the EGO.")]
-Start = Annotated[float | None, typer.Option(help="First time [s]; from the EGO's first, if not given.")]
-End = Annotated[float | None, typer.Option(help="Last time [s]; to the EGO's last, if not given.")]
+Start = Annotated[float | None, typer.Option(help="First time [s]; default: the EGO's first sample.")]
+End = Annotated[float | None, typer.Option(help="Last time [s]; default: the EGO's last sample.")]
 Out = Annotated[Path, typer.Option(help="Recording folder to write.")]
 
 

@@ -59,7 +59,7 @@ def convert(
 def plot(
     path: MapFile,
     out: Annotated[
-        Path | None, typer.Option(help="HTML file to write; NAME.html here, if not given.")
+        Path | None, typer.Option(help="HTML file to write; default: NAME.html in the current folder.")
     ] = None,
 ) -> None:
     """Draw a map: lanes with types and ids, junctions, and the errors of its SUMO net as colour."""
@@ -67,7 +67,7 @@ def plot(
 
     target = out or Path(f"{path.stem}.html")
     if why := draw_map(path, target):
-        say(f"note: drawn without the errors of its net: {why}", err=True)
+        say(f"note: drawn without the errors of its SUMO net: {why}", err=True)
     say(str(target))
 
 
@@ -94,7 +94,7 @@ def _print_conversion(conversion: Conversion) -> None:
     there = [lane for lane in conversion.lanes if lane.worst is not None]
     say(
         f"SUMO net: {len(there)} of {len(conversion.lanes)} lanes, {conversion.connections} connections; "
-        f"centre lines within {1000.0 * conversion.worst:.1f} mm, {1000.0 * conversion.mean:.2f} mm in the mean"
+        f"centre lines within {1000.0 * conversion.worst:.1f} mm, {1000.0 * conversion.mean:.2f} mm on average"
     )
     for lane in conversion.bad[:MOST]:
         what = "not in the net" if lane.worst is None else f"{1000.0 * lane.worst:.1f} mm off"

@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 perception_app = typer.Typer(rich_markup_mode=None, no_args_is_help=True)
 app.add_typer(
-    perception_app, name="perception", help="Perception models: what the vehicle sees of what is there."
+    perception_app, name="perception", help="Perception models: train them, and show their parameters."
 )
 
 
 @perception_app.command("train")
 def train(
     recordings: Annotated[list[Path], typer.Argument(help="Recording folders with GT and SD.")],
-    out: Annotated[Path, typer.Option(help="File (JSON) for the model; its name names the model.")],
+    out: Annotated[Path, typer.Option(help="Model file (JSON) to write; the model takes its name.")],
     report: Annotated[
         Path | None,
-        typer.Option(help="Page (HTML) of how well it does on drives that it was not trained on."),
+        typer.Option(help="Page (HTML) that validates the model on drives it was not trained on."),
     ] = None,
     accept: Accept = None,
 ) -> None:
@@ -64,7 +64,7 @@ def print_model(model: PerceptionModel) -> None:
     from resim.perception.parameters import parameters
 
     known = model.training.estimates if model.training is not None else {}
-    table = Table(title=f"{model.name}: what is perceived of what is there")
+    table = Table(title=f"{model.name}: parameters")
     for column in ("parameter", "value", "unit", "95 % interval", "samples"):
         table.add_column(column, justify="right" if column in ("value", "samples") else "left")
     for name, value, unit in parameters(model):

@@ -19,10 +19,12 @@ def fit_prediction(
     recordings: Annotated[
         list[Path], typer.Argument(help="Recording folders; every object of the GT counts.")
     ],
-    out: Annotated[Path, typer.Option(help="File (JSON) for the parameters; its name names the set.")],
+    out: Annotated[Path, typer.Option(help="Parameter file (JSON) to write; the set takes its name.")],
     kind: Annotated[
         list[str] | None,
-        typer.Option(metavar="KIND", help="Kind to fit, such as car; may be given several times. Else all."),
+        typer.Option(
+            metavar="KIND", help="Kind to fit, such as car; may be given several times; default: all."
+        ),
     ] = None,
     accept: Accept = None,
 ) -> None:

@@ -53,7 +53,7 @@ def run(
     perception: Annotated[
         Path | None,
         typer.Option(
-            metavar="MODEL", help="Perception model (JSON): re-simulates GT with what it lets be seen, too."
+            metavar="MODEL", help="Perception model (JSON): also re-simulates GT as perceived by this model."
         ),
     ] = None,
     settings: Annotated[
@@ -181,7 +181,7 @@ def _perceiving(
             raise InputError("--set", f"{settings[0]!r} without a model", "Name one with --perception.")
         return None
     if "GT" not in bases:
-        raise InputError("--perception", "is for re-simulation on GT", "Leave out --basis sd.")
+        raise InputError("--perception", "needs the re-simulation of GT", "Leave out --basis sd.")
     return PerceptionSetup(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
 
 
@@ -252,11 +252,9 @@ def _print_perception(report: RunReport, seen: PerceptionReport, out: Console) -
     seeds, same = seen.seeds, seen.same_decision
     late = [s.reaction_difference for s in seeds if s.reaction_difference is not None]
     off = [s.end_position_error for s in seeds if s.end_position_error is not None]
-    told = f"rGT with {seen.model.name}: {same} of {len(seeds)} seeds decide as measured"
+    told = f"rGT with {seen.model.name}: {same} of {len(seeds)} seeds make the measured decisions"
     told += (
-        f"; first braking {np.median(late):+.2f} s against GT in the median"
-        if late
-        else "; no braking to compare"
+        f"; first braking {np.median(late):+.2f} s against GT (median)" if late else "; no braking to compare"
     )
     told += f"; at the end {np.median(off):.2f} m off" if off else ""
     without = report.end_position_error.get("rGT")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from resim.results.entry import CatalogEntry
 
 runs = typer.Typer(
-    help="Results of before: find, show, add and forget them in the catalog (RESIM_CATALOG).",
+    help="Past results: find, show, add and remove them in the catalog (RESIM_CATALOG).",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -46,22 +46,24 @@ def register(folder: Path) -> None:
         if (catalog := user_catalog()) is not None:
             catalog.add(read_entry(folder))
     except ResimError as e:
-        say(f"resim: warning: the results are whole, but not in the catalog: {e}", err=True)
+        say(f"resim: warning: the results are complete, but could not be added to the catalog: {e}", err=True)
 
 
 @runs.command("list")
 def list_results(
     kind: Annotated[KindChoice | None, typer.Option(help="Results of this kind only.")] = None,
     build: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Part of a build's label, or how its hash begins.")
+        str | None,
+        typer.Option(metavar="TEXT", help="Part of a build's label, or the first digits of its hash."),
     ] = None,
     recording: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Part of a recording's name, or how its hash begins.")
+        str | None,
+        typer.Option(metavar="TEXT", help="Part of a recording's name, or the first digits of its hash."),
     ] = None,
     verdict: Annotated[
         str | None,
         typer.Option(
-            help="Over all or of any recording: PASS, FAIL, INVALID, failed, verified, 'not verified', ..."
+            help="Verdict over all recordings, or of any: PASS, FAIL, INVALID, failed, verified, 'not verified', ..."
         ),
     ] = None,
     as_json: AsJson = False,
@@ -82,7 +84,9 @@ def list_results(
 
 @runs.command()
 def show(
-    result: Annotated[str, typer.Argument(metavar="ID|FOLDER", help="Its id, or four digits of it or more.")],
+    result: Annotated[
+        str, typer.Argument(metavar="ID|FOLDER", help="Id of the result, or its first four or more digits.")
+    ],
     as_json: AsJson = False,
 ) -> None:
     """Show all that the catalog holds of a result: what went in, verdicts, where its files lie."""
@@ -97,7 +101,8 @@ def show(
 @runs.command()
 def add(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="FOLDER...", help="Folders of results, such as of a cluster.")
+        list[Path],
+        typer.Argument(metavar="FOLDER...", help="Folders of results, for example from a cluster."),
     ],
 ) -> None:
     """Put results that were made elsewhere, or before, into the catalog: all of them, or none."""
@@ -114,7 +119,7 @@ def add(
 def rm(
     results: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids or folders.")],
     files: Annotated[
-        bool, typer.Option("--files", help="Delete their folders, too, if they hold nothing but results.")
+        bool, typer.Option("--files", help="Also delete their folders, if they hold nothing but results.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before folders are deleted.")] = False,
 ) -> None:
@@ -137,7 +142,7 @@ def _catalog() -> Catalog:
     from resim.results.tables import VARIABLE
 
     if (catalog := user_catalog()) is None:
-        raise InputError(VARIABLE, "says that there is no catalog", "Unset it, or name a file or database.")
+        raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")
     return catalog
 
 
@@ -145,9 +150,11 @@ def _is_deletable(entry: CatalogEntry) -> bool:
     """Whether the folder is there to delete. Raises InputError where it is not what the catalog holds."""
     state, remedy = entry.state(), "Leave out --files to forget it only."
     if state == "changed":
-        raise InputError(entry.folder, "holds something else since it was put into the catalog", remedy)
+        raise InputError(entry.folder, "was overwritten after it was added to the catalog", remedy)
     if state == "elsewhere":
-        raise InputError(entry.folder, f"is of the machine {entry.host!r}, and not to be seen here", remedy)
+        raise InputError(
+            entry.folder, f"is of the machine {entry.host!r}, and cannot be reached from this one", remedy
+        )
     return state == "there"
 
 
@@ -157,7 +164,7 @@ def _confirmed(doomed: list[CatalogEntry]) -> bool:
     try:
         return typer.confirm(f"Delete {'these folders' if len(doomed) > 1 else 'this folder'}?")
     except typer.Abort:
-        raise InputError("--files", "asks before it deletes, and nobody answered", "Say --yes.") from None
+        raise InputError("--files", "asks before it deletes, but there was no answer", "Say --yes.") from None
 
 
 def _delete(entry: CatalogEntry) -> None:

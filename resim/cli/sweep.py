@@ -25,17 +25,18 @@ def sweep(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     vehicle: Vehicle = "kinematic",
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the sweep that --out holds.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume the sweep in --out.")] = False,
     shard: Annotated[
-        str, typer.Option(metavar="I/N", help="Do every N-th run only, from the I-th on: for job arrays.")
+        str,
+        typer.Option(metavar="I/N", help="Run only every N-th run, starting with the I-th: for job arrays."),
     ] = "1/1",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores, if not given.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, such as tcp://head:8786."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say how many runs it is, how long it takes, how large it gets.")
+        bool, typer.Option("--dry-run", help="Only estimate the number of runs, the time and the size.")
     ] = False,
 ) -> None:
     """Re-simulate recordings over and over, with the parameters of a plan, and judge every run.
@@ -60,7 +61,7 @@ def sweep(
         _tell_boundary(found, len(done.manifest["inputs"]["sweep"]["build"]) > 1)
     register(out)
     if done.failed == done.runs:
-        raise BadVerdictError(f"{out}: every run failed, such as run 0: {done.first_failure()}")
+        raise BadVerdictError(f"{out}: every run failed, for example run 0: {done.first_failure()}")
 
 
 def _say_findings(recording: str, findings: tuple[str, ...]) -> None:
@@ -73,12 +74,12 @@ def _tell_boundary(found: dict[str, Any], builds: bool) -> None:
     of = f"{found['recording']}, {found['build']}" if builds else found["recording"]
     cells = len(found["cells"])
     told = (
-        f"the outcome changes in {cells} cell{'s' * (cells != 1)} of the stated width"
+        f"the outcome changes in {cells} cell{'s' * (cells != 1)} of the requested width"
         if cells
         else "the outcome is the same at all points tried"
     )
     if not found["known"]:
-        told = "the boundary is not known to the stated width: give more points"
+        told = "the boundary is not known to the requested width: give more points"
     say(f"{of}: {told} ({found['points']} points)")
 
 
@@ -104,7 +105,7 @@ def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
 def _shard(text: str) -> tuple[int, int]:
     first, _, count = text.partition("/")
     if not (first.isdigit() and count.isdigit() and 1 <= int(first) <= int(count)):
-        raise InputError("--shard", f"{text!r} is no shard", "Give I/N with I from 1 to N, such as 3/8.")
+        raise InputError("--shard", f"{text!r} is not a shard", "Give I/N with I from 1 to N, such as 3/8.")
     return int(first), int(count)
 
 

@@ -17,7 +17,7 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
     out: Annotated[
         Path | None,
-        typer.Option(help="Page to write (HTML), with a JSON file beside it; DIR/report.html if not given."),
+        typer.Option(help="Page to write (HTML), with a JSON file beside it; default: DIR/report.html."),
     ] = None,
 ) -> None:
     """Say what a sweep found: requirements, boundaries, sensitivity, responses, and the worst runs.
@@ -52,7 +52,7 @@ def repeat_run(
         Path, typer.Option(help="Folder for its traces and report; an earlier result there is replaced.")
     ],
     vehicle: Annotated[
-        str | None, typer.Option(metavar="MODEL", help="Another vehicle model of the EGO than the sweep's.")
+        str | None, typer.Option(metavar="MODEL", help="Vehicle model of the EGO; default: the sweep's.")
     ] = None,
 ) -> None:
     """Do one run of a sweep again, compare it with its row in the table, and write what `resim run` writes of it.
@@ -69,5 +69,5 @@ def repeat_run(
         differ = found.differ.items()
         told = "; ".join(f"{name} {was!r} in the sweep, now {now!r}" for name, (was, now) in differ)
         changed = "".join(f"; {version}" for version in found.versions)
-        raise BadVerdictError(f"run {run} is not the same: {told}{changed}")
+        raise BadVerdictError(f"run {run} differs from the sweep: {told}{changed}")
     say(f"run {run}: the same as in the sweep")

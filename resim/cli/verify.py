@@ -1,4 +1,4 @@
-"""`resim verify`: may simulation stand in for the test drives, for this build? What does a new build do otherwise?"""
+"""`resim verify`: can simulation replace the test drives of this build, and how does a new build differ?"""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ def verify(
     build: Annotated[Path | None, typer.Option(help="Build file (TOML) of the AD function.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for the results; what an interrupted verification left there is gone on with."
-        ),
+        typer.Option(help="Folder for the results; an interrupted verification there is resumed."),
     ] = None,
     against: Annotated[
         Path | None,
@@ -48,7 +46,7 @@ def verify(
         typer.Option(
             min=1,
             max=5000,
-            help="Most runs with the perception model of a recording; with --against, runs of each build.",
+            help="Maximum number of runs with the perception model per recording; with --against: runs of each build.",
         ),
     ] = None,
     vary: Annotated[
@@ -62,21 +60,21 @@ def verify(
     driven_by: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="LABEL", help="Take recordings, too, that this other build drove (or: unknown)."
+            metavar="LABEL", help="Also accept recordings that this other build drove (or: unknown)."
         ),
     ] = None,
     vehicle: Vehicle = "kinematic",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores, if not given.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")] = None,
     replay: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Repeat the verification.json and say whether it gives the same bytes."
+            metavar="FILE", help="Repeat the verification of this verification.json, and compare the bytes."
         ),
     ] = None,
 ) -> None:
     """Cross-verify a build on a suite: does simulation give the measured drives' verdicts?
 
-    With --against: what does the build do otherwise than an older one, in the same scenarios with the same seeds? Ends
+    With --against: how does the build differ from an older one, in the same scenarios with the same seeds? Ends
     with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken or a
     function crashed.
     """
@@ -87,7 +85,9 @@ def verify(
 
     if replay is not None:
         if any(given for given in (suite, build, out, against, perception, settings, seeds, vary, driven_by)):
-            raise InputError("--replay", "says itself what to repeat", "Give nothing else but --workers.")
+            raise InputError(
+                "--replay", "takes everything from the file", "Give no other option than --workers."
+            )
         _replay(replay, workers)
         return
     if suite is None or build is None or out is None:
@@ -109,7 +109,7 @@ def verify(
 
 
 def _tell_damaged(path: Path) -> None:
-    say(f"{path} is not as `resim verify` wrote it: its recording is run again", err=True)
+    say(f"{path} is not as `resim verify` wrote it: its recording is simulated again", err=True)
 
 
 def _tell_unreported(name: str, reason: str) -> None:
@@ -122,13 +122,13 @@ def _replay(path: Path, workers: int | None) -> None:
     with _progress() as listener:
         again = replay(path, workers=workers, listener=listener)
     if again.same:
-        say(f"{path}: the same bytes again, {len(again.verification.document['recordings'])} recordings")
+        say(f"{path}: identical bytes, {len(again.verification.document['recordings'])} recordings")
         _end(again.verification)
         return
     if again.versions:
         say(f"made with other versions: {'; '.join(again.versions)}")
     raise BadVerdictError(
-        f"{path}: not the same bytes; recordings that differ: {', '.join(again.differ) or 'none'}"
+        f"{path}: different bytes; recordings that differ: {', '.join(again.differ) or 'none'}"
     )
 
 

@@ -41,7 +41,7 @@ def open_file(path: Path, remedy: str) -> BufferedReader:
     """Open a file of any size to read its bytes; `remedy` is for its errors. Raises InputError for what is no file."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise InputError(path, "cannot be read (it is no file)", remedy)
+            raise InputError(path, "cannot be read (it is not a file)", remedy)
         return path.open("rb")
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", remedy) from e
@@ -51,7 +51,7 @@ def check_hashes(folder: Path, hashes: Mapping[str, str], remedy: str) -> None:
     """Raise InputError for the first file of a folder that has not the SHA-256 that it was written with."""
     for name, digest in hashes.items():
         if (found := file_hash(folder / name, remedy)) != digest:
-            problem = f"is not as it was written: its SHA-256 is {found[:12]}…, expected {str(digest)[:12]}…"
+            problem = f"was changed after it was written: its SHA-256 is {found[:12]}…, expected {str(digest)[:12]}…"
             raise InputError(folder / name, problem, remedy)
 
 
@@ -60,7 +60,7 @@ def refuse_undecodable(name: str | Path) -> None:
     try:
         str(name).encode("utf-8")
     except UnicodeEncodeError as e:
-        raise InputError(name, "this name is no UTF-8, which results are written in", "Rename it.") from e
+        raise InputError(name, "this name is not UTF-8, in which results are written", "Rename it.") from e
 
 
 def read_file(path: Path, remedy: str, *, largest: int = LARGEST_TEXT, too_large: str = "") -> bytes:
@@ -111,12 +111,12 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
-        raise ValueError(f"{next(n for n in names if names.count(n) > 1)!r} stands twice in one object")
+        raise ValueError(f"{next(n for n in names if names.count(n) > 1)!r} is a duplicate in one object")
     return found
 
 
 def _parsed(form: str, loads: Callable[[str], Any], raw: bytes, path: Path, remedy: str) -> Any:
-    too_deep = InputError(path, f"is not {form} of ours (nested deeper than {DEEPEST} levels)", remedy)
+    too_deep = InputError(path, f"is not {form} of resim (nested deeper than {DEEPEST} levels)", remedy)
     try:
         found = loads(raw.decode("utf-8-sig"))
     except RecursionError:

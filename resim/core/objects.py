@@ -2,8 +2,9 @@
 
 An id can go on as another that begins within GAP where it was going. Which ones do is decided only where it is clear:
 where ends and beginnings pair off, each with the one that is nearest in time, then in place, and nobody is left over.
-Else one of them was lost, or came from nowhere, and nobody knows which: none is joined. All that can be one object
-count as one where that is the worse (`ObjectIds.same`), and none of them speaks for another (`ObjectIds.two`).
+Else one of them was lost, or came from nowhere, and nobody knows which: none is joined. Nor are those that differ in
+class or size. All that can be one object count as one where that is the worse (`ObjectIds.same`), and none of them
+speaks for another (`ObjectIds.two`).
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ GAP = 1.0
 """Time [s] for which a trace is driven on where nothing is seen."""
 MISS, FASTER, HARDEST = 1.0, 2.0, 10.0
 """m, m/s by which a track may miss the one that it goes on from; m/s² by which that may grow, but for sideways."""
-DOUBLE = 2.0
-"""Distance [m] up to which two ids that are seen at one time can be one object, seen twice."""
+DOUBLE = 1.0
+"""Gap [m] between their boxes up to which two ids that are seen at one time can be one object, seen twice."""
+ALIKE, UNKNOWN = 1.5, ("", "unknown")
+"""Factor by which lengths and widths of one object differ at most, and kinds that say nothing."""
 
 _Pairs = list[tuple[float, float, int, int]]
 """dt [s], miss [m] of candidates, and which id goes on as which."""
@@ -46,18 +49,23 @@ class ObjectIds:
     _apart: dict[tuple[int, int], bool] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, tracks: Tracks, incomplete: pd.DataFrame | None = None, *, ego: str) -> ObjectIds:
+    def of(
+        cls, tracks: Tracks, incomplete: pd.DataFrame | None = None, *, ego: str, beyond: bool = False
+    ) -> ObjectIds:
         """Find the objects of a source. tracks: samples while the EGO is there, parts of an object joined.
 
-        incomplete: rows t, id, x, y, heading, v, length, width of the same source that lack one of x, y, heading, v.
+        incomplete: rows t, id, x, y, heading, v, length, width of the same source that lack one of x, y, heading, v;
+        beyond: those before and after all samples count, too.
         """
         start, end = float(tracks.t[0]), float(tracks.t[-1])
+        if beyond and incomplete is not None and len(incomplete):
+            start, end = min(start, float(incomplete["t"].min())), max(end, float(incomplete["t"].max()))
         known = of_ids(tracks, incomplete)
         me = next(k for k in known if k.ids == (ego,))
         others = [k.within(start, end) for k in known if k is not me]
         others = [k for k in others if len(k.t) or len(k.blind)]
         pairs = _candidates(others)
-        after = dict(_decided(pairs, len(others)))
+        after = dict(_decided(pairs, others))
         firsts = [n for n in range(len(others)) if n not in set(after.values())]
         objects = tuple(joined([others[n] for n in _chain(n, after)]) for n in firsts)
         names = [k.ids[0] for k in others]
@@ -81,7 +89,7 @@ class ObjectIds:
 def successions(tracks: Tracks) -> list[tuple[str, str]]:
     """Give which id goes on as which; tracks: without the EGO."""
     ids = of_ids(tracks, None)
-    return [(ids[n].ids[0], ids[m].ids[0]) for n, m in _decided(_candidates(ids), len(ids))]
+    return [(ids[n].ids[0], ids[m].ids[0]) for n, m in _decided(_candidates(ids), ids)]
 
 
 def reaches(one: Floats, two: Floats, dt: Floats) -> Bools:
@@ -118,17 +126,24 @@ def _candidates(ids: Sequence[Sightings]) -> _Pairs:
     return sorted(found)
 
 
-def _decided(pairs: _Pairs, count: int) -> list[tuple[int, int]]:
-    """Who goes on as whom: of the ends and beginnings that can belong together those that pair off."""
-    out = []
+def _decided(pairs: _Pairs, ids: Sequence[Sightings]) -> list[tuple[int, int]]:
+    """Who goes on as whom: of the ends and beginnings that can belong together those that pair off, and are alike."""
+    out, count = [], len(ids)
     for group in _groups([n for *_, n, _ in pairs], [count + m for *_, m in pairs], 2 * count):
         taken: dict[int, int] = {}
         for *_, n, m in pairs:
             if n in group and n not in taken and m not in taken.values():
                 taken[n] = m
-        if 2 * len(taken) == len(group):
+        if 2 * len(taken) == len(group) and all(_alike(ids[n], ids[m]) for n, m in taken.items()):
             out += list(taken.items())
     return out
+
+
+def _alike(one: Sightings, two: Sightings) -> bool:
+    """Whether two have the kind and the size of one object."""
+    small, large = np.minimum(one.size, two.size), np.maximum(one.size, two.size)
+    same_kind = one.kind == two.kind or one.kind in UNKNOWN or two.kind in UNKNOWN
+    return same_kind and bool((large <= ALIKE * small).all())
 
 
 def _groups(one: Sequence[int], two: Sequence[int], count: int) -> list[list[int]]:
@@ -151,24 +166,46 @@ def _chain(n: int, after: dict[int, int]) -> list[int]:
 
 
 def _beside(one: Sightings, two: Sightings) -> bool:
-    """Whether both are seen at one time, farther from each other than DOUBLE."""
+    """Whether both are seen at one time, with a gap of more than DOUBLE between their boxes."""
     if not len(one.t) or not len(two.t):
         return False
     j = np.clip(np.searchsorted(two.t, one.t - SAME), 1, max(len(two.t) - 1, 1))
+    late = np.minimum(j, len(two.t) - 1)
     both = (one.t >= two.t[0] - SAME) & (one.t <= two.t[-1] + SAME)
-    both &= two.t[np.minimum(j, len(two.t) - 1)] - two.t[j - 1] <= GAP + SAME
-    x, y = (np.interp(one.t[both], two.t, two.state[:, c]) - one.state[both, c] for c in (0, 1))
-    return bool((np.hypot(x, y) > DOUBLE).any())
+    both &= two.t[late] - two.t[j - 1] <= GAP + SAME
+    off = [np.interp(one.t[both], two.t, two.state[:, c]) - one.state[both, c] for c in (0, 1)]
+    headings = one.state[both, 2], two.state[late[both], 2]
+    gap = np.full(len(off[0]), -np.inf)
+    for axis in (headings[0], headings[0] + 0.5 * np.pi, headings[1], headings[1] + 0.5 * np.pi):
+        axis = np.where(np.isfinite(axis), axis, np.arctan2(off[1], off[0]))
+        halves = [_half(k.size, axis - heading) for k, heading in zip((one, two), headings, strict=True)]
+        gap = np.maximum(gap, np.abs(off[0] * np.cos(axis) + off[1] * np.sin(axis)) - halves[0] - halves[1])
+    return bool((gap > DOUBLE).any())
+
+
+def _half(size: tuple[float, float], turned: Floats) -> Floats:
+    """Half the extent [m] of a box along an axis that is turned [rad] from its heading; NaN: whatever its heading."""
+    half = 0.5 * (size[0] * np.abs(np.cos(turned)) + size[1] * np.abs(np.sin(turned)))
+    return np.where(np.isfinite(turned), half, 0.5 * np.hypot(*size))
 
 
 def _out_of_reach(one: Sightings, two: Sightings) -> bool:
-    """Whether he would have to be faster than he can where one is seen after the other."""
+    """Whether he would have to be faster than he can where one is seen after the other, and not both at a time."""
     t, state = np.concatenate([one.t, two.t]), np.concatenate([one.state, two.state])
     who = np.repeat([0, 1], [len(one.t), len(two.t)])
     order = np.argsort(t, kind="stable")
     turn = np.flatnonzero(np.diff(who[order]))
     a, b = order[turn], order[turn + 1]
+    at_once = [_seen_at(k, np.where(who[a] == n, t[b], t[a])) for n, k in enumerate((one, two))]
+    after = (t[b] - t[a] > SAME) & ~at_once[0] & ~at_once[1]
     return any(
-        t[j] - t[i] > SAME and not reaches(state[i], state[j : j + 1], t[j : j + 1] - t[i])[0]
-        for i, j in zip(a.tolist(), b.tolist(), strict=True)
+        not reaches(state[i], state[j : j + 1], t[j : j + 1] - t[i])[0]
+        for i, j in zip(a[after].tolist(), b[after].tolist(), strict=True)
     )
+
+
+def _seen_at(k: Sightings, t: Floats) -> Bools:
+    """Whether he is seen at t (n,) [s], or before and after it by at most GAP."""
+    j = np.searchsorted(k.t, t - SAME)
+    late, early = np.append(k.t, np.inf)[j], np.append(-np.inf, k.t)[j]
+    return np.asarray((np.abs(late - t) <= SAME) | (late - early <= GAP + SAME))

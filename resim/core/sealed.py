@@ -27,9 +27,9 @@ def read_sealed(path: Path, remedy: str, *, largest: int = LARGEST_TEXT) -> dict
     """
     found = parse_json(read_file(path, remedy, largest=largest), path, remedy)
     if not isinstance(found, dict) or not isinstance(told := found.pop(CHECKSUM, None), str):
-        raise InputError(path, "is not what resim writes (it has no checksum of itself)", remedy)
+        raise InputError(path, "was not written by resim (it has no checksum)", remedy)
     if told != _sum(found):
-        raise InputError(path, "is not as it was written: its checksum is of something else", remedy)
+        raise InputError(path, "was changed after it was written: its checksum does not match", remedy)
     return found
 
 

@@ -26,7 +26,7 @@ class Sightings:
 
     t: (n,) s; state: (n, 5) x, y [m], heading [rad], vx, vy [m/s], heading NaN where unknown. usable: (n,) which rows
     are whole; blind: (b,) s, times of rows that say no place; lacks: what rows lack. size: length, width [m];
-    kind: of the first id.
+    kind: of all ids, "" where they differ.
     """
 
     ids: tuple[str, ...]
@@ -80,7 +80,8 @@ def joined(parts: Sequence[Sightings]) -> Sightings:
         np.concatenate([getattr(k, name) for k in parts]) for name in ("t", "state", "usable")
     )
     blind = np.sort(np.concatenate([k.blind for k in parts]))
-    return Sightings(ids, whose, t, state, usable, blind, lacks, (length, width), parts[0].kind)
+    kind = parts[0].kind if len({k.kind for k in parts}) == 1 else ""
+    return Sightings(ids, whose, t, state, usable, blind, lacks, (length, width), kind)
 
 
 def _of_id(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> Sightings:

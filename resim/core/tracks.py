@@ -66,7 +66,7 @@ class Tracks:
     def __post_init__(self) -> None:
         n, samples = len(self.ids), len(self.t)
         if len(set(self.ids.tolist())) != n:
-            raise ResimError("tracks: an object id stands twice")
+            raise ResimError("tracks: an object id is a duplicate")
         if samples > 1 and not np.all(np.diff(self.t) > 0.0):
             raise ResimError("tracks: times must increase strictly")
         for name in ("x", "y", "heading", "v", "valid", "yaw_rate", "a"):

@@ -17,7 +17,7 @@ from typing import Any
 from resim.core.errors import InputError
 from resim.core.files import open_file
 
-REMEDY = "Take the line away: its run is then done again."
+REMEDY = "Remove the line: its run is then repeated."
 TypeOf = Callable[[str], str]
 """From a column of the rows to what it holds: "text", "flag" or "number"."""
 _LARGEST = 1e300
@@ -32,14 +32,14 @@ class Journal:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not path.is_file():
-            raise InputError(path, "is no file, expected the journal of a sweep", "Take it away.")
+            raise InputError(path, "is not a file, expected the journal of a sweep", "Remove it.")
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
         except BlockingIOError as e:
             os.close(self._file)
-            problem = "is written by another `resim sweep` at this moment"
-            raise InputError(path, problem, "Wait for that one, or end it.") from e
+            problem = "is being written by another `resim sweep`"
+            raise InputError(path, problem, "Wait until it ends, or stop it.") from e
         except OSError:
             pass  # a file system without locks
         os.ftruncate(self._file, _whole(path))
@@ -55,7 +55,7 @@ class Journal:
         except OSError as e:
             problem = f"cannot be written ({e.strerror})"
             raise InputError(
-                self.path, problem, "Make room, and go on with --resume: nothing is lost."
+                self.path, problem, "Free disk space, and resume with --resume: nothing is lost."
             ) from e
 
     def __enter__(self) -> Journal:
@@ -93,7 +93,7 @@ def entries(
     known: dict[int, int] = {}
     columns: frozenset[str] | None = None
     for path in sorted(folder.glob("*.jsonl")):
-        with open_file(path, "Take it away.") as file:
+        with open_file(path, "Remove it.") as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith(b"\n"):
                     continue
@@ -105,11 +105,11 @@ def entries(
                     raise InputError(path, f"line {number} is damaged", REMEDY)
                 run = entry["run"]
                 if plans is not None and entry["plan"] != plans.get(run, "" if whole else entry["plan"]):
-                    raise InputError(path, f"line {number}: run {run} is none of this sweep's", REMEDY)
+                    raise InputError(path, f"line {number}: run {run} is not in this sweep", REMEDY)
                 held = zlib.crc32(json.dumps(entry["row"], sort_keys=True).encode())
                 if run in known and known[run] != held:
-                    problem = f"line {number}: run {run} has another result than in a line before"
-                    raise InputError(path, problem, "Take both lines away: the run is then done again.")
+                    problem = f"line {number}: run {run} contradicts an earlier line"
+                    raise InputError(path, problem, "Remove both lines: the run is then repeated.")
                 if run not in known:
                     known[run] = held
                     yield said, entry

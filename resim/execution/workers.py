@@ -32,7 +32,7 @@ Result = TypeVar("Result")
 
 LARGEST = 2048
 """MiB of memory from which on a child is replaced by a fresh one."""
-GONE = "the cluster's scheduler is gone. What was finished is kept: start it, and go on with --resume."
+GONE = "the cluster's scheduler is gone. Finished runs are kept: start it, and resume with --resume."
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
 _SERVE = "import sys; sys.path[:] = {path!r}; from resim.execution.child import main; main()"
@@ -122,7 +122,9 @@ def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
         if future.cancelled():
             raise ResimError(GONE)
         why = future.exception()  # as of a cluster's worker that was killed over and over
-        result = future.result() if why is None else Failure(f"the pool lost it: {why!r}", crashed=True)
+        result = (
+            future.result() if why is None else Failure(f"the worker pool lost it: {why!r}", crashed=True)
+        )
         yield waiting.pop(future), result
 
 
@@ -272,7 +274,9 @@ class _Child:
 _own = threading.local()
 """Of each thread: its child, where it notes the children that it starts, and whether nobody waits any more."""
 
-_OUTSIDE = "ended its process outside of its calls, as by a thread of its own or by closing files that are not its own"
+_OUTSIDE = (
+    "ended its process outside its calls, for example from a thread or by closing files that are not its own"
+)
 
 
 def _here() -> str | None:

@@ -80,7 +80,7 @@ class AssessmentResult:
             InputError: It cannot be written, or no folder was assessed.
         """
         if self.drive is None:
-            raise InputError(out, "would not say what was assessed", "Assess a folder, not an object.")
+            raise InputError(out, "would not state what was assessed", "Assess a folder, not an object.")
         with explain_os_errors(out):
             write_assessment(self.assessment, folder, self.drive)
             write_assessment_page(self.assessment, folder / "assessment.html")

@@ -153,7 +153,7 @@ def sweep(
     wanted = read_sweep(path_of(file), options.vehicle)
     held, _ = in_child(_checked, (wanted, folder, shard, False))
     if shard != ALL and wanted.file.planned.grows:
-        problem = "an adaptive plan has no shards: what to run next follows from all results"
+        problem = "an adaptive plan cannot be sharded: the next runs follow from all results"
         raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
     begin(folder, held, resume=options.resume or shard != ALL)
     numbers = {entry["run"] for entry in journal.read(folder / "journal")}
@@ -241,7 +241,7 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> Mapping[
     """
     path = path_of(folder) / "report.html" if page is None else path_of(page)
     if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError("--out", f"{str(path)!r} is no page", "Name an .html file.")
+        raise InputError("--out", f"{str(path)!r} is not a page", "Name an .html file.")
     found = in_child(_analysed, (path_of(folder), relative(path_of(folder), Path.cwd())))
     with whole_file(path) as beside:
         write_sweep_page(found, beside)

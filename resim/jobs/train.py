@@ -39,10 +39,10 @@ def train(
     """
     if report is not None and len(recordings) < 2:
         raise InputError(
-            "--report", "one drive cannot judge what was trained on it", "Give two drives or more."
+            "--report", "one drive cannot both train and validate a model", "Give two drives or more."
         )
     if out is not None and path_of(out).suffix != ".json":
-        raise InputError(path_of(out), "is no .json file", "Name a file that ends in .json with --out.")
+        raise InputError(path_of(out), "is not a .json file", "Name a file that ends in .json with --out.")
     measured = [the_recording(one, accept) for one in recordings]
     with contextlib.ExitStack() as files:
         file = None if out is None else files.enter_context(whole_file(path_of(out), (".json",)))

@@ -28,7 +28,7 @@ REASONS = {
 ABSENT = "not there"
 NAMED = 5
 """Objects that a note names."""
-UNBOUNDED = "no number is enough"
+UNBOUNDED = "unbounded"
 """As of DRAC [m/s²] where no braking avoids contact."""
 
 
@@ -101,7 +101,7 @@ class Assessment:
         who = ", ".join(ids[:NAMED]) + (f" and {len(ids) - NAMED} more" if len(ids) > NAMED else "")
         return [
             *flaw,
-            f"{int(outside.sum())} of {int(drive.present.sum())} states of objects lie outside of the range that the "
+            f"{int(outside.sum())} of {int(drive.present.sum())} states of objects lie outside the range that the "
             f"prediction {drive.prediction!r} was fitted to (objects {who}): their risk is extrapolated",
         ]
 
@@ -205,7 +205,8 @@ def assess(
         verdict = judge(c, measure, drive.t, drive.ids, drive.present)
         if larger is not None:
             again, _ = larger.judged(c.measure, c.side, c.limit)
-            verdict = resized(verdict, judge(c, again, drive.t, drive.ids, drive.present), doubts)
+            with_larger = judge(c, again, drive.t, drive.ids, drive.present)
+            verdict = resized(verdict, with_larger, c, definitions[c.measure], inputs, doubts)
         verdict = doubted(verdict, c, definitions[c.measure], measure, inputs, doubts, seen)
         if flaw and verdict.outcome == "PASS" and not inputs.contacts:
             verdict = replace(verdict, outcome="INVALID", reason=flaw)
@@ -239,7 +240,7 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 
 
 def _reasons(value: Floats, state: States, present: Any) -> list[str]:
-    """Why there is no number, "" where there is one; no number is enough where the value has no bound."""
+    """Why there is no number, "" where there is one; unbounded where the value has no bound."""
     return [
         UNBOUNDED if np.isinf(v) else REASONS[State(s)] if here or s != State.NOT_COMPUTED else ABSENT
         for v, s, here in zip(value, state.tolist(), present.tolist(), strict=True)

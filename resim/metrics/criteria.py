@@ -73,6 +73,10 @@ class Criterion(BaseModel):
         """The limit, in the unit of the measure."""
         return float(getattr(self, self.side))
 
+    def worsens(self, worst: WorstEnd) -> bool:
+        """Say whether it is broken towards the worse end of a measure: only there is the worst known that can be."""
+        return worst == "both" or (self.side == "below") == (worst == "low")
+
     def badness(self, value: Floats) -> Floats:
         """Give values so that larger is worse and more than 0 breaks the limit; NaN stays NaN."""
         if self.side == "below":
@@ -194,7 +198,7 @@ def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
     known = [measure.name for measure in (*MEASURES, *own)]
     for what, called in (("criterion", [c.name for c in file.criterion]), ("measure", known)):
         if twice := [name for name in called if called.count(name) > 1]:
-            raise InputError(path, f"the {what} {twice[0]!r} stands twice", "Give each its own name.")
+            raise InputError(path, f"the {what} {twice[0]!r} is a duplicate", "Give each its own name.")
     if strange := [c.measure for c in file.criterion if c.measure not in known]:
         raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
     return Criteria(file.name, file.criterion, own, frozen.hash)
@@ -321,7 +325,7 @@ def _beyond(criterion: Criterion, measure: MeasureValues, none: Bools, broken: B
     """In which scenes (S, K) a limit can be broken beyond the horizon, of those who can have broken it for long."""
     if measure.beyond is None:
         return np.zeros(none.shape, dtype=bool)
-    can = none & (criterion.badness(measure.beyond) > _SAME)
+    can = none & ((criterion.badness(measure.beyond) > _SAME) | (not criterion.worsens(measure.worst)))
     long = [
         c.any() and criterion.lasts(np.array([longest(c | b, t)]), t).any()
         for c, b in zip(can.T, broken.T, strict=True)
@@ -331,10 +335,13 @@ def _beyond(criterion: Criterion, measure: MeasureValues, none: Bools, broken: B
 
 def _so_far(criterion: Criterion, measure: MeasureValues, beyond: Bools) -> str:
     """What is not shown by no conflict within the horizon."""
+    if not criterion.worsens(measure.worst):
+        limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
+        return f"no conflict within the look-ahead does not show that it is not {limit}"
     most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
     worst = float(most.min() if criterion.side == "below" else most.max())
     so_far = f"{criterion.side} {amount(worst, measure.unit)}"
-    return f"no conflict as far as is looked ahead shows only that it is not {so_far}"
+    return f"no conflict within the look-ahead shows only that it is not {so_far}"
 
 
 def amount(value: float, unit: str) -> str:

@@ -135,7 +135,7 @@ class ErrorModels(Parameters):
         least = float(np.linalg.eigvalsh(c)[0])
         if least < -1e-9:
             raise ValueError(
-                f"no correlations can be like that: the least eigenvalue is {least:.3g}, expected none below 0"
+                f"this is not a correlation matrix: its least eigenvalue is {least:.3g}, expected none below 0"
             )
         return table
 

@@ -47,9 +47,12 @@ def fit_in_words(training: Training) -> tuple[str, list[str]]:
     if fit is None:
         return "whether the model fits was not tested: train it again", []
     if not fit.tests:
-        return f"whether the model fits was not tested: {fit.drives} drives, or no error, tell too little", []
+        return (
+            f"whether the model fits was not tested: {fit.drives} drives, or errors of 0, are too little data",
+            [],
+        )
     if not fit.misfits:
-        few = "; with so few drives only gross ones show" if fit.drives < FEW else ""
+        few = "; with so few drives only gross misfits show" if fit.drives < FEW else ""
         return f"no misfit found by {fit.tests} tests on {fit.drives} drives{few}", []
     verdict = f"the model does not fit: {len(fit.misfits)} of {fit.tests} tests on {fit.drives} drives fail"
     return verdict, [misfit.text for misfit in fit.misfits]

@@ -85,7 +85,9 @@ def cross_validate(recordings: Sequence[Recording], *, folds: int = 5, seeds: in
     seeds: how often the model perceives each drive. Raises InputError for fewer than two drives, and as `train`.
     """
     if len(recordings) < 2:
-        problem = f"{len(recordings)} drive, expected two or more: one to judge by, the others to train on"
+        problem = (
+            f"{len(recordings)} drive, expected two or more: one to validate with, the others to train on"
+        )
         raise InputError("validation", problem)
     folds = min(folds, len(recordings))
     measured: list[DriveErrors | None] = [None] * len(recordings)
@@ -192,7 +194,7 @@ def _agreement(unit: str, measured: list[Floats], model: list[Floats], step: flo
     one, other = (np.concatenate([e[np.isfinite(e)] for e in errors]) for errors in (measured, model))
     if not len(one) or not len(other):
         raise InputError(
-            "validation", "no object is perceived long enough to be judged", "Give longer drives."
+            "validation", "no object is perceived long enough to validate with", "Give longer drives."
         )
     halves = [np.concatenate([e[np.isfinite(e)] for e in measured[k::2]] or [one[:0]]) for k in (0, 1)]
     return Agreement(

@@ -51,7 +51,7 @@ def repair_recording(
     """
     chosen = next((name for name in FILTERS if name == outliers), None)
     if chosen is None:
-        raise InputError("--outliers", f"{outliers!r} is no filter", f"Filters: {', '.join(FILTERS)}.")
+        raise InputError("--outliers", f"{outliers!r} is not a filter", f"Filters: {', '.join(FILTERS)}.")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(out, "exists already", "Remove it or name another folder.")
     if out.resolve().is_relative_to(folder.resolve()):
@@ -87,7 +87,7 @@ def refuse_findings(folder: Path, findings: tuple[Finding, ...], accept: Collect
         more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
         codes = " ".join(f"--accept {code}" for code in dict.fromkeys(f.code for f in errors))
         how = "repair it with --fix" if any(f.repair for f in errors) else "correct it"
-        remedy = f"See `resim check`; {how}, or go on with {codes}"
+        remedy = f"See `resim check`; {how}, or continue with {codes}"
         raise InputError(folder, f"{finding_line(errors[0])}{more}", remedy)
 
 

@@ -26,10 +26,10 @@ def refuse_changed(folder: Path, digest: str | None) -> None:
     """Raise InputError where a recording's content has not this hash, or had none (None) when the command began."""
     found = content_hash(folder)
     if digest is None:
-        raise InputError(folder, "could not be read when this began", "Begin anew.")
+        raise InputError(folder, "could not be read at the start", "Begin anew.")
     if found != digest:
         problem = f"its content has the hash {found[:12]}…, expected was {digest[:12]}…"
-        raise InputError(folder, problem, "Restore the recording, or begin anew with it as it is.")
+        raise InputError(folder, problem, "Restore the recording, or start again with the changed one.")
 
 
 def hash_of_hashes(files: Mapping[str, str], road: str) -> str:

@@ -96,17 +96,17 @@ def _table(folder: Path, name: str) -> Path | None:
     """The CSV or Parquet file of that name, None where there is neither. Raises InputError for what is no file."""
     found = [path for end in ("csv", "parquet") if os.path.lexists(path := folder / f"{name}.{end}")]
     if len(found) > 1:
-        raise InputError(folder, f"holds both {name}.csv and {name}.parquet", "Keep the one that is meant.")
+        raise InputError(folder, f"holds both {name}.csv and {name}.parquet", "Keep the right one.")
     if found and not found[0].is_file():
-        problem = "is no file: a folder, a device, a pipe, or a link to nothing"
-        raise InputError(found[0], problem, "Put the table itself there, or take it away.")
+        problem = "is not a regular file but a folder, device, pipe or dangling link"
+        raise InputError(found[0], problem, "Put the table itself there, or remove it.")
     return found[0] if found else None
 
 
 def _check_ego(folder: Path, path: Path, gt: pd.DataFrame, ego: str) -> None:
     known = list(dict.fromkeys(gt["id"]))
     if ego not in known:
-        problem = f"ego {ego!r} is no object of {path.name}, which holds {', '.join(known[:20])}"
+        problem = f"ego {ego!r} was not found in {path.name}, which holds {', '.join(known[:20])}"
         raise InputError(folder / SETTINGS, problem, "Name one of its objects.")
 
 
@@ -124,7 +124,7 @@ def _read_sensor_data(path: Path, gt: pd.DataFrame) -> pd.DataFrame:
         raise InputError(path, row_problem(frame, row, what), remedy)
     unknown = frame[(frame[GT_ID] != "") & ~frame[GT_ID].isin(gt["id"])]
     if len(unknown):
-        what = f"{GT_ID} {unknown[GT_ID].iloc[0]!r} is no object of the ground truth"
+        what = f"{GT_ID} {unknown[GT_ID].iloc[0]!r} was not found in the ground truth"
         remedy = "Name a ground truth object or leave the field empty."
         raise InputError(path, row_problem(frame, unknown.index[0], what), remedy)
     return frame

@@ -31,7 +31,7 @@ def found_folders(path: Path, entries: Sequence[RecordingEntry]) -> tuple[dict[s
         folders = _folders(path, entry)
         if entry.hash is not None and hashes.setdefault(folders[0], entry.hash) != entry.hash:
             raise InputError(
-                path, f"recording {entry.folder!r} stands twice, with two hashes", "Take one away."
+                path, f"recording {entry.folder!r} is a duplicate, with two hashes", "Remove one."
             )
         found += [folder for folder in folders if folder not in found]
     named = dict(zip(_names(found), found, strict=True))
@@ -46,11 +46,11 @@ def _folders(path: Path, entry: RecordingEntry) -> list[Path]:
     try:
         found = sorted(f for f in _matching(whole) if (f / SETTINGS).is_file())
     except ValueError as e:
-        raise InputError(path, f"recording {entry.folder!r} is no glob ({e})", "Correct it.") from e
+        raise InputError(path, f"recording {entry.folder!r} is not a valid glob ({e})", "Correct it.") from e
     for folder in found:
         refuse_undecodable(folder)
     if not found:
-        raise InputError(path, f"recording {entry.folder!r}: no recording is there", "Correct the glob.")
+        raise InputError(path, f"recording {entry.folder!r}: there is no recording", "Correct the glob.")
     return found
 
 

@@ -102,12 +102,12 @@ def read_table(
     twice = [c for c in (*required, *optional) if list(frame.columns).count(c) > 1]
     if twice:
         problem = f"has more than one column {', '.join(twice)}"
-        raise InputError(path, problem, "Keep the one that is meant, or give the others another name.")
+        raise InputError(path, problem, "Keep the right one, or rename the others.")
     lost = [c for c in required if c not in frame.columns]
     if lost:
         raise InputError(
             path, f"column {', '.join(lost)} missing; found {', '.join(map(str, frame.columns))}",
-            f"The header must name {', '.join(required)}, parted by commas alone.",
+            f"The header must name {', '.join(required)}, separated by commas.",
         )  # fmt: skip
     if frame.empty and not may_be_empty:
         raise InputError(path, "has a header and no rows", "Write one row per time and object.")
@@ -148,7 +148,7 @@ def _read_csv(path: Path, numbers: Sequence[str], text: Sequence[str]) -> pd.Dat
     except _CSV_ERRORS as e:
         raise InputError(
             path, f"is not a readable CSV file ({' '.join(str(e).split())})",
-            "Write UTF-8 text, comma separated, each row with as many fields as the header.",
+            "Write UTF-8 text, separated by commas, each row with as many fields as the header.",
         ) from e  # fmt: skip
     frame.columns = pd.Index(_header(path))  # as written: pandas calls a second x x.1
     frame.index = pd.RangeIndex(2, len(frame) + 2)
@@ -171,7 +171,7 @@ def _read_parquet(path: Path) -> pd.DataFrame:
     except Exception as e:  # what DuckDB raises for damaged bytes is not always its own
         raise InputError(
             path, f"is not a readable Parquet file ({' '.join(str(e).splitlines()[:1])})",
-            "The file may be truncated: write it again, or hand in CSV.",
+            "The file may be truncated: write it again, or give a CSV file.",
         ) from e  # fmt: skip
     frame.index = pd.RangeIndex(1, len(frame) + 1)
     return frame
@@ -205,17 +205,19 @@ def _is_number(value: object) -> bool:
 
 
 def check_times(path: Path, frame: pd.DataFrame) -> None:
-    """Refuse a (t, id) that stands twice and an object whose times run backwards. Raises InputError."""
+    """Refuse a (t, id) that is a duplicate and an object whose times run backwards. Raises InputError."""
     twice = frame.duplicated(["t", "id"])
     if twice.any():
         row = frame.index[twice.to_numpy()][0]
-        problem = row_problem(frame, row, "this time and object stand there before")
+        problem = row_problem(frame, row, "a row with this time and object comes before it")
         raise InputError(path, problem, "Keep one row per time and object.")
     step = frame.groupby("id", sort=False)["t"].diff()
     if (step < 0.0).any():
         row = frame.index[(step < 0.0).to_numpy()][0]
         earlier = frame.loc[row, "t"] - step.loc[row]
-        problem = row_problem(frame, row, f"time runs backwards, the object's row before has t {earlier:.9g}")
+        problem = row_problem(
+            frame, row, f"time runs backwards: the object's previous row has t {earlier:.9g}"
+        )
         raise InputError(path, problem, "Sort each object's rows by time, or give each drive its own ids.")
 
 

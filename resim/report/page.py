@@ -61,7 +61,7 @@ def _header(look: View) -> Markup:
         (
             "time",
             f"{look.span[0]:.2f} s to {look.span[1]:.2f} s"
-            + ("; figures count from the first" if look.start else ""),
+            + ("; times count from the first sample" if look.start else ""),
         ),
     )
     listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)

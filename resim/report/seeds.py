@@ -60,8 +60,8 @@ def _outside(look: View) -> str:
     if not outside:
         return ""
     return (
-        f" {outside} of {shown} perceived objects were in states that the model was not trained on: what it says of "
-        "them is extrapolated."
+        f" {outside} of {shown} perceived objects were in states outside the model's training data: "
+        "its errors there are extrapolated."
     )
 
 

@@ -71,7 +71,7 @@ class ResimulationAssessment:
             told = "; ".join(f"{name} by its {' and '.join(k)}" for name, k in kinds.items())
             folder = "RESULTS" if self.run else "RECORDING"
             out.append(
-                f"the EGO's path differs: {told}; `resim assess {folder} --path state` makes them alike"
+                f"the EGO's path differs: {told}; `resim assess {folder} --path state` makes them comparable"
             )
         out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
         out += self.misfits

@@ -10,19 +10,21 @@ import numpy as np
 from resim.core.objects import ObjectIds
 from resim.core.sightings import Sightings
 from resim.core.tracks import Tracks
-from resim.metrics.doubts.contradiction import off_by, size_turned, turned_by
+from resim.metrics.doubts.contradiction import FAR, off_by, size_turned, turned_by
 from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off
 from resim.recordings import Recording
 from resim.recordings.checks import TORN
 from resim.recordings.checks.bodies import SIZE
 from resim.recordings.checks.tracks import PEDESTRIAN
-from resim.recordings.identity import UNMATCHED
+from resim.recordings.identity import doubled, sensor_names
 from resim.resimulation.result import Basis
 from resim.resimulation.unrepaired import without_repairs
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
 
+PERSON, RUNNING = 1.5, 5.0
+"""Size [m] and speed [m/s] up to which what is called a pedestrian can be one that walks in any direction."""
 FARTHEST = 20.0
 """Distance [m] by which a place is in doubt at most; beyond it nobody knows where the object is."""
 
@@ -42,22 +44,24 @@ def doubts(
     found = (*absent, *told.gaps)
     whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
     if whole is not None:
-        found += tuple(
-            cut_off(ObjectIds.of(without_repairs(recording, basis, whole).tracks, ego=recording.ego))
-        )
+        every = without_repairs(recording, basis, whole)
+        found += tuple(cut_off(ObjectIds.of(every.tracks, every.incomplete, ego=recording.ego, beyond=True)))
     torn = list(_torn(recording, basis))
     swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
     misfits = dict(_misfits(tracks, scenario, network))
     off: dict[str, tuple[float, float]] = {}
     sizes: dict[str, tuple[float, float]] = {}
+    told_sizes, doubled = recording.sizes.get(name, {}), _doubled(recording, basis)
     for ids, parts in _bodies(whom):
-        every = max(sum(far for who, far in torn if who in ids), *(misfits.get(who, 0.0) for who in ids))
-        by = np.max([(every, every), *(off_by(k, walks=k.kind == PEDESTRIAN) for k in parts)], axis=0)
+        one_place = max(misfits.get(who, 0.0) for who in ids), max(doubled.get(who, 0.0) for who in ids)
+        least = max(sum(far for who, far in torn if who in ids), *one_place)
+        walks = _walks(ids, parts, told_sizes)
+        by = np.max([(least, least), *(off_by(k, walks=walks) for k in parts)], axis=0)
         off.update((who, (float(by[0]), float(by[1]))) for who in ids if by.any())
-        turned = max(0.0 if k.kind == PEDESTRIAN else turned_by(k) for k in parts)
+        turned = 0.0 if walks else max(turned_by(k) for k in parts)
         if swapped.intersection(ids):
             turned = 0.5 * np.pi
-        sizes.update(_larger(ids, parts, recording.sizes.get(name, {}), tracks, turned))
+        sizes.update(_larger(ids, parts, told_sizes, tracks, turned))
     lost = [
         _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
     ]
@@ -76,6 +80,16 @@ def _bodies(whom: ObjectIds) -> Iterator[tuple[tuple[str, ...], list[Sightings]]
     together = {name: ids for ids in whom.same for name in ids}
     for ids in dict.fromkeys(together.get(k.ids[0], k.ids) for k in every):
         yield ids, [k for k in every if k.ids[0] in ids]
+
+
+def _walks(ids: tuple[str, ...], parts: list[Sightings], told: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether it is a pedestrian throughout, whose heading says nothing: by its kind, its largest size and its speed.
+
+    told: the largest size [m] that rows give an id.
+    """
+    longest = max([max(k.size) for k in parts] + [max(told[i]) for i in ids if i in told])
+    fastest = max(float(np.hypot(*k.state[:, 3:].T).max(initial=0.0)) for k in parts)
+    return all(k.kind == PEDESTRIAN for k in parts) and longest <= PERSON and fastest <= RUNNING
 
 
 def _larger(
@@ -105,7 +119,7 @@ def _lost(tracks: Tracks, name: str, off: float) -> Absence:
     """Somebody whose place is worth nothing."""
     n = tracks.index(name)
     start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
-    why = f"its trace is {off:.0f} m off its positions, or these off each other"
+    why = f"its trace is {off:.0f} m away from its positions, or these contradict each other"
     size = float(tracks.length[n]), float(tracks.width[n])
     return Absence(name, start, end, np.empty(0), np.empty((0, 5)), size, why)
 
@@ -115,13 +129,17 @@ def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:
     source, sd = basis.lower(), recording.sd
     names: dict[str, str] = {}
     if basis == "SD" and sd is not None and recording.sd_gt_id is not None:
-        names = {
-            own: gt or f"{UNMATCHED}{own}"
-            for own, gt in zip(sd.ids.tolist(), recording.sd_gt_id.tolist(), strict=True)
-        }
+        names = dict(zip(sd.ids.tolist(), sensor_names(sd, recording.sd_gt_id).tolist(), strict=True))
     for f in recording.findings:
         if f.source == source and f.code in TORN:
             yield names.get(f.object, f.object), f.value
+
+
+def _doubled(recording: Recording, basis: Basis) -> dict[str, float]:
+    """Who is detected twice at one time, and how far apart [m]: only one of them is judged and simulated."""
+    if basis == "GT" or recording.sd is None or recording.sd_gt_id is None:
+        return {}
+    return {who: far for who, far in doubled(recording.sd, recording.sd_gt_id).items() if far >= FAR}
 
 
 def _misfits(tracks: Tracks, scenario: Scenario | None, network: RoadNetwork) -> Iterator[tuple[str, float]]:

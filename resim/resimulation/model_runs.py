@@ -54,7 +54,7 @@ class ModelRuns:
             for outcome in WORST[:2]:
                 if bad := [seed for seed in self.seeds if self.outcome(seed, name) == outcome]:
                     first = self.seeds[bad[0]]
-                    why = "it ended at once" if first is None else first.verdicts[name].reason
+                    why = "it ended at its first step" if first is None else first.verdicts[name].reason
                     yield f"{outcome} {name}: {len(bad)} of {len(self.seeds)} seeds; seed {bad[0]}: {why}"
         if self.collided:
             yield f"collides in {len(self.collided)} of {len(self.seeds)} seeds"

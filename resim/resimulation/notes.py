@@ -24,7 +24,7 @@ from resim.scenario.scenario import Scenario
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 
-LABEL_ONLY = "without build_hash it is not known whether this code did, and the verdict is for the label only"
+LABEL_ONLY = "without build_hash nobody knows whether this code drove, so the verdict is for the label only"
 OF_BUILD = (LABEL_ONLY, UNKNOWN)
 """Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
 
@@ -63,8 +63,8 @@ def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDriv
     outside, shown = sum(d.outside for d in drives), sum(d.shown for d in drives)
     if outside:
         yield (
-            f"perception model {perceiving.model.name!r}: {outside} of {shown} perceived states lie outside of what it "
-            "was trained on; what it lets be seen there is extrapolated"
+            f"perception model {perceiving.model.name!r}: {outside} of {shown} perceived states lie outside its "
+            "training data; its errors there are extrapolated"
         )
     words = {"collision": "ended by a collision", "off_road": "left the road", "function_failed": "failed"}
     for end, what in words.items():
@@ -99,7 +99,7 @@ def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
 
 def _inexact(lane: LaneError) -> str:
     what = "is not in the SUMO net" if lane.worst is None else f"is {lane.worst:.3f} m off in the SUMO net"
-    return f"{lane.key}, which traces touch, {what} ({lane.remark or f'at s = {lane.s:g} m'})"
+    return f"{lane.key}, which is driven on, {what} ({lane.remark or f'at s = {lane.s:g} m'})"
 
 
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
@@ -124,7 +124,7 @@ def _plausible(
         yield f"the EGO is on no driving lane in {100.0 * off:.0f} % of its samples: is this the recording's map?"
     turned = float(np.nanmean(np.abs(errors["FIT_GT"].heading[EGO_ROW])))
     if turned > HEADING:
-        yield f"the EGO's heading is {turned:.2f} rad off its motion in the mean: is it in radians, in the map's frame?"
+        yield f"the EGO's heading is {turned:.2f} rad off its motion on average: is it in radians, in the map's frame?"
 
 
 def _described(basis: Basis, tracks: Tracks, scenario: Scenario) -> Iterator[str]:
@@ -154,20 +154,17 @@ def misfit(what: str, scenario: Scenario, positions: pd.DataFrame, network: Road
     """Give a line that names every object whose trace is off its positions (`find_misfits`), the worst first, or ""."""
     far = sorted(find_misfits(scenario, positions, network), key=lambda m: (m.off, m.object), reverse=True)
     told = ", ".join(f"{m.object} by {m.off:.2f} m at {m.t:.2f} s (noise {m.noise:.2g} m)" for m in far)
-    return (
-        f"{what}: traces are off the positions that they were fitted to by more than noise: {told}"
-        if far
-        else ""
-    )
+    return f"{what}: fitted traces miss their positions by more than noise: {told}" if far else ""
 
 
 def _gaps(basis: Basis, tracks: Tracks, ego: str) -> Iterator[str]:
     own = tracks.t[tracks.valid[tracks.index(ego)]]
     for gap in np.flatnonzero(np.diff(own) > GAP):
-        yield f"{basis}: the EGO is not seen from {own[gap]:.2f} to {own[gap + 1]:.2f} s; its trace is bridged there"
+        span = f"from {own[gap]:.2f} to {own[gap + 1]:.2f} s"
+        yield f"{basis}: the EGO is not seen {span}; its trace is interpolated there"
     if parts := tracks.parts():
         which = ", ".join(parts[:10]) + (", ..." if len(parts) > 10 else "")
-        yield f"{basis}: not seen for over {GAP:g} s, and another object when seen again: {which}"
+        yield f"{basis}: not seen for over {GAP:g} s; counted as another object from then on: {which}"
 
 
 def _sensed(
@@ -176,8 +173,8 @@ def _sensed(
     known = set(measured["GT"].joined().ids.tolist())
     unknown = [i for i in measured["SD"].joined().ids.tolist() if i not in known]
     if unknown:
-        yield f"SD holds {len(unknown)} object(s) without ground truth: no errors for them, but rSD has them"
+        yield f"SD holds {len(unknown)} object(s) without ground truth: they are in rSD, but have no errors"
     if not recording.senses_ego:
-        yield "SD holds no EGO: its ground truth stands in, and S says nothing of it"
+        yield "SD has no EGO: its ground truth is used instead, so S has no error of it"
     elif not np.isfinite(errors["S"].x[EGO_ROW]).any():
         yield "S of the EGO is empty: no SD sample lies between two neighbouring GT samples"

@@ -54,7 +54,7 @@ def refit_prediction(
         raise InputError("--kind", f"there is no kind {unknown[0]!r}", f"Kinds: {', '.join(KINDS)}.")
     check_codes(accept)
     if twice := [f for n, f in enumerate(folders) if f.resolve() in [g.resolve() for g in folders[:n]]]:
-        raise InputError(twice[0], "is given twice", "Give each recording once.")
+        raise InputError(twice[0], "is a duplicate", "Give each recording once.")
     found: dict[str, list[MotionPoints]] = {}
     used: dict[str, dict[str, str]] = {}
     for folder, label in zip(folders, _labels(folders), strict=True):
@@ -75,7 +75,7 @@ def refit_prediction(
         raise InputError("--kind", told, "Give more recordings, or leave these kinds out.")
     if not fits:
         problem = f"nothing to fit ({told or f'no object moves for {AHEAD:g} s'})"
-        raise InputError(", ".join(map(str, folders)), problem, f"A kind wants {LEAST} points or more.")
+        raise InputError(", ".join(map(str, folders)), problem, f"A kind needs {LEAST} points or more.")
     entries = {kind: _entry(fit, used[kind]) for kind, fit in fits.items()}
     whole = PredictionSet.model_validate(
         {"name": name, "provenance": _provenance(len(folders)), "kinds": entries}
@@ -162,6 +162,6 @@ def _short(value: float) -> float:
 def _provenance(recordings: int) -> str:
     return (
         f"`resim assess fit-prediction` of resim {resim.__version__}: maximum likelihood (Eq. 4.2, 4.3) over "
-        f"{recordings} recordings, scenes {AHEAD:g} s apart, answers averaged over {AHEAD:g} s; kinds that are "
-        "not here are the published set's."
+        f"{recordings} recordings, scenes {AHEAD:g} s apart, responses averaged over {AHEAD:g} s; other "
+        "kinds use the published set."
     )

@@ -14,6 +14,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.files import file_hash
 from resim.core.objects import GAP
+from resim.core.sightings import SAME
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.resimulation import fidelity
@@ -190,13 +191,36 @@ def measured_tracks(recording: Recording) -> dict[Basis, Tracks]:
     gt = _ego_window(recording.gt, recording.ego, f"{where}: gt")
     if (sd := recording.sd_by_gt()) is None:
         return {"GT": gt}
+    if not recording.senses_ego:
+        sd = _as_long_as_driven(sd, recording)
     sd = _ego_window(sd, recording.ego, f"{where}: sd")
     if sd.t[0] > gt.t[-1] or sd.t[-1] < gt.t[0]:
         raise ResimError(
             f"{where}: gt lasts from {gt.t[0]:g} to {gt.t[-1]:g} s and sd from {sd.t[0]:g} to {sd.t[-1]:g} s: "
-            "they have no time in common. Give both the same clock."
+            "they do not overlap in time. Give both the same clock."
         )
     return {"GT": gt, "SD": sd}
+
+
+def _as_long_as_driven(sd: Tracks, recording: Recording) -> Tracks:
+    """The SD before its first and after its last sample, too, while the GT has the EGO, which it is without.
+
+    Who sees nobody writes no rows: where these end, the drive does not.
+    """
+    ego = recording.gt.select([recording.ego])
+    first, last = ego.t[ego.valid[0]][[0, -1]].tolist()
+    step = float(np.median(np.diff(sd.t))) if len(sd.t) > 1 else np.inf
+    before = np.arange(sd.t[0] - step, first + SAME, -step)[::-1]
+    after = np.arange(sd.t[-1] + step, last - SAME, step)
+    start, end = (
+        [when] if way * (when - known) > SAME else []
+        for when, known, way in ((first, sd.t[0], -1.0), (last, sd.t[-1], 1.0))
+    )
+    t = np.concatenate([start, before, sd.t, after, end])
+    if len(t) == len(sd.t):
+        return sd
+    others = sd.without(recording.ego).at(t, max_gap=0.0)
+    return Tracks.concatenate([others, ego.at(t, max_gap=2.0 / recording.gt_rate)])
 
 
 def _refuse_far(recording: Recording, tracks: Tracks, network: RoadNetwork) -> None:

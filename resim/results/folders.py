@@ -137,7 +137,7 @@ def locked(folder: Path, command: str, *, shared: bool = False) -> Iterator[None
             fcntl.flock(file, how | fcntl.LOCK_NB)  # gone with the process, however it ends
         except BlockingIOError as e:
             problem = f"is written by {command} at this moment"
-            raise InputError(folder, problem, "Wait for that one, or end it.") from e
+            raise InputError(folder, problem, "Wait until it ends, or stop it.") from e
         except OSError:
             pass  # a file system without locks
         yield

@@ -31,7 +31,7 @@ class MapCheck:
         """What speaks against the map, in words; none where it is good."""
         errors = sum(flaw.severity == "error" for flaw in self.flaws)
         out = [f"{errors} error(s) in the map"] if errors else []
-        out += [f"{len(self.inexact)} driving lane(s) not exact in the net"] if self.inexact else []
+        out += [f"{len(self.inexact)} driving lane(s) not accurate in the SUMO net"] if self.inexact else []
         lost = self.net.conversion.lost
         return out + ([f"{len(lost)} link(s) of lanes not in the net"] if lost else [])
 
@@ -64,5 +64,5 @@ def refuse_flaws(network: RoadNetwork, found: Sequence[Flaw], accept: Collection
     if errors:
         more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
         codes = " ".join(f"--accept {code}" for code in dict.fromkeys(flaw.code for flaw in errors))
-        remedy = f"See `resim map check`; correct the map, or go on with {codes}"
+        remedy = f"See `resim map check`; correct the map, or continue with {codes}"
         raise InputError(network.path, f"{errors[0].code}: {errors[0].text}{more}", remedy)

@@ -149,7 +149,7 @@ def _has_outcome(sweep: Sweep) -> None:
     shares = (outcome.name for outcome in OUTCOMES if outcome.good is not None)
     known = list(dict.fromkeys([*shares, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
     if sweep.file.adaptive.outcome not in known:
-        problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is none of this sweep's"
+        problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is not in this sweep"
         raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
 
 

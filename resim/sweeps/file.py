@@ -135,10 +135,10 @@ def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
     if bool(file.recording) == (file.suite is not None):
         raise InputError(path, "names both or neither of recording and suite", "Name one of them.")
     if again := [name for name in file.build if file.build.count(name) > 1]:
-        raise InputError(path, f"build {again[0]!r} stands twice", "Take one away.")
+        raise InputError(path, f"build {again[0]!r} is a duplicate", "Take one away.")
     names = [p.name for p in file.parameter]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(path, f"parameter {twice[0]!r} stands twice", "Take one away.")
+        raise InputError(path, f"parameter {twice[0]!r} is a duplicate", "Take one away.")
     if file.perception is None and (of := [name for name in names if name.startswith("perception.")]):
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
     check_plan(path, file)

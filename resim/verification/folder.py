@@ -28,12 +28,12 @@ def begin(out: Path, a: VerificationRequest) -> None:
     files = files_of(a)
     told = json_text(sealed({"versions": versions(), "inputs": a.model_dump(mode="json"), "files": files}))
     mark = out / VERIFICATION.mark
-    before = read_file(mark, "Take it away.") if mark.is_file() else b""
+    before = read_file(mark, "Remove it.") if mark.is_file() else b""
     if before != told.encode():
         for name in ("verification.json", "verification.html", "junit.xml"):
             (out / name).unlink(missing_ok=True)
     if before:
-        others = {*read_sealed(mark, "Take it away.")["files"]} - {*files}
+        others = {*read_sealed(mark, "Remove it.")["files"]} - {*files}
         for path in (*out.glob(f"{CASES}/*"), *out.glob(f"{REPORTS}/*")):
             if f"{path.parent.name}/{path.name}" in others:
                 path.unlink()

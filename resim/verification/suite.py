@@ -50,7 +50,7 @@ class SuiteFile(Strict):
     @classmethod
     def _once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"{twice[0]!r} stands twice")
+            raise ValueError(f"{twice[0]!r} is a duplicate")
         return names
 
 

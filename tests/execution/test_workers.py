@@ -185,7 +185,7 @@ def test_a_process_that_was_let_go_is_ended_and_is_the_functions_failure(tmp_pat
     note = tmp_path / "number"
     tasks = [(how, str(note)), (how, str(note))]
     for _, found in run_all(let_go, tasks, workers=1, time_limit=60.0):
-        why = "code that this task ran left processes behind that would not have ended with it (sleep)"
+        why = "code that this task ran left processes behind that outlive it (sleep)"
         assert found == Failure(why, crashed=False, of_function=True)
         until = time.monotonic() + 10.0
         while not is_gone(int(note.read_text())):  # it was ended, and takes its time

@@ -118,7 +118,7 @@ def test_one_that_never_returns_is_told_by_name(tmp_path, set_constant, network)
 
 def test_one_that_takes_the_name_of_ours_is_refused(judged):
     code, _, error = judged(criteria=CRITERIA.replace('"gap to the side"', '"TTC"'))
-    assert (code, "the measure 'TTC' stands twice" in error) == (2, True)
+    assert (code, "the measure 'TTC' is a duplicate" in error) == (2, True)
 
 
 @pytest.mark.parametrize("state", ["calls.append(1)", "random.random()"])

@@ -131,9 +131,7 @@ def test_a_trace_that_is_off_is_told_alike_by_run_and_assess(call, tmp_path):
     code, out, error = call("run", folder, "--build", PILOT, "--basis", "gt", "--out", tmp_path / "out")
     assert code == 0, error
     (line,) = (note for note in assessment(tmp_path / "out")["notes"] if "traces are off" in note)
-    assert line.startswith(
-        "GT: traces are off the positions that they were fitted to by more than noise: 1 by 0."
-    )
+    assert line.startswith("GT: fitted traces miss their positions by more than noise: 1 by 0.")
     assert out.count("traces are off") == 1
     assert line in json.loads((tmp_path / "out" / "report.json").read_text())["warnings"]
     _, again, _ = call("assess", tmp_path / "out", "--out", tmp_path / "again")
@@ -189,4 +187,4 @@ def test_who_left_the_measured_ego_is_not_gone_for_one_that_drives_otherwise(cal
         assert assessment(tmp_path / f"{name} again")["rGT"] == found["rGT"]
     assert verdicts["same"]["verdict"] == "PASS"
     assert verdicts["other"]["verdict"] == "INVALID"
-    assert "not seen there by the measured EGO, and this EGO is nearer" in verdicts["other"]["reason"]
+    assert "not seen there by the measured EGO, while this EGO is nearer" in verdicts["other"]["reason"]

@@ -125,8 +125,8 @@ def test_a_run_beyond_what_was_trained_and_one_that_collides_say_so(seen):
     _, out, _, report = seen(
         SHIPPED / "proving_ground.json", "--seeds", 2, "--basis", "gt", "--set", "latency.position=5"
     )
-    assert any("outside of what it was trained on" in " ".join(w.split()) for w in report["warnings"])
-    assert "outside of what it was trained on" in " ".join(out.split())
+    assert any("outside its training data" in " ".join(w.split()) for w in report["warnings"])
+    assert "outside its training data" in " ".join(out.split())
     blind = ("--seeds", 2, "--basis", "gt", "--set", "field_of_view.range=0.1")
     _, out, _, report = seen(
         SHIPPED / "latency.json", *blind, name="blind", recording=ROOT / "scenarios" / "rear_end"

@@ -85,10 +85,10 @@ def test_parked_vehicles_stand_for_the_whole_window_and_walls_are_left_out(tmp_p
 
 BAD = {
     "version": ("", "2017a", "", r"commonRoadVersion is '2017a', expected one of 2018a, 2018b, 2020a"),
-    "nobody": ("", "2020a", "", "holds no dynamic obstacle"),
-    "ego": (dynamic("2", EGO), "2020a", "", "ego '1' is no object of it; it holds 2"),
+    "nobody": ("", "2020a", "", "has no dynamic obstacle"),
+    "ego": (dynamic("2", EGO), "2020a", "", "ego '1' was not found; the file has 2"),
     "doctype": (dynamic("1", EGO), "2020a", '<!DOCTYPE a [<!ENTITY e "x">]>', "has a DOCTYPE"),
-    "twice": (dynamic("1", EGO) * 2, "2020a", "", "obstacle id '1' stands twice"),
+    "twice": (dynamic("1", EGO) * 2, "2020a", "", "obstacle id '1' is a duplicate"),
     "speed": (dynamic("1", state(0, 0) + state(1, 1, v="")), "2020a", "", "1, state 1: velocity is missing"),
     "number": (dynamic("1", EGO.replace("<x>2<", "<x>two<")), "2020a", "", "state 2: position x is 'two'"),
     "time": (dynamic("1", state(1, 0) + state(1, 1)), "2020a", "", "1, state 1: time 0.1 s does not follow 0.1 s"),

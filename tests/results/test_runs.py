@@ -92,7 +92,7 @@ def test_results_of_which_a_bit_is_another_are_not_assessed(
     (folder / name).write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
     code, out, error = call("assess", folder)
     assert (code, out) == (2, "")
-    assert f"{folder / name}: is not as it was written: its SHA-256 is " in error
+    assert f"{folder / name}: was changed after it was written: its SHA-256 is " in error
     assert error.endswith("Run it again.\n")
 
 

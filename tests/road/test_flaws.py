@@ -77,7 +77,7 @@ DOUBLE = '<paramPoly3 aU="0" bU="200" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/
         (geometry(0, 0, 40) + geometry(50, 50, 50), "error", "ELEMENT_HOLE", 50, 10, "begins 10.000 m behind"),
         (geometry(0, 0, 49.8) + geometry(50, 50, 50), "warning", "ELEMENT_HOLE", 50, 0.2, "begins 0.200 m behind"),
         (geometry(4, 4, 96), "error", "ELEMENT_HOLE", 4, 4, "first element begins at s=4.000 m, not at 0"),
-        (geometry(0, 0, 0) + LINE, "note", "EMPTY_ELEMENT", 0, 0, "has no length and is passed over"),
+        (geometry(0, 0, 0) + LINE, "note", "EMPTY_ELEMENT", 0, 0, "has no length and is ignored"),
         (geometry(0, 0, 100, curve=DOUBLE), "warning", "STRETCHED", 0, 100, "is 200.000 m long, its length"),
         (geometry(0, 0, 99), "error", "ROAD_LENGTH", 99, 1, "declared as 100.000 m, its elements end at 99.000 m"),
         (geometry(0, 0, 99.7), "warning", "ROAD_LENGTH", 99.7, 0.3, "declared as 100.000 m"),
@@ -329,7 +329,7 @@ PROFILE = '<lateralProfile><{} s="0" t="0" side="both" a="0.1" b="0" c="0" d="0"
     ("inside", "severity", "code", "says"),
     [
         (road("1", geometry(0, 0, 100, curve='<line/><arc curvature="0.01"/>'), LANES), "error", "TWO_CURVES",
-         "holds <line>, <arc>; the first is taken"),
+         "holds <line>, <arc>; the first is used"),
         (road("1", LINE, LANES, extra='<include file="more.xml"/>'), "error", "INCLUDE", "'more.xml'"),
         (road("1", geometry(0, 0, 100, curve=param(p_range="foo", bU=100)), LANES), "error", "UNKNOWN_RANGE",
          "pRange='foo' is neither"),

@@ -343,4 +343,4 @@ def test_a_connection_that_netconvert_refuses_costs_that_connection_only(written
     conversion = sumo_net(net, cache=tmp_path).conversion
     assert conversion.lost == ("road 1 section 0 lane -1 to road 2 section 0 lane -1",)
     missing = [(lane.road, lane.remark) for lane in conversion.lanes if lane.worst is None]
-    assert missing == [(name, "netconvert makes no connection of the link over it") for name in ("8", "9")]
+    assert missing == [(name, "netconvert makes no connection for the link across it") for name in ("8", "9")]

@@ -149,8 +149,8 @@ def test_ids_that_stand_twice_are_named(one_road):
     path = one_road(LINE)
     text = path.read_text()
     road = text[text.index("<road") : text.index("</OpenDRIVE>")]
-    for twice, says in ((road, "road 7: the id stands twice"),
-                        ('<junction id="3" name=""/>' * 2, "junction 3: the id stands twice")):  # fmt: skip
+    for twice, says in ((road, "road 7: the id is a duplicate"),
+                        ('<junction id="3" name=""/>' * 2, "junction 3: the id is a duplicate")):  # fmt: skip
         path.write_text(text.replace("</OpenDRIVE>", twice + "</OpenDRIVE>"))
         with pytest.raises(InputError, match=says):
             load(path)

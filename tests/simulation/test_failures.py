@@ -309,7 +309,7 @@ def test_an_end_of_the_program_of_its_own_is_a_failure_of_the_function(
         run = drive(own, member("e", 300.0, 20.0))
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert "tried to end the program: SystemExit(15)" in run.failure
+    assert "tried to exit the program: SystemExit(15)" in run.failure
 
 
 def test_an_exception_whose_class_has_no_name_is_told(drive: Drive, function: Make, member: Member) -> None:

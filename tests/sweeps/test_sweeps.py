@@ -276,7 +276,7 @@ def sealed(said: str) -> str:
         (lambda line: sealed(re.sub(r'"plan": "\w+"', '"plan": "0"', line[9:-1])), "is none of this sweep's"),
         (
             lambda line: line + sealed(re.sub(r'"end": "\w+"', '"end": "collision"', line[9:-1])),
-            "has another result than in a line before",
+            "contradicts an earlier line",
         ),
     ],
 )

@@ -423,7 +423,7 @@ def test_a_table_of_any_size_has_a_hash(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_had_no_hash_when_the_verification_began_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="could not be read when this began"):
+    with pytest.raises(InputError, match="could not be read at the start"):
         refuse_changed(OVERTAKE, None)
 
 

@@ -64,7 +64,7 @@ def end_strays() -> None:
             os.kill(one.number, signal.SIGKILL)
     if strays:
         told = ", ".join(sorted({one.name for one in strays}))
-        raise FunctionError(f"left processes behind that would not have ended with it ({told})")
+        raise FunctionError(f"left processes behind that outlive it ({told})")
 
 
 def _processes() -> Iterator[Descendant]:

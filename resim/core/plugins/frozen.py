@@ -75,7 +75,7 @@ def freeze(
         except OSError as e:
             problem = f"cannot be written ({e.strerror})"
             raise InputError(
-                cache_folder("inputs"), problem, "Set XDG_CACHE_HOME to a folder that can."
+                cache_folder("inputs"), problem, "Set XDG_CACHE_HOME to a writable folder."
             ) from e
         if _read(frozen.hash) is None:
             raise InputError(

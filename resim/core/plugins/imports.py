@@ -95,14 +95,14 @@ def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[s
     folders = [path.parent, *(h.folder for h in map(installed_home, modules) if h is not None)]
     out = {}
     for name in names:
-        remedy = "Name files as seen from this file's folder, with / between folders."
+        remedy = "Name files relative to this file's folder, with / between folders."
         if name.startswith("/") or "\\" in name or posixpath.normpath(name) != name or len(name) > 255:
             raise InputError(
-                path, f"files: {name!r} is no plain relative name of up to 255 characters", remedy
+                path, f"files: {name!r} is not a plain relative name of up to 255 characters", remedy
             )
         there = next((folder / name for folder in folders if (folder / name).is_file()), None)
         if there is None:
-            raise InputError(path, f"files: {name!r} is no file beside it", remedy)
+            raise InputError(path, f"files: {name!r} is not a file beside it", remedy)
         out[name] = there
     return out
 

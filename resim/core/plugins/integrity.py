@@ -92,8 +92,8 @@ def check() -> None:
         _found.extend(_changed())
     if _found:
         raise ChangedError(
-            f"{_ran[0]}: the code changed {', '.join(_found[:3])}, which it is judged with. "
-            "Leave resim, numpy and Python as they are."
+            f"{_ran[0]}: the code changed {', '.join(_found[:3])}, by which it is judged. "
+            "Do not change resim, numpy or Python."
         )
 
 

@@ -151,7 +151,7 @@ def _is_of_others(e: BaseException) -> bool:
 def _in_words(e: BaseException) -> str:
     """What a function raised, in words; its text is the function's code, too."""
     if issubclass(type(e), SystemExit):
-        return f"tried to end the program: SystemExit({_said(lambda: str(getattr(e, 'code', '')))})"
+        return f"tried to exit the program: SystemExit({_said(lambda: str(getattr(e, 'code', '')))})"
     return f"raised {name_of(e)}: {_said(lambda: str(e)):.300}"
 
 

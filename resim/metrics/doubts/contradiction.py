@@ -1,7 +1,8 @@
 """What it is worth where position, speed and heading contradict each other: nobody knows which of them is right.
 
 The way that speed and heading tell, less the way between the positions, is how far the object is off where it is given,
-as far as it grows faster than noise and usual errors explain: r(t) = p(t) - ∫ v ds over windows of WINDOW. Errors that
+as far as it grows faster than noise and usual errors explain: r(t) = p(t) - ∫ v ds over windows of WINDOW, and over
+longer ones, in which noise of positions hides less. Errors that
 a track has throughout are no contradiction: a speed some percent off, a heading some degrees; nor is a box centre that
 swings out in a turn. Who drives backwards may have a speed without sign, and filters
 tell speeds late. Pedestrians walk in any direction.
@@ -11,6 +12,7 @@ A heading that leaps, flickers or turns faster than the way that is driven allow
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,9 @@ from resim.metrics.doubts.reach import CURVATURE
 from resim.scenario.course import position_noise
 
 WINDOW, CELL = 0.8, 0.1
-"""Time [s] over which ways and turns are compared, and from one comparison to the next."""
+"""Least time [s] over which ways and turns are compared, and from one comparison to the next."""
+LONGER, LONGEST = 2.0, 13.0
+"""Factor from one window to the next longer one, and the longest [s]: of 12.8 s."""
 SMOOTHING = 0.1
 """Time [s] to either side over which positions are averaged."""
 RUN = 0.4
@@ -55,34 +59,63 @@ def off_by(k: Sightings, *, walks: bool = False) -> tuple[float, float]:
         return 0.0, 0.0
     place, velocity, dt = state[:, 0] + 1j * state[:, 1], state[:, 3] + 1j * state[:, 4], np.diff(t)
     way = _sum(0.5 * (velocity[1:] + velocity[:-1]) * dt)
-    grid, hop, over = _grid(t)
+    grid, windows = _grid(t)
     rest, averaged = _averaged(t, place - way)
-    told, left, hidden, turn = (
-        _change(np.interp(grid, t, values), hop) / over
+    sums = [
+        np.interp(grid, t, values)
         for values in (way, rest, _sum(0.25 * HARDEST * dt**2), np.unwrap(state[:, 2]))
-    )
+    ]
+    noise = NOISE * position_noise(t, place) * np.sqrt(2.0 / averaged)
+    if walks:  # by the heading of a pedestrian nobody knows its way over long times
+        windows = windows[:1]
+    else:
+        sums[:2] = _forwards(sums[0], sums[1], windows[0])
+    most = np.hypot(np.ptp(sums[1].real), np.ptp(sums[1].imag))
+    told, added = (_change(values, windows[0]) for values in sums[:2])
+    late = _lateness(np.abs(told), np.abs(told + added))
+    windows = [hop for hop in windows if hop < len(grid) - late]
+    off = np.max([_off_in(hop, late, sums, noise, k.size[0], walks=walks) for hop in windows], axis=0)
+    if not walks:  # windows that are long count a jump at an end of the track more than once
+        off = np.minimum(off, most)
+    if off.max() < FAR:
+        return 0.0, 0.0
+    along, across = off.tolist()
+    turned = 1.0 if walks else np.sin(min(float(np.ptp(np.unwrap(state[:, 2]))), 0.5 * np.pi))
+    return along + turned * across, across + turned * along
+
+
+def _forwards(way: _Numbers, rest: _Numbers, hop: int) -> list[_Numbers]:
+    """The way that is told, and what positions add to it, where a speed without sign may be one backwards."""
+    told, moved = _change(way, hop), _change(way + rest, hop)
+    cells = np.clip(np.arange(len(way) - 1) - hop // 2, 0, len(told) - 1)
+    backwards = ((moved * np.conj(told)).real < -0.5 * np.abs(told) ** 2)[cells]
+    signed = way[0] + _sum(np.diff(way) * np.where(backwards, -1.0, 1.0))
+    return [signed, way + rest - signed]
+
+
+def _off_in(
+    hop: int, late: int, sums: Sequence[_Numbers], noise: float, length: float, *, walks: bool
+) -> Floats:
+    """How far [m] it is off along and across, by windows of `hop` cells; speeds are told `late` cells later.
+
+    sums: at the grid's times, the way that is told, what the positions add to it, what hides between samples [m], and
+    the heading [rad]; noise: m, by which the change of an averaged position is off without any reason.
+    """
+    told, left, hidden, turn = (_change(values, hop) / (hop * CELL) for values in sums)
     moved = told + left
-    late = _lateness(np.abs(told), np.abs(moved))
     told, moved = told[late:], moved[: len(moved) - late]
-    loose = (
-        LEAST + hidden.real[: len(moved)] + NOISE * position_noise(t, place) * np.sqrt(2.0 / averaged) / over
-    )
+    loose = LEAST + hidden.real[: len(moved)] + noise / (hop * CELL)
     speed = np.maximum(np.abs(told), np.abs(moved))
     if walks:
         off = np.asarray(np.abs(moved) - np.abs(told), dtype=complex)
     else:
-        told = np.where(np.abs(moved + told) < np.abs(moved - told), -told, told)
         off = (moved - told) * np.exp(-1j * np.angle(np.where(np.abs(told) > 0.0, told, moved)))
-    swing = 0.5 * k.size[0] * np.abs(turn[: len(moved)])
+    swing = 0.5 * length * np.abs(turn[: len(moved)])
     bad = np.abs(off.real) > loose + _usual(off.real, SPEED * speed)
     bad |= np.abs(off.imag) > loose + swing + _usual(off.imag, HEADING * speed)
-    cells = np.clip(np.arange(len(grid) - 1 - late) - hop // 2, 0, len(bad) - 1)
+    cells = np.clip(np.arange(len(sums[0]) - 1 - late) - hop // 2, 0, len(bad) - 1)
     total = _sum(np.where(_lasting(bad), off, 0.0)[cells] * CELL)
-    along, across = float(np.ptp(total.real)), float(np.ptp(total.imag))
-    if max(along, across) < FAR:
-        return 0.0, 0.0
-    turned = 1.0 if walks else np.sin(min(float(np.ptp(np.unwrap(state[:, 2]))), 0.5 * np.pi))
-    return along + turned * across, across + turned * along
+    return np.array([np.ptp(total.real), np.ptp(total.imag)])
 
 
 def turned_by(k: Sightings) -> float:
@@ -93,7 +126,7 @@ def turned_by(k: Sightings) -> float:
     heading = np.unwrap(state[:, 2], period=np.pi)
     usual = median_filter(heading, MEDIAN, mode="nearest")
     flicker = float(np.quantile(np.abs(heading - usual), OFTEN))
-    grid, hop, _ = _grid(t)
+    grid, (hop, *_) = _grid(t)
     way = _sum(
         np.maximum(np.hypot(*np.diff(state[:, :2], axis=0).T), np.hypot(*state[1:, 3:].T) * np.diff(t))
     )
@@ -112,11 +145,11 @@ def size_turned(size: tuple[float, float], by: float) -> tuple[float, float]:
     return float(length), float(width)
 
 
-def _grid(t: Floats) -> tuple[Floats, int, float]:
-    """Times [s] a CELL apart, how many of them a window spans, and how long [s] that is."""
+def _grid(t: Floats) -> tuple[Floats, list[int]]:
+    """Times [s] a CELL apart, and how many of them windows span, the shortest first."""
     grid = np.arange(t[0], t[-1] + 1e-9, CELL)
-    hop = min(round(WINDOW / CELL), len(grid) - 1)
-    return grid, hop, hop * CELL
+    spans = WINDOW * LONGER ** np.arange(int(np.log(LONGEST / WINDOW) / np.log(LONGER)) + 1)
+    return grid, sorted({min(round(span / CELL), len(grid) - 1) for span in spans.tolist()})
 
 
 def _sum(steps: _Numbers) -> _Numbers:

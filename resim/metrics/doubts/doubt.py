@@ -54,7 +54,7 @@ def doubted(
         lasted = longest(_lasting(broken, whose, inputs), drive.t)
         if len(whose) > 1 and criterion.lasts(np.array([lasted]), drive.t).any():
             limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-            who = f"objects {', '.join(whose[:5])} can be one, seen under one id after the other"
+            who = f"objects {', '.join(whose[:5])} can be one object under successive ids"
             return replace(verdict, outcome="INVALID", reason=f"{who}: {limit} for {lasted:.1f} s")
         possible = np.any([broken, *(p for _, p in found)], axis=0)
         lasted = longest(_lasting(possible, whose, inputs), drive.t)
@@ -85,8 +85,9 @@ def _possible(
     out = np.zeros(len(t), dtype=bool)
     if len(at):
         absent = AbsentObject(inputs, at, Reach.of(absence, t[at]), seen)
-        worse = {"low": "below", "high": "above", "both": "beyond"}[measure.worst]
-        if asked.unseen is not None and criterion.side == worse:
+        if not criterion.worsens(measure.worst):
+            out[at] = True
+        elif asked.unseen is not None:
             out[at] = criterion.badness(asked.unseen(absent)) > 0.0
         else:
             out[at] = np.isfinite(absent.touches("anything"))
@@ -121,7 +122,7 @@ def _lasting(bad: Bools, whose: tuple[str, ...], inputs: MeasureInputs) -> Bools
 
 def _invalid(verdict: Verdict, measure: MeasureValues, criterion: Criterion, absence: Absence) -> Verdict:
     limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-    reason = f"{told(absence)}; it can have broken the limit, {limit}"
+    reason = f"{told(absence)}; it may have exceeded the limit, {limit}"
     return replace(verdict, outcome="INVALID", reason=reason)
 
 
@@ -130,9 +131,23 @@ def told(absence: Absence) -> str:
     return f"object {absence.object} from {absence.start:.2f} to {absence.end:.2f} s: {absence.why}"
 
 
-def resized(verdict: Verdict, larger: Verdict, doubts: Doubts) -> Verdict:
-    """Give a verdict, INVALID in place of PASS where it does not pass with boxes that hold all that they may fill."""
-    if verdict.outcome != "PASS" or larger.outcome == "PASS":
+def resized(
+    verdict: Verdict,
+    larger: Verdict,
+    criterion: Criterion,
+    asked: MeasureDefinition,
+    inputs: MeasureInputs,
+    doubts: Doubts,
+) -> Verdict:
+    """Give a verdict, INVALID in place of PASS where it does not pass with boxes that hold all that they may fill.
+
+    Larger boxes are the worst that can be of resim's own measures, towards their worse end. Where a limit is towards
+    the better one, or a measure of the user's may ask for places alone, nothing passes with a place in doubt.
+    """
+    who = {str(inputs.drive.own.ids[0])} if asked.alone else {*doubts.sizes, *doubts.off}
+    worst_known = criterion.worsens(asked.worst) and not (asked in inputs.own and who & doubts.off.keys())
+    known = worst_known or not who & {*doubts.sizes, *doubts.off}
+    if verdict.outcome != "PASS" or (larger.outcome == "PASS" and known):
         return verdict
     why = []
     if doubts.sizes:
@@ -141,5 +156,7 @@ def resized(verdict: Verdict, larger: Verdict, doubts: Doubts) -> Verdict:
     if doubts.off:
         worst = sorted(((who, max(d)) for who, d in doubts.off.items()), key=lambda found: -found[1])[:5]
         why.append(f"place in doubt: {', '.join(f'{name} (by {d:.2f} m)' for name, d in worst)}")
-    reason = f"{'; '.join(why)}; with boxes as large as that: {larger.outcome}, {larger.reason}"
-    return replace(verdict, outcome="INVALID", reason=reason)
+    so = "it may have exceeded the limit"
+    if larger.outcome != "PASS":
+        so = f"with boxes that large: {larger.outcome}, {larger.reason}"
+    return replace(verdict, outcome="INVALID", reason=f"{'; '.join(why)}; {so}")

@@ -80,17 +80,19 @@ class Reach:
             one[:, :2] + one[:, 3:] * tau[:, None], two[:, :2] - two[:, 3:] * sigma[:, None], np.zeros((p, 2))
         ], axis=1)  # fmt: skip
         strays = [tau, np.where(before, sigma, np.minimum(sigma, LOST))]
+        most, missed = (0.0, 0.0) if absence.straight else (MOST, MISSED)
         off = [
-            np.where(known, 0.5 * MOST * x**2, np.inf)
+            np.where(known, 0.5 * most * x**2, np.inf)
             for known, x in zip((before, later), strays, strict=True)
         ]
         centre[:, 2], between = _between(one, two, tau, sigma)
-        radius = np.stack([*off, np.where(before & later, between, np.inf)], axis=1) + MISSED
+        radius = np.stack([*off, np.where(before & later, between, np.inf)], axis=1) + missed
         forwards = before & (~later | (tau <= sigma))
         near, since = np.where(forwards[:, None], one, two), np.where(forwards, tau, sigma)
         velocity = np.stack([one[:, 3:], two[:, 3:], near[:, 3:]], axis=1)
-        spread = MOST * np.stack([*strays, np.where(forwards, *strays)], axis=1)
-        phi = turned(np.hypot(*near[:, 3:].T), since, MOST, CURVATURE)
+        spread = most * np.stack([*strays, np.where(forwards, *strays)], axis=1)
+        turns = 0.0 if absence.straight else 1.0
+        phi = turns * turned(np.hypot(*near[:, 3:].T), since, MOST, CURVATURE)
         known = np.isfinite(near[:, 2])
         return cls(
             centre, velocity, radius, spread, np.where(known, near[:, 2], 0.0), np.where(known, phi, np.pi),

@@ -6,7 +6,7 @@ have a trace, which takes two samples. It is absent
 
 - between all others;
 - before its first or after its last sample, unless it can have come or gone there, at the edge of what is seen
-  (`resim.metrics.doubts.edges`), or the EGO's samples only fall between its own;
+  (`resim.metrics.doubts.edges`);
 - where its rows lack a position, heading or speed, and no two samples at most GAP apart stand around them.
 
 A row that lacks no position is a sighting all the same: it bounds where the object can be (`metrics.doubts.reach`).
@@ -28,9 +28,9 @@ from resim.metrics.doubts.edges import SightEdges
 
 NEARER = 2.0
 """Distance [m] by which another EGO has to be nearer to somebody who has left than the measured one."""
-LEFT = "not seen there by the measured EGO, and this EGO is nearer"
 BETWEEN = 0.2
-"""Longest time [s] from one sample of an object to the next that the drive may begin or end in."""
+"""Longest time [s] from one sample of an object to the next that the drive may begin or end in: it goes straight on."""
+LEFT = "not seen there by the measured EGO, while this EGO is nearer"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,8 @@ class Absence:
     """An object that is not known from `start` to `end` [s], but for sightings t (n,) [s].
 
     state: (n, 5) x, y [m], heading [rad], vx, vy [m/s] of the sightings, heading NaN where unknown. n = 0: nobody knows
-    where it is. size: length, width [m]. why: what is the matter, in words.
+    where it is. size: length, width [m]. why: what is the matter, in words. straight: it goes on as it does at its
+    sighting.
     """
 
     object: str
@@ -48,11 +49,18 @@ class Absence:
     state: Floats
     size: tuple[float, float]
     why: str
+    straight: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Give what report.json holds of it: NaN is null."""
         state = [[None if np.isnan(x) else float(x) for x in row] for row in self.state]
-        fields = {"object": self.object, "start": self.start, "end": self.end, "why": self.why}
+        fields = {
+            "object": self.object,
+            "start": self.start,
+            "end": self.end,
+            "why": self.why,
+            "straight": self.straight,
+        }
         return {**fields, "size": list(self.size), "t": self.t.tolist(), "state": state}
 
     @classmethod
@@ -63,6 +71,7 @@ class Absence:
         return cls(
             str(data["object"]), float(data["start"]), float(data["end"]), t,
             np.array(data["state"], dtype=float).reshape(len(t), 5), (length, width), str(data["why"]),
+            bool(data["straight"]),
         )  # fmt: skip
 
 
@@ -151,16 +160,16 @@ def _nearer(excused: Sequence[Absence], own: Tracks, measured: Tracks) -> Iterat
 
 
 def cut_off(whom: ObjectIds) -> Iterator[Absence]:
-    """Give when others are seen and the EGO is not yet, or no more, but where it comes or goes at an edge.
+    """Give when others have rows and the EGO has none yet, or no more, but where it comes or goes at an edge.
 
-    whom: of all samples of a source.
+    whom: of all rows of a source.
     """
-    me, others = whom.ego, [k for k in whom.others if len(k.t)]
+    me, others = whom.ego, [np.concatenate([k.t, k.blind]) for k in whom.others]
     if not others or len(me.t) < 2:
         return
-    usual = [k.step for k in (me, *others) if k.step > 0.0]
+    usual = [k.step for k in (me, *whom.others) if k.step > 0.0]
     slack = 2.0 * min(me.step, float(np.median(usual))) + SAME
-    first, last = min(float(k.t[0]) for k in others), max(float(k.t[-1]) for k in others)
+    first, last = min(float(t.min()) for t in others), max(float(t.max()) for t in others)
     early, late = first < me.t[0] - slack, last > me.t[-1] + slack
     if not early and not late:
         return
@@ -188,13 +197,17 @@ def _of_object(k: Sightings, seen: SightEdges) -> Iterator[tuple[Absence, bool]]
         yield _absent(k, float(k.blind.min()), float(k.blind.max())), False
         return
     start, stop = float(k.t[0]), float(k.t[-1])
-    between = max(min(k.step, BETWEEN) - SAME, SAME)
-    if start - seen.whom.start > between:
+    between = min(k.step, BETWEEN) + SAME
+    if SAME < start - seen.whom.start <= between:
+        yield replace(_absent(k, seen.whom.start, start), straight=True), False
+    elif start - seen.whom.start > SAME:
         if _comes_or_goes(k, seen, -1):
             yield _absent(k, seen.whom.start, start), True
         else:
             start = seen.whom.start
-    if seen.whom.end - stop > between:
+    if SAME < seen.whom.end - stop <= between:
+        yield replace(_absent(k, stop, seen.whom.end), straight=True), False
+    elif seen.whom.end - stop > SAME:
         if _comes_or_goes(k, seen, 1):
             yield _absent(k, stop, seen.whom.end), True
         else:

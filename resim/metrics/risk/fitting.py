@@ -166,7 +166,7 @@ def refit(points: MotionPoints, start: Motion) -> Refit:
     motion = _with(start, names, q)
     for name in ("sigma_a0", "sigma_lateral", "sigma_still"):
         if name in names and getattr(motion, name) <= 1.01 * _BOUNDS[name][0]:
-            raise ResimError(f"what the objects do follows their state without any spread ({name} is 0)")
+            raise ResimError(f"the objects' motion follows their state without any spread ({name} is 0)")
     inside = (q > low + 1e-6) & (q < high - 1e-6)
     fitted = _with_ranges(motion, points)
     return Refit(

@@ -43,7 +43,7 @@ class FalseObjects(Parameters):
     def _not_a_crowd(self) -> FalseObjects:
         if self.rate * self.lifetime > MOST_FALSE:
             raise ValueError(
-                f"rate: expected at most {MOST_FALSE:g} objects at once in the mean, rate x lifetime, found "
+                f"rate: expected at most {MOST_FALSE:g} objects at once on average, rate x lifetime, found "
                 f"{self.rate:g} x {self.lifetime:g} = {self.rate * self.lifetime:g}; lower rate or lifetime"
             )
         return self

@@ -99,9 +99,7 @@ class Dependence:
         at = list(base).index("latency") if "latency" in base else None
         if at is not None and abs(found[at]) > max(3.0 * se[at], 0.01):
             late = self.r.fitted.aligned.late
-            text += (
-                f"; taken for latency: that would be about {late + found[at]:.3g} s instead of {late:.3g} s"
-            )
+            text += f"; mistaken for latency: {late + found[at]:.3g} s instead of {late:.3g} s"
         return size, own, text
 
     def of_spread(self, name: str, slope: float) -> tuple[float, str, str] | None:

@@ -60,7 +60,7 @@ def drive_of(recording: Recording) -> TrainingDrive:
     sd, gt = recording.sd, recording.gt
     if sd is None or not len(sd):
         remedy = "Train on recordings with GT and SD of the same drive."
-        raise InputError(recording.name, "there is no sensor data to learn from", remedy)
+        raise InputError(recording.name, "there is no sensor data to train on", remedy)
     if recording.ego not in gt.ids:
         raise InputError(recording.name, f"the EGO {recording.ego!r} is not in the ground truth")
     names = np.full(len(sd), "") if recording.sd_gt_id is None else recording.sd_gt_id

@@ -29,12 +29,12 @@ def left_out(
     rows = int(samples.seen.sum())
     known = samples.seen & np.isfinite(objects.features).all(axis=-1)
     counts = [
-        ("lists", "the EGO's ground truth is not known then", max(lists - used, 0), lists),
-        ("samples", "they lie on no object of the ground truth, and nobody is named: false objects", strangers, seen),
-        ("samples", "they lie too far from the object that they are of, or its truth is not known then",
+        ("lists", "the EGO's ground truth is missing at that time", max(lists - used, 0), lists),
+        ("samples", "they match no ground-truth object, and no gt_id is given: false objects", strangers, seen),
+        ("samples", "they lie too far from their object, or its ground truth is missing at that time",
          seen - matched - strangers, seen),
         ("samples", "their object is perceived only once", matched - rows, seen),
-        ("samples", "the truth is not known as long ago as the latency", rows - int(known.sum()), seen),
+        ("samples", "the ground truth is missing one latency earlier", rows - int(known.sum()), seen),
     ]  # fmt: skip
     for name in MEASURED:
         fitted = objects.fitted[name]
@@ -46,7 +46,7 @@ def left_out(
     there = sum(len(m.row) for m in matchings)
     without = sum(not np.any(known[samples.drive == d]) for d in range(len(drives)))
     counts += [
-        ("objects", "nothing perceived lies on them", there - sum(objects_seen), there),
-        ("drives", "no sample of theirs is left", without, len(drives)),
+        ("objects", "no perceived object matches them", there - sum(objects_seen), there),
+        ("drives", "none of their samples is left", without, len(drives)),
     ]
     return tuple(LeftOut(what=w, reason=why, count=n, of=of) for w, why, n, of in counts if n > 0)

@@ -85,12 +85,12 @@ class SingleStatistic:
         if self.assumption == "together":
             size = float(np.sqrt(abs(self.value))) * typical
             text = (
-                f"{name} errors of objects in one list go together (correlation {self.value:+.2f}), in the model they "
-                f"do not: {size:.3g} {unit} of {typical:.3g} {unit} is common to them, as from a latency that varies"
+                f"{name} errors of objects in one list are correlated ({self.value:+.2f}), in the model they "
+                f"are not: {size:.3g} {unit} of {typical:.3g} {unit} is common to them, as from a latency that varies"
             )
         else:
             text = (
-                f"{name} errors do not vary in time as the model says: those {self.on} apart keep a correlation of "
+                f"{name} errors do not vary in time as in the model: those {self.on} apart keep a correlation of "
                 f"{self.value:+.2f} beyond the model's, {size:.3g} {unit} of {typical:.3g} {unit}"
             )
         return size, unit, text

@@ -101,7 +101,7 @@ def _enough(recordings: Sequence[Recording], matched: int, perceived: int) -> No
         remedy = "Check that GT and SD are of one drive, on one clock and in one frame (`resim check`)."
         raise InputError(names, problem, remedy)
     if matched < FEWEST:
-        problem = f"{matched} samples of objects are in GT and SD, expected at least {FEWEST}"
+        problem = f"{matched} samples of objects match between GT and SD, expected at least {FEWEST}"
         raise InputError(names, problem, "Give more or longer drives.")
 
 
@@ -121,7 +121,7 @@ def _validity(samples: TrainingSamples, objects: ObjectErrors) -> TrainedRange:
 
 
 def _sources(recordings: Sequence[Recording]) -> dict[str, str]:
-    """Give SHA-256 of the GT and SD of each recording, by name; a name that stands twice gets a number."""
+    """Give SHA-256 of the GT and SD of each recording, by name; a name that is a duplicate gets a number."""
     out: dict[str, str] = {}
     for recording in recordings:
         name, number = recording.name, 1
@@ -133,9 +133,7 @@ def _sources(recordings: Sequence[Recording]) -> dict[str, str]:
             if tracks is not None:
                 _digest(digest, tracks)
         if (same := digest.hexdigest()) in out.values():
-            problem = (
-                "is the same drive as another one: it would count twice, and judge what was trained on it"
-            )
+            problem = "is the same drive as another: it would count twice, and validate a model trained on it"
             raise InputError(recording.folder or name, problem, "Give each drive once.")
         out[name] = same
     return out

@@ -53,7 +53,7 @@ def overlaps(table: CheckedTable) -> Iterator[RankedFinding]:
     if len(pairs) >= MANY and len(concerned) > SHARE * len({k.id for k in table.tracks}):
         span = min(f.finding.start for f in pairs), max(f.finding.end for f in pairs)
         text = (
-            f"{len(pairs)} pairs of boxes are in each other, of {len(concerned)} objects: tracks that do not belong "
+            f"{len(pairs)} pairs of boxes overlap, of {len(concerned)} objects: tracks that do not belong "
             "to one time or one frame, or wrong sizes"
         )
         yield found(

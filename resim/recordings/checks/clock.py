@@ -27,7 +27,7 @@ def in_order(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[Ra
     """Give clock jumps and rows that run back in time; and the rows with the jumps taken out, by time.
 
     A jump is one that all objects share, and after which the motion in the order of the file goes on; else
-    the rows stand in the wrong order.
+    the rows are in the wrong order.
     """
     correction, out = jump_corrections(source, frame)
     frame = frame.assign(t=np.round(frame["t"].to_numpy(float) + correction, 9)) if out else frame
@@ -159,7 +159,7 @@ def _backwards(source: Source, frame: pd.DataFrame) -> list[RankedFinding]:
     out = []
     for name, rows in groups:
         t = frame["t"].to_numpy(float)[rows]
-        text = f"{len(runs(rows))} times a row stands behind a later one, by up to {-step[rows].min():.3f} s"
+        text = f"{len(runs(rows))} rows come after a later one, by up to {-step[rows].min():.3f} s"
         out.append(
             found("TIME_BACKWARDS", source, str(name), (t.min(), t.max()), len(t), "rows", text, limit=1.0)
         )

@@ -32,15 +32,15 @@ CODES: Mapping[str, FindingCode] = {
         "bridge it along the track where it is no longer than --max-gap (1 s), marked",
     ),
     "DUPLICATE_SAMPLES": FindingCode(
-        "warning", "one time and object stand more than once", "keep the first of the rows"
+        "warning", "an object has more than one row at one time", "keep the first of the rows"
     ),
     "REPEATED_SAMPLES": FindingCode(
         "warning",
-        "the object stands still in the data and catches up in one step: accelerations there are false",
+        "the object stands still in the data and catches up in one step: accelerations there are wrong",
         "drop the repeated values and interpolate, marked",
     ),
     "TIME_BACKWARDS": FindingCode(
-        "warning", "rows stand in the wrong order", "sort each object's rows by time"
+        "warning", "rows are in the wrong order", "sort each object's rows by time"
     ),
     "CLOCK_JUMP": FindingCode(
         "error",
@@ -54,8 +54,8 @@ CODES: Mapping[str, FindingCode] = {
     ),
     "CLOCK_OFFSET": FindingCode(
         "error",
-        "speed times delay enters every position error, and reaction times are off by the delay",
-        "shift the times by the delay found; a latency that the sensor has goes with it",
+        "every position error contains speed times delay, and reaction times are off by the delay",
+        "shift the times by the delay found; the sensor's real latency is removed with it",
     ),
     "ID_REUSED": FindingCode(
         "error",
@@ -63,75 +63,75 @@ CODES: Mapping[str, FindingCode] = {
         "give the later object an id of its own",
     ),
     "ID_SWITCH": FindingCode(
-        "error", "two objects change ids: both traces jump", "change the ids back from there on"
+        "error", "two objects swap ids: both traces jump", "swap the ids back from there on"
     ),
     "TRACK_BROKEN": FindingCode(
         "warning",
         "the object vanishes and another one appears in its place, at its speed",
-        "give both parts one id, where they are surely one",
+        "give both parts one id, where they are certainly one object",
     ),
     "POSITION_JUMP": FindingCode(
-        "error", "the object moves farther in one step than it can: the fit bends through the jump"
+        "error", "the object moves farther in one step than possible: the fit bends through the jump"
     ),
     "OUTLIER": FindingCode(
         "warning", "single samples far off the track bend the fit", "drop them and interpolate, marked"
     ),
     "SPEED_DISAGREES": FindingCode(
         "warning",
-        "speed and positions tell different motions: the speed spline, TTC and reaction times follow the speed",
+        "speed and positions contradict each other: the speed spline, TTC and reaction times follow the speed",
         "take the speed from the positions, marked",
     ),
     "HEADING_DISAGREES": FindingCode(
         "warning",
-        "heading and positions tell different motions: boxes are turned, and lateral motion is false",
+        "heading and positions contradict each other: boxes are turned, and lateral motion is wrong",
         "take the heading from the positions, marked",
     ),
     "ACCELERATION": FindingCode(
         "warning",
-        "no vehicle of its kind can do it: the speed fit follows noise, peaks are not to be trusted",
+        "no vehicle of its kind can do this: the speed fit follows noise, and its peaks cannot be trusted",
         "drop single spikes of the speed and interpolate, marked",
     ),
     "YAW_RATE": FindingCode(
         "warning",
-        "no vehicle of its kind can turn so: the heading fit follows noise",
+        "no vehicle of its kind can turn like this: the heading fit follows noise",
         "drop single spikes of the heading and interpolate, marked",
     ),
     "OVERLAP": FindingCode(
-        "warning", "two boxes are in each other for longer than a collision lasts: sizes, positions or a double"
+        "warning", "two boxes overlap for longer than a collision lasts: wrong sizes, wrong positions or a double"
     ),
     "SIZE_CHANGES": FindingCode(
         "warning", "the first size is taken for the whole track", "take the median size of the object"
     ),
     "SIZE_IMPOSSIBLE": FindingCode(
-        "error", "nothing of its kind is so small or so large: gaps, contacts and overlaps are wrong"
+        "error", "no object of its kind has this size: gaps, contacts and overlaps are wrong"
     ),
     "SIZE_SWAPPED": FindingCode(
         "error", "length and width are swapped: gaps, contacts and overlaps are wrong", "swap length and width"
     ),
     "OFF_MAP": FindingCode(
-        "warning", "no lane lies there: lane-based results and the re-simulation's road do not hold for it"
+        "warning", "there is no lane: lane-based results and the re-simulated road are not valid for it"
     ),
     "WRONG_WAY": FindingCode("warning", "it drives against its lane: a real wrong-way driver, or a wrong map or frame"),
     "REFERENCE_POINT": FindingCode(
         "error",
-        "positions name another point than the box centre: distances are off by as much",
+        "positions are not those of the box centre: distances are off by as much",
     ),
     "SPEED_UNIT": FindingCode("error", "every result that uses speed is wrong", "convert the speeds to m/s"),
     "HEADING_UNIT": FindingCode("error", "every result that uses heading is wrong", "convert the headings to radians"),
     "HEADING_TURNED": FindingCode(
-        "error", "front and rear are exchanged: it seems to drive backwards", "turn the headings by pi"
+        "error", "front and rear are swapped: it seems to drive backwards", "turn the headings by pi"
     ),
     "HEADING_CONVENTION": FindingCode(
         "error", "every result that uses heading is wrong", "count the headings anticlockwise from +x, in radians"
     ),
     "MIRRORED_Y": FindingCode(
-        "error", "left and right are exchanged, and lanes with them", "turn the sign of y and of the heading"
+        "error", "left and right are swapped, and so are lanes", "turn the sign of y and of the heading"
     ),
     "SENSOR_OFFSET": FindingCode(
         "warning",
-        "sensor data has it elsewhere than ground truth, by more than sensors usually err: SD is judged by it there",
+        "sensor data places it farther from ground truth than sensors usually err: SD is judged with it there",
     ),
-    "SD_WITHOUT_GT": FindingCode("note", "no sensor error can be computed for it; rSD has it all the same"),
+    "SD_WITHOUT_GT": FindingCode("note", "no sensor error can be computed for it; it is in rSD nevertheless"),
 }  # fmt: skip
 """Every code: its usual severity, what it means, and the repair."""
 

@@ -72,7 +72,7 @@ def jumps(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
 
 
 def _misses(track: Track, step: float) -> list[tuple[int, complex]]:
-    """Steps that end farther than it can from where speed, or the steps around, lead."""
+    """Steps that end farther than possible from where speed, or the steps around, lead."""
     miss, limit = _residuals(track, step)
     return [(int(k), complex(miss[k])) for k in np.flatnonzero(np.abs(miss) > limit)]
 
@@ -163,7 +163,7 @@ def _torn(table: CheckedTable, track: Track, jump: _Jump) -> RankedFinding:
     far, hole = abs(jump.miss), after - before
     another = far > ELSEWHERE and hole > 1.5 * table.step
     name = "ID_REUSED" if another else "POSITION_JUMP"
-    how = "another object has the id" if another else "farther than it can"
+    how = "another object has the id" if another else "farther than possible"
     text = f"{far:.2f} m off its track from {before:.2f} to {after:.2f} s and for good: {how}"
     grave: Severity = "error" if far > GRAVE else "warning"
     return found(name, table.source, track.id, (before, after), far, "m", text, limit=REACH, severity=grave)

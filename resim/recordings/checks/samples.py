@@ -50,7 +50,7 @@ def duplicates(source: Source, frame: pd.DataFrame) -> Iterator[RankedFinding]:
         extra = int(rows.duplicated("t").sum())
         spread = rows.groupby("t")[list(VALUES)].agg(np.ptp).max()
         differ = [c for c in VALUES if spread[c] > 0.0]
-        text = f"{extra} rows stand again"
+        text = f"{extra} rows are repeated"
         if differ:
             text += f" with other values ({', '.join(f'{c} by up to {spread[c]:.3g}' for c in differ)})"
         repair = "" if differ else None
@@ -131,7 +131,7 @@ def _frozen(table: CheckedTable, track: Track, frozen: list[tuple[int, int]], wa
     longest = max(frozen, key=lambda run: float(way[run[0] : run[1] + 1].sum()))
     lost = float(way[longest[0] : longest[1] + 1].sum())
     text = (
-        f"{count} samples repeat the position before them while the speed says it moves; the longest stands "
+        f"{count} samples repeat the previous position although the speed says that it moves; the longest stands "
         f"{track.t[longest[1] + 1] - track.t[longest[0]]:.2f} s, {lost:.2f} m at its speed"
     )
     span = (track.t[frozen[0][0]], track.t[frozen[-1][1] + 1])

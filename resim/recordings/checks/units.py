@@ -59,7 +59,7 @@ def speed_units(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]
     for name in [""] if whole else units:
         unit = units[name] if name else next(iter(units.values()))
         who = f"all {moving} moving objects: their speeds are" if whole else "its speeds are"
-        text = f"{who} {SPEED_UNITS[unit]:.2f} times those of the positions: {unit}"
+        text = f"{who} {SPEED_UNITS[unit]:.2f} times what the positions give: {unit}"
         factor = SPEED_UNITS[unit]
         out.append(over(table, name, "SPEED_UNIT", factor, "", text, 1.0, {"factor": factor}))
     if whole:  # those at rest are in the same unit
@@ -107,7 +107,7 @@ class _Mirror:
     @property
     def text(self) -> str:
         return (
-            f"{100.0 * self.as_is:.0f} % of the places agree with the map as they stand, {100.0 * self.turned:.0f} % "
+            f"{100.0 * self.as_is:.0f} % of the positions agree with the map as given, {100.0 * self.turned:.0f} % "
             "with y turned"
         )
 
@@ -134,9 +134,7 @@ def mirrored(
                 text = f"y may point down, or traffic drives on the wrong side: {look.text}"
                 out.append(over(table, "", "MIRRORED_Y", 1.0, "", text, 1.0, repair="", severity="warning"))
             continue
-        text = (
-            f"y points down: {look.text if look and look.is_one else 'it fits the other source when turned'}"
-        )
+        text = f"y points down: {look.text if look and look.is_one else 'it fits the other source when mirrored'}"
         height = float(np.median(np.concatenate([np.abs(k.p.imag) for k in table.tracks])))
         sure = look is not None and look.turned > look.as_is  # else it may be the other source's y
         out.append(over(table, "", "MIRRORED_Y", height, "m", text, 1.0, repair=None if sure else ""))

@@ -42,7 +42,7 @@ def read_commonroad(
     step = _step(xml, root)
     moving = [_trajectory(xml, o, step) for o in obstacles if not _is_static(o)]
     if not moving:
-        raise InputError(xml, "holds no dynamic obstacle", "A recording needs a driven EGO.")
+        raise InputError(xml, "has no dynamic obstacle", "A recording needs a driven EGO.")
     frame, origin = cut_window(pd.concat(moving), xml, ego=ego, start=start, end=end)
     times = np.unique(frame["t"])
     frame = pd.concat([frame, *(_standing(xml, o, times) for o in obstacles if _is_static(o))])
@@ -93,7 +93,7 @@ def _obstacles(path: Path, root: etree._Element) -> list[etree._Element]:
     ids = pd.Series([o.get("id", "") for o in found], dtype=str)
     if len(twice := ids[ids.duplicated()]):
         raise InputError(
-            path, f"obstacle id {twice.iloc[0]!r} stands twice", "Give each obstacle its own id."
+            path, f"obstacle id {twice.iloc[0]!r} is a duplicate", "Give each obstacle its own id."
         )
     return [o for o in found if o.findtext("type", "").strip() not in FURNITURE]
 
@@ -150,7 +150,7 @@ def _identity(path: Path, obstacle: etree._Element) -> dict[str, str | float]:
         tags = "none" if shape is None else ", ".join(str(e.tag) for e in shape)
         raise InputError(path, f"obstacle {name}: shape is {tags}, expected one rectangle or circle")
     if any(float(e.text or 0.0) for e in form.iter("x", "y", "orientation")):
-        raise InputError(path, f"obstacle {name}: its shape is offset or turned against its position")
+        raise InputError(path, f"obstacle {name}: its shape is offset or rotated relative to its position")
     if form.tag == "circle":
         length = width = 2.0 * _float(path, form.findtext("radius"), f"obstacle {name}: radius")
     else:

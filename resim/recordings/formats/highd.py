@@ -101,7 +101,7 @@ FORMATS.add(
             FormatOption(
                 "alignment",
                 tuple[float, float, float],
-                "Pose of the data's frame in the map [m m rad], if it is another.",
+                "Pose of the data's frame in the map [m m rad], if the frames differ.",
                 metavar="X Y HEADING",
             ),
         ),
@@ -133,9 +133,9 @@ def _read_tracks(path: Path, meta_path: Path, frame_rate: float) -> pd.DataFrame
         meta = read_table(meta_path, required=HIGHD_META, text=TEXT).set_index("id")
         raw = _from_corners(read_table(path, required=HIGHD_TRACKS, text=TEXT))
     if not meta.index.is_unique:
-        raise InputError(meta_path, f"vehicle {meta.index[meta.index.duplicated()][0]!r} stands twice")
+        raise InputError(meta_path, f"vehicle {meta.index[meta.index.duplicated()][0]!r} is a duplicate")
     if len(unknown := raw.loc[~raw["id"].isin(meta.index), "id"]):
-        raise InputError(meta_path, f"says nothing of vehicle {unknown.iloc[0]!r}, which is in {path.name}")
+        raise InputError(meta_path, f"has no row for vehicle {unknown.iloc[0]!r}, which is in {path.name}")
     raw["kind"] = raw["id"].map(meta["class"].str.lower().map(KIND).fillna("unknown"))
     raw["t"] = (raw["frame"] - raw["frame"].min()) / frame_rate
     if "heading" not in raw:

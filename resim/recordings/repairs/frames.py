@@ -151,7 +151,7 @@ def table(tables: RecordingTables, source: Source) -> CheckedTable:
 def track(frame: pd.DataFrame, rows: Bools) -> tuple[Track, pd.Index] | None:
     """Give the complete ones of one object's rows (K,) in order of time, headings unwrapped, and their labels.
 
-    A time that stands twice counts once. None where there is no such row.
+    A time that is a duplicate counts once. None where there is no such row.
     """
     own = frame[rows & complete(frame)].drop_duplicates("t").sort_values("t", kind="stable")
     if not len(own):

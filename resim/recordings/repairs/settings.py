@@ -28,10 +28,10 @@ class RepairOptions:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.max_gap <= LONGEST:
-            raise InputError("--max-gap", f"{self.max_gap:g} s cannot be filled", f"Give 0 to {LONGEST:g} s.")
+            raise InputError("--max-gap", f"{self.max_gap:g} s is not allowed", f"Give 0 to {LONGEST:g} s.")
         if self.outliers not in FILTERS:
             raise InputError(
-                "--outliers", f"{self.outliers!r} is no filter", f"Filters: {', '.join(FILTERS)}."
+                "--outliers", f"{self.outliers!r} is not a filter", f"Filters: {', '.join(FILTERS)}."
             )
 
     def torn(self, like: Finding) -> tuple[Finding, ...]:

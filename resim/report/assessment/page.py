@@ -26,7 +26,7 @@ def section(assessed: ResimulationAssessment) -> Markup:
         path = " and ".join(sorted(set(a.drive.path)))
         note = (
             "travel to the right; orange: objects with a risk; line: path of the EGO, by its "
-            f"{path}; below the least over all objects"
+            f"{path}; below: minimum over all objects"
         )
         figure = to_html(drive_figure(a, assessed.network, block_color(name)), f"scenes-{name}")
         parts.append(

@@ -35,7 +35,7 @@ def write_map_page(
 def page(picture: Picture, flaws: Sequence[Flaw] | None = None) -> Markup:
     """Give the page's HTML."""
     script = '"use strict";\n' + "\n".join(text("resim.report.map", name) for name in SCRIPTS)
-    sections = _section("errors", "How exact the SUMO net is", errors_section(picture.conversion))
+    sections = _section("errors", "Accuracy of the SUMO net", errors_section(picture.conversion))
     if flaws is not None:
         sections += _section("flaws", "Flaws of the map", flaws_section(flaws))
     body = html(

@@ -97,7 +97,7 @@ def _verdict(conversion: Conversion, bad: int) -> Markup:
     else:
         first = html("<b>Lanes for vehicles that are missing or not exact: {}</b>", bad)
     return html(
-        "{}. Of all {} lanes {} are not in the net and {} beyond their limit; of those that are there, {}.",
+        "{}. Of all {} lanes {} are not in the net and {} beyond their limit; of the others, {}.",
         first,
         len(lanes),
         missing,

@@ -18,7 +18,7 @@ ADDING = Markup(
 
 def _draw(look: View) -> Markup:
     return (
-        captioned(box_figure(look), "boxes", "Errors of the chain", "in each step EGO left, TO right; box: 25 % to "
+        captioned(box_figure(look), "boxes", "Errors of the pipeline", "in each step EGO left, TO right; box: 25 % to "
                 "75 %, whiskers: whole range, diamond: mean ± std")
         + Markup("<h3>Numbers</h3>") + tables.numbers(look)
         + ADDING + tables.sums(look)

@@ -22,7 +22,7 @@ def _draw(look: View) -> Markup:
     return html("<p>{}.</p>", join(said, "; ")) + captioned(
         reaction_figure(look), "reaction-speed", "The EGO's speed and acceleration",
         f"vertical: first acceleration below {number(REACTED, 1)} m/s² (dotted), by the spline of the JSCEN fit, "
-        "in GT and simulations alike; ±: how far it is off in GT in two of three cases, by fits with other residuals"
+        "in GT and simulations alike; ±: standard error in GT, by bootstrap of the fit's residuals"
         + (f"; green: {look.label(look.lead)} GT, ahead" if look.lead else ""),
     )  # fmt: skip
 

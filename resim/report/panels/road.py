@@ -11,8 +11,8 @@ from resim.report.view import View
 
 def _draw(look: View) -> Markup:
     out = [
-        captioned(plan_figure(look), "plan", "From above", "both axes at one scale, travel to the right, 0 where "
-                "the measured EGO starts; boxes: vehicles where each source ends"),
+        captioned(plan_figure(look), "plan", "From above", "equal scales, travel to the right, 0: start of "
+                "the measured EGO; boxes: vehicles at the end of each source"),
         captioned(lateral_figure(look), "lateral", "Across the road, stretched",
                 f"offset to the left of {look.path_name}, over the distance along it"),
     ]  # fmt: skip

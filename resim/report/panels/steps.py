@@ -9,10 +9,10 @@ from resim.report.steps import BANDS, band_figure
 from resim.report.view import View
 
 MEANINGS = (
-    ("S", "SD − GT", "what the sensors made of the truth"),
-    ("FIT_X", "JSCEN of X − X", "what describing it by splines did, for X = GT, SD, rGT, rSD"),
-    ("SIM_X", "rX − JSCEN of X", "what the simulation made of the description"),
-    ("PIPE_X", "JSCEN of rX − GT", "the whole chain, from the drive to its described re-simulation"),
+    ("S", "SD − GT", "error of the sensors"),
+    ("FIT_X", "JSCEN of X − X", "error of the spline fit, for X = GT, SD, rGT, rSD"),
+    ("SIM_X", "rX − JSCEN of X", "error of the simulation"),
+    ("PIPE_X", "JSCEN of rX − GT", "the whole pipeline, from the drive to its fitted re-simulation"),
 )
 
 

@@ -7,7 +7,7 @@ behind the section's start; it is taken from there on. LANE_STEP: the centre of 
 over 0.1 m to the side within its section. NO_WIDTH: a lane has neither width nor border (note unless vehicles drive
 on it). NEGATIVE_WIDTH: below -1 mm (error on a driven lane below -0.1 m). WIDE_LANE: over 20 m. SPEED_SIGN: a
 speed-limit sign says no speed that a sign can show, and is passed over. UNREAD_RECORD: a lane's height or road mark
-cannot be read, and is passed over (note). UNKNOWN_TYPE: a lane's type is none of OpenDRIVE; nobody drives on it.
+cannot be read, and is passed over (note). UNKNOWN_TYPE: a lane's type is not a type of OpenDRIVE; nobody drives on it.
 TWO_WIDTHS: a lane has widths and borders; the widths are taken.
 """
 
@@ -41,7 +41,7 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
         yield from _signs(road)
         if (late := road.sections[0].start) > LATE:
             text = (
-                f"road {road.id}: its first lane section begins at s={late:.3f} m, before that it has no lane"
+                f"road {road.id}: its first lane section begins at s={late:.3f} m, it has no lane before that"
             )
             yield Flaw(
                 "error" if late > BROKEN else "warning",
@@ -85,15 +85,15 @@ def _signs(road: Road) -> Iterator[Flaw]:
 def _unread(road: Road, index: int, section: LaneSection, lane: Lane) -> Iterator[Flaw]:
     where = f"road {road.id}, lane section {index}, lane {lane.id}"
     for problem in lane.unread:
-        text = f"{where}, {problem}; it is passed over"
+        text = f"{where}, {problem}; it is ignored"
         yield Flaw("note", "UNREAD_RECORD", road.id, index, lane.id, None, math.nan, "", text)
     if not lane.id:
         return
     doubts = []
     if lane.type not in LANE_TYPES:
-        doubts.append(("UNKNOWN_TYPE", f"type={lane.type!r} is none of OpenDRIVE; nobody drives on it"))
+        doubts.append(("UNKNOWN_TYPE", f"type={lane.type!r} is not a type of OpenDRIVE; nobody drives on it"))
     if lane.widths and lane.borders:
-        doubts.append(("TWO_WIDTHS", "it has widths and borders; its widths are taken"))
+        doubts.append(("TWO_WIDTHS", "it has widths and borders; the widths are used"))
     for code, says in doubts:
         yield Flaw("warning", code, road.id, index, lane.id, section.start, math.nan, "", f"{where}: {says}")
 
@@ -131,7 +131,7 @@ def _widths(network: RoadNetwork, road: Road, index: int, section: LaneSection, 
     late = (lane.widths or lane.borders)[0].s
     if late > LATE:
         yield Flaw("warning", "LATE_WIDTH", road.id, index, lane.id, section.start, late, "m",
-                   f"{where} has no width on its first {late:.3f} m; that of its first record is taken")  # fmt: skip
+                   f"{where} has no width on its first {late:.3f} m; that of its first record is used")  # fmt: skip
     s = _turning_points(section, lane, min(section.end, road.length))
     width = network.lane_width(road.id, lane.id, s)
     low, high = int(np.argmin(width)), int(np.argmax(width))

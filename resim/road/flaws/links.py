@@ -75,7 +75,9 @@ def _road_link(network: RoadNetwork, road: Road, at_end: bool, link: Link) -> It
         linked = back is not None and back.id == road.id
     end = "end" if there else "start"
     if not linked:
-        says = "which has no link there" if back is None else f"which goes on to {back.kind} {back.id} there"
+        says = (
+            "which has no link there" if back is None else f"which continues to {back.kind} {back.id} there"
+        )
         yield Flaw("warning", "ONE_SIDED", road.id, None, None, s, math.nan, "",
                    f"{text} at its {end}, {says}")  # fmt: skip
     if road.junction is None and other.junction is None:

@@ -119,13 +119,13 @@ def _distances(road: Road) -> Iterator[Flaw]:
             severity = "error" if early < -BROKEN else "warning"
             yield Flaw(severity, code, road.id, None, None, after.s, abs(early), "m", text)
     for s in road.empty:
-        text = f"road {road.id}: the element at s={s:.3f} m has no length and is passed over"
+        text = f"road {road.id}: the element at s={s:.3f} m has no length and is ignored"
         yield Flaw("note", "EMPTY_ELEMENT", road.id, None, None, s, 0.0, "m", text)
     lost = road.declared_length - road.length
     if abs(lost) > LENGTH:
         severity = "error" if lost > BROKEN else "warning"
         text = (
             f"road {road.id}: its length is declared as {road.declared_length:.3f} m, its elements end at "
-            f"{road.length:.3f} m, which is taken"
+            f"{road.length:.3f} m, which is used"
         )
         yield Flaw(severity, "ROAD_LENGTH", road.id, None, None, road.length, abs(lost), "m", text)

@@ -26,7 +26,7 @@ def flaws(network: RoadNetwork) -> Iterator[Flaw]:
     """Give the flaws of the header and of what is left out."""
     major, minor = network.header.revision
     if major != 1 or not MINOR[0] <= minor <= MINOR[1]:
-        text = f"the map says that it is OpenDRIVE {major}.{minor}; it is read as one of 1.4 to 1.8"
+        text = f"the map declares OpenDRIVE {major}.{minor}; it is read as one of 1.4 to 1.8"
         yield Flaw(
             "error" if major != 1 else "warning", "REVISION", None, None, None, None, math.nan, "", text
         )

@@ -47,7 +47,7 @@ class LaneReader(Reader):
         lanes = [self._lane(element, where) for element in section.iterfind("*/lane")]
         ids = [lane.id for lane in lanes]
         if len(set(ids)) != len(ids):
-            raise self.error(where, f"a lane id stands twice among {ids}")
+            raise self.error(where, f"a lane id is a duplicate among {ids}")
         for inner, outer in pairwise(sorted({0, *ids}, key=abs)):
             before = outer - 1 if outer > 0 else outer + 1
             if before not in (0, *ids):

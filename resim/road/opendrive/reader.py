@@ -68,7 +68,7 @@ class ModelReader(LaneReader):
         for element in self.root.iterfind("road"):
             road = self.road(element)
             if road.id in roads:
-                raise self.error(f"road {road.id}", "the id stands twice")
+                raise self.error(f"road {road.id}", "the id is a duplicate")
             roads[road.id] = road
         if not roads:
             raise self.error("OpenDRIVE", "the map has no road")
@@ -112,7 +112,7 @@ class ModelReader(LaneReader):
         for element in self.root.iterfind("junction"):
             junction = self._junction(element)
             if junction.id in junctions:
-                raise self.error(f"junction {junction.id}", "the id stands twice")
+                raise self.error(f"junction {junction.id}", "the id is a duplicate")
             junctions[junction.id] = junction
         return junctions
 

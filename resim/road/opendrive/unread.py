@@ -34,7 +34,7 @@ def unread(root: _Element) -> tuple[Unread, ...]:
 def _of_road(road: _Element) -> Iterator[Unread]:
     rule = road.get("rule", "RHT")
     if rule.upper() not in RULES:
-        yield _one("UNKNOWN_RULE", math.nan, f": rule={rule!r} is neither RHT nor LHT; RHT is taken")
+        yield _one("UNKNOWN_RULE", math.nan, f": rule={rule!r} is neither RHT nor LHT; RHT is used")
     for element in road.iterfind("planView/geometry"):
         yield from _of_geometry(element)
     for tag in HEIGHTS:
@@ -55,10 +55,10 @@ def _of_geometry(element: _Element) -> Iterator[Unread]:
     curves = [child for child in element if child.tag in CURVES]
     if len(curves) > 1:
         names = ", ".join(f"<{curve.tag}>" for curve in curves)
-        yield _one("TWO_CURVES", s, f": the element at s={s:.3f} m holds {names}; the first is taken")
+        yield _one("TWO_CURVES", s, f": the element at s={s:.3f} m holds {names}; the first is used")
     for curve in curves[:1]:
         if curve.tag == "paramPoly3" and curve.get("pRange") not in RANGES:
-            says = f"pRange={curve.get('pRange')!r} is neither arcLength nor normalized; normalized is taken"
+            says = f"pRange={curve.get('pRange')!r} is neither arcLength nor normalized; normalized is used"
             yield _one("UNKNOWN_RANGE", s, f": the element at s={s:.3f} m: {says}")
 
 
@@ -79,7 +79,7 @@ def _of_lane(lane: _Element, s: float) -> Iterator[Unread]:
 def _negative(speeds: list[_Element], s: float, where: str) -> Iterator[Unread]:
     for speed in speeds:
         if _value(speed, "max") < 0.0:
-            text = f"{where}: the speed limit {speed.get('max')} is below zero, and taken for none"
+            text = f"{where}: the speed limit {speed.get('max')} is below zero, and ignored"
             yield _one("NEGATIVE_LIMIT", s, text)
 
 

@@ -13,7 +13,7 @@ from resim.core.xml import safe_root
 
 OPEN_IT = "Give an ASAM OpenDRIVE 1.4 to 1.8 file (.xodr)"
 MEND = "Correct the map in its editor, or export it again"
-CUT = "Cut out the part of the map that was driven, and give that"
+CUT = "Give only the part of the map that was driven"
 LARGEST = 100_000_000
 BIGGEST = 1e12
 

@@ -100,7 +100,7 @@ def _convert(network: RoadNetwork, target: Path, time_limit: float) -> None:
             _put(result, target)
     except OSError as error:
         problem = f"the cache cannot be written ({error.strerror})"
-        raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a folder that can be.") from error
+        raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a writable folder.") from error
 
 
 def _sweep(folder: Path) -> None:

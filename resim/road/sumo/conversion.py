@@ -225,7 +225,7 @@ def _error(network: RoadNetwork, whole: LaneStretch, found: list[_ComparedLane])
         round(float(np.concatenate([f.distance[: len(f.s)] for f in parts]).mean()), 6),
         EXACT if np.ptp(width) < ONE_WIDTH else VARIED,
         round(worst.place(at), 3), round(float(worst.xy[at, 0]), 3), round(float(worst.xy[at, 1]), 3),
-        f"{lost:.3f} m of it are not in the net" if lost > EXACT else "",
+        f"{lost:.3f} m of it are missing from the net" if lost > EXACT else "",
     )  # fmt: skip
 
 
@@ -234,8 +234,8 @@ def _missing(network: RoadNetwork, truth: RawLanes, whole: LaneStretch, *, lost:
     return LaneError(
         *whole.key, road.sections[whole.section].lanes[whole.lane].type, road.junction, (),
         round(whole.end - whole.start, 3), None, None, EXACT, round(whole.start, 3), round(x, 3), round(y, 3),
-        "netconvert makes no connection of the link over it" if lost
-        else "another way through the junction links the same lanes",
+        "netconvert makes no connection for the link across it" if lost
+        else "another path through the junction links the same lanes",
     )  # fmt: skip
 
 

@@ -48,7 +48,7 @@ class SweepParameter(BaseModel):
         if self.values and self.mean is not None:
             raise ValueError("values have no mean and std")
         if len(set(self.values)) < len(self.values):
-            raise ValueError("values: one stands twice")
+            raise ValueError("values: one is a duplicate")
         return self
 
     @property

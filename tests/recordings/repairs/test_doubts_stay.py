@@ -99,7 +99,7 @@ def other(f: Frame) -> Frame:
 
 
 def doubled(f: Frame) -> Frame:
-    """Every row stands twice, once as narrow as the car is not."""
+    """Every row is a duplicate, once as narrow as the car is not."""
     narrow = put(f, 0.0, 9.0, width=1.9)
     return pd.concat([narrow[rows(f, 0.0, 9.0)], f]).sort_values("t", kind="stable")
 
