@@ -72,5 +72,5 @@ def extended(name: str, to: Path) -> Extended:
 def _add_line(path: Path, line: str) -> None:
     """Put a line after the last import of a module."""
     rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    last = max(n for n, row in enumerate(rows) if row.startswith("from "))
+    last = max(n for n, row in enumerate(rows) if row.startswith(("from ", "import ")))
     path.write_text("".join([*rows[: last + 1], line, *rows[last + 1 :]]), encoding="utf-8")

@@ -14,15 +14,19 @@ import hashlib
 import json
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, create_model, field_validator, model_validator
 
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.plugins.frozen import FrozenFile, freeze, thaw
 from resim.core.schema import PerceptionSchema
+from resim.perception.fields import Late, NotNegative, Number, Parameters, Positive, Rate
+from resim.perception.parts.ego import Localisation
+from resim.perception.parts.false_objects import FalseObjects
+from resim.perception.parts.registry import PARTS
 
 QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
@@ -31,13 +35,6 @@ FEATURES = ("range", "bearing", "relative_speed", "acceleration")
 Assumption = Literal["bias", "spread", "tails", "white", "together", "latency"]
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
 Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
-Number = Annotated[float, Field(strict=True, ge=-1e4, le=1e4)]
-NotNegative = Annotated[float, Field(strict=True, ge=0.0, le=1e4)]
-Positive = Annotated[float, Field(strict=True, gt=0.0, le=1e4)]
-Late = Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
-"""Time [s] that a perception remembers."""
-Rate = Annotated[float, Field(strict=True, ge=0.0, le=1e3)]
-
 Plain = Annotated[float, Field(strict=True)]
 """Any number, and no text or truth value for one."""
 
@@ -46,18 +43,11 @@ _SIGHT = {"range": 150.0, "bearing": np.pi, "relative_speed": 60.0, "acceleratio
 _STEEPEST = 50.0
 """Exponent of a standard deviation from which on nobody means it; at five times that sight it is still finite."""
 
-MOST_FALSE = 100.0
-"""False objects on the list at once, in the mean."""
-
 ONE = "Name a parameter and its number, such as latency.speed=0.4."
 REMEDY = "`resim perception train` writes such files; adfunc/perception/ has some."
 
 
-class _ModelPart(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
-class Latency(_ModelPart):
+class Latency(Parameters):
     """How late [s] what is perceived is: positions, speeds and headings of objects are those of so long ago."""
 
     position: Late = 0.0
@@ -65,7 +55,7 @@ class Latency(_ModelPart):
     heading: Late = 0.0
 
 
-class Averaging(_ModelPart):
+class Averaging(Parameters):
     """Time [s] over which a perceived value is the mean of the true one, centred at its latency.
 
     At most twice the latency: nothing is known before it happens.
@@ -75,7 +65,7 @@ class Averaging(_ModelPart):
     heading: Late = 0.0
 
 
-class Response(_ModelPart):
+class Response(Parameters):
     """A bias: constant + range r + bearing b + relative_speed dv + acceleration a, in the unit of the quantity."""
 
     constant: Number = 0.0
@@ -85,7 +75,7 @@ class Response(_ModelPart):
     acceleration: Number = 0.0
 
 
-class Spread(_ModelPart):
+class Spread(Parameters):
     """A standard deviation: constant exp(range r + bearing |b| + relative_speed |dv| + acceleration |a|)."""
 
     constant: NotNegative = 0.0
@@ -106,7 +96,7 @@ class Spread(_ModelPart):
         return self
 
 
-class Error(_ModelPart):
+class Error(Parameters):
     """The error of one quantity: bias, plus a drift correlated over correlation_time [s], plus white noise."""
 
     bias: Response = Response()
@@ -115,7 +105,7 @@ class Error(_ModelPart):
     noise: Spread = Spread()
 
 
-class ErrorModels(_ModelPart):
+class ErrorModels(Parameters):
     """The errors of all quantities.
 
     coupling: (6, 6) correlation of the noises that drive the drifts, in the order of QUANTITIES. Drifts of correlation
@@ -151,7 +141,7 @@ class ErrorModels(_ModelPart):
         return table
 
 
-class Objects(_ModelPart):
+class Objects(Parameters):
     """How objects are perceived that are detected."""
 
     latency: Latency = Latency()
@@ -166,7 +156,7 @@ class Objects(_ModelPart):
         return self
 
 
-class Detection(_ModelPart):
+class Detection(Parameters):
     """Loss and regain of objects: rates [1/s] of a Markov chain, by bins of range, |bearing| and occlusion.
 
     Edges: increasing, one more than bins; the outer bins reach beyond them. occlusion: share of the object's angle,
@@ -198,14 +188,14 @@ class Detection(_ModelPart):
         return self
 
 
-class FieldOfView(_ModelPart):
+class FieldOfView(Parameters):
     """What can be seen: range [m] and half the opening angle [rad] around straight ahead; None: no end to it."""
 
     range: Annotated[float, Field(strict=True, gt=0.0)] | None = None
     bearing: Positive | None = None
 
 
-class Update(_ModelPart):
+class Update(Parameters):
     """Time [s] between two lists (0: one whenever the function asks), and the standard deviation of it, each by itself.
 
     Between two lists the last one stands, its objects where they were in the map.
@@ -224,51 +214,7 @@ class Update(_ModelPart):
         return self
 
 
-class FalseObjects(_ModelPart):
-    """Objects that are not there: rate [1/s] at which they appear, mean lifetime [s], and where and how fast they are.
-
-    Range [m] and |bearing| [rad] are uniform up to their limits; speed over ground [m/s] is normal, along the EGO's
-    heading, and kept. length, width: m.
-    """
-
-    rate: Annotated[float, Field(strict=True, ge=0.0, le=100.0)] = 0.0
-    lifetime: Positive = 0.5
-    range: Positive = 80.0
-    bearing: Positive = 0.5
-    speed: Number = 0.0
-    speed_spread: NotNegative = 0.0
-    length: Positive = 4.7
-    width: Positive = 1.9
-
-    @model_validator(mode="after")
-    def _not_a_crowd(self) -> FalseObjects:
-        if self.rate * self.lifetime > MOST_FALSE:
-            raise ValueError(
-                f"rate: expected at most {MOST_FALSE:g} objects at once on average, rate x lifetime, found "
-                f"{self.rate:g} x {self.lifetime:g} = {self.rate * self.lifetime:g}; lower rate or lifetime"
-            )
-        return self
-
-
-class EgoStateError(_ModelPart):
-    """One error of the EGO's own state: bias, drift with its correlation_time [s], white noise; standard deviations."""
-
-    bias: Number = 0.0
-    drift: NotNegative = 0.0
-    correlation_time: Positive = 1.0
-    noise: NotNegative = 0.0
-
-
-class Localisation(_ModelPart):
-    """Errors of the EGO's own state: longitudinal and lateral [m] in its frame, heading [rad], speed [m/s]."""
-
-    longitudinal: EgoStateError = EgoStateError()
-    lateral: EgoStateError = EgoStateError()
-    heading: EgoStateError = EgoStateError()
-    speed: EgoStateError = EgoStateError()
-
-
-class TrainedRange(_ModelPart):
+class TrainedRange(Parameters):
     """The states that the model was trained on: least and largest of each feature, and of the EGO's speed [m/s]."""
 
     range: tuple[Plain, Plain] | None = None
@@ -286,7 +232,7 @@ class TrainedRange(_ModelPart):
         return self
 
 
-class TrainedParameter(_ModelPart):
+class TrainedParameter(Parameters):
     """One trained parameter: its value, the confidence interval (95 %), and how many samples stand behind it."""
 
     value: Plain
@@ -295,7 +241,7 @@ class TrainedParameter(_ModelPart):
     samples: int
 
 
-class FailedAssumption(_ModelPart):
+class FailedAssumption(Parameters):
     """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
     model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
     `latency` (one for all). size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
@@ -309,7 +255,7 @@ class FailedAssumption(_ModelPart):
     text: str
 
 
-class ModelFit(_ModelPart):
+class ModelFit(Parameters):
     """How the model fits what it was trained on: how many tests on how many drives, and which failed; no tests: not
     tested. The probability that one fails by chance is 5 % for all together."""
 
@@ -318,7 +264,7 @@ class ModelFit(_ModelPart):
     misfits: tuple[FailedAssumption, ...] = ()
 
 
-class LeftOut(_ModelPart):
+class LeftOut(Parameters):
     """What was not learned from, and why: count of so many."""
 
     what: str
@@ -327,7 +273,7 @@ class LeftOut(_ModelPart):
     of: int
 
 
-class Training(_ModelPart):
+class Training(Parameters):
     """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter; fit:
     whether it fits, None where nobody asked."""
 
@@ -339,7 +285,7 @@ class Training(_ModelPart):
     left_out: tuple[LeftOut, ...] = ()
 
 
-class PerceptionModel(_ModelPart):
+class _Model(Parameters):
     """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with data enough.
 
     id_switch: 1/s, at which a detected object gets another id.
@@ -351,7 +297,7 @@ class PerceptionModel(_ModelPart):
     latency: Latency = Latency()
     averaging: Averaging = Averaging()
     errors: ErrorModels = ErrorModels()
-    maneuvers: dict[Maneuver, Objects] = {}
+    maneuvers: dict[Maneuver, Objects] = Field(default={})
     detection: Detection = Detection()
     field_of_view: FieldOfView = FieldOfView()
     update: Update = Update()
@@ -372,9 +318,30 @@ class PerceptionModel(_ModelPart):
         return Objects(latency=self.latency, averaging=self.averaging, errors=self.errors)
 
     @model_validator(mode="after")
-    def _causal(self) -> PerceptionModel:
+    def _causal(self) -> _Model:
         assert self.pooled
         return self
+
+
+def _groups() -> dict[str, Any]:
+    """A field for each part that `_Model` does not have: what a file does not name is None, and not written."""
+    known = _Model.model_fields
+    if clash := [
+        part.name for part in PARTS if part.name in known and known[part.name].annotation != part.parameters
+    ]:
+        raise ValueError(
+            f"a part of perception cannot have the name {clash[0]!r}: models have it for something else"
+        )
+    absent = Field(default=None, exclude_if=lambda parameters: parameters is None)
+    return {part.name: (part.parameters | None, absent) for part in PARTS if part.name not in known}
+
+
+if TYPE_CHECKING:
+    PerceptionModel = _Model
+else:
+    PerceptionModel = create_model(
+        "PerceptionModel", __base__=_Model, __module__=__name__, __doc__=_Model.__doc__, **_groups()
+    )
 
 
 def freeze_model(path: Path) -> FrozenFile:

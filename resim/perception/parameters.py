@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from resim.perception.model import PerceptionModel, Training
+from resim.perception.parts.registry import PARTS
 
 UNITS = {
     "longitudinal": "m", "lateral": "m", "speed": "m/s", "heading": "rad", "length": "m", "width": "m",
@@ -24,6 +25,8 @@ FEW = 10
 """Drives below which a misfit of the size of the errors themselves may not show."""
 EDGES = ("range_edges", "bearing_edges", "occlusion_edges")
 """What is no parameter; edges say where the rates of detection hold."""
+OF_PARTS = {f"{part.name}.{name}": unit for part in PARTS for name, unit in part.units.items()}
+"""Units that parts of perception give to their parameters."""
 
 
 def parameters(model: PerceptionModel) -> Iterator[tuple[str, float, str]]:
@@ -57,6 +60,8 @@ def fit_in_words(training: Training) -> tuple[str, list[str]]:
 
 def unit(name: str) -> str:
     """Give the unit of a parameter, "" where it has none."""
+    if name in OF_PARTS:
+        return OF_PARTS[name]
     parts = [part for part in name.split(".") if not part.isdigit()]
     last = parts[-1]
     if (

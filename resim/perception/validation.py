@@ -16,7 +16,8 @@ from scipy.stats import wasserstein_distance
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import Strings
-from resim.perception.model import FalseObjects, PerceptionModel, Update
+from resim.perception.model import PerceptionModel, Update
+from resim.perception.parts.false_objects import FalseObjects
 from resim.perception.training import train
 from resim.perception.training.drive import TrainingDrive, drive_of
 from resim.perception.training.matching import match, paired

@@ -13,18 +13,17 @@ from resim.perception.model import (
     QUANTITIES,
     Averaging,
     Detection,
-    EgoStateError,
     Error,
     ErrorModels,
-    FalseObjects,
     FieldOfView,
     Latency,
-    Localisation,
     PerceptionModel,
     Response,
     Spread,
     Update,
 )  # fmt: skip
+from resim.perception.parts.ego import EgoStateError, Localisation
+from resim.perception.parts.false_objects import FalseObjects
 from resim.recordings import Recording
 
 BEFORE = 4.0

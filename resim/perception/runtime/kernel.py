@@ -21,9 +21,9 @@ PLACE, SPEED, ACCELERATION, DIRECTION = range(4)
 FOLLOW, LEFT, RIGHT, BRAKES = range(4)
 """MANEUVERS."""
 
-NOISE, SIGHT, IDENTITY, WIDTH = Q, 2 * Q, 2 * Q + 1, 2 * Q + 2
-"""Random numbers of an object in a cycle: Q standard normals that drive the drifts, Q for the noises; uniform ones for
-detection and for id switches."""
+NOISE, SIGHT, WIDTH = Q, 2 * Q, 2 * Q + 1
+"""Random numbers of an object in a cycle: Q standard normals that drive the drifts, Q for the noises; a uniform one for
+detection."""
 
 BIAS, DRIFT_SPREAD, NOISE_SPREAD, DRIVE, KEEP, ERROR_ROWS = 0, Q, 2 * Q, 3 * Q, 4 * Q, 4 * Q + 1
 """Rows of a table of errors (4 Q + 1, Q). Of each quantity: its bias and the logarithms of its spreads, as constant and

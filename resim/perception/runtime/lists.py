@@ -1,4 +1,4 @@
-"""Lists of perceived objects: one that stands for a while, false objects on it, and the limits of a model."""
+"""Lists of perceived objects: one that stands for a while, and the limits of a model."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, wrap_angle
-from resim.perception.model import FEATURES, FalseObjects, TrainedRange
-from resim.perception.runtime.clutter import KIND, FalseObject
+from resim.perception.model import FEATURES, TrainedRange
 from resim.simulation.function.interface import EgoState, Perceived
 
 
@@ -35,26 +34,6 @@ class HeldList:
         return Perceived(
             t, ego, last.ids, last.kind, relative.real, relative.imag, turned, last.v, last.length, last.width
         )
-
-
-def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, ego: EgoState) -> Perceived:
-    """Give the list with false objects; ego: the true one."""
-    if not false:
-        return seen
-    n = len(false)
-    places = np.array([one.at(seen.t) for one in false]) - complex(ego.x, ego.y)
-    places *= cmath.rect(1.0, -ego.heading)
-    more = (
-        (seen.ids, np.array([one.id for one in false])),
-        (seen.kind, np.full(n, KIND)),
-        (seen.x_ego, places.real),
-        (seen.y_ego, places.imag),
-        (seen.heading_ego, wrap_angle(np.array([one.heading for one in false]) - ego.heading)),
-        (seen.v, np.array([one.v for one in false])),
-        (seen.length, np.full(n, model.length)),
-        (seen.width, np.full(n, model.width)),
-    )
-    return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
 
 
 def limits(validity: TrainedRange) -> Floats:

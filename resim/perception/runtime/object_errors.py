@@ -33,7 +33,7 @@ class ObjectErrorState:
     def regroup(
         self, kept: Columns, before: Columns, streams: dict[int, np.random.Generator], n: int
     ) -> None:
-        """Change to n columns: those `before` go to `kept`; the others, with their random streams, are new."""
+        """Change to n columns: those `before` go to `kept`; the others, with these streams of their errors, are new."""
         old, self.drift = self.drift, np.zeros((Q, n))
         self.drift[:, kept] = old[:, before]
         for column, stream in streams.items():

@@ -5,32 +5,30 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
 from resim.core.tracks import Strings
 from resim.perception.model import PerceptionModel
-from resim.perception.runtime.clutter import Clutter
+from resim.perception.parts.definition import RunningPart
+from resim.perception.parts.registry import PARTS
 from resim.perception.runtime.detection import DetectionState
-from resim.perception.runtime.ego_state import PerceivedEgoState, is_wrong
 from resim.perception.runtime.history import History
-from resim.perception.runtime.kernel import IDENTITY, Q, perceive
-from resim.perception.runtime.lists import HeldList, limits, with_false
+from resim.perception.runtime.kernel import Q, perceive
+from resim.perception.runtime.lists import HeldList, limits
 from resim.perception.runtime.object_errors import ObjectErrorState
-from resim.perception.runtime.streams import RandomRows, Streams
+from resim.perception.runtime.random_rows import ObjectStreams, RandomRows
+from resim.perception.runtime.streams import PartStreams, Streams
 from resim.scenario.maneuvers import MANEUVERS
 from resim.simulation.function.interface import EgoState, Perceived
 from resim.simulation.perception import World
 
 _SAME = 1e-9  # s
 
-Columns = NDArray[np.intp]
-
 
 class Sensor:
     """Perceives the world as the model says (`resim.simulation.perception.Perception`).
 
-    Where objects are is relative to the true EGO; what the EGO knows of itself has errors of its own.
+    Where objects are is relative to the true EGO; what the EGO knows of itself has errors of its own. Latency, errors
+    and detection of the objects are compiled; what comes after them are the parts of `resim.perception.parts`.
     """
 
     def __init__(self, model: PerceptionModel) -> None:
@@ -45,17 +43,13 @@ class Sensor:
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget the last run; every random draw of the next comes from `rng`."""
-        model, self._streams = self.model, Streams(rng)
-        of = self._streams.of
-        self._own = PerceivedEgoState(model.ego, of("ego")) if is_wrong(model.ego) else None
-        self._clutter = Clutter(model.false_objects, of("false")) if model.false_objects.rate > 0.0 else None
-        self._timing = of("update")
+        self._streams = Streams(rng)
+        self._parts = _running(self.model, self._streams)
+        self._timing = self._streams.of("update")
         self._t = self._listed = self._due = -math.inf
         self._held: HeldList | None = None
         self._names: list[str] = []
         self._ids: Strings | None = None
-        self._shown: Strings | None = None
-        self._switched: dict[str, int] = {}
         self._rows = RandomRows()
         for part in (self._history, self._errors, self._sight):
             part.clear()
@@ -74,7 +68,9 @@ class Sensor:
     def perceive(self, world: World) -> Perceived:
         """Give what is perceived of the world; called with times that increase."""
         step = self._take_in(world)
-        own = world.ego if self._own is None else self._own.perceive(world.ego, step)
+        own = world.ego
+        for part in self._parts:
+            own = part.localise(own, step)
         if self._held is not None and world.t < self._due - _SAME:
             return self._held.seen(world.t, own)
         self._step = world.t - self._listed if self._listed > -math.inf else 0.0
@@ -111,21 +107,13 @@ class Sensor:
         new = np.array([n for n, name in enumerate(names) if name not in column], dtype=np.intp)
         if self._t > -math.inf:
             self._history.regroup(world, kept, before, new)
-        came = {n: self._streams.of("object", names[n]) for n in new.tolist()}
+        came = {n: ObjectStreams.of(self._streams, names[n]) for n in new.tolist()}
         known = dict(zip(self._names, self._rows.streams, strict=True))
-        self._errors.regroup(kept, before, came, len(names))
+        self._errors.regroup(kept, before, {n: of.errors for n, of in came.items()}, len(names))
         self._sight.regroup(kept, before, len(names))
         streams = [came[n] if n in came else known[name] for n, name in enumerate(names)]
         self._rows.regroup(streams, kept, before, new)
         self._names, self._who = names, np.empty(len(names), dtype=np.intp)
-        self._rename()
-
-    def _rename(self) -> None:
-        """Give objects the ids that they have after their switches."""
-        counts = self._switched
-        self._shown = None
-        if any(name in counts for name in self._names):
-            self._shown = np.array([f"{n}#{counts[n]}" if n in counts else n for n in self._names], dtype=str)
 
     def _schedule(self, t: float) -> None:
         """Set when the next list is due."""
@@ -149,23 +137,19 @@ class Sensor:
         )  # fmt: skip
         self._shown_so_far += count
         self._outside += beyond
-        if self.model.id_switch > 0.0:
-            self._switch(random[IDENTITY], who[:count])
-        ids, kind = world.ids if self._shown is None else self._shown, world.kind
+        ids, kind = world.ids, world.kind
         if count < n:
             who, table = who[:count], table[:, :count]
             ids, kind = ids[who], kind[who]
         x, y, v, heading, length, width = table
         seen = Perceived(world.t, own, ids, kind, x, y, heading, v, length, width)
-        if self._clutter is not None:
-            return with_false(seen, self._clutter.at(world.t, ego), self.model.false_objects, ego)
+        for part in self._parts:
+            seen = part.change(seen, world, self._step)
         return seen
 
-    def _switch(self, uniform: Floats, seen: Columns) -> None:
-        """Give some of the objects that are seen another id."""
-        chance = -math.expm1(-self.model.id_switch * self._step)
-        if self._rows.least() >= chance:
-            return
-        for n in seen[uniform[seen] < chance].tolist():
-            self._switched[self._names[n]] = self._switched.get(self._names[n], 1) + 1
-        self._rename()
+
+def _running(model: PerceptionModel, streams: Streams) -> list[RunningPart]:
+    """The parts of a model that do anything, in order."""
+    known = ((part, getattr(model, part.name)) for part in PARTS)
+    made = (part.make(of, PartStreams(streams, part.name)) for part, of in known if of is not None)
+    return [part for part in made if part is not None]

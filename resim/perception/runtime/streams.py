@@ -1,17 +1,10 @@
-"""Random numbers, one stream per object: one object more or less changes nothing for the others."""
+"""Random streams by name: a part, or an object, more or less changes no number that others draw."""
 
 from __future__ import annotations
 
 import hashlib
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtr
-
-from resim.core.geometry import Floats
-from resim.perception.runtime.kernel import IDENTITY, SIGHT, WIDTH
-
-BLOCK = 64
 
 
 class Streams:
@@ -21,51 +14,21 @@ class Streams:
         self.root = rng.integers(0, 2**32, size=4).tolist()
         self.times: dict[str, int] = {}
 
-    def of(self, kind: str, name: str = "") -> np.random.Generator:
-        """Give the stream of this name; a further one each time that it is asked for."""
-        key = f"{kind}/{name}"
+    def of(self, part: str, name: str = "") -> np.random.Generator:
+        """Give a part's stream of this name; a further one each time that it is asked for."""
+        key = f"{part}/{name}"
         times = self.times[key] = self.times.get(key, 0) + 1
         digest = hashlib.blake2b(key.encode(), digest_size=16).digest()
         seed = [*self.root, *np.frombuffer(digest, "<u4").tolist(), times]
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
 
 
-class RandomRows:
-    """Random numbers of N objects, BLOCK cycles ahead: rows (WIDTH, N) as the kernel takes them."""
+class PartStreams:
+    """The random streams of one part in one run, which no other part draws from."""
 
-    def __init__(self) -> None:
-        self.streams: list[np.random.Generator] = []
-        self.rows, self.next = np.empty((BLOCK, WIDTH, 0)), 0
+    def __init__(self, streams: Streams, part: str) -> None:
+        self._streams, self._part = streams, part
 
-    def regroup(
-        self,
-        streams: list[np.random.Generator],
-        kept: NDArray[np.intp],
-        before: NDArray[np.intp],
-        new: NDArray[np.intp],
-    ) -> None:
-        """Change the columns: those `before` go to `kept`, and `new` ones begin."""
-        old, self.streams = self.rows, streams
-        self.rows = np.empty((BLOCK, WIDTH, len(streams)))
-        self.rows[:, :, kept] = old[:, :, before]
-        self._draw(new.tolist(), self.next)
-
-    def take(self) -> Floats:
-        """Give the next row; new ones when all were taken."""
-        if self.next == BLOCK:
-            self._draw(range(len(self.streams)), 0)
-            self.next = 0
-        self.next += 1
-        row: Floats = self.rows[self.next - 1]
-        return row
-
-    def least(self) -> float:
-        """Give the least of the last row's numbers for id switches."""
-        return self._least[self.next - 1]
-
-    def _draw(self, columns: list[int] | range, first: int) -> None:
-        for n in columns:
-            draws = self.streams[n].standard_normal((BLOCK - first, WIDTH))
-            draws[:, SIGHT:] = ndtr(draws[:, SIGHT:])
-            self.rows[first:, :, n] = draws
-        self._least: list[float] = self.rows[:, IDENTITY].min(axis=1, initial=1.0).tolist()
+    def of(self, name: str = "") -> np.random.Generator:
+        """Give the part's stream of this name, such as an object's; a further one each time that it is asked for."""
+        return self._streams.of(self._part, name)

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.stats import gamma
 
 from resim.core.geometry import Floats
-from resim.perception.model import FalseObjects, TrainedParameter, Update
+from resim.perception.model import TrainedParameter, Update
+from resim.perception.parts.false_objects import FalseObjects
 from resim.perception.training.clusters import quantile
 from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.matching import Matching

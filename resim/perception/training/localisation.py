@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, to_frame, wrap_angle
-from resim.perception.model import EgoStateError, Error, Localisation, Response, Spread, TrainedParameter
+from resim.perception.model import Error, Response, Spread, TrainedParameter
+from resim.perception.parts.ego import EgoStateError, Localisation
 from resim.perception.training.clusters import quantile
 from resim.perception.training.drive import TrainingDrive
 from resim.perception.training.lists import around

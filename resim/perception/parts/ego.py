@@ -6,12 +6,30 @@ import math
 
 import numpy as np
 
-from resim.perception.model import Localisation
-from resim.perception.runtime.kernel import drifts
+from resim.perception.fields import NotNegative, Number, Parameters, Positive
+from resim.perception.parts.definition import PerceptionPart, RunningPart
 from resim.simulation.function.interface import EgoState
 
 _BLOCK = 64
 _PARTS = ("longitudinal", "lateral", "heading", "speed")
+
+
+class EgoStateError(Parameters):
+    """One error of the EGO's own state: bias, drift with its correlation_time [s], white noise; standard deviations."""
+
+    bias: Number = 0.0
+    drift: NotNegative = 0.0
+    correlation_time: Positive = 1.0
+    noise: NotNegative = 0.0
+
+
+class Localisation(Parameters):
+    """Errors of the EGO's own state: longitudinal and lateral [m] in its frame, heading [rad], speed [m/s]."""
+
+    longitudinal: EgoStateError = EgoStateError()
+    lateral: EgoStateError = EgoStateError()
+    heading: EgoStateError = EgoStateError()
+    speed: EgoStateError = EgoStateError()
 
 
 def is_wrong(localisation: Localisation) -> bool:
@@ -19,7 +37,7 @@ def is_wrong(localisation: Localisation) -> bool:
     return any(own.bias or own.drift or own.noise for own in (getattr(localisation, p) for p in _PARTS))
 
 
-class PerceivedEgoState:
+class PerceivedEgoState(RunningPart):
     """The EGO's state as the EGO has it; its errors are made for many steps ahead, again if the steps change."""
 
     def __init__(self, localisation: Localisation, rng: np.random.Generator) -> None:
@@ -33,10 +51,10 @@ class PerceivedEgoState:
         self.errors: list[list[float]] = []
         self.drifts = np.zeros((1, len(_PARTS)))
 
-    def perceive(self, ego: EgoState, dt: float) -> EgoState:
-        """Give the state with the errors dt [s] after the last; infinite for the first."""
-        if self.next == len(self.errors) or not abs(dt - self.dt) < 1e-9:
-            self._go_on(dt)
+    def localise(self, ego: EgoState, step: float) -> EgoState:
+        """Give the state with the errors a step [s] after the last; infinite for the first."""
+        if self.next == len(self.errors) or not abs(step - self.dt) < 1e-9:
+            self._go_on(step)
         forward, left, turn, faster = self.errors[self.next]
         self.next += 1
         c, s = math.cos(ego.heading), math.sin(ego.heading)
@@ -47,6 +65,9 @@ class PerceivedEgoState:
 
     def _go_on(self, dt: float) -> None:
         """Make errors for steps of dt [s], from the last that was used on."""
+        # compiled: numba is imported where it is used only
+        from resim.perception.runtime.kernel import drifts
+
         before, self.normals = self.drifts[self.next], self.normals[self.next :]
         if not len(self.normals):
             self.normals = self.rng.standard_normal((_BLOCK, 2 * len(_PARTS)))
@@ -57,3 +78,10 @@ class PerceivedEgoState:
         drifts(self.drifts, keep, self.drift * np.sqrt(1.0 - keep * keep), self.normals)
         errors = self.bias + self.drifts[1:] + self.noise * self.normals[:, len(_PARTS) :]
         self.errors = errors.tolist()
+
+
+EGO = PerceptionPart(
+    name="ego",
+    parameters=Localisation,
+    make=lambda own, streams: PerceivedEgoState(own, streams.of()) if is_wrong(own) else None,
+)
