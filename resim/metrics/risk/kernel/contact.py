@@ -1,6 +1,7 @@
 """Whether two boxes on their paths touch: at the grid's times as published, or at any time (swept).
 
-Half lengths and widths: el, ew of the EGO's box on path a, tl, tw of the object's on path b; see `motion` for paths.
+half: (el, ew, tl, tw), half lengths and widths of the EGO's box on path a, and of the object's on path b; see `motion`
+for paths. pose: where b is from a, x and y, and cosines and sines of the headings of a and b.
 A witness is (step, corner) of a contact: where to look first when the same pair, or one much like it, comes again.
 """
 
@@ -25,8 +26,10 @@ TINY = 1e-9
 
 
 @inlined
-def _corner_inside(q, dx, dy, ac, as_, al, aw, bc, bs, bl, bw):
-    """Whether corner q (0..3) of box a lies in box b, whose centre is at (dx, dy) from a."""
+def _corner_inside(q, pose, half):
+    """Whether corner q (0..3) of box a lies in box b."""
+    dx, dy, ac, as_, bc, bs = pose
+    al, aw, bl, bw = half
     u, w = (al if q & 1 else -al), (aw if q & 2 else -aw)
     x, y = ac * u - as_ * w - dx, as_ * u + ac * w - dy
     return abs(bc * x + bs * y) <= bl and abs(bc * y - bs * x) <= bw
@@ -34,7 +37,7 @@ def _corner_inside(q, dx, dy, ac, as_, al, aw, bc, bs, bl, bw):
 
 @inlined
 def _poses(paths, a, b, j):
-    """Where b is from a, and cosines and sines of both headings, at time j."""
+    """The pose at time j."""
     return (
         paths[b, X, j] - paths[a, X, j], paths[b, Y, j] - paths[a, Y, j],
         paths[a, COS, j], paths[a, SIN, j], paths[b, COS, j], paths[b, SIN, j],
@@ -42,17 +45,25 @@ def _poses(paths, a, b, j):
 
 
 @inlined
-def corner_touches(paths, a, b, j, q, el, ew, tl, tw):
-    """Whether at time j corner q lies inside: 0..3 of b in a, 4..7 of a in b."""
-    dx, dy, ac, as_, bc, bs = _poses(paths, a, b, j)
-    if q < 4:
-        return _corner_inside(q, -dx, -dy, bc, bs, tl, tw, ac, as_, el, ew)
-    return _corner_inside(q, dx, dy, ac, as_, el, ew, bc, bs, tl, tw)
+def _seen_from_b(pose):
+    """Where a is from b."""
+    return -pose[0], -pose[1], pose[4], pose[5], pose[2], pose[3]
 
 
 @inlined
-def _apart(x, y, ac, as_, bc, bs, el, ew, tl, tw):
+def corner_touches(paths, a, b, j, q, half):
+    """Whether at time j corner q lies inside: 0..3 of b in a, 4..7 of a in b."""
+    pose = _poses(paths, a, b, j)
+    if q < 4:
+        return _corner_inside(q, _seen_from_b(pose), (half[2], half[3], half[0], half[1]))
+    return _corner_inside(q, pose, half)
+
+
+@inlined
+def _apart(pose, half):
     """How far the axis of either box that parts them best does so; below 0 they overlap [m]."""
+    x, y, ac, as_, bc, bs = pose
+    el, ew, tl, tw = half
     c, s = abs(ac * bc + as_ * bs), abs(ac * bs - as_ * bc)
     return max(
         max(abs(ac * x + as_ * y) - (el + c * tl + s * tw), abs(ac * y - as_ * x) - (ew + s * tl + c * tw)),
@@ -61,44 +72,44 @@ def _apart(x, y, ac, as_, bc, bs, el, ew, tl, tw):
 
 
 @compiled
-def corner_at(paths, a, b, j, el, ew, tl, tw):
+def corner_at(paths, a, b, j, half):
     """A corner that lies inside at time j (Algorithm 4.1), -1 where none does."""
-    dx, dy, ac, as_, bc, bs = _poses(paths, a, b, j)
+    pose = _poses(paths, a, b, j)
+    other, swapped = _seen_from_b(pose), (half[2], half[3], half[0], half[1])
     # a corner inside means overlap: boxes that an axis of either parts need no look at corners
-    if _apart(dx, dy, ac, as_, bc, bs, el, ew, tl, tw) > TINY:
+    if _apart(pose, half) > TINY:
         return -1
     for q in range(4):
-        if _corner_inside(q, -dx, -dy, bc, bs, tl, tw, ac, as_, el, ew):
+        if _corner_inside(q, other, swapped):
             return q
-        if _corner_inside(q, dx, dy, ac, as_, el, ew, bc, bs, tl, tw):
+        if _corner_inside(q, pose, half):
             return q + 4
     return -1
 
 
 @inlined
-def touch_at_times(paths, a, b, start, el, ew, tl, tw):
+def touch_at_times(paths, a, b, start, half):
     """A witness of contact at one of the times from `start` on, as published; (-1, -1) where there is none."""
     last = paths.shape[2] - 1
     first = NONE  # at which no axis parts the boxes, found without a branch
     for j in range(max(start, 0), last + 1):
-        dx, dy, ac, as_, bc, bs = _poses(paths, a, b, j)
-        apart = _apart(dx, dy, ac, as_, bc, bs, el, ew, tl, tw)
+        apart = _apart(_poses(paths, a, b, j), half)
         first = min(first, j if apart <= TINY else NONE)
     for j in range(first, last + 1):
-        q = corner_at(paths, a, b, j, el, ew, tl, tw)
+        q = corner_at(paths, a, b, j, half)
         if q >= 0:
             return j, q
     return -1, -1
 
 
 @inlined
-def first_at_times(paths, a, b, start, el, ew, tl, tw):
+def first_at_times(paths, a, b, start, half):
     """The first time from `start` on at which boxes touch, as published, and the corner; (-1, -1) for never."""
-    reach = norm(el, ew) + norm(tl, tw)
+    reach = norm(half[0], half[1]) + norm(half[2], half[3])
     for j in range(start, paths.shape[2]):
         dx, dy = paths[b, X, j] - paths[a, X, j], paths[b, Y, j] - paths[a, Y, j]
         if dx * dx + dy * dy <= reach * reach:
-            q = corner_at(paths, a, b, j, el, ew, tl, tw)
+            q = corner_at(paths, a, b, j, half)
             if q >= 0:
                 return j, q
     return -1, -1
@@ -117,8 +128,10 @@ def _slab(p0, p1, r, low, high):
 
 
 @compiled
-def _swept(x0, y0, x1, y1, ac, as_, bc, bs, el, ew, tl, tw, slack):
-    """Whether boxes of fixed headings touch while b moves relative to a from (x0, y0) to (x1, y1)."""
+def _swept(pose, x1, y1, half, slack):
+    """Whether boxes of fixed headings touch while b moves relative to a from its pose to (x1, y1)."""
+    x0, y0, ac, as_, bc, bs = pose
+    el, ew, tl, tw = half
     c, s = abs(ac * bc + as_ * bs), abs(ac * bs - as_ * bc)
     low, high = _slab(ac * x0 + as_ * y0, ac * x1 + as_ * y1, el + c * tl + s * tw + slack, 0.0, 1.0)
     if low > high:
@@ -152,7 +165,7 @@ def turned(paths, p, i, j, f):
 
 
 @compiled
-def _part_that_touches(paths, a, b, j, el, ew, tl, tw):
+def _part_that_touches(paths, a, b, j, half):
     """The share of step j at which its first part with contact begins, FREE where there is none."""
     turn, bulge = paths[a, TURN, j] + paths[b, TURN, j], paths[a, BULGE, j] + paths[b, BULGE, j]
     slack = turn / PARTS + bulge / (PARTS * PARTS)
@@ -163,7 +176,7 @@ def _part_that_touches(paths, a, b, j, el, ew, tl, tw):
         y1 = _place(paths, b, Y, j, f) - _place(paths, a, Y, j, f)
         ac, as_ = turned(paths, a, j, j + 1, (k + 0.5) / PARTS)
         bc, bs = turned(paths, b, j, j + 1, (k + 0.5) / PARTS)
-        if _swept(x0, y0, x1, y1, ac, as_, bc, bs, el, ew, tl, tw, slack):
+        if _swept((x0, y0, ac, as_, bc, bs), x1, y1, half, slack):
             return k / PARTS
         x0, y0 = x1, y1
     return FREE
@@ -171,19 +184,18 @@ def _part_that_touches(paths, a, b, j, el, ew, tl, tw):
 
 @inlined
 def _mid_poses(paths, a, b, j):
-    """Where b is from a at time j, the mean headings of the step that begins there, and what both turn in it [m]."""
+    """The pose at time j, with the mean headings of the step that begins there, and what both turn in it [m]."""
     return (
         paths[b, X, j] - paths[a, X, j], paths[b, Y, j] - paths[a, Y, j],
         paths[a, MID_COS, j], paths[a, MID_SIN, j], paths[b, MID_COS, j], paths[b, MID_SIN, j],
-        paths[a, TURN, j] + paths[b, TURN, j],
-    )  # fmt: skip
+    ), paths[a, TURN, j] + paths[b, TURN, j]  # fmt: skip
 
 
 @inlined
-def surely_touch(paths, a, b, j, el, ew, tl, tw):
+def surely_touch(paths, a, b, j, half):
     """Whether boxes overlap at time j, whatever they turn in the step that begins there."""
-    x, y, ac, as_, bc, bs, turn = _mid_poses(paths, a, b, j)
-    return _apart(x, y, ac, as_, bc, bs, el, ew, tl, tw) + turn <= -CLEAR
+    pose, turn = _mid_poses(paths, a, b, j)
+    return _apart(pose, half) + turn <= -CLEAR
 
 
 @inlined
@@ -193,9 +205,10 @@ def _beyond(p0, p1):
 
 
 @inlined
-def never_touch(paths, a, b, j, el, ew, tl, tw):
+def never_touch(paths, a, b, j, half):
     """Whether an axis of either box parts them for all of step j."""
-    x, y, ac, as_, bc, bs, turn = _mid_poses(paths, a, b, j)
+    (x, y, ac, as_, bc, bs), turn = _mid_poses(paths, a, b, j)
+    el, ew, tl, tw = half
     x1, y1 = paths[b, X, j + 1] - paths[a, X, j + 1], paths[b, Y, j + 1] - paths[a, Y, j + 1]
     # the mean of two headings is a little shorter than 1: offsets shrink, no contact is lost
     c, s = abs(ac * bc + as_ * bs), abs(ac * bs - as_ * bc)
@@ -207,35 +220,32 @@ def never_touch(paths, a, b, j, el, ew, tl, tw):
 
 
 @inlined
-def touch_swept(paths, a, b, start, el, ew, tl, tw):
+def touch_swept(paths, a, b, start, half):
     """A step from `start` on in which boxes touch, -1 where there is none; one that is sure goes before the first."""
     last = paths.shape[2] - 1
     maybe = surely = NONE  # found without a branch
     for j in range(max(start, 0), last):
-        maybe = min(maybe, NONE if never_touch(paths, a, b, j, el, ew, tl, tw) else j)
-        surely = min(surely, j if surely_touch(paths, a, b, j, el, ew, tl, tw) else NONE)
+        maybe = min(maybe, NONE if never_touch(paths, a, b, j, half) else j)
+        surely = min(surely, j if surely_touch(paths, a, b, j, half) else NONE)
     if surely < NONE:
         return surely
     for j in range(maybe, last):
-        if (
-            not never_touch(paths, a, b, j, el, ew, tl, tw)
-            and _part_that_touches(paths, a, b, j, el, ew, tl, tw) < 1.0
-        ):
+        if not never_touch(paths, a, b, j, half) and _part_that_touches(paths, a, b, j, half) < 1.0:
             return j
     return -1
 
 
 @inlined
-def first_swept(paths, a, b, start, el, ew, tl, tw):
+def first_swept(paths, a, b, start, half):
     """When boxes first touch, in steps, from step `start` on; -1 where they never do. Contact is never missed.
 
     Headings stand still within a part of a step, and the boxes grow by what they turn there.
     """
     for j in range(start, paths.shape[2] - 1):
-        if surely_touch(paths, a, b, j, el, ew, tl, tw):
+        if surely_touch(paths, a, b, j, half):
             return float(j)
-        if not never_touch(paths, a, b, j, el, ew, tl, tw):
-            f = _part_that_touches(paths, a, b, j, el, ew, tl, tw)
+        if not never_touch(paths, a, b, j, half):
+            f = _part_that_touches(paths, a, b, j, half)
             if f < 1.0:
                 return j + f
     return -1.0

@@ -96,7 +96,7 @@ def evade(paths, plan, s, speed, arc, j, option, limits, h, out):
 
 
 @inlined
-def _helps(paths, path, one, j, hint, option, el, ew, tl, tw, swept):
+def _helps(paths, path, one, j, hint, option, half, swept):
     """Whether an evasion from time j on stays free; hint: by option the last witness that it did not."""
     last, corner = paths.shape[2] - 1, hint[option, 1]
     # where contact was found before it most often is still, or near there
@@ -105,24 +105,22 @@ def _helps(paths, path, one, j, hint, option, el, ew, tl, tw, swept):
         if step < j or step > last:
             continue
         if swept:
-            if step < last and surely_touch(paths, path, one, step, el, ew, tl, tw):
+            if step < last and surely_touch(paths, path, one, step, half):
                 hint[option, 0] = step
                 return False
-        elif corner_touches(paths, path, one, step, corner, el, ew, tl, tw):
+        elif corner_touches(paths, path, one, step, corner, half):
             hint[option, 0] = step
             return False
     if swept:
-        step = touch_swept(paths, path, one, j, el, ew, tl, tw)
+        step = touch_swept(paths, path, one, j, half)
     else:
-        step, corner = touch_at_times(paths, path, one, j, el, ew, tl, tw)
+        step, corner = touch_at_times(paths, path, one, j, half)
     hint[option, 0], hint[option, 1] = step, corner
     return step < 0
 
 
 @compiled
-def last_evasion(
-    paths, made, hint, helped, s, speed, contact, corner, radius, el, ew, tl, tw, limits, h, swept
-):
+def last_evasion(paths, made, hint, helped, s, speed, contact, corner, radius, half, limits, h, swept):
     """The last time at or before the contact from which an evasion stays free of the object's path, -1 if none does.
 
     The options are tried from the one on that helped before. radius: of the EGO's box [m].
@@ -141,7 +139,7 @@ def last_evasion(
                 if swept:
                     finish(paths, path, j, radius)
                 made[path] = True
-            if _helps(paths, path, one, j, hint, option, el, ew, tl, tw, swept):
+            if _helps(paths, path, one, j, hint, option, half, swept):
                 helped[0] = option
                 return j
     return -1

@@ -183,12 +183,12 @@ def _pick(samples, i, rows, paths, p):
 
 
 @inlined
-def _first_contact(paths, plan, one, near, radius, el, ew, tl, tw, swept):
+def _first_contact(paths, plan, one, near, radius, half, swept):
     """When the plan and a sample first touch, in steps, -1 if never, and the corner that does."""
     if swept:
         finish(paths, one, np.int64(0), radius)
-        return first_swept(paths, plan, one, near, el, ew, tl, tw), -1
-    first, corner = first_at_times(paths, plan, one, near, el, ew, tl, tw)
+        return first_swept(paths, plan, one, near, half), -1
+    first, corner = first_at_times(paths, plan, one, near, half)
     return float(first), corner
 
 
@@ -197,8 +197,8 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
     """Risk, probability of contact, shortest TTC and TTR [s] of object k; its mass by time to react into w.mass."""
     risk = hits = 0.0
     ttc = ttr = FREE
-    el, ew, tl, tw = 0.5 * ego_size[0], 0.5 * ego_size[1], 0.5 * size[0], 0.5 * size[1]
-    own, radius = norm(el, ew), norm(tl, tw)
+    half = (0.5 * ego_size[0], 0.5 * ego_size[1], 0.5 * size[0], 0.5 * size[1])
+    own, radius = norm(half[0], half[1]), norm(half[2], half[3])
     fastest = _fastest(state[3], inputs, walks, h * (len(w.s) - 1))
     on_way = road.count[n, k] > 0 and not walks
     if on_way:
@@ -212,7 +212,7 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
         w.a[i] = inputs[0] + 3.0 * inputs[1] * sample[i, 0]
         w.b[i] = inputs[2] + 3.0 * inputs[3] * sample[i, 1]
     if on_way:
-        _predict_on(w, road, n, k, state, tw, len(weight), h, swept)
+        _predict_on(w, road, n, k, state, half[3], len(weight), h, swept)
     else:
         _predict(w, state, walks, len(weight), h, swept)
     paths, made, samples, near, hint, helped, s, speed = (
@@ -226,11 +226,11 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
         if near[i] == NONE:
             continue
         _pick(samples, i, SAMPLED if swept else VX, paths, one)
-        contact, corner = _first_contact(paths, plan, one, near[i], radius, el, ew, tl, tw, swept)
+        contact, corner = _first_contact(paths, plan, one, near[i], radius, half, swept)
         if contact < 0.0:
             continue
         found = last_evasion(
-            paths, made, hint, helped, s, speed, int(contact), corner, own, el, ew, tl, tw, limits, h, swept
+            paths, made, hint, helped, s, speed, int(contact), corner, own, half, limits, h, swept
         )
         hits += share[i]
         ttc, ttr = min(ttc, contact * h), min(ttr, max(found, 0) * h)
