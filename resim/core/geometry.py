@@ -5,7 +5,7 @@ Map frame: x east, y north, heading anticlockwise from +x (ISO 8855), radians an
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,11 +71,20 @@ def box_corners(
     return np.stack([x[..., None] + c * along - s * across, y[..., None] + s * along + c * across], axis=-1)
 
 
-def boxes_overlap(
-    x: ArrayLike, y: ArrayLike, heading: ArrayLike, length: ArrayLike, width: ArrayLike,
-    x2: ArrayLike, y2: ArrayLike, heading2: ArrayLike, length2: ArrayLike, width2: ArrayLike,
-) -> Bools:  # fmt: skip
+class Boxes(NamedTuple):
+    """Boxes by centre [m], heading [rad], length and width [m]: numbers, or arrays that go together."""
+
+    x: ArrayLike
+    y: ArrayLike
+    heading: ArrayLike
+    length: ArrayLike
+    width: ArrayLike
+
+
+def boxes_overlap(one: Boxes, two: Boxes) -> Bools:
     """Say, element by element, whether two boxes overlap or touch (separating axes; NaN never overlaps)."""
+    x, y, heading, length, width = one
+    x2, y2, heading2, length2, width2 = two
     dx, dy = np.asarray(x2) - x, np.asarray(y2) - y
     turn = np.asarray(heading2) - heading
     c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))

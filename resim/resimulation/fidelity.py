@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
+from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
 from resim.core.tracks import Strings, Tracks, whole_id
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
@@ -195,9 +195,9 @@ def collisions(tracks: Tracks, *, ego: str) -> list[tuple[float, str]]:
     """Give, per object that the EGO's box overlaps, the first time [s] and the object's id."""
     row = tracks.index(ego)
     hit: NDArray[np.bool_] = boxes_overlap(
-        tracks.x[row], tracks.y[row], tracks.heading[row], tracks.length[row], tracks.width[row],
-        tracks.x, tracks.y, tracks.heading, tracks.length[:, None], tracks.width[:, None],
-    )  # fmt: skip
+        Boxes(tracks.x[row], tracks.y[row], tracks.heading[row], tracks.length[row], tracks.width[row]),
+        Boxes(tracks.x, tracks.y, tracks.heading, tracks.length[:, None], tracks.width[:, None]),
+    )
     hit[row] = False
     struck: Iterable[int] = np.flatnonzero(hit.any(axis=1)).tolist()
     return sorted((float(tracks.t[np.argmax(hit[n])]), str(tracks.ids[n])) for n in struck)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
-from resim.core.geometry import Bools, Floats, boxes_overlap, wrap_angle
+from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
 from resim.core.plugins.opened import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
@@ -178,8 +178,8 @@ class _Loop:
         reach = 0.5 * (np.hypot(length[1:], width[1:]) + np.hypot(length[0], width[0]))
         hit = np.asarray(np.hypot(px - x, py - y) <= reach)
         if hit.any():
-            others = (px, py, plan.heading[1:, steps], length[1:], width[1:])
-            hit &= boxes_overlap(x, y, heading, length[0], width[0], *others)
+            others = Boxes(px, py, plan.heading[1:, steps], length[1:], width[1:])
+            hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), others)
         return hit
 
     def result(self, driver: Driver, began: float) -> SimulatedDrive:

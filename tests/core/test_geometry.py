@@ -7,7 +7,15 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from resim.core.geometry import box_corners, boxes_overlap, from_frame, to_frame, unwrap_angle, wrap_angle
+from resim.core.geometry import (
+    Boxes,
+    box_corners,
+    boxes_overlap,
+    from_frame,
+    to_frame,
+    unwrap_angle,
+    wrap_angle,
+)
 
 ANGLE = st.floats(-50.0, 50.0)
 PLACE = st.floats(-1e4, 1e4)
@@ -72,8 +80,8 @@ def test_overlap_is_that_of_shapely(one: tuple[float, ...], two: tuple[float, ..
     a, b = (shapely.Polygon(box_corners(*box)) for box in (one, two))
     apart, shared = a.distance(b), a.intersection(b).area
     assume(apart > 1e-9 or shared > 1e-9)  # where they just touch, rounding decides
-    assert bool(boxes_overlap(*one, *two)) == (shared > 1e-9)
-    assert bool(boxes_overlap(*two, *one)) == (shared > 1e-9)
+    assert bool(boxes_overlap(Boxes(*one), Boxes(*two))) == (shared > 1e-9)
+    assert bool(boxes_overlap(Boxes(*two), Boxes(*one))) == (shared > 1e-9)
 
 
 def test_overlap_of_many_boxes_near_each_other_is_that_of_shapely() -> None:
@@ -83,15 +91,16 @@ def test_overlap_of_many_boxes_near_each_other_is_that_of_shapely() -> None:
     own = shapely.polygons(box_corners(0.0, 0.0, 0.3, 4.7, 1.9))
     expected = shapely.intersects(own, shapely.polygons(box_corners(x, y, turn, length, width)))
     assert 500 < expected.sum() < 4500
-    np.testing.assert_array_equal(boxes_overlap(0.0, 0.0, 0.3, 4.7, 1.9, x, y, turn, length, width), expected)
-    np.testing.assert_array_equal(boxes_overlap(x, y, turn, length, width, 0.0, 0.0, 0.3, 4.7, 1.9), expected)
+    one, many = Boxes(0.0, 0.0, 0.3, 4.7, 1.9), Boxes(x, y, turn, length, width)
+    np.testing.assert_array_equal(boxes_overlap(one, many), expected)
+    np.testing.assert_array_equal(boxes_overlap(many, one), expected)
 
 
 def test_a_crossing_without_a_corner_inside_is_an_overlap() -> None:
-    assert boxes_overlap(0.0, 0.0, 0.0, 10.0, 2.0, 0.0, 0.0, math.pi / 2, 10.0, 2.0)
+    assert boxes_overlap(Boxes(0.0, 0.0, 0.0, 10.0, 2.0), Boxes(0.0, 0.0, math.pi / 2, 10.0, 2.0))
 
 
 def test_touching_boxes_overlap_and_nan_never_does() -> None:
     x = np.array([4.0, 4.001, np.nan])
-    hit = boxes_overlap(0.0, 0.0, 0.0, 4.0, 2.0, x, 0.0, 0.0, 4.0, 2.0)
+    hit = boxes_overlap(Boxes(0.0, 0.0, 0.0, 4.0, 2.0), Boxes(x, 0.0, 0.0, 4.0, 2.0))
     np.testing.assert_array_equal(hit, [True, False, False])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from resim.core.geometry import boxes_overlap, wrap_angle
+from resim.core.geometry import Boxes, boxes_overlap, wrap_angle
 from resim.metrics.measures import motion
 from resim.metrics.measures.contact import first_contact
 
@@ -63,7 +63,7 @@ def plain_contact(a, b, h, size_a, size_b):
     whole = entry(start, place[:, 1:], *half, *(size[..., 0] for size in sizes), turned + bulge)
     at = np.arange(start.shape[1])[:, None] + (np.arange(PARTS) + share) / PARTS
     at = np.where(np.isfinite(whole)[..., None], at, np.inf).min(axis=(1, 2), initial=np.inf) * h
-    now = boxes_overlap(*a[:, 0, :3].T, *size_a.T, *b[:, 0, :3].T, *size_b.T)
+    now = boxes_overlap(Boxes(*a[:, 0, :3].T, *size_a.T), Boxes(*b[:, 0, :3].T, *size_b.T))
     return np.where(now, 0.0, at)
 
 

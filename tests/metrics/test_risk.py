@@ -8,7 +8,7 @@ from metrics import plain
 from scipy.stats import qmc
 
 from resim.core.errors import ResimError
-from resim.core.geometry import boxes_overlap
+from resim.core.geometry import Boxes, boxes_overlap
 from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
 from resim.metrics.risk.prediction import WALKING
 
@@ -261,7 +261,8 @@ def test_contact_of_who_walks_is_what_all_samples_say():
     a, b = (inputs[:, k, None] + 3.0 * inputs[:, k + 1, None] * sample[None, :, k // 2] for k in (0, 2))
     x, y = walked(state[:, None], a, b, t)
     hit = boxes_overlap(
-        ego[:, None, None] * t, 0.0 * x, 0.0 * x, *CAR, x, y, state[:, 2, None, None] + 0.0 * x, *WALKER
+        Boxes(ego[:, None, None] * t, 0.0 * x, 0.0 * x, *CAR),
+        Boxes(x, y, state[:, 2, None, None] + 0.0 * x, *WALKER),
     )
     np.testing.assert_allclose(
         found.collision[:, 0], (hit.any(axis=2) * weight).sum(axis=1) / weight.sum(), atol=1e-12

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resim.core.geometry import boxes_overlap
+from resim.core.geometry import Boxes, boxes_overlap
 from resim.core.tracks import Tracks
 from resim.metrics.drive import DriveScenes
 from resim.metrics.measures.definition import MeasureDefinition
@@ -55,7 +55,9 @@ def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:
     near[row] = False
     n, i = np.nonzero(near)
     hit = boxes_overlap(
-        tracks.x[row, i], tracks.y[row, i], tracks.heading[row, i], tracks.length[row], tracks.width[row],
-        tracks.x[n, i], tracks.y[n, i], tracks.heading[n, i], tracks.length[n], tracks.width[n],
-    )  # fmt: skip
+        Boxes(
+            tracks.x[row, i], tracks.y[row, i], tracks.heading[row, i], tracks.length[row], tracks.width[row]
+        ),
+        Boxes(tracks.x[n, i], tracks.y[n, i], tracks.heading[n, i], tracks.length[n], tracks.width[n]),
+    )
     return sorted(zip(tracks.t[i[hit]].tolist(), tracks.ids[n[hit]].tolist(), strict=True))

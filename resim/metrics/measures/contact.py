@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats, boxes_overlap
+from resim.core.geometry import Boxes, Floats, boxes_overlap
 
 Rows = NDArray[np.intp]
 
@@ -47,7 +47,7 @@ def distance(a: Floats, b: Floats, size_a: Floats, size_b: Floats) -> Floats:
             oy = np.maximum(np.abs(py + st * ahead + ct * left) - 0.5 * size_2[..., 1], 0.0)
             best = np.minimum(best, np.hypot(ox, oy))
     touch = boxes_overlap(
-        a[..., 0], a[..., 1], a[..., 2], size_a[..., 0], size_a[..., 1],
-        b[..., 0], b[..., 1], b[..., 2], size_b[..., 0], size_b[..., 1],
-    )  # fmt: skip
+        Boxes(a[..., 0], a[..., 1], a[..., 2], size_a[..., 0], size_a[..., 1]),
+        Boxes(b[..., 0], b[..., 1], b[..., 2], size_b[..., 0], size_b[..., 1]),
+    )
     return np.where(touch, 0.0, best)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.finding import Source
-from resim.core.geometry import boxes_overlap
+from resim.core.geometry import Boxes, boxes_overlap
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.tracks import CheckedTable, Track, runs
 
@@ -96,9 +96,9 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
     i, j, common = i[near], j[near], common[near]
     p, q = a.p[i], b.p[j]
     hit = boxes_overlap(
-        p.real, p.imag, a.heading[i], max(a.length - DEEP, 0.01), max(a.width - DEEP, 0.01),
-        q.real, q.imag, b.heading[j], max(b.length - DEEP, 0.01), max(b.width - DEEP, 0.01),
-    )  # fmt: skip
+        Boxes(p.real, p.imag, a.heading[i], max(a.length - DEEP, 0.01), max(a.width - DEEP, 0.01)),
+        Boxes(q.real, q.imag, b.heading[j], max(b.length - DEEP, 0.01), max(b.width - DEEP, 0.01)),
+    )
     spans = [(float(common[s]), float(common[e])) for s, e in runs(hit)]
     span = max(spans, key=lambda s: s[1] - s[0], default=None)
     return span if span is not None and span[1] - span[0] >= LONG - 0.5 * step else None
