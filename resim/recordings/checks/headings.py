@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from resim.core.finding import Severity
 from resim.core.geometry import Floats, wrap_angle
-from resim.recordings.checks.codes import RankedFinding
+from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Track
-from resim.recordings.checks.units import MOVING, over
+from resim.recordings.checks.units import MOVING
 
 DEGREES = 180.0 / np.pi
 FITS, MISFITS = 0.1, 0.3
@@ -107,11 +108,11 @@ def _best(misfit: Floats, tracks: list[Track], step: float) -> Convention:
 
 
 def _finding(
-    table: CheckedTable, found: dict[str, Convention], misfits: dict[str, Floats]
+    table: CheckedTable, fitting: dict[str, Convention], misfits: dict[str, Floats]
 ) -> tuple[CheckedTable, list[RankedFinding]]:
     """The findings, and the table converted and unwrapped; who may skid instead is told so and left as it is."""
     out, sure = [], {}
-    for name, convention in found.items():
+    for name, convention in fitting.items():
         as_is, converted = misfits[name][[0, CONVENTIONS.index(convention)]].tolist()
         text = (
             f"headings are {as_is:.3g} rad off the course as they stand and {converted:.3g} rad as "
@@ -120,13 +121,19 @@ def _finding(
         details = {"factor": convention.factor, "sign": convention.sign, "offset": convention.offset}
         own = [k for k in table.tracks if not name or k.id == name]
         together = not name and (convention.factor == 1.0 or as_is > NOISE)  # not all of a table skid
+        repair: str | None = None
+        severity: Severity | None = None
         if together or _is_sure(convention, own, table.step):
             sure[name] = convention
-            out.append(over(table, name, convention.code, as_is, "rad", text, TURNED, details))
-            continue
-        text += "; or they are right, noisy or of who skids: courses say too little to tell"
-        one = over(table, name, convention.code, as_is, "rad", text, TURNED, details, repair="")
-        out.append(replace(one, finding=replace(one.finding, severity="warning")))
+        else:
+            text += "; or they are right, noisy or of who skids: courses say too little to tell"
+            repair, severity = "", "warning"
+        out.append(
+            found(
+                convention.code, table.source, name, table.span_of(name), as_is, "rad", text, limit=TURNED,
+                details=details, repair=repair, severity=severity,
+            )
+        )  # fmt: skip
     whole = sure.get("")
 
     def converted_heading(track: Track) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -168,6 +169,14 @@ def _explained(text: str, delay: float, left: float, unit: str) -> tuple[str, st
     return f"{text}; {abs(delay):.2f} s {when} would explain it ({left:.2g} {unit} left)", None
 
 
+class _Rates(NamedTuple):
+    """Accelerations [m/s²] or yaw rates [rad/s] at times [s], and the most that somebody reaches; (K,) each."""
+
+    t: Floats
+    value: Floats
+    most: Floats
+
+
 def limits(table: CheckedTable) -> Iterator[RankedFinding]:
     """Give, per object, acceleration and yaw rate that none of its kind reaches."""
     for track in table.tracks:
@@ -176,16 +185,15 @@ def limits(table: CheckedTable) -> Iterator[RankedFinding]:
             continue
         most = STRONGEST.get(track.kind, STRONGEST_VEHICLE)
         t, a, _ = _rates(track, track.v, STEADY, table.step)
-        yield from _beyond(
-            table, track, "ACCELERATION", t, a, np.full(len(t), most), _shown(m, np.abs), "m/s²"
-        )
+        rates = _Rates(t, a, np.full(len(t), most))
+        yield from _beyond(table, track, "ACCELERATION", rates, _shown(m, np.abs))
         if track.kind == PEDESTRIAN:
             continue
         for over in (0.5 * STEADY, STEADY):
             t, rate, v = _rates(track, track.heading, over, table.step)
             noise = 1.4826 * NOISE * float(np.median(np.abs(rate - np.median(rate)))) if len(rate) else 0.0
             may = np.minimum(TURNING, LATERAL / np.maximum(v, 0.1) + 0.15) + noise
-            yield from _beyond(table, track, "YAW_RATE", t, rate, may, _shown(m, _course), "rad/s")
+            yield from _beyond(table, track, "YAW_RATE", _Rates(t, rate, may), _shown(m, _course))
 
 
 def _shown(m: Motion, part: Callable[[Complex], Floats]) -> tuple[Floats, Floats, Floats]:
@@ -207,22 +215,16 @@ def _rates(track: Track, values: Floats, over: float, step: float) -> tuple[Floa
 
 
 def _beyond(
-    table: CheckedTable,
-    track: Track,
-    code: str,
-    t: Floats,
-    value: Floats,
-    most: Floats,
-    shown: tuple[Floats, Floats, Floats],
-    unit: str,
+    table: CheckedTable, track: Track, code: str, rates: _Rates, shown: tuple[Floats, Floats, Floats]
 ) -> Iterator[RankedFinding]:
-    """The finding where the value exceeds the most; its own where the positions show a good part of it."""
+    """The finding where a rate exceeds the most; its own where the positions show a good part of it."""
+    t, value, most = rates
     over = np.abs(value) > most
     if not over.any():
         return
     k = int(np.argmax(np.where(over, np.abs(value) / most, 0.0)))
     spans = runs(over)
-    verb = "accelerates by" if code == "ACCELERATION" else "turns at"
+    verb, unit = ("accelerates by", "m/s²") if code == "ACCELERATION" else ("turns at", "rad/s")
     text = f"{verb} {value[k]:+.3g} {unit} at {t[k]:.2f} s (none reaches {most[k]:.3g}), {len(spans)} time(s)"
     moved, told = (
         np.diff(np.interp([t[k] - 0.6 * WINDOW, t[k] + 0.6 * WINDOW], shown[0], c))[0] for c in shown[1:]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,15 @@ WALKERS = (PEDESTRIAN, "bicycle", "unknown")
 _Hit: TypeAlias = tuple[Track, tuple[float, float], float]
 
 
+class _Fault(NamedTuple):
+    """What a vehicle does, and from which value on. say: its words, of the value and the span [s]."""
+
+    code: str
+    unit: str
+    limit: float
+    say: Callable[[float, tuple[float, float]], str]
+
+
 def places(table: CheckedTable, network: RoadNetwork, ego: str) -> Iterator[RankedFinding]:
     """Give vehicles that drive on no lane, or against theirs; where most do, the table.
 
@@ -52,8 +61,8 @@ def places(table: CheckedTable, network: RoadNetwork, ego: str) -> Iterator[Rank
             off.append((whole, span, float(beyond[drives].max())))
         if (span := _lasting(drives & (turned > AGAINST) & (beyond <= 0.0), track.t)) is not None:
             against.append((whole, span, span[1] - span[0]))
-    yield from _finding(table, "OFF_MAP", "m", off, len(drivers), _off_text, BESIDE, ego=ego)
-    yield from _finding(table, "WRONG_WAY", "s", against, len(drivers), _against_text, LONG)
+    yield from _finding(table, _Fault("OFF_MAP", "m", BESIDE, _off_text), off, len(drivers), ego=ego)
+    yield from _finding(table, _Fault("WRONG_WAY", "s", LONG, _against_text), against, len(drivers))
 
 
 def _look(network: RoadNetwork, track: Track) -> tuple[Floats, Floats]:
@@ -80,17 +89,10 @@ def _against_text(value: float, span: tuple[float, float]) -> str:
 
 
 def _finding(
-    table: CheckedTable,
-    code: str,
-    unit: str,
-    hits: list[_Hit],
-    drivers: int,
-    say: Callable[[float, tuple[float, float]], str],
-    limit: float,
-    *,
-    ego: str = "",
+    table: CheckedTable, fault: _Fault, hits: list[_Hit], drivers: int, *, ego: str = ""
 ) -> Iterator[RankedFinding]:
     """One finding per object, or one of the table where most are concerned."""
+    code, unit, limit, say = fault
     names = list(dict.fromkeys(track.id for track, _, _ in hits))
     if len(names) > 2 and len(names) > MOST * drivers:
         worst = max(hits, key=lambda h: h[2])

@@ -77,6 +77,11 @@ class CheckedTable:
         times = [(k.t[0], k.t[-1]) for k in self.tracks if len(k)]
         return (min(a for a, _ in times), max(b for _, b in times)) if times else (np.nan, np.nan)
 
+    def span_of(self, name: str) -> tuple[float, float]:
+        """Give the first and last time [s] of an object, or of the table where it has no such object."""
+        own = [k for k in self.tracks if k.id == name]
+        return (own[0].t[0], own[-1].t[-1]) if own else self.span
+
 
 def table_of(
     source: Source, frame: pd.DataFrame, gt_id: dict[str, str], *, incomplete: bool = False

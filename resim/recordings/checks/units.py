@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,33 +60,15 @@ def speed_units(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]
         unit = units[name] if name else next(iter(units.values()))
         who = f"all {moving} moving objects: their speeds are" if whole else "its speeds are"
         text = f"{who} {SPEED_UNITS[unit]:.2f} times what the positions give: {unit}"
-        factor = SPEED_UNITS[unit]
-        out.append(over(table, name, "SPEED_UNIT", factor, "", text, 1.0, {"factor": factor}))
+        factor, span = SPEED_UNITS[unit], table.span_of(name)
+        details = {"factor": factor}
+        out.append(
+            found("SPEED_UNIT", table.source, name, span, factor, "", text, limit=1.0, details=details)
+        )
     if whole:  # those at rest are in the same unit
         unit = next(iter(units.values()))
         return table.shaped(v=lambda k: k.v / SPEED_UNITS[unit]), out
     return table.shaped(v=converted), out
-
-
-def over(
-    table: CheckedTable,
-    name: str,
-    code: str,
-    value: float,
-    unit: str,
-    text: str,
-    limit: float,
-    details: Mapping[str, float] | None = None,
-    repair: str | None = None,
-    severity: Severity | None = None,
-) -> RankedFinding:
-    """Give a finding over all of the object's time, or the table's."""
-    own = [k for k in table.tracks if k.id == name]
-    span = (own[0].t[0], own[-1].t[-1]) if own else table.span
-    return found(
-        code, table.source, name, span, value, unit, text, limit=limit, details=details, repair=repair,
-        severity=severity,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -132,14 +114,37 @@ def mirrored(
             tables.append(table)
             if table is not None and look is not None and look.is_one:
                 text = f"y may point down, or traffic drives on the wrong side: {look.text}"
-                out.append(over(table, "", "MIRRORED_Y", 1.0, "", text, 1.0, repair="", severity="warning"))
+                out.append(_mirrored(table, 1.0, "", text, repair="", severity="warning"))
             continue
         text = f"y points down: {look.text if look and look.is_one else 'it fits the other source when mirrored'}"
         height = float(np.median(np.concatenate([np.abs(k.p.imag) for k in table.tracks])))
         sure = look is not None and look.turned > look.as_is  # else it may be the other source's y
-        out.append(over(table, "", "MIRRORED_Y", height, "m", text, 1.0, repair=None if sure else ""))
+        out.append(_mirrored(table, height, "m", text, repair=None if sure else ""))
         tables.append(_turned(table))
     return tables[0], tables[1], out  # type: ignore[return-value]
+
+
+def _mirrored(
+    table: CheckedTable,
+    value: float,
+    unit: str,
+    text: str,
+    *,
+    repair: str | None,
+    severity: Severity | None = None,
+) -> RankedFinding:
+    return found(
+        "MIRRORED_Y",
+        table.source,
+        "",
+        table.span,
+        value,
+        unit,
+        text,
+        limit=1.0,
+        repair=repair,
+        severity=severity,
+    )
 
 
 def _turned(table: CheckedTable) -> CheckedTable:
