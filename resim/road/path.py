@@ -216,16 +216,17 @@ def lane_path(
     """
     if not net.has_lane(road, lane, s) or lane == 0:
         raise InputError(net.path, f"road {road} has no lane {lane} at s={s:.3f} m", "Choose one that exists")
-    ahead, more = _walk(net, road, lane, s, length, step, ahead=True)
-    back, _ = _walk(net, road, lane, s, behind, step, ahead=False)
+    ahead, more = _walk(net, (road, lane, s), length, step, ahead=True)
+    back, _ = _walk(net, (road, lane, s), behind, step, ahead=False)
     table = np.concatenate([back[:0:-1], ahead])
     return sealed(_assemble(table, len(back) - 1, length, behind, step, ends=not more))
 
 
 def _walk(
-    net: RoadNetwork, road: str, lane: int, s: float, length: float, step: float, *, ahead: bool
+    net: RoadNetwork, start: tuple[str, int, float], length: float, step: float, *, ahead: bool
 ) -> tuple[Floats, bool]:
-    """Points (K, 8) from the start on, and whether the road reaches `length`."""
+    """Points (K, 8) from the start (road, lane, s) on, and whether the road reaches `length`."""
+    road, lane, s = start
     here = _points(net, road, lane, np.array([s]), net.roads[road].section_index(s))
     parts, reached, astray = [here], 0.0, 0
     for stretch in follow(net, road, lane, s, ahead=ahead) if length > 0.0 else ():

@@ -72,16 +72,15 @@ class BuildComparison:
 
 def compare_builds(
     recording: Recording,
-    old: Build,
-    new: Build,
+    builds: tuple[Build, Build],
     criteria: Criteria,
     options: ResimulationOptions = ResimulationOptions(),
     perceiving: PerceptionSetup | None = None,
     accept: Collection[str] = (),
 ) -> BuildComparison:
-    """Re-simulate GT with both builds; with a perception model once a seed, else once."""
+    """Re-simulate GT with both builds, the older one first; with a perception model once a seed, else once."""
     results = [
-        resimulate(recording, build, options, perceiving=perceiving, accept=accept) for build in (old, new)
+        resimulate(recording, build, options, perceiving=perceiving, accept=accept) for build in builds
     ]
     planned = all(has_plans(result) for result in results)
     how = AssessmentOptions(criteria=criteria, only=COMPARED, path="plan" if planned else "state")

@@ -99,7 +99,7 @@ def _compare(task: VerificationTask, recording: Recording) -> tuple[ComparedReco
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
     options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle)
     found = compare_builds(
-        recording, old, new, read_criteria(task.criteria), options, _perceiving(task), task.accept
+        recording, (old, new), read_criteria(task.criteria), options, _perceiving(task), task.accept
     )
     return found.entry(task.source), BuildTraces(speed_traces(found.old), speed_traces(found.new))
 
