@@ -55,7 +55,7 @@ def doubled(sd: Tracks, gt_id: Strings) -> dict[str, Doubled]:
     """
     names, out = sensor_names(sd, gt_id), {}
     for name in np.unique(names[np.isin(names, gt_id)]).tolist():
-        own = np.flatnonzero(names == name)
+        own = np.flatnonzero(names == name).tolist()
         pairs = [_differences(sd, a, b) for a in own for b in own if a != b]
         if both := [pair for pair in pairs if pair is not None]:
             out[name] = Doubled(*np.max(both, axis=0).tolist())

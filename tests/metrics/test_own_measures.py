@@ -182,7 +182,7 @@ def test_one_that_opens_a_file_its_hash_does_not_know_is_told(judged, tmp_path):
     (tmp_path / "limit.txt").write_text("0.5")
     file = str(tmp_path / "limit.txt")
     opens = f"import numpy as np\n\n\ndef beside(drive, network):\n    with open({file!r}) as file:\n"
-    code, out, err = judged(opens + "        return np.full(len(drive.t), float(file.read()))\n")
+    _, out, err = judged(opens + "        return np.full(len(drive.t), float(file.read()))\n")
     assert "the code opened limit.txt beside mine.toml, which its hash does not know" in " ".join(
         (out + err).split()
     )
