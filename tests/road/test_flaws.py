@@ -339,7 +339,7 @@ PROFILE = '<lateralProfile><{} s="0" t="0" side="both" a="0.1" b="0" c="0" d="0"
         (road("1", geometry(0, 0, 100, curve=param(bU=0, bV=1)), LANES), "warning", "CURVE_START", "1.571 rad off"),
         (road("1", LINE, LANES, junction=5), "warning", "MISSING_JUNCTION", "part of junction 5"),
         (road("1", LINE, section(lane(-1) + lane(-2, kind="foo"))), "warning", "UNKNOWN_TYPE", "type='foo'"),
-        (road("1", LINE, section(lane(-1, WIDTH + BORDER))), "warning", "TWO_WIDTHS", "its widths are taken"),
+        (road("1", LINE, section(lane(-1, WIDTH + BORDER))), "warning", "TWO_WIDTHS", "the widths are used"),
         (road("1", LINE, section(lane(-1, WIDTH + DENIED))), "warning", "UNREAD_ACCESS", "(deny passengerCar)"),
         (road("1", LINE, section(lane(-1, WIDTH + SLOW))), "warning", "NEGATIVE_LIMIT", "limit -5 is below zero"),
         (road("1", LINE, LANES, extra='<type s="0" type="town"><speed max="-9"/></type>'), "warning", "NEGATIVE_LIMIT",

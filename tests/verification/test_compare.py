@@ -90,7 +90,7 @@ def test_a_simulation_that_is_cut_short_is_not_verified(end: str) -> None:
     found = compare("rGT", drive(), replace(drive(), end=end, collision=end == "collision"), SMALL, FREE)
     assert found.verdict == "not verified"
     assert "end" in found.unequal
-    assert ("collides in simulation alone" in found.differences[0]) == (end == "collision")
+    assert ("collides only in simulation" in found.differences[0]) == (end == "collision")
 
 
 def test_both_may_collide() -> None:
@@ -240,9 +240,9 @@ def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLo
         ("is the build that drove", True, True, "vehicle", "is the build that drove"),
         ("unknown", True, True, "function or vehicle", "and nobody knows whether this build drove"),
         ("unknown", True, False, "function or vehicle", "what it perceived was not recorded"),
-        ("plans otherwise", True, True, "function", "plans otherwise than recorded, for 1.0 s"),
-        ("plans otherwise", False, True, "function", "plans otherwise than recorded"),
-        ("plans as recorded", False, True, "function", "move the vehicle model as the vehicle moved"),
+        ("plans otherwise", True, True, "function", "plans differently from the recording, for 1.0 s"),
+        ("plans otherwise", False, True, "function", "plans differently from the recording"),
+        ("plans as recorded", False, True, "function", "move the vehicle model as the real vehicle moved"),
     ],
 )
 def test_the_vehicle_is_the_cause_where_the_function_is_known_to_have_answered_as_here(
