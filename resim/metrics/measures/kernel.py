@@ -54,13 +54,13 @@ def _above(x):
 
 
 @compiled
-def _place(a, b, f, ma, mb, beyond, v, out):
-    """Put into out (4,) the pose at share f from a to b (4,) with tangents ma, mb [m]; `beyond` [m] straight on."""
+def _place(a, b, f, tangents, beyond, out):
+    """Put into out (4,) x, y and heading at share f from a to b (4,) with tangents [m]; `beyond` [m] straight on."""
+    ma, mb = tangents
     cos_b, sin_b = math.cos(b[2]), math.sin(b[2])
     out[0] = _hermite(f, a[0], ma * math.cos(a[2]), b[0], mb * cos_b) + beyond * cos_b
     out[1] = _hermite(f, a[1], ma * math.sin(a[2]), b[1], mb * sin_b) + beyond * sin_b
     out[2] = a[2] + f * _wrap(b[2] - a[2])
-    out[3] = v
 
 
 @entry
@@ -87,7 +87,8 @@ def sample(path, step, t):
             j = min(max(int(at), 0), last - 1)
             a, b = path[p, j], path[p, j + 1]
             f, beyond = _share(at - j), _above(t[p, n] - last * step) * b[3]
-            _place(a, b, f, a[3] * step, b[3] * step, beyond, a[3] + f * (b[3] - a[3]), out[p, n])
+            _place(a, b, f, (a[3] * step, b[3] * step), beyond, out[p, n])
+            out[p, n, 3] = a[3] + f * (b[3] - a[3])
     return out
 
 
@@ -132,13 +133,18 @@ def along(path, s, v):
             a, b, ds = path[p, j], path[p, k], station[k] - station[j]
             f = _share((s[p, n] - station[j]) / (ds if ds > 1e-9 else 1.0))
             beyond = ahead * _above(s[p, n] - station[turn])
-            _place(a, b, f, ahead * ds, ahead * ds, beyond, ahead * v[p, n], out[p, n])
+            _place(a, b, f, (ahead * ds, ahead * ds), beyond, out[p, n])
+            out[p, n, 3] = ahead * v[p, n]
     return out
 
 
 @compiled
-def _entry(x0, y0, x1, y1, heading_a, heading_b, size_a, size_b, slack):
-    """Share at which boxes of fixed headings first touch while b goes straight, as seen from a; inf: never."""
+def _entry(start, end, headings, size_a, size_b, slack):
+    """Share at which boxes of fixed headings first touch while b goes straight, as seen from a; inf: never.
+
+    start, end: where b is from a, x and y [m]. headings: of a and b [rad]. slack [m]: what the boxes grow by.
+    """
+    (x0, y0), (x1, y1), (heading_a, heading_b) = start, end, headings
     c, s = abs(math.cos(heading_b - heading_a)), abs(math.sin(heading_b - heading_a))
     low, high = 0.0, 1.0
     for k in range(4):  # length and width of a, then of b
@@ -169,12 +175,14 @@ def _entry(x0, y0, x1, y1, heading_a, heading_b, size_a, size_b, slack):
 @compiled
 def _overlap(a, b, size_a, size_b):
     """Whether boxes touch (separating axes); NaN never does."""
-    return _entry(b[0] - a[0], b[1] - a[1], b[0] - a[0], b[1] - a[1], a[2], b[2], size_a, size_b, 0.0) == 0.0
+    off = (b[0] - a[0], b[1] - a[1])
+    return _entry(off, off, (a[2], b[2]), size_a, size_b, 0.0) == 0.0
 
 
 @compiled
-def _of_step(a0, a1, b0, b1, h, size_a, size_b):
-    """Share of a step at which contact begins; inf: none. a0, a1: the motion of a (4,) at its ends."""
+def _of_step(a, b, j, h, size_a, size_b):
+    """Share of step j at which contact of motions a, b (N, 4) begins; inf: none."""
+    a0, a1, b0, b1 = a[j], a[j + 1], b[j], b[j + 1]
     x, y = b0[0] - a0[0], b0[1] - a0[1]
     chord_x, chord_y = (b1[0] - a1[0]) - x, (b1[1] - a1[1]) - y
     first_x = (b0[3] * math.cos(b0[2]) - a0[3] * math.cos(a0[2])) * h - chord_x
@@ -185,9 +193,8 @@ def _of_step(a0, a1, b0, b1, h, size_a, size_b):
     bulge = BULGE * (math.hypot(first_x, first_y) + math.hypot(second_x, second_y))
     ra, rb = 0.5 * math.hypot(size_a[0], size_a[1]), 0.5 * math.hypot(size_b[0], size_b[1])
     turned = 0.5 * (ra * abs(turn_a) + rb * abs(turn_b))
-    whole = _entry(
-        x, y, x + chord_x, y + chord_y, a0[2] + 0.5 * turn_a, b0[2] + 0.5 * turn_b, size_a, size_b, turned + bulge
-    )  # fmt: skip
+    mean, end = (a0[2] + 0.5 * turn_a, b0[2] + 0.5 * turn_b), (x + chord_x, y + chord_y)
+    whole = _entry((x, y), end, mean, size_a, size_b, turned + bulge)
     if whole == math.inf:
         return math.inf
     slack = turned / PARTS + bulge / PARTS**2
@@ -197,9 +204,8 @@ def _of_step(a0, a1, b0, b1, h, size_a, size_b):
         m0, m1 = f * (1.0 - f) ** 2, f * f * (f - 1.0)
         x1 = x + f * chord_x + m0 * first_x + m1 * second_x
         y1 = y + f * chord_y + m0 * first_y + m1 * second_y
-        share = _entry(
-            x0, y0, x1, y1, a0[2] + middle * turn_a, b0[2] + middle * turn_b, size_a, size_b, slack
-        )
+        headings = (a0[2] + middle * turn_a, b0[2] + middle * turn_b)
+        share = _entry((x0, y0), (x1, y1), headings, size_a, size_b, slack)
         if share < math.inf:
             return (k + share) / PARTS
         x0, y0 = x1, y1
@@ -223,7 +229,7 @@ def first_contact(a, b, h, size_a, size_b):
                 if j == 0 and _overlap(a[p, 0], b[p, 0], size_a[p], size_b[p]):
                     share = 0.0
                 else:
-                    share = _of_step(a[p, j], a[p, j + 1], b[p, j], b[p, j + 1], h[p], size_a[p], size_b[p])
+                    share = _of_step(a[p], b[p], j, h[p], size_a[p], size_b[p])
                 if share < math.inf:
                     out[p] = (j + share) * h[p]
                     break

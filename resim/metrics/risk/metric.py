@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,15 +126,10 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
     return sample, weight / weight.sum()
 
 
-def _road(scenes: Scenes) -> tuple[Any, ...]:
-    ways = scenes.ways or LanePaths.none((scenes.state.shape[0], scenes.state.shape[1]))
-    return tuple(map(np.ascontiguousarray, (ways.points, ways.begin, ways.first, ways.count, ways.s, ways.d)))
-
-
 def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
     """Give the accident risk of scenes. Raises ResimError where they hold NaN, or ways in the published mode."""
     # compiles, or reads what it compiled: only when risk is asked for
-    from resim.metrics.risk.kernel import kernel
+    from resim.metrics.risk.kernel import RiskArrays, Road, Sampling, SceneArrays, kernel
 
     p = parameters
     scenes.known()
@@ -145,13 +140,18 @@ def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
     count = p.samples or (100 if p.mode == "published" else 64)
     sample, weight = _samples(p.mode, count, p.seed)
     number, objects = scenes.state.shape[:2]
-    r_to, collision, ttc, ttr = (np.empty((number, objects)) for _ in range(4))
-    r_ind, r_dep = np.empty(number), np.empty(number)
     motion = np.zeros((number, objects), dtype=np.uint8) if scenes.motion is None else scenes.motion
+    given = (scenes.plan, scenes.ego_size, scenes.state, scenes.size, scenes.inputs, motion)
+    ways = scenes.ways or LanePaths.none((number, objects))
+    lanes = (ways.points, ways.begin, ways.first, ways.count, ways.s, ways.d)
+    limits = np.array([p.lateral, p.braking, p.forward, p.curvature])
+    times = np.array([p.no_return, p.most, p.slope])
+    r_to, collision, ttc, ttr = (np.empty((number, objects)) for _ in range(4))
+    found = Risk(r_to, np.empty(number), np.empty(number), collision, ttc, ttr)
     kernel(
-        *map(np.ascontiguousarray, (scenes.plan, scenes.ego_size, scenes.state, scenes.size, scenes.inputs)),
-        motion, *_road(scenes), sample, weight,
-        np.array([p.lateral, p.braking, p.forward, p.curvature]), np.array([p.no_return, p.most, p.slope]),
-        p.step, p.mode == "continuous", r_to, r_ind, r_dep, collision, ttc, ttr,
-    )  # fmt: skip
-    return Risk(r_to, r_ind, r_dep, collision, ttc, ttr)
+        SceneArrays(*map(np.ascontiguousarray, given)),
+        Road(*map(np.ascontiguousarray, lanes)),
+        Sampling(sample, weight, limits, times, p.step, p.mode == "continuous"),
+        RiskArrays(found.r_to, found.r_ind, found.r_dep, found.collision, found.ttc, found.ttr),
+    )
+    return found

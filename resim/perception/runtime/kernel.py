@@ -115,21 +115,27 @@ def _look_back(samples, end, weights, span, settled, set_of):
     and to there.
     """
     count, first = samples.shape[2], end - weights.shape[2]
+    past, window = (samples, first), (weights, span)
     chosen, places, late = np.empty(count, np.intp), np.empty(count, np.complex128), np.empty((3, count))
     for n in range(count):
         one = set_of[int(samples[MANEUVER, end - settled, n])]
-        x = _weighted(samples, X, first, n, weights, span, one, PLACE)
-        y = _weighted(samples, Y, first, n, weights, span, one, PLACE)
+        x = _weighted(past, window, X, n, one, PLACE)
+        y = _weighted(past, window, Y, n, one, PLACE)
         chosen[n], places[n] = one, complex(x, y)
-        late[0, n] = _weighted(samples, V, first, n, weights, span, one, SPEED)
-        late[1, n] = _weighted(samples, V, first, n, weights, span, one, ACCELERATION)
-        late[2, n] = _weighted(samples, HEADING, first, n, weights, span, one, DIRECTION)
+        late[0, n] = _weighted(past, window, V, n, one, SPEED)
+        late[1, n] = _weighted(past, window, V, n, one, ACCELERATION)
+        late[2, n] = _weighted(past, window, HEADING, n, one, DIRECTION)
     return chosen, places, late
 
 
 @compiled
-def _weighted(samples, row, first, n, weights, span, one, what):
-    """The weighted sum of the last samples of an object."""
+def _weighted(past, window, row, n, one, what):
+    """The weighted sum of the last samples of an object.
+
+    past: samples, and the first that is weighed; window: weights and span (`_look_back`). row: X to MANEUVER. one: the
+    object's set of parameters; what: PLACE to DIRECTION.
+    """
+    (samples, first), (weights, span) = past, window
     total = 0.0
     for k in range(span[one, what, 0], span[one, what, 1]):
         total += weights[one, what, k] * samples[row, first + k, n]

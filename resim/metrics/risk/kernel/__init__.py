@@ -16,7 +16,8 @@ from numba import njit
 
 from resim.metrics.risk.kernel.compiled import borrowed
 from resim.metrics.risk.kernel.motion import COS, ROWS, SIN, VX, VY, X, Y, ctra
-from resim.metrics.risk.kernel.scene import Road, assess
+from resim.metrics.risk.kernel.scene import assess
+from resim.metrics.risk.kernel.work import RiskArrays, Road, Sampling, SceneArrays
 
 _TEXT = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
 SOURCES = int(hashlib.sha256(_TEXT).hexdigest()[:15], 16)
@@ -26,14 +27,9 @@ def _entries(sources):
     """The functions that are called from outside; numba's cache knows them by what they close over as well."""
 
     @njit(cache=True, error_model="numpy")
-    def kernel(plan, ego_size, state, size, inputs, motion, points, begin, first, count, at_s, at_d,
-               sample, weight, limits, times, h, swept, r_to, r_ind, r_dep, hits, ttc, ttr):  # fmt: skip
-        """Fill the results of all scenes; see `accident_risk`."""
-        assess(
-            borrowed(plan), borrowed(ego_size), borrowed(state), borrowed(size), borrowed(inputs), borrowed(motion),
-            Road(borrowed(points), borrowed(begin), borrowed(first), borrowed(count), borrowed(at_s), borrowed(at_d)),
-            borrowed(sample), borrowed(weight), borrowed(limits), times, h, swept, r_to, r_ind, r_dep, hits, ttc, ttr,
-        )  # fmt: skip
+    def kernel(scenes, road, sampling, out):
+        """Fill out, the RiskArrays of SceneArrays, Road and Sampling; see `accident_risk`."""
+        assess(borrowed(scenes), borrowed(road), borrowed(sampling), borrowed(out))
         return sources  # the arguments' owners are in Python, and wait
 
     @njit(cache=True, error_model="numpy")
@@ -43,7 +39,8 @@ def _entries(sources):
         path = np.empty((1, ROWS, steps + 1))
         for n in range(state.shape[0]):
             x, y, heading, v, a, rate = state[n]
-            ctra(x, y, math.cos(heading), math.sin(heading), v, a, rate, h, bool(1), path, np.int64(0))
+            start = (x, y, math.cos(heading), math.sin(heading), v)
+            ctra(start, (a, rate), h, bool(1), path, np.int64(0))
             for j in range(steps + 1):
                 cos, sin = path[0, COS, j], path[0, SIN, j]
                 out[n, j, 0], out[n, j, 1], out[n, j, 2] = path[0, X, j], path[0, Y, j], math.atan2(sin, cos)
@@ -55,4 +52,4 @@ def _entries(sources):
 
 kernel, ctra_plans = _entries(SOURCES)
 
-__all__ = ["ctra_plans", "kernel"]
+__all__ = ["RiskArrays", "Road", "Sampling", "SceneArrays", "ctra_plans", "kernel"]

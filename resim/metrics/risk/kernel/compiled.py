@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 from __future__ import annotations
 
-from numba import njit
+from numba import njit, types
 from numba.core import cgutils
 from numba.core.extending import intrinsic
 
@@ -14,17 +14,28 @@ inlined = njit(error_model="numpy", forceinline=True)
 """The same, for what stands inside of loops: a call there keeps them from becoming vector operations."""
 
 
-@intrinsic
-def borrowed(typing, array):
-    """Give an array without its owner: nobody counts references to it (half of the time before).
-
-    Whoever calls this must hold the array itself for as long as what he gets is in use.
-    """
-
-    def codegen(context, builder, signature, arguments):
-        view = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=arguments[0])
+def _without_owner(context, builder, kind, value):
+    """The value with no owner of the arrays in it."""
+    if isinstance(kind, types.Array):
+        view = cgutils.create_struct_proxy(kind)(context, builder, value=value)
         view.meminfo = cgutils.get_null_value(view.meminfo.type)
         view.parent = cgutils.get_null_value(view.parent.type)
         return view._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for i, part in enumerate(kind.types):
+            given = builder.extract_value(value, i)
+            value = builder.insert_value(value, _without_owner(context, builder, part, given), i)
+    return value
 
-    return array(array), codegen
+
+@intrinsic
+def borrowed(typing, arrays):
+    """Give an array, or a tuple with arrays, without owner: nobody counts references (half of the time before).
+
+    Whoever calls this must hold the arrays themselves for as long as what he gets is in use.
+    """
+
+    def codegen(context, builder, signature, arguments):
+        return _without_owner(context, builder, signature.args[0], arguments[0])
+
+    return arrays(arrays), codegen

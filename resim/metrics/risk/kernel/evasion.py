@@ -1,4 +1,7 @@
-"""What the EGO could do instead of its plan, from any time on, and the last time at which some of it still helps."""
+"""What the EGO could do instead of its plan, from any time on, and the last time at which some of it still helps.
+
+w: see `work.Work`.
+"""
 
 # mypy: ignore-errors
 from __future__ import annotations
@@ -11,10 +14,8 @@ from resim.metrics.risk.kernel.contact import (
     touch_swept,
     turned,
 )
-from resim.metrics.risk.kernel.motion import COS, SIN, SLOW, VX, VY, X, Y, ctra, finish
-
-LEFT, RIGHT, BRAKE, ACCELERATE = 0, 1, 2, 3
-OPTIONS = 4
+from resim.metrics.risk.kernel.motion import COS, SIN, SLOW, VX, VY, X, Y, ctra, finish, norm
+from resim.metrics.risk.kernel.work import BRAKE, LEFT, OPTIONS
 
 
 @compiled
@@ -35,11 +36,12 @@ def _direction(speed, first):
 
 
 @compiled
-def _along(paths, plan, s, speed, a, h, first, out):
+def _along(w, a, first, out):
     """Fill path out from time `first`: the plan's way from there at its pace, with acceleration a of the pace.
 
     Where the plan ends, or turns round, it goes straight on in the direction it had: who would stand may drive on.
     """
+    paths, plan, s, speed, h = w.paths, w.plan, w.s, w.speed, w.h
     last, pace, i = paths.shape[2] - 1, abs(speed[first]), first
     ahead, turn = _direction(speed, first)
     for j in range(first, last + 1):
@@ -78,26 +80,23 @@ def _turn(paths, plan, arc, first, side, out):
 
 
 @inlined
-def evade(paths, plan, s, speed, arc, j, option, limits, h, out):
-    """Fill path out with an evasion (LEFT, RIGHT, BRAKE, ACCELERATE) that begins at time j.
-
-    limits: lateral, braking and forward acceleration [m/s²], curvature [1/m]. arc: the path of the turn made last.
-    """
-    v = speed[j]
+def evade(w, j, option, out):
+    """Fill path out with an evasion (LEFT, RIGHT, BRAKE, ACCELERATE) that begins at time j."""
+    paths, arc, limits, h, v = w.paths, w.arc, w.limits, w.h, w.speed[j]
     if option >= BRAKE:
-        a = -limits[1] if option == BRAKE else limits[2]
-        _along(paths, plan, s, speed, a, h, j, out)
+        _along(w, -limits[1] if option == BRAKE else limits[2], j, out)
         return
     if paths[arc, VX, 0] != v * h:
         pace = abs(v)
         rate = min(limits[0] / pace, limits[3] * pace) if pace > 1e-6 else 0.0
-        ctra(0.0, 0.0, 1.0, 0.0, v, 0.0, rate, h, bool(1), paths, arc)
-    _turn(paths, plan, arc, j, 1.0 if option == LEFT else -1.0, out)
+        ctra((0.0, 0.0, 1.0, 0.0, v), (0.0, rate), h, bool(1), paths, arc)
+    _turn(paths, w.plan, arc, j, 1.0 if option == LEFT else -1.0, out)
 
 
 @inlined
-def _helps(paths, path, one, j, hint, option, half, swept):
-    """Whether an evasion from time j on stays free; hint: by option the last witness that it did not."""
+def _helps(w, path, j, option, half):
+    """Whether an evasion from time j on, made as a path, stays free of the object's."""
+    paths, one, hint, swept = w.paths, w.one, w.hint, w.swept
     last, corner = paths.shape[2] - 1, hint[option, 1]
     # where contact was found before it most often is still, or near there
     for n in range(4):
@@ -120,12 +119,14 @@ def _helps(paths, path, one, j, hint, option, half, swept):
 
 
 @compiled
-def last_evasion(paths, made, hint, helped, s, speed, contact, corner, radius, half, limits, h, swept):
+def last_evasion(w, contact, corner, half):
     """The last time at or before the contact from which an evasion stays free of the object's path, -1 if none does.
 
-    The options are tried from the one on that helped before. radius: of the EGO's box [m].
+    The options are tried from the one on that helped before. contact: its step, and the corner that touches. half: see
+    `contact`.
     """
-    plan, one, arc = len(made), len(made) + 1, len(made) + 2
+    paths, made, hint, helped, swept = w.paths, w.made, w.hint, w.helped, w.swept
+    radius = norm(half[0], half[1])
     for option in range(OPTIONS):
         hint[option, 0], hint[option, 1] = contact, corner
     begin = helped[0]
@@ -135,11 +136,11 @@ def last_evasion(paths, made, hint, helped, s, speed, contact, corner, radius, h
             option = (begin + n) & 3
             path = OPTIONS * j + option
             if not made[path]:
-                evade(paths, plan, s, speed, arc, j, option, limits, h, path)
+                evade(w, j, option, path)
                 if swept:
                     finish(paths, path, j, radius)
                 made[path] = True
-            if _helps(paths, path, one, j, hint, option, half, swept):
+            if _helps(w, path, j, option, half):
                 helped[0] = option
                 return j
     return -1

@@ -4,6 +4,8 @@ All paths of a scene are one array (P, ROWS, M + 1): the rows are named here, th
 The samples of an object are (SAMPLED, M + 1, N), the first rows of N paths, so that one step of all of them is one
 vector operation. Loops are bare and fill one row each, and arrays are handed on whole, with the number of the path:
 that is what the compiler makes vector operations of, and a view of an array costs more than what is done with it.
+start: where somebody is, the cosine and sine of his heading, and how fast he is: (x, y [m], cos, sin, v [m/s]).
+w: see `work.Work`.
 """
 
 # mypy: ignore-errors
@@ -74,8 +76,13 @@ def halt(v, a, h, last):
 
 
 @compiled
-def ctra(x, y, cos, sin, v, a, rate, h, stops, paths, p):
-    """Fill rows X to VY of path p with constant turn rate and acceleration (Eq. 4.1); stops: as `ctra_samples`."""
+def ctra(start, inputs, h, stops, paths, p):
+    """Fill rows X to VY of path p with constant turn rate and acceleration (Eq. 4.1).
+
+    inputs: acceleration [m/s²] and turn rate [rad/s]. stops: who brakes stays where he stops.
+    """
+    x, y, cos, sin, v = start
+    a, rate = inputs
     c, s, r0, i0, r1, i1 = turning(rate, h)
     last = paths.shape[2] - 1
     stop, part = halt(v, a, h, last) if stops else (last + 1, 0.0)
@@ -93,11 +100,13 @@ def ctra(x, y, cos, sin, v, a, rate, h, stops, paths, p):
 
 
 @compiled
-def ctra_samples(x, y, cos, sin, v, a, rate, count, h, stops, work, out):
-    """Fill out (SAMPLED, M + 1, N) with `count` motions of accelerations a (N,) and turn rates (N,); work: (6, N).
+def ctra_samples(start, w, count):
+    """Fill w.samples with `count` motions of accelerations w.a and turn rates w.b.
 
-    stops: a braking object stays where it stops; else it goes on backwards, as Eq. 4.1 has it.
+    Swept, a braking object stays where it stops; else it goes on backwards, as Eq. 4.1 has it.
     """
+    x, y, cos, sin, v = start
+    a, rate, h, work, out = w.a, w.b, w.h, w.scratch, w.samples
     last = out.shape[1] - 1
     for i in range(count):
         c, s, r0, i0, r1, i1 = turning(rate[i], h)
@@ -116,7 +125,7 @@ def ctra_samples(x, y, cos, sin, v, a, rate, count, h, stops, work, out):
         for i in range(count):
             f, g = work[2, i] + j * work[4, i], work[3, i] + j * work[5, i]
             out[Y, j + 1, i] = out[Y, j, i] + out[SIN, j, i] * f + out[COS, j, i] * g
-    if not stops:
+    if not w.swept:
         return
     for j in range(last + 1):
         for i in range(count):
@@ -145,11 +154,13 @@ def _stop(v, a, rate, h, out, i):
 
 
 @compiled
-def walk_samples(x, y, cos, sin, v, along, across, count, h, out):
-    """Fill out (SAMPLED, M + 1, N) with walks: accelerations along and across the heading (N,) for ACCELERATING s.
+def walk_samples(start, w, count):
+    """Fill w.samples with `count` walks: accelerations w.a along and w.b across the heading for ACCELERATING s.
 
     After that the velocity is kept. The box keeps its heading.
     """
+    x, y, cos, sin, v = start
+    along, across, h, out = w.a, w.b, w.h, w.samples
     for j in range(out.shape[1]):
         t = min(j * h, ACCELERATING)
         moved = t * (j * h - 0.5 * t)

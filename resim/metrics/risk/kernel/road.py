@@ -34,12 +34,14 @@ def at_way(points, begin, end, s):
 
 
 @compiled
-def bend_samples(points, begin, first, count, s0, d0, half, samples, out):
+def bend_samples(road, who, half, samples, out):
     """Lay samples (SAMPLED, M + 1, N), driven along +x of a straight road from 0, on the ways of an object.
 
-    s0, d0: where it is on its ways, of which there are `count` from `first` on; half: its half width [m]. The first
-    samples drive the first way, and so on: each block of a Sobol sequence is spread evenly for itself.
+    road: see `work.Road`. who: scene and column of the object; half: its half width [m]. The first samples drive the
+    first way, and so on: each block of a Sobol sequence is spread evenly for itself.
     """
+    points, begin = road.points, road.begin
+    first, count, s0, d0 = road.first[who], road.count[who], road.s[who], road.d[who]
     for i in range(samples):
         way = first + i * count // samples
         p, q = begin[way], begin[way + 1]

@@ -4,17 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections import namedtuple
 
 import numpy as np
 
 from resim.metrics.risk.kernel.compiled import borrowed, compiled, inlined
-from resim.metrics.risk.kernel.consolidation import dependent, weights
+from resim.metrics.risk.kernel.consolidation import dependent
 from resim.metrics.risk.kernel.contact import FREE, NONE, first_at_times, first_swept
-from resim.metrics.risk.kernel.evasion import OPTIONS, last_evasion
+from resim.metrics.risk.kernel.evasion import last_evasion
 from resim.metrics.risk.kernel.motion import (
     COS,
-    ROWS,
     SAMPLED,
     SIN,
     VX,
@@ -28,42 +26,17 @@ from resim.metrics.risk.kernel.motion import (
     walk_samples,
 )
 from resim.metrics.risk.kernel.road import TIGHTEST, at_way, bend_samples
+from resim.metrics.risk.kernel.work import new_work
 
 WALKING = 1  # as in `prediction`
 ASTRAY = 1.3
 """How much faster than it drives an object may move where the edge of its road presses it aside."""
-PAD = 7
-"""Room behind the samples: columns a power of two apart would share few lines of the processor's cache."""
-
-Road = namedtuple("Road", "points begin first count s d")
-"""See `resim.metrics.risk.lane_paths.Ways`."""
-
-Work = namedtuple("Work", "paths made s speed samples scratch a b share near hint helped table mass")
-"""What is reused from scene to scene.
-
-paths: of evasions by begin and option, as far as made; then of the plan, the object's sample and the EGO's turn.
-s, speed: the plan's way [m] and speed [m/s]. samples: of an object, of inputs a and b (N,), with share (N,) of its
-probability. near (N,): the first step in which a sample is near. table: Eq. 4.6 by time; mass (K, M + 2): an object's
-probability by time to react.
-"""
 
 
 @compiled
-def _work(steps, objects, samples, times, h, swept):
-    points = steps + 1
-    return Work(
-        np.full((OPTIONS * points + 3, ROWS, points), np.nan), np.zeros(OPTIONS * points, dtype=np.bool_),
-        np.zeros(points), np.empty(points), np.empty((SAMPLED, points, samples + PAD)), np.empty((6, samples + PAD)),
-        np.empty(samples), np.empty(samples), np.empty(samples), np.empty(samples, dtype=np.int64),
-        np.empty((OPTIONS, 2), dtype=np.int64), np.zeros(1, dtype=np.int64),
-        weights(points, times, h, swept), np.empty((objects, points + 1)),
-    )  # fmt: skip
-
-
-@compiled
-def _begin(w, plan_in, n, radius, h, swept):
-    """Take the plan of scene n of (S, M + 1, 4), and forget the evasions of the one before."""
-    paths, s, speed, plan = w.paths, w.s, w.speed, len(w.made)
+def _begin(w, plan_in, n, radius):
+    """Take the plan of scene n of (S, M + 1, 4), and forget the evasions of the one before; radius of the EGO [m]."""
+    paths, s, speed, plan, h = w.paths, w.s, w.speed, w.plan, w.h
     for j in range(plan_in.shape[1]):
         x, y, heading, v = plan_in[n, j, 0], plan_in[n, j, 1], plan_in[n, j, 2], plan_in[n, j, 3]
         cos, sin = math.cos(heading), math.sin(heading)
@@ -72,34 +45,36 @@ def _begin(w, plan_in, n, radius, h, swept):
         speed[j] = v
         paths[plan, X, j], paths[plan, Y, j], paths[plan, COS, j], paths[plan, SIN, j] = x, y, cos, sin
         paths[plan, VX, j], paths[plan, VY, j] = v * cos * h, v * sin * h
-    if swept:
+    if w.swept:
         finish(paths, plan, np.int64(0), radius)
     w.made[:] = False
 
 
+@inlined
+def _start(state):
+    """Where predictions begin, as `motion` has it."""
+    return state[0], state[1], math.cos(state[2]), math.sin(state[2]), state[3]
+
+
 @compiled
-def _predict(w, state, walks, count, h, swept):
+def _predict(w, state, walks, count):
     """Fill the first `count` of w.samples, of inputs w.a and w.b."""
-    x, y, heading, v = state[0], state[1], state[2], state[3]
-    cos, sin = math.cos(heading), math.sin(heading)
     if walks:
-        walk_samples(x, y, cos, sin, v, w.a, w.b, count, h, w.samples)
+        walk_samples(_start(state), w, count)
     else:
-        ctra_samples(x, y, cos, sin, v, w.a, w.b, count, h, swept, w.scratch, w.samples)
+        ctra_samples(_start(state), w, count)
 
 
 @compiled
-def _predict_on(w, road, n, k, state, half, count, h, swept):
-    """The same for object k of scene n, which has ways; half: its half width [m]."""
-    first, s, d = road.first[n, k], road.s[n, k], road.d[n, k]
+def _predict_on(w, road, who, state, half):
+    """Fill w.samples for an object that has ways; who: scene and column of the object; half: its half width [m]."""
+    first, s, d, count = road.first[who], road.s[who], road.d[who], len(w.weight)
     _, _, c, sn, bend, _, _ = at_way(road.points, road.begin[first], road.begin[first + 1], s)
     heading, v = state[2] - math.atan2(sn, c), state[3]
     for i in range(count):
         w.b[i] -= bend * v / max(1.0 - bend * d, TIGHTEST)  # what the lane turns at this speed
-    ctra_samples(
-        0.0, 0.0, math.cos(heading), math.sin(heading), v, w.a, w.b, count, h, swept, w.scratch, w.samples
-    )  # fmt: skip
-    bend_samples(road.points, road.begin, first, road.count[n, k], s, d, half, count, w.samples)
+    ctra_samples((0.0, 0.0, math.cos(heading), math.sin(heading), v), w, count)
+    bend_samples(road, who, half, count, w.samples)
 
 
 @compiled
@@ -115,9 +90,9 @@ def _share(weight, ways, out):
 
 
 @compiled
-def _far_off(w, state, h, reach, fastest):
+def _far_off(w, state, reach, fastest):
     """Whether an object stays out of reach however it goes."""
-    paths, s, plan = w.paths, w.s, len(w.made)
+    paths, s, plan, h = w.paths, w.s, w.plan, w.h
     for j in range(len(s)):
         sway = s[j] - s[j - 1] if j > 0 else 0.0
         if (
@@ -136,17 +111,15 @@ def _fastest(v, inputs, walks, horizon):
 
 
 @compiled
-def _out_of_reach(w, state, inputs, walks, h, swept, reach, fastest):
+def _out_of_reach(w, state, inputs, walks, reach, fastest):
     """Whether no sample can touch: the mean path is farther off than samples stray from it and boxes reach."""
-    paths, s, plan = w.paths, w.s, len(w.made)
-    mean = plan + 1
+    paths, s, plan, mean, h = w.paths, w.s, w.plan, w.one, w.h
     if walks:
         w.a[0], w.b[0] = inputs[0], inputs[2]
-        _predict(w, state, walks, np.int64(1), h, swept)  # as a literal it would be compiled once more
+        _predict(w, state, walks, np.int64(1))  # as a literal it would be compiled once more
         _pick(w.samples, 0, np.int64(VX), paths, mean)
     else:
-        x, y, heading, v = state[0], state[1], state[2], state[3]
-        ctra(x, y, math.cos(heading), math.sin(heading), v, inputs[0], inputs[2], h, swept, paths, mean)
+        ctra(_start(state), (inputs[0], inputs[2]), h, w.swept, paths, mean)
     spread = 1.5 * (inputs[1] + (inputs[3] if walks else fastest * inputs[3]))
     sway = 0.0
     for j in range(len(s)):
@@ -160,13 +133,14 @@ def _out_of_reach(w, state, inputs, walks, h, swept, reach, fastest):
 
 
 @compiled
-def _find_near(samples, near, paths, plan, s, speed, h, swept, reach, fastest):
-    """Fill near (N,): the first step in which a sample's box may be in reach of the EGO's, NONE if it never is."""
+def _find_near(w, reach, fastest):
+    """Fill w.near: the first step in which a sample's box may be in reach of the EGO's, NONE if it never is."""
+    samples, near, paths, plan, s, speed, h = w.samples, w.near, w.paths, w.plan, w.s, w.speed, w.h
     last = len(s) - 1
     near[:] = NONE
     for j in range(last + 1):
         far = reach
-        if swept:  # they come nearer within the step, and not on straight lines
+        if w.swept:  # they come nearer within the step, and not on straight lines
             far += 1.3 * (max(abs(speed[j]) * h, s[j + 1] - s[j] if j < last else 0.0) + fastest * h)
         px, py = paths[plan, X, j], paths[plan, Y, j]
         for i in range(len(near)):
@@ -183,55 +157,56 @@ def _pick(samples, i, rows, paths, p):
 
 
 @inlined
-def _first_contact(paths, plan, one, near, radius, half, swept):
-    """When the plan and a sample first touch, in steps, -1 if never, and the corner that does."""
-    if swept:
-        finish(paths, one, np.int64(0), radius)
-        return first_swept(paths, plan, one, near, half), -1
-    first, corner = first_at_times(paths, plan, one, near, half)
+def _first_contact(w, near, half):
+    """When the plan and the sample first touch, in steps, -1 if never, and the corner that does."""
+    if w.swept:
+        finish(w.paths, w.one, np.int64(0), norm(half[2], half[3]))
+        return first_swept(w.paths, w.plan, w.one, near, half), -1
+    first, corner = first_at_times(w.paths, w.plan, w.one, near, half)
     return float(first), corner
 
 
 @compiled
-def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight, limits, h, swept):
-    """Risk, probability of contact, shortest TTC and TTR [s] of object k; its mass by time to react into w.mass."""
+def _object(w, road, scenes, n, k):
+    """Risk, probability of contact, shortest TTC and TTR [s] of object k of scene n; fill its row of w.mass."""
     risk = hits = 0.0
     ttc = ttr = FREE
+    ego_size, state, size, inputs = (
+        scenes.ego_size[n],
+        scenes.state[n, k],
+        scenes.size[n, k],
+        scenes.inputs[n, k],
+    )
+    walks = scenes.motion[n, k] == WALKING
     half = (0.5 * ego_size[0], 0.5 * ego_size[1], 0.5 * size[0], 0.5 * size[1])
-    own, radius = norm(half[0], half[1]), norm(half[2], half[3])
-    fastest = _fastest(state[3], inputs, walks, h * (len(w.s) - 1))
+    reach = norm(half[0], half[1]) + norm(half[2], half[3])
+    fastest = _fastest(state[3], inputs, walks, w.h * (len(w.s) - 1))
     on_way = road.count[n, k] > 0 and not walks
     if on_way:
         fastest *= ASTRAY
-        rejected = _far_off(w, state, h, own + radius, fastest)
+        rejected = _far_off(w, state, reach, fastest)
     else:
-        rejected = _out_of_reach(w, state, inputs, walks, h, swept, own + radius, fastest)
+        rejected = _out_of_reach(w, state, inputs, walks, reach, fastest)
     if rejected:
         return risk, hits, ttc, ttr
-    for i in range(len(weight)):
+    sample, near, share, h = w.sample, w.near, w.share, w.h
+    for i in range(len(near)):
         w.a[i] = inputs[0] + 3.0 * inputs[1] * sample[i, 0]
         w.b[i] = inputs[2] + 3.0 * inputs[3] * sample[i, 1]
     if on_way:
-        _predict_on(w, road, n, k, state, half[3], len(weight), h, swept)
+        _predict_on(w, road, (n, k), state, half[3])
     else:
-        _predict(w, state, walks, len(weight), h, swept)
-    paths, made, samples, near, hint, helped, s, speed = (
-        w.paths, w.made, w.samples, w.near, w.hint, w.helped, w.s, w.speed
-    )  # fmt: skip
-    plan, one = len(made), len(made) + 1
-    _share(weight, road.count[n, k] if on_way else 1, w.share)
-    share = w.share
-    _find_near(samples, near, paths, plan, s, speed, h, swept, own + radius, fastest)
-    for i in range(len(weight)):
+        _predict(w, state, walks, len(near))
+    _share(w.weight, road.count[n, k] if on_way else 1, share)
+    _find_near(w, reach, fastest)
+    for i in range(len(near)):
         if near[i] == NONE:
             continue
-        _pick(samples, i, SAMPLED if swept else VX, paths, one)
-        contact, corner = _first_contact(paths, plan, one, near[i], radius, half, swept)
+        _pick(w.samples, i, SAMPLED if w.swept else VX, w.paths, w.one)
+        contact, corner = _first_contact(w, near[i], half)
         if contact < 0.0:
             continue
-        found = last_evasion(
-            paths, made, hint, helped, s, speed, int(contact), corner, own, half, limits, h, swept
-        )
+        found = last_evasion(w, int(contact), corner, half)
         hits += share[i]
         ttc, ttr = min(ttc, contact * h), min(ttr, max(found, 0) * h)
         risk += share[i] * w.table[found + 1]
@@ -240,41 +215,27 @@ def _object(w, road, n, k, state, size, ego_size, inputs, walks, sample, weight,
 
 
 @compiled
-def _shared(w):
-    """The same arrays, which only `w` keeps alive."""
-    return Work(
-        borrowed(w.paths), borrowed(w.made), borrowed(w.s), borrowed(w.speed), borrowed(w.samples),
-        borrowed(w.scratch), borrowed(w.a), borrowed(w.b), borrowed(w.share), borrowed(w.near),
-        borrowed(w.hint), borrowed(w.helped),
-        borrowed(w.table), borrowed(w.mass),
-    )  # fmt: skip
-
-
-@compiled
-def assess(plan, ego_size, state, size, inputs, motion, road, sample, weight, limits, times, h, swept,
-           r_to, r_ind, r_dep, hits, ttc, ttr):  # fmt: skip
+def assess(scenes, road, sampling, out):
     """Fill the results of all scenes; see `accident_risk`."""
-    scenes, objects = state.shape[0], state.shape[1]
-    owner = _work(plan.shape[1] - 1, objects, len(weight), times, h, swept)
-    w = _shared(owner)
-    for n in range(scenes):
+    size, ego_size, r_to = scenes.size, scenes.ego_size, out.r_to
+    number, objects = size.shape[0], size.shape[1]
+    owner = new_work(sampling, scenes.plan.shape[1] - 1, objects)
+    w = borrowed(owner)
+    for n in range(number):
         ready = False
         product, dangerous = 1.0, 0
         w.mass[:, :] = 0.0
         for k in range(objects):
             if not size[n, k, 0] > 0.0:
-                r_to[n, k] = hits[n, k] = np.nan
-                ttc[n, k] = ttr[n, k] = FREE
+                r_to[n, k] = out.collision[n, k] = np.nan
+                out.ttc[n, k] = out.ttr[n, k] = FREE
                 continue
             if not ready:
-                _begin(w, plan, n, 0.5 * norm(ego_size[n, 0], ego_size[n, 1]), h, swept)
+                _begin(w, scenes.plan, n, 0.5 * norm(ego_size[n, 0], ego_size[n, 1]))
                 ready = True
-            r_to[n, k], hits[n, k], ttc[n, k], ttr[n, k] = _object(
-                w, road, n, k, state[n, k], size[n, k], ego_size[n], inputs[n, k], motion[n, k] == WALKING,
-                sample, weight, limits, h, swept,
-            )  # fmt: skip
+            r_to[n, k], out.collision[n, k], out.ttc[n, k], out.ttr[n, k] = _object(w, road, scenes, n, k)
             dangerous += r_to[n, k] > 0.0
             product *= 1.0 - min(r_to[n, k], 1.0)
-        r_ind[n] = 1.0 - product
-        r_dep[n] = r_ind[n] if dangerous < 2 else min(dependent(w.mass, w.table), r_ind[n])
+        out.r_ind[n] = 1.0 - product
+        out.r_dep[n] = out.r_ind[n] if dangerous < 2 else min(dependent(w.mass, w.table), out.r_ind[n])
     return len(owner.paths)  # alive till here
