@@ -333,7 +333,7 @@ PROFILE = '<lateralProfile><{} s="0" t="0" side="both" a="0.1" b="0" c="0" d="0"
         (road("1", LINE, LANES, extra='<include file="more.xml"/>'), "error", "INCLUDE", "'more.xml'"),
         (road("1", geometry(0, 0, 100, curve=param(p_range="foo", bU=100)), LANES), "error", "UNKNOWN_RANGE",
          "pRange='foo' is neither"),
-        (road("1", LINE, LANES).replace("<road ", '<road rule="XYZ" '), "error", "UNKNOWN_RULE", "RHT is taken"),
+        (road("1", LINE, LANES).replace("<road ", '<road rule="XYZ" '), "error", "UNKNOWN_RULE", "RHT is used"),
         (road("1", geometry(0, 0, 100, curve=param(aU=50)), LANES), "error", "CURVE_START", "50.000 m from"),
         (road("1", geometry(0, 0, 100, curve=param(aV=0.1)), LANES), "warning", "CURVE_START", "0.100 m from"),
         (road("1", geometry(0, 0, 100, curve=param(bU=0, bV=1)), LANES), "warning", "CURVE_START", "1.571 rad off"),
