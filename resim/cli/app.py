@@ -9,6 +9,7 @@ import io
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -61,10 +62,29 @@ Accept = Annotated[
 ]
 """Errors in spite of which a command goes on."""
 
+CriteriaFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--criteria",
+        metavar="FILE",
+        help="Criteria (TOML) to judge by, such as scenarios/criteria/highway.toml.",
+    ),
+]
+"""By what a drive is judged."""
+
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the model, such as latency.speed=0.4."),
+]
+"""Parameters of a perception model that take the place of the file's."""
+
 Vehicle = Annotated[
     str, typer.Option(metavar="MODEL", help=f"Vehicle model of the EGO, one of: {', '.join(VEHICLES)}.")
 ]
 """Which model (`resim.simulation.vehicles.registry.VEHICLES`) moves the EGO."""
+
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")]
+"""In how many processes a command works."""
 
 
 class BadVerdictError(Exception):

@@ -11,22 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, assess_app
+from resim.cli.app import Accept, BadVerdictError, CriteriaFile, assess_app
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
     from resim.core.plugins.frozen import FrozenFile
-
-CriteriaFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--criteria",
-        metavar="FILE",
-        help="Criteria (TOML) to judge by, such as scenarios/criteria/highway.toml.",
-    ),
-]
 
 
 class ModeChoice(StrEnum):
@@ -90,17 +81,9 @@ def assess(
             "--road-aware", "the published mode does not use the road", "Leave out one of the two."
         )
     asked = _AssessOptions(
-        drive,
-        frozen(criteria),
-        mode,
-        path,
-        prediction,
-        road_aware,
-        seed,
-        tuple(accept or ()),
-        out,
+        drive, frozen(criteria), mode, path, prediction, road_aware, seed, tuple(accept or ()), out,
         sys.stdout.isatty(),
-    )
+    )  # fmt: skip
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
     typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all

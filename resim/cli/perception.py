@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, app
+from resim.cli.app import Accept, Settings, app
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -43,12 +43,7 @@ def train(
 @perception_app.command("show")
 def show(
     model: Annotated[Path, typer.Argument(help="Perception model (JSON).")],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A parameter of the model, such as latency.speed=0.4."
-        ),
-    ] = None,
+    settings: Settings = None,
 ) -> None:
     """Show a perception model: its parameters, and how sure they are."""
     from resim.perception.model import read_model

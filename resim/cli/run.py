@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, Vehicle, app
-from resim.cli.assess import ChildReport, CriteriaFile, frozen
+from resim.cli.app import Accept, BadVerdictError, CriteriaFile, Settings, Vehicle, app
+from resim.cli.assess import ChildReport, frozen
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
@@ -56,12 +56,7 @@ def run(
             metavar="MODEL", help="Perception model (JSON): also re-simulates GT as perceived by this model."
         ),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A parameter of the model, such as latency.speed=0.4."
-        ),
-    ] = None,
+    settings: Settings = None,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Runs with the perception model.")] = 20,
     accept: Accept = None,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, Vehicle, sweep_app
+from resim.cli.app import BadVerdictError, Vehicle, Workers, sweep_app
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError
@@ -31,7 +31,7 @@ def sweep(
         str,
         typer.Option(metavar="I/N", help="Run only every N-th run, starting with the I-th: for job arrays."),
     ] = "1/1",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, such as tcp://head:8786."),

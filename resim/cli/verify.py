@@ -9,13 +9,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, Vehicle, app
+from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app
 from resim.cli.runs import register
 from resim.cli.terminal import say, visible
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
     from resim.jobs.verify import Verification, VerificationListener
+
+Seeds = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=5000,
+        help="Maximum number of runs with the perception model per recording; with --against: runs of each build.",
+    ),
+]
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Search how far speed, gap, braking or lane_change of the most critical "
+        "object can be varied until a KPI flips; may be given several times.",
+    ),
+]
+DrivenBy = Annotated[
+    list[str] | None,
+    typer.Option(metavar="LABEL", help="Also accept recordings that this other build drove (or: unknown)."),
+]
 
 
 @app.command()
@@ -35,36 +56,12 @@ def verify(
     perception: Annotated[
         Path | None, typer.Option(metavar="MODEL", help="Perception model (JSON) in place of the suite's.")
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A parameter of the model, such as latency.speed=0.4."
-        ),
-    ] = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=5000,
-            help="Maximum number of runs with the perception model per recording; with --against: runs of each build.",
-        ),
-    ] = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Search how far speed, gap, braking or lane_change of the most critical "
-            "object can be varied until a KPI flips; may be given several times.",
-        ),
-    ] = None,
-    driven_by: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LABEL", help="Also accept recordings that this other build drove (or: unknown)."
-        ),
-    ] = None,
+    settings: Settings = None,
+    seeds: Seeds = None,
+    vary: Vary = None,
+    driven_by: DrivenBy = None,
     vehicle: Vehicle = "kinematic",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")] = None,
+    workers: Workers = None,
     replay: Annotated[
         Path | None,
         typer.Option(
@@ -84,10 +81,7 @@ def verify(
     from resim.verification.request import VerifyOptions
 
     if replay is not None:
-        if any(given for given in (suite, build, out, against, perception, settings, seeds, vary, driven_by)):
-            raise InputError(
-                "--replay", "takes everything from the file", "Give no other option than --workers."
-            )
+        _refuse_others(suite, build, out, against, perception, settings, seeds, vary, driven_by)
         _replay(replay, workers)
         return
     if suite is None or build is None or out is None:
@@ -114,6 +108,11 @@ def _tell_damaged(path: Path) -> None:
 
 def _tell_unreported(name: str, reason: str) -> None:
     say(f"{name}: there is no report of its re-simulation: {reason}", err=True)
+
+
+def _refuse_others(*given: object) -> None:
+    if any(given):
+        raise InputError("--replay", "takes everything from the file", "Give no other option than --workers.")
 
 
 def _replay(path: Path, workers: int | None) -> None:

@@ -9,10 +9,17 @@ import numpy as np
 
 from resim.core.errors import InputError, ResimError
 from resim.core.tracks import Tracks
-from resim.perception.model import FEATURES, ErrorModels, PerceptionModel, TrainedRange, Training
+from resim.perception.model import (
+    FEATURES,
+    ErrorModels,
+    PerceptionModel,
+    TrainedParameter,
+    TrainedRange,
+    Training,
+)
 from resim.perception.training.coupling import fit_coupling
 from resim.perception.training.detection import field_of_view, fit_detection, sightings_of
-from resim.perception.training.drive import drive_of
+from resim.perception.training.drive import TrainingDrive, drive_of
 from resim.perception.training.errors import MEASURED, ObjectErrors, error_of, fit_objects
 from resim.perception.training.estimates import error_estimates, lag_estimates
 from resim.perception.training.fit import fit_of
@@ -20,7 +27,7 @@ from resim.perception.training.left_out import left_out
 from resim.perception.training.lists import fit_false, fit_switches, fit_update
 from resim.perception.training.localisation import fit_localisation, fit_size
 from resim.perception.training.maneuvers import fit_maneuvers
-from resim.perception.training.matching import match
+from resim.perception.training.matching import Matching, match
 from resim.perception.training.samples import TrainingSamples, samples_of
 from resim.recordings.recording import Recording
 
@@ -44,15 +51,8 @@ def train(recordings: Sequence[Recording], *, name: str) -> PerceptionModel:
     samples = samples_of(drives, matchings)
     objects = fit_objects(samples)
     estimates = lag_estimates(objects, samples.drive)
-    for quantity in MEASURED:
-        estimates |= error_estimates(f"errors.{quantity}", objects.fitted[quantity], samples.drive)
-    sizes = {}
-    for size in ("length", "width"):
-        sizes[size], found = fit_size(drives, matchings, size)
-        estimates |= found
-    coupling, found = fit_coupling(objects, samples.drive)
+    errors, found = _errors(drives, matchings, samples, objects)
     estimates |= found
-    errors = ErrorModels(**{q: error_of(objects.fitted[q]) for q in MEASURED}, **sizes, coupling=coupling)
     maneuvers, found, own_errors = fit_maneuvers(samples, objects, errors)
     estimates |= found
     sightings = sightings_of(drives, matchings, objects.latency.position)
@@ -90,6 +90,25 @@ def train(recordings: Sequence[Recording], *, name: str) -> PerceptionModel:
             left_out=left_out(recordings, drives, matchings, samples, objects),
         ),
     )
+
+
+def _errors(
+    drives: Sequence[TrainingDrive],
+    matchings: Sequence[Matching],
+    samples: TrainingSamples,
+    objects: ObjectErrors,
+) -> tuple[ErrorModels, dict[str, TrainedParameter]]:
+    """The errors of what is measured and of the sizes, and how sure they are."""
+    estimates: dict[str, TrainedParameter] = {}
+    for quantity in MEASURED:
+        estimates |= error_estimates(f"errors.{quantity}", objects.fitted[quantity], samples.drive)
+    sizes = {}
+    for size in ("length", "width"):
+        sizes[size], found = fit_size(drives, matchings, size)
+        estimates |= found
+    coupling, found = fit_coupling(objects, samples.drive)
+    measured = {q: error_of(objects.fitted[q]) for q in MEASURED}
+    return ErrorModels(**measured, **sizes, coupling=coupling), estimates | found
 
 
 def _enough(recordings: Sequence[Recording], matched: int, perceived: int) -> None:
