@@ -19,7 +19,7 @@ from resim.resimulation import AssessmentOptions, assess_recording, load_checked
 CRITERIA = Path(__file__).parents[1] / "scenarios" / "criteria"
 REASONS = {
     "not seen": "not seen", "rows lack": "rows lack values", "size in doubt": "size in doubt",
-    "place in doubt": "place in doubt", "off its positions": "place in doubt",
+    "place in doubt": "place in doubt", "away from its positions": "place in doubt",
 }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from resim.verification.entries import (
 )
 from resim.verification.report import ComparisonSummary, RecordingResult, VerificationReport
 from resim.verification.summary import namesakes
-from resim.verification.validity import ValidityInterval
+from resim.verification.validity_interval import ValidityInterval
 
 
 def print_verification(found: VerificationReport) -> None:

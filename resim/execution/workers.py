@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.plugins.watchdog import BOARD, boards, unanswered
-from resim.execution.child import SIZE, Failure
+from resim.execution.child import SIZE, Failure, main
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -35,7 +35,9 @@ LARGEST = 2048
 GONE = "the cluster's scheduler is gone. Finished runs are kept: start it, and resume with --resume."
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
-_SERVE = "import sys; sys.path[:] = {path!r}; from resim.execution.child import main; main()"
+_SERVE = (
+    f"import sys; sys.path[:] = {{path!r}}; from {main.__module__} import {main.__name__}; {main.__name__}()"
+)
 _START = 180.0
 """s that a fresh process has to start and to take up its task, beyond the task's own time."""
 _TICK = 0.1

@@ -27,9 +27,12 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A kind of file: what it is called, and the model or dataclass that reads it.
+    """A kind of file.
 
-    sealed: whether it has a checksum of itself.
+    Attributes:
+        file: What it is called.
+        kind: The model or dataclass that reads it.
+        sealed: Whether it has a checksum of itself.
     """
 
     file: str

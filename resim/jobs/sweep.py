@@ -31,7 +31,7 @@ from resim.sweeps.repeat import other_versions, task_of, write_traces
 from resim.sweeps.repeat import repeat as repeat_task
 from resim.sweeps.report import SweepReport
 from resim.sweeps.result import read_swept
-from resim.sweeps.runs import RunTask
+from resim.sweeps.tasks import RunTask
 
 ALL = (1, 1)
 """The shard that is the whole sweep."""

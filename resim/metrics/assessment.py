@@ -91,9 +91,10 @@ class Assessment:
         return "" if of is None else of(self, scene)
 
     def notes(self) -> list[str]:
-        """Give what one has to know to believe the risk: objects that its prediction was not fitted to."""
+        """Give what one has to know to believe measures and risk, such as objects that prediction was not fitted to."""
         drive = self.drive
         flaw = [self.flaw] if self.flaw else []
+        flaw += [measure.note for measure in self.measures.values() if measure.note]
         outside = drive.present & ~drive.covered
         if not outside.any():
             return flaw

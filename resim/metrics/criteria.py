@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -212,28 +212,31 @@ def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnMeasure) -> MeasureDefini
 
     def of(inputs: MeasureInputs) -> MeasureValues:
         drive = inputs.drive
+        shapes = drive.t.shape, drive.present.shape
         try:
             with (
                 lent(inputs.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
             ):  # fmt: skip
-                given = watchdog.call(MEASURE_LIMIT, lambda: function.load()(deepcopy(drive), road))
+                value, what = watchdog.call(
+                    MEASURE_LIMIT, lambda: _numbers(function.load()(deepcopy(drive), road), shapes)
+                )
         except ChangedError:
             raise
         except FunctionError as e:
             problem = f"measure {own.name!r}: {own.function} {e}"
             raise InputError(path, problem, opened.remedy()) from e
-        shapes = drive.t.shape, drive.present.shape
-        if what := _no_measure(given, shapes):
+        if what:
             problem = f"measure {own.name!r}: {own.function} gave {what}"
             expected = (
                 f"expected an array of real numbers {shapes[0]} (scenes) or {shapes[1]} (scenes, objects)"
             )
             raise InputError(path, f"{problem}; {expected}", "Give NaN where it is not defined.")
-        value = np.array(given, dtype=float)
         there = drive.present if value.ndim == 2 else np.ones(value.shape, dtype=bool)
         state = np.where(np.isnan(value), State.NOT_DEFINED, State.VALUE)
         state = np.where(there, state, State.NOT_COMPUTED).astype(np.uint8)
-        return definition.values(np.where(state == State.VALUE, value, np.nan), state)
+        found = definition.values(np.where(state == State.VALUE, value, np.nan), state)
+        note = opened.note()
+        return replace(found, note=f"measure {own.name!r}: {note}" if note else "")
 
     definition = MeasureDefinition(
         name=own.name,
@@ -247,20 +250,25 @@ def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnMeasure) -> MeasureDefini
     return definition
 
 
-def _no_measure(given: Any, shapes: tuple[tuple[int, ...], ...]) -> str:
-    """What an own measure gave instead of numbers in one of these shapes; "" where it gave those."""
+def _numbers(given: Any, shapes: tuple[tuple[int, ...], ...]) -> tuple[Floats, str]:
+    """An own measure's values, in one of these shapes, and what it gave instead of that; "" where it gave those.
+
+    What it gave may be an object whose code runs when it is read.
+    """
+    nothing = np.empty(0)
     if np.ma.isMaskedArray(given):
-        return "a masked array"
+        return nothing, "a masked array"
     try:
         value = np.asarray(given)
     except (TypeError, ValueError):  # rows of different lengths
-        return f"a {type(given).__name__} that is no array"
+        return nothing, f"a {type(given).__name__} that is not an array"
     if value.dtype.kind not in "biuf":
         what = "complex numbers" if value.dtype.kind == "c" else f"values of type {value.dtype}"
-        return f"{what} in an array {value.shape}"
+        return nothing, f"{what} in an array {value.shape}"
     if value.shape not in shapes:
-        return f"an array {value.shape}"
-    return "inf" if np.isinf(value.astype(float)).any() else ""
+        return nothing, f"an array {value.shape}"
+    numbers = np.array(value, dtype=float)
+    return numbers, "inf" if np.isinf(numbers).any() else ""
 
 
 def judge(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
+from resim.core.objects import GAP
+from resim.core.sightings import SAME
 from resim.core.tracks import OPTIONAL_COLUMNS, Strings, Tracks
 
 UNMATCHED = "sd:"
@@ -37,16 +39,45 @@ def sensor_names(sd: Tracks, gt_id: Strings) -> Strings:
     return np.where(gt_id != "", gt_id, np.char.add(UNMATCHED, sd.ids))
 
 
-def doubled(sd: Tracks, gt_id: Strings) -> dict[str, float]:
-    """Give how far apart [m] fragments of one GT object are at most that are valid at one time, by its name."""
+@dataclass(frozen=True)
+class Doubled:
+    """What two detections of one object at one time differ by at most: m, rad (front and rear are the same), m/s."""
+
+    apart: float
+    turned: float
+    faster: float
+
+
+def doubled(sd: Tracks, gt_id: Strings) -> dict[str, Doubled]:
+    """Give by what fragments of one GT object differ that are there at one time, by its name.
+
+    A fragment is there between two of its samples that are at most GAP apart.
+    """
     names, out = sensor_names(sd, gt_id), {}
     for name in np.unique(names[np.isin(names, gt_id)]).tolist():
-        own = names == name
-        both = sd.valid[own].sum(axis=0) > 1
-        place = np.where(sd.valid[own], sd.x[own] + 1j * sd.y[own], np.nan)[:, both]
-        if both.any():
-            out[name] = float(np.nanmax(np.abs(place[:, None] - place[None])))
+        own = np.flatnonzero(names == name).tolist()
+        pairs = [_differences(sd, a, b) for a in own for b in own if a != b]
+        if both := [pair for pair in pairs if pair is not None]:
+            out[name] = Doubled(*np.max(both, axis=0).tolist())
     return out
+
+
+def _differences(sd: Tracks, a: int, b: int) -> tuple[float, float, float] | None:
+    """By how much b's samples differ from a between its samples; None where they are never there at one time."""
+    known = np.flatnonzero(sd.valid[a])
+    at = np.flatnonzero(sd.valid[b])
+    late = np.searchsorted(sd.t[known], sd.t[at])
+    at, late = at[late < len(known)], late[late < len(known)]
+    early = np.where(sd.t[known[late]] == sd.t[at], late, late - 1)
+    there = (early >= 0) & (sd.t[known[late]] - sd.t[known[early]] <= GAP + SAME)
+    at, i, j = at[there], known[early[there]], known[late[there]]
+    if not len(at):
+        return None
+    share = (sd.t[at] - sd.t[i]) / np.maximum(sd.t[j] - sd.t[i], SAME)
+    place, velocity = sd.x + 1j * sd.y, sd.v * np.exp(1j * sd.heading)
+    apart, faster = (np.abs(z[a, i] + share * (z[a, j] - z[a, i]) - z[b, at]) for z in (place, velocity))
+    turn = np.abs(np.angle(np.exp(2j * (sd.heading[a, i] - sd.heading[b, at])))) / 2.0
+    return float(apart.max()), float(turn.max()), float(faster.max())
 
 
 def _merge(fragments: Tracks, chosen: NDArray[np.intp], name: str) -> Tracks:

@@ -96,7 +96,13 @@ class Recording:
         sd = name_by_ground_truth(self.sd, self.sd_gt_id, self.existence_probability)
         if self.ego in sd.ids:
             return sd
-        return Tracks.concatenate([sd, self.gt.select([self.ego]).at(sd.t, max_gap=2.0 / self.gt_rate)])
+        return Tracks.concatenate([sd, self.ego_at(sd.t)])
+
+    def ego_at(self, t: Floats) -> Tracks:
+        """Give the GT's EGO at t (T,) [s], between samples that are at most two of its usual steps apart."""
+        own = self.gt.select([self.ego])
+        step = float(np.median(np.diff(own.t[own.valid[0]]))) if own.valid[0].sum() > 1 else 0.0
+        return own.at(t, max_gap=2.0 * max(step, 1.0 / self.gt_rate))
 
 
 def sample_rate(source: Path, tracks: Tracks) -> float:

@@ -12,8 +12,8 @@ from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
 from resim.report.lanes import Box, clip, lane_traces
 from resim.report.markup import Markup
+from resim.report.model_runs import seeds_panel
 from resim.report.plots import fade, joined, line, style
-from resim.report.seeds import seeds_panel
 from resim.report.steps import FROM_ZERO, error_panel
 from resim.report.view import OTHERS, View
 from resim.resimulation import pipeline_step

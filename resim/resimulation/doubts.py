@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from resim.core.objects import ObjectIds
+from resim.core.objects import GAP, ObjectIds
 from resim.core.sightings import Sightings
 from resim.core.tracks import Tracks
-from resim.metrics.doubts.contradiction import FAR, off_by, size_turned, turned_by
+from resim.metrics.doubts.contradiction import FAR, WORTH, off_by, size_turned, turned_by
 from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off
 from resim.recordings import Recording
 from resim.recordings.checks import TORN
 from resim.recordings.checks.bodies import SIZE
 from resim.recordings.checks.tracks import PEDESTRIAN
-from resim.recordings.identity import doubled, sensor_names
+from resim.recordings.identity import Doubled, doubled, sensor_names
 from resim.resimulation.result import Basis
 from resim.resimulation.unrepaired import without_repairs
 from resim.road.opendrive import RoadNetwork
@@ -53,15 +53,23 @@ def doubts(
     sizes: dict[str, tuple[float, float]] = {}
     told_sizes, doubled = recording.sizes.get(name, {}), _doubled(recording, basis)
     for ids, parts in _bodies(whom):
-        one_place = max(misfits.get(who, 0.0) for who in ids), max(doubled.get(who, 0.0) for who in ids)
-        least = max(sum(far for who, far in torn if who in ids), *one_place)
+        twice = [doubled[who] for who in ids if who in doubled]
+        far = [max(d.apart, GAP * d.faster) for d in twice if max(d.apart, GAP * d.faster) >= FAR]
+        least = max(
+            [sum(far for who, far in torn if who in ids), *far, *(misfits.get(who, 0.0) for who in ids)]
+        )
         walks = _walks(ids, parts, told_sizes)
         by = np.max([(least, least), *(off_by(k, walks=walks) for k in parts)], axis=0)
         off.update((who, (float(by[0]), float(by[1]))) for who in ids if by.any())
-        turned = 0.0 if walks else max(turned_by(k) for k in parts)
+        turned = (
+            0.0
+            if walks
+            else max([turned_by(k) for k in parts] + [d.turned for d in twice if d.turned > WORTH])
+        )
         if swapped.intersection(ids):
             turned = 0.5 * np.pi
         sizes.update(_larger(ids, parts, told_sizes, tracks, turned))
+    off.update(_all_ways(off, tracks, scenario, network))
     lost = [
         _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
     ]
@@ -135,11 +143,29 @@ def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:
             yield names.get(f.object, f.object), f.value
 
 
-def _doubled(recording: Recording, basis: Basis) -> dict[str, float]:
-    """Who is detected twice at one time, and how far apart [m]: only one of them is judged and simulated."""
+def _doubled(recording: Recording, basis: Basis) -> dict[str, Doubled]:
+    """Who is detected twice at one time, and by what that differs: only one of them is judged and simulated."""
     if basis == "GT" or recording.sd is None or recording.sd_gt_id is None:
         return {}
-    return {who: far for who, far in doubled(recording.sd, recording.sd_gt_id).items() if far >= FAR}
+    return doubled(recording.sd, recording.sd_gt_id)
+
+
+def _all_ways(
+    off: Mapping[str, tuple[float, float]], tracks: Tracks, scenario: Scenario | None, network: RoadNetwork
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """How far those are off, in all directions where the trace has another heading than is told: boxes lie along it."""
+    if scenario is None or not off:
+        return
+    traces = scenario.tracks(network, tracks.t).joined()
+    for who in set(off).intersection(traces.ids.tolist(), tracks.ids.tolist()):
+        n, m = tracks.index(who), traces.index(who)
+        both = tracks.valid[n] & traces.valid[m]
+        turn = np.angle(np.exp(2j * (traces.heading[m, both] - tracks.heading[n, both]))) / 2.0
+        if np.abs(turn).max(initial=0.0) > WORTH:
+            along, across = off[who]
+            in_any = np.isclose(along, across, rtol=0.01)  # alike: so far in any direction
+            far = along if in_any else float(np.hypot(along, across))
+            yield who, (far, far)
 
 
 def _misfits(tracks: Tracks, scenario: Scenario | None, network: RoadNetwork) -> Iterator[tuple[str, float]]:

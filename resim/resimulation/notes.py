@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.objects import GAP
-from resim.core.plugins.opened import UNKNOWN
+from resim.core.plugins.unlisted_files import UNKNOWN
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.recordings.checked import by_code, finding_lines

@@ -220,7 +220,7 @@ def _as_long_as_driven(sd: Tracks, recording: Recording) -> Tracks:
     if len(t) == len(sd.t):
         return sd
     others = sd.without(recording.ego).at(t, max_gap=0.0)
-    return Tracks.concatenate([others, ego.at(t, max_gap=2.0 / recording.gt_rate)])
+    return Tracks.concatenate([others, recording.ego_at(t)])
 
 
 def _refuse_far(recording: Recording, tracks: Tracks, network: RoadNetwork) -> None:

@@ -44,6 +44,8 @@ def without_repairs(recording: Recording, basis: Basis, tracks: Tracks) -> Unrep
     if rows is None or rows.empty:
         return UnrepairedTracks(tracks, incomplete)
     rows = rows[rows["id"].isin(tracks.ids) & rows["t"].isin(tracks.t)]
+    if rows.empty:
+        return UnrepairedTracks(tracks, incomplete)
     filled = _cells(tracks, rows[rows["filled"]]) & tracks.valid
     me = tracks.index(recording.ego)
     lost: tuple[Absence, ...] = ()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
-from resim.core.plugins.opened import OpenedFiles
+from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork, lent

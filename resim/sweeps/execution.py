@@ -32,7 +32,7 @@ from resim.simulation.function.interface import load_build
 from resim.sweeps.file import RUN, Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
-from resim.sweeps.runs import RunTask, Values, run, swept_model, with_values
+from resim.sweeps.tasks import RunTask, Values, run, swept_model, with_values
 from resim.verification.inputs import HashedFile, NamedBuild
 
 ATTEMPTS = 3

@@ -33,7 +33,7 @@ from resim.verification.suite import read_suite
 
 Indices = NDArray[Any]
 Row = Mapping[str, Any]
-"""What a run came to, one value a column; see `resim.sweeps.prepared`."""
+"""What a run came to, one value a column; see `resim.sweeps.one_run`."""
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."

@@ -31,7 +31,7 @@ from resim.results import whole_folder, write_assessment, write_resimulation
 from resim.simulation.function.interface import freeze_build, load_build
 from resim.simulation.vehicles.registry import vehicle_model
 from resim.sweeps.result import SweepResult
-from resim.sweeps.runs import RunTask, run, swept_model, with_values
+from resim.sweeps.tasks import RunTask, run, swept_model, with_values
 from resim.verification.inputs import HashedFile
 
 LONGEST = 600.0

@@ -24,7 +24,7 @@ from resim.sweeps.plans.parameter import SweepParameter
 
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
 RESULTS = ("decision", *(outcome.column for outcome in OUTCOMES))
-"""Columns of every run that has a result (`resim.sweeps.prepared`)."""
+"""Columns of every run that has a result (`resim.sweeps.one_run`)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from resim.core.plugins.opened import UNKNOWN
+from resim.core.plugins.unlisted_files import UNKNOWN
 from resim.metrics.criteria import Criteria
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines
 from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.assessments import assess_resimulation
-from resim.resimulation.outcome import DriveOutcome
-from resim.resimulation.outcomes import first_divergence, outcomes, seed_outcome
+from resim.resimulation.compute_outcome import first_divergence, outcomes, seed_outcome
+from resim.resimulation.drive_outcome import DriveOutcome
 from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import Resimulation, ResimulationOptions, of_seed
 from resim.resimulation.run import resimulate

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from resim.resimulation.outcome import Rms
+from resim.resimulation.drive_outcome import Rms
+from resim.verification.blame import OpenLoopFinding
 from resim.verification.compare import DriveComparison, SeedVerdict
 from resim.verification.tolerance import Excess, Tolerances
-from resim.verification.vehicle import OpenLoop
 
 Step = Literal[
     "sensor",
@@ -38,7 +38,7 @@ def cause(
     tolerances: Tolerances,
     recorded: DriveComparison | None,
     shown: str = "the truth",
-    driven: OpenLoop | None = None,
+    driven: OpenLoopFinding | None = None,
     *,
     oracle: bool = False,
 ) -> Cause | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from resim.resimulation.outcome import DriveOutcome, Kpi, Rms
+from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
 from resim.verification.sequential import ERROR, SequentialTest, StoppingPoint
 from resim.verification.share import Share
 from resim.verification.tolerance import Excess, Tolerances, excesses

@@ -8,14 +8,14 @@ from typing import Annotated, Generic, Literal, TypeVar
 
 from pydantic import MISSING, Field
 
-from resim.resimulation.outcome import KpiOutcome, Rms
+from resim.resimulation.drive_outcome import KpiOutcome, Rms
+from resim.verification.blame import Blamed, Function
 from resim.verification.cause import Cause
 from resim.verification.compare import Equality, Verdict, Way
 from resim.verification.paired import RunPair
 from resim.verification.share import Share
 from resim.verification.tolerance import Excess
-from resim.verification.validity import ValidityInterval
-from resim.verification.vehicle import Blamed, Function
+from resim.verification.validity_interval import ValidityInterval
 
 MODEL: Way = "rGT+M"
 BuildVerdict = Literal["same", "changed", "better", "worse", "error"]
@@ -132,7 +132,7 @@ class KpiComparison:
 
 @dataclass(frozen=True)
 class OpenLoopEntry:
-    """Function and vehicle model along the measured drive; fields as in `OpenLoop`, and all of it in a sentence."""
+    """Function and vehicle model along the measured drive: the fields of `OpenLoopFinding`, and all in a sentence."""
 
     error: Mapping[str, float | None]
     beyond: tuple[Excess, ...]

@@ -7,12 +7,12 @@ import pandas as pd
 
 from resim.core.geometry import Floats, wrap_angle
 from resim.perception.runtime.recorded import RecordedPerception
-from resim.resimulation.outcomes import PARTED
+from resim.resimulation.compute_outcome import PARTED
 from resim.resimulation.result import Resimulation, is_recorded_build
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import EgoState
+from resim.verification.blame import Function, OpenLoopFinding
 from resim.verification.tolerance import Tolerances
-from resim.verification.vehicle import Function, OpenLoop
 
 HORIZON, STRIDE = 1.0, 0.2
 """s that the vehicle model is left to itself, and from one start of it to the next."""
@@ -22,7 +22,7 @@ AHEAD = 2.0
 """s of each plan that are compared."""
 
 
-def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoop | None:
+def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoopFinding | None:
     """Show the function what was recorded as perceived along the measured drive, and drive the vehicle model by it.
 
     None for an oracle, which is not shown anything, where the function fails, and for less than `HORIZON` of drive.
@@ -38,7 +38,7 @@ def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoop | None:
     beyond = tuple(tolerances.beyond("vehicle", {"ego": error}))
     off = [size[:, ("d", "v", "heading").index(e.quantity)] > e.limit for e in beyond]
     planned = _planned_otherwise(result.recording.plan, drive)
-    return OpenLoop(
+    return OpenLoopFinding(
         error=error,
         beyond=beyond,
         t=float(away[np.any(off, axis=0), 0][0]) if beyond else None,

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import bootstrap
 
 from resim.core.geometry import Floats
-from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
+from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.compare import kpi_text
 
 ENDED = "lasts to the end"

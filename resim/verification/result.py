@@ -8,8 +8,9 @@ from statistics import median
 from typing import Any, TypeVar
 
 from resim.recordings.checked import finding_lines
-from resim.resimulation.outcome import DriveOutcome, Kpi, Rms
+from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
 from resim.resimulation.result import Resimulation
+from resim.verification.blame import OpenLoopFinding
 from resim.verification.cause import Cause
 from resim.verification.compare import DriveComparison, Equality, SeedVerdict, Verdict, Way
 from resim.verification.entries import (
@@ -27,8 +28,7 @@ from resim.verification.entries import (
     WayRuns,
 )
 from resim.verification.share import Share, share
-from resim.verification.validity import ValidityInterval
-from resim.verification.vehicle import OpenLoop
+from resim.verification.validity_interval import ValidityInterval
 
 T = TypeVar("T")
 
@@ -50,7 +50,7 @@ class VerificationResult:
     judged: Mapping[Way, SeedVerdict]
     causes: Mapping[Way, Cause | None]
     recorded: DriveComparison | None
-    driven: OpenLoop | None
+    driven: OpenLoopFinding | None
     validity: tuple[ValidityInterval, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -146,7 +146,7 @@ def _kpi_entry(kpi: Kpi | None) -> KpiEntry | None:
     return None if kpi is None else KpiEntry(kpi.outcome, kpi.value, kpi.t, kpi.object, kpi.reason)
 
 
-def _driven(driven: OpenLoop) -> OpenLoopEntry:
+def _driven(driven: OpenLoopFinding) -> OpenLoopEntry:
     return OpenLoopEntry(
         error=driven.error,
         beyond=driven.beyond,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from resim.resimulation.outcome import COMFORT
+from resim.resimulation.drive_outcome import COMFORT
 from resim.verification.entries import ComparedRecording, VerifiedRecording
 from resim.verification.inputs import VerificationRequest
 from resim.verification.paired import RegressionLimits, RunPair, difference

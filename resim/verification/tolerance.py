@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from resim.resimulation.outcome import Rms
+from resim.resimulation.drive_outcome import Rms
 
 
 class _ToleranceModel(BaseModel):
@@ -33,7 +33,7 @@ class Tolerances(_ToleranceModel):
 
     The EGO is free in the simulation: how far it is off there is judged at the end of the pipeline, once. vehicle: the
     largest error after one second in which the vehicle model moves the EGO from where it was measured, on what the
-    function answers there (`resim.verification.vehicle`); it names a cause, and makes no verdict.
+    function answers there (`resim.verification.blame`); it names a cause, and makes no verdict.
     """
 
     reaction: float | None = Field(strict=True, default=0.2, ge=0.0)

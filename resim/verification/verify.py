@@ -14,20 +14,20 @@ from resim.recordings import Recording
 from resim.recordings.settings import Settings
 from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.assessments import assess_resimulation
-from resim.resimulation.outcome import COMFORT, DriveOutcome, Rms
-from resim.resimulation.outcomes import outcomes, rms, seed_outcome
+from resim.resimulation.compute_outcome import outcomes, rms, seed_outcome
+from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Rms
 from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import Resimulation, ResimulationOptions, is_recorded_build
 from resim.resimulation.run import over_seeds, resimulate, run_on_gt, with_notes
 from resim.simulation.function.interface import Build
+from resim.verification.blame import OpenLoopFinding
 from resim.verification.cause import Cause, cause
 from resim.verification.compare import DriveComparison, SeedVerdict, Way, compare
 from resim.verification.openloop import open_loop
 from resim.verification.result import VerificationResult
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
-from resim.verification.variation_range import critical, validity
-from resim.verification.vehicle import OpenLoop
+from resim.verification.validity_runs import critical, validity
 
 COMPARED = (*COMFORT, "risk", "collision")
 """Measures that are compared whether criteria ask for them or not."""
@@ -161,7 +161,7 @@ def _over_seeds(
     return with_notes(result, replace(perceiving, seeds=tuple(seeds))), seeds, judged
 
 
-def _driven_otherwise(driven: OpenLoop | None) -> Iterator[str]:
+def _driven_otherwise(driven: OpenLoopFinding | None) -> Iterator[str]:
     """A note where the vehicle moved otherwise than its model, whatever the verdict."""
     if driven is not None and driven.blamed not in (None, "function"):
         yield str(driven)

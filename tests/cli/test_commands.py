@@ -345,7 +345,7 @@ def test_a_picture_of_a_map_takes_the_place_of_no_other_file(call: Call, tmp_pat
     road.write_text(MAP.format(extra="", link=""))
     code, _, told = call("map", "plot", road, "--out", road)
     assert (code, told) == (
-        2, f"resim: {road}: exists and is no .html or .htm file: it would be lost. Name another folder with --out.\n"
+        2, f"resim: {road}: exists and is no .html or .htm file: it would be lost. Name another with --out.\n"
     )  # fmt: skip
     assert road.read_text() == MAP.format(extra="", link="")
     for _ in range(2):
@@ -358,7 +358,7 @@ def test_a_map_without_driving_lanes_is_drawn_all_the_same(call: Call, tmp_path:
     road.write_text(MAP.format(extra="", link="").replace("driving", "sidewalk"))
     code, _, told = call("map", "plot", road, "--out", tmp_path / "road.html")
     assert code == 0
-    assert "drawn without the errors of its net" in told
+    assert "drawn without the errors of its SUMO net" in told
     assert "has no driving lane" in told
     assert "sidewalk" in (tmp_path / "road.html").read_text()
 
@@ -399,7 +399,11 @@ def test_a_signal_that_was_ignored_stays_so(call: Call) -> None:
 @pytest.mark.parametrize("arguments", ["--version", "check scenarios/overtake"])
 @pytest.mark.parametrize(
     ("stream", "why"),
-    [(">&-", "is closed"), (">/dev/full", "does not take all"), ("| exec true", "was closed before all")],
+    [
+        (">&-", "is closed"),
+        (">/dev/full", "does not accept the whole output"),
+        ("| exec true", "was closed before the whole output"),
+    ],
 )
 def test_what_cannot_be_told_is_an_error(arguments: str, stream: str, why: str) -> None:
     """The sleep lets the reader be gone."""

@@ -36,11 +36,11 @@ def test_no_character_may_be_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("said", "told"),
     [
-        (SAID, "has no checksum of itself"),
-        ([SAID], "has no checksum of itself"),
-        ({**sealed(SAID), CHECKSUM: 3}, "has no checksum of itself"),
-        ({**sealed(SAID), "more": 1}, "is not as it was written"),
-        ({k: v for k, v in sealed(SAID).items() if k != "a"}, "is not as it was written"),
+        (SAID, "it has no checksum"),
+        ([SAID], "it has no checksum"),
+        ({**sealed(SAID), CHECKSUM: 3}, "it has no checksum"),
+        ({**sealed(SAID), "more": 1}, "was changed after it was written"),
+        ({k: v for k, v in sealed(SAID).items() if k != "a"}, "was changed after it was written"),
     ],
 )
 def test_what_was_edited_is_refused(tmp_path: Path, said: object, told: str) -> None:

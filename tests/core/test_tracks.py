@@ -31,7 +31,7 @@ def tracks(valid: object = ((1, 1, 1, 1), (0, 1, 1, 0)), *, t: object = (0.0, 0.
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"ids": np.array(["a", "a"])}, "stands twice"),
+        ({"ids": np.array(["a", "a"])}, "is a duplicate"),
         ({"t": np.array([0.0, 0.1, 0.1, 0.3])}, "increase strictly"),
         ({"t": np.array([0.0, 0.2, 0.1, 0.3])}, "increase strictly"),
         ({"x": np.zeros((2, 3))}, r"x has shape \(2, 3\), expected \(2, 4\)"),
@@ -130,7 +130,7 @@ def test_concatenating_keeps_what_all_parts_measured() -> None:
     assert both.a is None
     again = Tracks.concatenate([two, replace(two, ids=np.array(["y"]))])
     np.testing.assert_array_equal(again.a, np.ones((2, 4)))
-    with pytest.raises(ResimError, match="stands twice"):
+    with pytest.raises(ResimError, match="is a duplicate"):
         Tracks.concatenate([one, one])
 
 

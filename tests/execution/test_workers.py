@@ -133,7 +133,7 @@ def test_what_a_function_does_to_its_process_is_told_as_its_failure(name: str, t
 def test_who_ends_the_process_outside_of_a_call_is_the_function(name: str, how: str) -> None:
     (found,) = dict(run_all(linger, [name], workers=1, time_limit=60.0)).values()
     assert found.of_function
-    assert "ended its process outside of its calls, as by a thread" in found.reason
+    assert "ended its process outside its calls, for example from a thread" in found.reason
     assert found.reason.endswith(f"it {how}")
 
 

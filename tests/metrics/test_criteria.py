@@ -161,7 +161,7 @@ def test_what_ships_is_sound_and_says_where_its_limits_come_from():
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'", "expected one of below, above and beyond"),
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTX'\nbelow = 1", "there is no measure 'TTX'"),
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = 1\nfoo = 2", "foo"),
-        ("name = 'x'\n" + 2 * "[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = 1\n", "stands twice"),
+        ("name = 'x'\n" + 2 * "[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = 1\n", "is a duplicate"),
         ("name = ", "is not TOML"),
         (
             "name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = true",

@@ -9,6 +9,9 @@ from metrics.passing import T, V, across, braking, ego, lead_that_is_lost, noisy
 
 from resim.core.objects import ObjectIds
 from resim.core.tracks import Tracks
+from resim.recordings.checked import repair_recording
+from resim.recordings.checks import CODES
+from resim.resimulation import AssessmentOptions, assess_recording, load_checked
 
 
 def collision(found):
@@ -164,3 +167,76 @@ def test_a_second_detection_of_one_object_puts_its_place_in_doubt(judge, late):
     assert collision(judge(ego(), lead, sd=(own, aside, there))) == "INVALID"
     near = lead[late + 0.1 < T].assign(y=-8.55, id="s2", gt_id="1")
     assert collision(judge(ego(), lead, sd=(own, aside, near))) == "PASS"
+
+
+@pytest.mark.parametrize("rate", [3.0, 9.7])
+def test_an_ego_that_stands_in_for_sensor_data_is_there_as_often_as_it_is_in_the_ground_truth(judge, rate):
+    """In the GT the EGO is at 10 Hz, two others at 50 Hz: the rate of most rows is not the EGO's."""
+
+    def at(t, name, x, y=-5.25, v=0.0):
+        sides = {"heading": 0.0, "length": 4.7, "width": 1.9, "kind": "car"}
+        return pd.DataFrame({"t": np.round(t, 6), "id": name, "x": x, "y": y, "v": v, **sides})
+
+    seldom, often, sensed = (
+        np.arange(0.0, 5.91, 0.1),
+        np.arange(0.0, 5.901, 0.02),
+        np.arange(0.0, 6.0, 1.0 / rate),
+    )
+    beside = [at(often, name, 310.0 + 10.0 * n + V * often, -1.75, V) for n, name in enumerate("23")]
+    lead = at(sensed, "1", np.full(len(sensed), 300.0 + V * 5.5 + 4.7))
+    found = judge(at(seldom, "ego", 300.0 + V * seldom, v=V), *beside, sd=(lead,))
+    assert collision(found) in ("FAIL", "INVALID")
+
+
+def test_a_contradiction_of_a_part_of_the_track_is_no_usual_error(judge):
+    """The lead's places leave its heading sideways at 0.1 rad from 3.5 s on; the EGO, at 30 m/s, reaches it at 7 s."""
+    fast, lead = rows("ego", 300.0 + 30.0 * T, v=30.0), rows("1", 339.7 + 25.0 * T, v=25.0)
+    assert collision(judge(fast, lead)) == "FAIL"
+    assert collision(judge(fast, lead.assign(y=lead.y - 2.4 * np.clip(T - 3.5, 0.0, None)))) == "INVALID"
+    skewed = lead.assign(y=-8.75, heading=0.04)  # as it is throughout
+    assert collision(judge(fast, skewed)) == "PASS"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_place_in_doubt_along_the_told_heading_is_so_where_the_trace_is_turned(judge, seed):
+    """A motorcycle crosses; its place is held, but for 2 cm, for the last half of the drive."""
+    half, rng = T < 5.01, np.random.default_rng(seed)
+    rider = rows(
+        "1", 396.5, -5.25 + 8.0 * (T - 4.7), 8.0, heading=np.pi / 2, length=2.2, width=0.8, kind="motorcycle"
+    )
+    assert collision(judge(ego()[half], rider[half])) == "FAIL"
+    still = T > 2.5
+    places = {
+        c: rider[c].mask(still & (c == "y")).ffill() + still * rng.normal(0.0, 0.02, len(T)) for c in "xy"
+    }
+    assert collision(judge(ego()[half], rider.assign(**places)[half])) == "INVALID"
+
+
+def test_a_second_detection_with_another_heading_or_at_other_times_is_in_doubt_as_well(judge):
+    own = ego().assign(gt_id="ego")
+    along = rows("1", 400.0, 0.0, length=12.0, width=2.5, kind="truck")
+    over = along.assign(heading=np.pi / 2, id="b", gt_id="1")[T > 1.0]
+    assert collision(judge(ego(), along, sd=(own, along.assign(id="a", gt_id="1"), over))) == "INVALID"
+    near = [rows("1", 400.0, y).assign(t=T + late, id=name, gt_id="1")
+            for name, y, late in (("a", -8.75, 0.0), ("b", -6.85, 0.02))]  # fmt: skip
+    assert collision(judge(ego(), rows("1", 400.0, -7.8), sd=(own, *near))) == "INVALID"
+
+
+@pytest.mark.parametrize("lacks", ["v", "x", "rows"])
+def test_an_ego_at_2_hz_that_lacks_a_value_for_its_last_second_is_cut_off(judge, lacks):
+    seldom = np.isin(np.round(T / 0.04).astype(int), np.round(np.arange(0.0, 5.01, 0.52) / 0.04).astype(int))
+    drive, lead = ego()[seldom], rows("1", 300.0 + V * 4.4 + 4.7)[seldom]
+    assert collision(judge(drive, lead)) == "FAIL"
+    late = drive.t > 3.9
+    cut = drive[~late] if lacks == "rows" else drive.assign(**{lacks: drive[lacks].mask(late)})
+    assert collision(judge(cut, lead)) == "INVALID"
+
+
+def test_repairs_of_rows_after_the_ego_s_last_sample_change_nothing(judge, tmp_path):
+    ahead = rows("1", 340.0 + V * T, v=V)
+    judge(ego()[T < 4.0], ahead[(T < 5.0) | (T > 5.5)])
+    repair_recording(tmp_path, tmp_path.with_name("repaired"))
+    found = assess_recording(
+        load_checked(tmp_path.with_name("repaired"), accept=tuple(CODES)), AssessmentOptions()
+    )
+    assert found.blocks["GT"].measures

@@ -90,7 +90,7 @@ def test_it_has_no_number_for_who_is_not_there_and_cannot_change_the_drive(judge
             "def beside(drive, network):\n    return drive.t.astype('M8[s]')\n",
             "gave values of type datetime64[s]",
         ),
-        ("def beside(drive, network):\n    return [[1.0], [1.0, 2.0]]\n", "gave a list that is no array"),
+        ("def beside(drive, network):\n    return [[1.0], [1.0, 2.0]]\n", "gave a list that is not an array"),
         ("def beside(drive, network):\n    return None\n", "gave values of type object in an array ()"),
         ("def beside(drive, network):\n    return drive.t[:, None] + drive.t\n", "gave an array (101, 101)"),
         ("def beside(drive, network):\n    return drive.t + float('inf')\n", "my_measures:beside gave inf"),
@@ -113,7 +113,9 @@ def test_one_that_never_returns_is_told_by_name(tmp_path, set_constant, network)
     (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=3.0))
     own = criteria.read_criteria(tmp_path / "mine.toml").own[0]
     with pytest.raises(InputError, match=r"my_measures:beside did not answer within 0.1 s"):
-        own.of(SimpleNamespace(drive=None, network=network))
+        own.of(
+            SimpleNamespace(drive=SimpleNamespace(t=np.arange(3.0), present=np.ones((3, 1))), network=network)
+        )
 
 
 def test_one_that_takes_the_name_of_ours_is_refused(judged):
@@ -153,3 +155,34 @@ def test_the_name_that_the_table_had_is_told_what_to_write(judged):
     assert code == 2
     assert "there is no table [[objectification]]" in error
     assert "Write [[measure]]" in error
+
+
+ENDLESS = """class Endless:
+    def __array__(self, *arguments, **named):
+        while True:
+            pass
+
+
+def beside(drive, network):
+    return Endless()
+"""
+
+
+def test_one_whose_array_never_comes_is_told_by_name(tmp_path, set_constant, network):
+    (tmp_path / "my_measures.py").write_text(ENDLESS)
+    (tmp_path / "mine.toml").write_text(CRITERIA.format(limit=1.0))
+    (mine,) = read_criteria(tmp_path / "mine.toml").own
+    set_constant(criteria, "MEASURE_LIMIT", 0.5)
+    drive = SimpleNamespace(t=np.arange(3.0), present=np.ones((3, 1), dtype=bool))
+    with pytest.raises(InputError, match=r"did not answer within"):
+        mine.of(SimpleNamespace(drive=drive, network=network))
+
+
+def test_one_that_opens_a_file_its_hash_does_not_know_is_told(judged, tmp_path):
+    (tmp_path / "limit.txt").write_text("0.5")
+    file = str(tmp_path / "limit.txt")
+    opens = f"import numpy as np\n\n\ndef beside(drive, network):\n    with open({file!r}) as file:\n"
+    _, out, err = judged(opens + "        return np.full(len(drive.t), float(file.read()))\n")
+    assert "the code opened limit.txt beside mine.toml, which its hash does not know" in " ".join(
+        (out + err).split()
+    )

@@ -335,7 +335,7 @@ def test_recordings_that_cannot_be_fitted_are_told_and_nothing_is_written(record
         ([recorded(good.window(0.0, 0.5), "short")], {}, "no object moves for 1 s"),
         ([recorded(good, "good")], {"kind": ["truck"]}, "--kind: truck: 0 points"),
         ([tmp_path / "good"], {"kind": ["horse"]}, "no kind 'horse'"),
-        ([tmp_path / "good"] * 2, {}, "given twice"),
+        ([tmp_path / "good"] * 2, {}, "is a duplicate"),
         ([tmp_path / "none"], {}, "recording.toml"),
     ]
     for folders, more, told in cases:

@@ -130,12 +130,12 @@ def test_a_trace_that_is_off_is_told_alike_by_run_and_assess(call, tmp_path):
     gt.to_csv(folder / "gt.csv", index=False)
     code, out, error = call("run", folder, "--build", PILOT, "--basis", "gt", "--out", tmp_path / "out")
     assert code == 0, error
-    (line,) = (note for note in assessment(tmp_path / "out")["notes"] if "traces are off" in note)
+    (line,) = (note for note in assessment(tmp_path / "out")["notes"] if "fitted traces miss" in note)
     assert line.startswith("GT: fitted traces miss their positions by more than noise: 1 by 0.")
-    assert out.count("traces are off") == 1
+    assert out.count("fitted traces miss") == 1
     assert line in json.loads((tmp_path / "out" / "report.json").read_text())["warnings"]
     _, again, _ = call("assess", tmp_path / "out", "--out", tmp_path / "again")
-    assert again.count("traces are off") == 1
+    assert again.count("fitted traces miss") == 1
     assert (tmp_path / "again" / "assessment.json").read_bytes() == (
         tmp_path / "out" / "assessment.json"
     ).read_bytes()

@@ -145,7 +145,7 @@ def test_a_run_beyond_what_was_trained_and_one_that_collides_say_so(seen):
         (("--set", "errors.coupling.9.0=0.1"), "errors.coupling: Input should be a valid tuple"),
         (("--set", "latency.speed"), "--set: 'latency.speed' sets no number"),
         (("--set", "latency.speed=-1"), "latency.speed: Input should be greater than or equal to 0"),
-        (("--basis", "sd"), "--perception: is for re-simulation on GT"),
+        (("--basis", "sd"), "--perception: needs the re-simulation of GT"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_before_anything_runs(seen, more, says):

@@ -96,7 +96,7 @@ BAD = {
     "size": (dynamic("1", EGO, shape=RECTANGLE.replace("4", "0")), "2020a", "", "size is 0 x 2 m"),
     "turned": (
         dynamic("1", EGO, shape=RECTANGLE.replace("<length>", "<orientation>1</orientation><length>")),
-        "2020a", "", "obstacle 1: its shape is offset or turned",
+        "2020a", "", "obstacle 1: its shape is offset or rotated",
     ),
     "empty": ('<dynamicObstacle id="1"/>', "2020a", "", "obstacle 1 has no trajectory"),
     "broken": ("<a>", "2020a", "", "is not well-formed XML"),

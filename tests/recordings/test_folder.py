@@ -97,14 +97,14 @@ TABLES = {
         f"{HEADER}\n0.5,b,0,0,0,0,4,2,car\n{EGO}0.05,ego,1,0,0,20,4.7,1.9,car\n",
         ["row 5 (t 0.05, object 'ego')", "time runs backwards", "t 0.1", "Sort"],
     ),
-    "duplicate": (f"{HEADER}\n{EGO}{EGO}", ["row 4 (t 0.0, object 'ego')", "stand there before"]),
+    "duplicate": (f"{HEADER}\n{EGO}{EGO}", ["row 4 (t 0.0, object 'ego')", "comes before it"]),
     "nan": (f"{HEADER}\n{EGO}0.2,ego,nan,0,0,20,4.7,1.9,car\n", ["row 4 (t 0.2, object 'ego'): x is nan"]),
     "empty field": (f"{HEADER}\n{EGO}0.2,ego,,0,0,20,4.7,1.9,car\n", ["row 4", "x is nan", "finite number"]),
     "inf": (f"{HEADER}\n{EGO}0.2,ego,1,0,0,-inf,4.7,1.9,car\n", ["row 4", "v is -inf", "finite number"]),
     "text": (f"{HEADER}\n{EGO}0.2,ego,1,0,north,2,4,2,car\n", ["row 4", "heading is 'north'"]),
     "time text": (f"{HEADER}\n{EGO}now,ego,1,0,0,2,4,2,car\n", ["row 4 (t now, object 'ego'): t is 'now'"]),
     "underscore": (f"{HEADER}\n{EGO}0.2,ego,1_0,0,0,2,4,2,car\n", ["row 4", "x is '1_0'"]),
-    "semicolons": (HEADER.replace(",", ";") + "\n", ["found t;id;x", "parted by commas"]),
+    "semicolons": (HEADER.replace(",", ";") + "\n", ["found t;id;x", "separated by commas"]),
     "no id": (f"{HEADER}\n{EGO}0.2,,1,0,0,2,4,2,car\n", ["row 4", "id is ''", "expected a name"]),
     "kind": (
         f"{HEADER}\n{EGO}0.2,b,1,0,0,2,4,2,lorry\n0.3,b,1,0,0,2,4,2,lorry\n",
@@ -140,7 +140,7 @@ SETTINGS = {
     ),
     "environment": (TOML + "[environment]\nfog = 1\n", ["environment.fog: Extra inputs", "found 1"]),
     "no map": (TOML.replace("road", "rod"), ["recording.toml", "map: there is no file", "rod.xodr"]),
-    "ego": (TOML.replace('"ego"', '"me"'), ["ego 'me' is no object of gt.csv", "holds ego, a"]),
+    "ego": (TOML.replace('"ego"', '"me"'), ["ego 'me' was not found in gt.csv", "holds ego, a"]),
     "lost sd": (TOML + "sd_rate = 10\n", ["sd_rate is 10", "neither sd.csv nor sd.parquet"]),
     "missing": (None, ["recording.toml", "cannot be read (No such file or directory)"]),
 }
@@ -190,7 +190,7 @@ SENSOR = {
         f"{SD}\n0.0,7,1,0,0,2,4,2,car,a,1\n0.1,7,1,0,0,2,4,2,car,ego,1\n",
         ["row 3 (t 0.1, object '7')", "gt_id is 'ego', the object's first row has 'a'", "a new id"],
     ),
-    "unknown": (f"{SD}\n0.0,7,1,0,0,2,4,2,car,zz,1\n", ["row 2", "gt_id 'zz' is no object of the ground"]),
+    "unknown": (f"{SD}\n0.0,7,1,0,0,2,4,2,car,zz,1\n", ["row 2", "gt_id 'zz' was not found in the ground"]),
     "probability": (
         f"{SD}\n0.0,7,1,0,0,2,4,2,car,a,1.5\n",
         ["row 2", "existence_probability is 1.5", "0 to 1"],
@@ -280,15 +280,15 @@ def test_what_is_no_file_is_not_passed_over(make: Make, name: str) -> None:
     """A pipe would have been taken for no sensor data at all."""
     folder = make()
     os.mkfifo(folder / name)
-    with pytest.raises(InputError, match=f"{name}: is no file: a folder, a device, a pipe"):
+    with pytest.raises(InputError, match=f"{name}: is not a regular file"):
         read_recording(folder)
     (folder / name).unlink()
     (folder / name).symlink_to("nowhere.csv")
-    with pytest.raises(InputError, match="a link to nothing"):
+    with pytest.raises(InputError, match="dangling link"):
         read_recording(folder)
 
 
 def test_two_columns_of_one_name_are_refused(make: Make) -> None:
     rows = [f"{line},99.0" for line in EGO.splitlines()]
-    with pytest.raises(InputError, match=r"gt\.csv: has more than one column x\. Keep the one that is meant"):
+    with pytest.raises(InputError, match=r"gt\.csv: has more than one column x\. Keep the right one"):
         read_recording(make(gt="\n".join([f"{HEADER},x", *rows]) + "\n"))

@@ -101,9 +101,9 @@ def test_window_begins_at_zero_and_keeps_who_is_there_in_part(write: Write) -> N
 
 
 REFUSED = {
-    "span": (ROWS, META + "1,Car,2\n2,Car,2\n", "1", (0.1, 3.0), r"ego '1' is there from 0 to 0\.36 s, .* 3 s"),
+    "span": (ROWS, META + "1,Car,2\n2,Car,2\n", "1", (0.1, 3.0), r"ego '1' is present from 0 to 0\.36 s, .* 3 s"),
     "gap": (ROWS, META + "1,Car,2\n2,Car,2\n", "2", (None, None), r"ego '2' is missing at t 0\.24 s \(1 of 4"),
-    "ego": (ROWS, META + "1,Car,2\n2,Car,2\n", "9", (None, None), r"ego '9' is no object .* holds 1, 2"),
+    "ego": (ROWS, META + "1,Car,2\n2,Car,2\n", "9", (None, None), r"ego '9' was not found; the file has 1, 2"),
     "meta": (ROWS, META + "1,Car,2\n", "1", (None, None), r"07_tracksMeta\.csv: has no row for vehicle '2'"),
     "twice": (ROWS, META + "1,Car,2\n1,Car,2\n", "1", (None, None), r"vehicle '1' is a duplicate"),
     "row": (ROWS + "10,1,4,0,5,2,25,0,0,0,4\n", META + "1,Car,2\n2,Car,2\n", "1", (None, None), r"row 15 \(t 0\.36"),

@@ -289,7 +289,7 @@ def test_ground_truth_is_told_of_whatever_is_run(shipped: Shipped, build: Builds
 def test_clocks_that_do_not_meet_are_refused(shipped: Shipped, build: Builds) -> None:
     one = shipped("overtake")
     assert one.sd is not None
-    with pytest.raises(ResimError, match="they have no time in common"):
+    with pytest.raises(ResimError, match="they do not overlap in time"):
         resimulate(replace(one, sd=one.sd.shifted(1000.0)), build("idm"))
 
 
@@ -303,7 +303,7 @@ def test_wrong_maps_and_units_and_bridged_gaps_are_noted(shipped: Shipped, build
     columns = {c: np.where(hidden, getattr(one.gt, c), np.nan) for c in ("x", "y", "heading", "v")}
     gaps = replace(one, gt=replace(one.gt, valid=hidden, **columns))
     result = resimulate(gaps, build("replay"))
-    assert any("another object when seen again: 1~2, 2~2, 3~2" in w for w in result.warnings)
+    assert any("counted as another object from then on: 1~2, 2~2, 3~2" in w for w in result.warnings)
     truth = result.drives["rGT"].truth
     assert not truth.at([3.0]).select(["1"]).valid.any()  # nobody drives where nobody was seen
     assert result.errors["PIPE_GT"].ids.tolist() == ["ego", "1", "2", "3"]

@@ -147,7 +147,7 @@ def test_nothing_is_deleted_before_the_answer(
         code, out, error = call("runs", "rm", mine / "run", "--files")
         if not answer:
             assert code == 2
-            assert "--files: asks before it deletes, and nobody answered. Say --yes." in error
+            assert "--files: asks before it deletes, but there was no answer. Say --yes." in error
         else:
             assert code == 0
             assert ("nothing was removed" if answer == "n\n" else "deleted: ") in out
@@ -161,7 +161,7 @@ def test_what_is_not_what_the_catalog_holds_is_never_deleted(call: Call, mine: P
     report.write_text(report.read_text() + " ")
     code, _, error = call("runs", "rm", mine / "run", "--files", "--yes")
     assert code == 2
-    assert "holds something else since it was put into the catalog. Leave out --files" in error
+    assert "was overwritten after it was added to the catalog. Leave out --files" in error
     code, _, error = call("runs", "rm", mine / "sweep", "--files", "--yes")
     assert code == 2
     assert "holds journal/notes.txt, which is no result of resim's" in error
@@ -218,7 +218,9 @@ def test_a_catalog_that_cannot_be_written_costs_one_line_and_no_result(
     assert code == 0
     assert "assessment: " in out
     assert (tmp_path / "out" / "assessment.json").is_file()
-    assert error.startswith("resim: warning: the results are whole, but not in the catalog: ")
+    assert error.startswith(
+        "resim: warning: the results are complete, but could not be added to the catalog: "
+    )
     assert error.count("\n") == 1
     assert "secret" not in error
     assert "Set RESIM_CATALOG to" in error
@@ -233,4 +235,4 @@ def test_without_a_catalog_nothing_is_put_in(
     assert not catalog.exists()
     code, _, error = call("runs", "list")
     assert code == 2
-    assert "RESIM_CATALOG: says that there is no catalog. Unset it" in error
+    assert "RESIM_CATALOG: switches the catalog off. Unset it" in error

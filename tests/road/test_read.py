@@ -81,7 +81,7 @@ def test_bad_geometry_is_named(one_road, geometry, says):
     [
         ('<laneSection s="0"><right><lane id="one"/></right></laneSection>', "id='one' .* not an integer"),
         ('<laneSection s="0"><right><lane id="-2"/></right></laneSection>', "lane -1 is missing"),
-        ('<laneSection s="0"><left><lane id="1"/><lane id="1"/></left></laneSection>', "stands twice"),
+        ('<laneSection s="0"><left><lane id="1"/><lane id="1"/></left></laneSection>', "is a duplicate"),
         ('<laneSection s="5"/><laneSection s="0"/>', "does not increase"),
         ('<laneSection s="-5"/><laneSection s="0"/>', "starts at s=-5, before the road"),
         (

@@ -92,7 +92,7 @@ def test_what_does_not_change_is_told(call: Call, tmp_path: Path) -> None:
     found, page, said = report(call, tmp_path / "lane", TWO, outcome="lane")
     assert (found["known"], found["cells"], found["widest"]) == (True, [], None)
     assert "“lane” is passed at every tested point" in page
-    assert "30 points tried, 30 of them good: the outcome does not change" in said
+    assert "30 points tested, 30 of them good: the outcome does not change" in said
 
 
 def test_nothing_is_told_of_the_ranges(call: Call, tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def test_single_values_are_taken_as_they_are() -> None:
         ({"low": 1.0, "high": 0.0}, "is not below"),
         ({"low": 0.0, "high": 1.0, "values": (1.0,)}, "low and high, or values"),
         ({"low": 0.0, "high": 1.0, "mean": 0.5}, "mean and std"),
-        ({"values": (1.0, 1.0)}, "stands twice"),
+        ({"values": (1.0, 1.0)}, "is a duplicate"),
         ({"low": 0.0, "high": float("nan")}, "finite"),
     ],
 )

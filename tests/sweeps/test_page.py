@@ -88,7 +88,7 @@ def test_it_says_how_far_a_parameter_may_go(grid: tuple[dict[str, Any], str, str
     assert "estimate: up to 0.3 s" in grid[1]
     over = outcome(grid[0], "same_decision")["requirements"][SPEED]
     assert [r["found"] for r in over] == ["none", "limit"]
-    assert "no value swept keeps it in 95 % of runs" in grid[1]
+    assert "no swept value meets it in 95 % of runs" in grid[1]
 
 
 def test_it_finds_the_boundary(grid: tuple[dict[str, Any], str, str]) -> None:

@@ -149,7 +149,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     stopped = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert stopped.returncode == 2
     assert "1-of-1.jsonl: cannot be written" in stopped.stderr
-    assert "go on with --resume: nothing is lost" in stopped.stderr
+    assert "resume with --resume: nothing is lost" in stopped.stderr
     assert 1 <= len(list(journal.read(tmp_path / "out" / "journal"))) < 6
     assert start(path, tmp_path / "out", "--resume").wait() == 0
     assert bytes_of(tmp_path / "out") == bytes_of(tmp_path / "whole")
@@ -279,7 +279,7 @@ def sealed(said: str) -> str:
             "line 2: run 77 is none of this",
         ),
         (lambda line: sealed(re.sub(r'"run": \d+', '"run": true', line[9:-1])), "line 2 is damaged"),
-        (lambda line: sealed(re.sub(r'"plan": "\w+"', '"plan": "0"', line[9:-1])), "is none of this sweep's"),
+        (lambda line: sealed(re.sub(r'"plan": "\w+"', '"plan": "0"', line[9:-1])), "is not in this sweep"),
         (
             lambda line: line + sealed(re.sub(r'"end": "\w+"', '"end": "collision"', line[9:-1])),
             "contradicts an earlier line",

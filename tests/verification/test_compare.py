@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
+from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
+from resim.verification.blame import OpenLoopFinding
 from resim.verification.cause import cause
 from resim.verification.compare import DriveComparison, SeedVerdict, compare
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import ErrorLimits, Excess, StepLimits, Tolerances
-from resim.verification.vehicle import OpenLoop
 
 FREE = Tolerances(
     sensor=StepLimits(to=ErrorLimits(d=1.0)), fit=StepLimits(to=ErrorLimits(d=0.2)),
@@ -90,7 +90,7 @@ def test_a_simulation_that_is_cut_short_is_not_verified(end: str) -> None:
     found = compare("rGT", drive(), replace(drive(), end=end, collision=end == "collision"), SMALL, FREE)
     assert found.verdict == "not verified"
     assert "end" in found.unequal
-    assert ("collides in simulation alone" in found.differences[0]) == (end == "collision")
+    assert ("collides only in simulation" in found.differences[0]) == (end == "collision")
 
 
 def test_both_may_collide() -> None:
@@ -153,7 +153,9 @@ def errors(**steps: float) -> dict[str, dict[str, dict[str, float | None]]]:
     return {step: {"ego": {}, "to": {"d": steps.get(step, 0.01)}} for step in SMALL}
 
 
-def found_cause(far: dict[str, float], recorded: DriveComparison | None, driven: OpenLoop | None = None):
+def found_cause(
+    far: dict[str, float], recorded: DriveComparison | None, driven: OpenLoopFinding | None = None
+):
     told = errors(**far)
     one = SeedVerdict("rGT", (compare("rGT", drive(), drive(()), told, FREE),))
     return cause(one, told, FREE, recorded, driven=driven)
@@ -226,11 +228,11 @@ def test_what_cannot_be_judged_is_named() -> None:
     assert (found.step, found.text) == ("criteria", "cannot be judged: gap")
 
 
-def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLoop:
+def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLoopFinding:
     """The vehicle model 2 m/s off within a second, or not at all."""
     beyond = (Excess(step="vehicle", who="ego", quantity="v", value=2.0, limit=0.5),) if off else ()
     error = {"d": 0.1, "v": 2.0 if off else 0.1, "heading": 0.0}
-    return OpenLoop(error, beyond, 2.5 if off else None, function, 1.0, senses)  # type: ignore[arg-type]
+    return OpenLoopFinding(error, beyond, 2.5 if off else None, function, 1.0, senses)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -240,9 +242,9 @@ def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLo
         ("is the build that drove", True, True, "vehicle", "is the build that drove"),
         ("unknown", True, True, "function or vehicle", "and nobody knows whether this build drove"),
         ("unknown", True, False, "function or vehicle", "what it perceived was not recorded"),
-        ("plans otherwise", True, True, "function", "plans otherwise than recorded, for 1.0 s"),
-        ("plans otherwise", False, True, "function", "plans otherwise than recorded"),
-        ("plans as recorded", False, True, "function", "move the vehicle model as the vehicle moved"),
+        ("plans otherwise", True, True, "function", "plans differently from the recording, for 1.0 s"),
+        ("plans otherwise", False, True, "function", "plans differently from the recording"),
+        ("plans as recorded", False, True, "function", "move the vehicle model as the real vehicle moved"),
     ],
 )
 def test_the_vehicle_is_the_cause_where_the_function_is_known_to_have_answered_as_here(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi
+from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.entries import BuildVerdict, ComparedRecording, ReactionsOfBuilds
 from resim.verification.paired import RegressionLimits, RunPair, difference, pair
 from resim.verification.report import ComparisonSummary, LimitCheck

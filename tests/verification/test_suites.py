@@ -212,7 +212,7 @@ def test_a_result_that_is_not_as_it_was_written_is_made_again(
     assert damaged == [case] * len(DAMAGE)
     case.write_text(DAMAGE["key alone"](whole))
     code, _, error = call(*command)
-    assert (code, error.count("\n"), error.count("its recording is run again")) == (0, 1, 1)
+    assert (code, error.count("\n"), error.count("its recording is simulated again")) == (0, 1, 1)
     assert (out / "verification.json").read_bytes() == found
 
 
@@ -318,7 +318,7 @@ def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
     written = out / "verification.json"
     code, said, _ = call("verify", "--replay", written, "--workers", 1)
     assert code == 0
-    assert "the same bytes again, 1 recordings" in said
+    assert "identical bytes, 1 recordings" in said
     whole = written.read_text()
     written.write_text(whole.replace('"verdict": "verified"', '"verdict": "invalid"', 1))
     code, _, error = call("verify", "--replay", written, "--workers", 1)
@@ -328,7 +328,7 @@ def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
     edit(written, lambda said: said["recordings"][0].update(verdict="invalid"))
     code, _, error = call("verify", "--replay", written, "--workers", 1)
     assert code == 1
-    assert "not the same bytes" in error
+    assert "different bytes" in error
     with (drive / "recording.toml").open("a") as settings:
         settings.write("# another byte\n")
     code, _, error = call("verify", "--replay", written, "--workers", 1)
@@ -379,7 +379,7 @@ def test_the_hashes_of_the_highway_suite_are_those_of_the_recordings() -> None:
         ("agreement = 1.0", str(OVERTAKE), "agreement"),
         (f'seeds = 28\nperception = "{MODEL}"', str(OVERTAKE), "seeds = 29 or more"),
         ('vary = ["colour"]', str(OVERTAKE), "colour"),
-        ("", "nothing/*", "no recording is there"),
+        ("", "nothing/*", "there is no recording"),
     ],
 )
 def test_a_suite_that_is_wrong_is_refused_with_the_reason(
@@ -412,7 +412,7 @@ def test_a_recording_with_two_hashes_is_refused(
     path.write_text(text + f'[[recording]]\nfolder = "{folder}"\nhash = "{content_hash(OVERTAKE)}"\n')
     code, _, error = call("verify", path, "--build", REPLAY, "--out", out)
     assert code == 2
-    assert "stands twice, with two hashes" in error
+    assert "is a duplicate, with two hashes" in error
 
 
 def test_a_table_of_any_size_has_a_hash(tmp_path: Path) -> None:
@@ -445,7 +445,7 @@ def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
     for order in orders:
         code, _, error = call(*order)
         assert (code, error.count("\n")) == (2, 1), order
-        assert "this name is no UTF-8" in error, order
+        assert "this name is not UTF-8" in error, order
     assert not out.exists()
     assert not (tmp_path / "new.toml").exists()
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resim.verification.validity import POINTS, search
+from resim.verification.validity_interval import POINTS, search
 
 
 def test_nothing_flips_as_far_as_is_tried() -> None:

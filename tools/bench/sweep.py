@@ -38,7 +38,7 @@ from pathlib import Path
 from resim.execution import journal
 from resim.sweeps.execution import begin, execute, inputs, tasks
 from resim.sweeps.file import Sweep, read_sweep, runs
-from resim.sweeps.runs import run
+from resim.sweeps.tasks import run
 
 sys.path.insert(0, str(Path(__file__).parent))
 from verify import drive, record

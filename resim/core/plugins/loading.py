@@ -23,8 +23,8 @@ from resim.core.errors import ChangedError, FunctionError, InputError, StopError
 from resim.core.plugins.frozen import FrozenCopy, FrozenFile, find_copy, freeze
 from resim.core.plugins.imports import is_own, options, own_data, own_sources
 from resim.core.plugins.modules import OwnModules
-from resim.core.plugins.opened import OpenedFiles
 from resim.core.plugins.surroundings import same_surroundings
+from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog, said
 
 LOAD_LIMIT = 180.0

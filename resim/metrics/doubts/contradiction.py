@@ -21,7 +21,7 @@ from scipy.ndimage import median_filter
 
 from resim.core.geometry import Bools, Floats
 from resim.core.objects import HARDEST
-from resim.core.sightings import Sightings
+from resim.core.sightings import MOVES, Sightings
 from resim.metrics.doubts.reach import CURVATURE
 from resim.scenario.course import position_noise
 
@@ -111,11 +111,28 @@ def _off_in(
     else:
         off = (moved - told) * np.exp(-1j * np.angle(np.where(np.abs(told) > 0.0, told, moved)))
     swing = 0.5 * length * np.abs(turn[: len(moved)])
-    bad = np.abs(off.real) > loose + _usual(off.real, SPEED * speed)
-    bad |= np.abs(off.imag) > loose + swing + _usual(off.imag, HEADING * speed)
-    cells = np.clip(np.arange(len(sums[0]) - 1 - late) - hop // 2, 0, len(bad) - 1)
-    total = _sum(np.where(_lasting(bad), off, 0.0)[cells] * CELL)
-    return np.array([np.ptp(total.real), np.ptp(total.imag)])
+    cells = np.clip(np.arange(len(sums[0]) - 1 - late) - hop // 2, 0, len(off) - 1)
+    along = _drift(off.real, SPEED, speed, loose, cells)
+    return np.array([along, _drift(off.imag, HEADING, speed, loose + swing, cells)])
+
+
+def _drift(off: Floats, most: float, speed: Floats, loose: Floats, cells: NDArray[np.intp]) -> float:
+    """How far [m] the places drift away, by how fast (m,) [m/s] they do so in each window.
+
+    What the track is off throughout is none: a part of the speed, up to `most`, with its spread. Where that does not
+    hold all the time, nobody knows where it does. loose: (m,) m/s that say nothing; cells: which window each cell of
+    the grid belongs to.
+    """
+    part = float(np.clip(np.median(off / np.maximum(speed, MOVES)), -most, most))
+    rest = off - part * speed
+    spread = np.minimum((most - abs(part)) * speed, USUAL * float(np.median(np.abs(rest))))
+    changes = _integral(rest, np.abs(rest) > loose + spread, cells)
+    return changes if changes < FAR else max(changes, _integral(off, np.abs(off) > loose, cells))
+
+
+def _integral(off: Floats, bad: Bools, cells: NDArray[np.intp]) -> float:
+    """How far [m] it goes in windows that are bad for long."""
+    return float(np.ptp(_sum(np.where(_lasting(bad), off, 0.0)[cells] * CELL)))
 
 
 def turned_by(k: Sightings) -> float:
@@ -177,11 +194,6 @@ def _lateness(told: _Numbers, moved: _Numbers) -> int:
     late = min(range(most + 1), key=lambda k: misfit(len(told) - most, k))
     cells = len(told) - late
     return late if misfit(cells, late) < EXPLAINS * misfit(cells, 0) else 0
-
-
-def _usual(off: Floats, most: Floats) -> Floats:
-    """What the track is off throughout [m/s], up to the most."""
-    return np.minimum(most, USUAL * float(np.median(np.abs(off))))
 
 
 def _lasting(bad: Bools) -> Bools:

@@ -139,7 +139,7 @@ def absences(whom: ObjectIds) -> tuple[tuple[Absence, ...], tuple[Absence, ...]]
     """
     seen = SightEdges.of(whom)
     found = [told for k in whom.others for told in _of_object(k, seen)]
-    absent = (*_of_ego(whom.ego, seen.slack), *(a for a, excused in found if not excused))
+    absent = (*_of_ego(whom.ego, _slack(whom.ego.step)), *(a for a, excused in found if not excused))
     return absent, tuple(a for a, excused in found if excused)
 
 
@@ -168,7 +168,7 @@ def cut_off(whom: ObjectIds) -> Iterator[Absence]:
     if not others or len(me.t) < 2:
         return
     usual = [k.step for k in (me, *whom.others) if k.step > 0.0]
-    slack = 2.0 * min(me.step, float(np.median(usual))) + SAME
+    slack = _slack(min(me.step, float(np.median(usual))))
     first, last = min(float(t.min()) for t in others), max(float(t.max()) for t in others)
     early, late = first < me.t[0] - slack, last > me.t[-1] + slack
     if not early and not late:
@@ -178,6 +178,11 @@ def cut_off(whom: ObjectIds) -> Iterator[Absence]:
         yield _absent(me, first, float(me.t[0]))
     if late and not seen.at_edge(me, float(me.t[-1]), 1):
         yield _absent(me, float(me.t[-1]), last)
+
+
+def _slack(step: float) -> float:
+    """Time [s] by which an EGO may end before its last row, or others' rows: two of its steps, or one up to BETWEEN."""
+    return max(step, min(2.0 * step, BETWEEN)) + SAME
 
 
 def _of_ego(k: Sightings, slack: float) -> Iterator[Absence]:

@@ -36,7 +36,7 @@ class MeasureValues:
 
     value: any shape, in `unit`, NaN wherever `state` (same shape) is not VALUE. worst: which end is the worse one.
     beyond: how bad it can still be where there is NO_CONFLICT, as that is looked for so far ahead only; of a shape that
-    fits to `value`, None where it is known to be none.
+    fits to `value`, None where it is known to be none. note: what one has to know to believe them, "" for nothing.
     """
 
     name: str
@@ -45,6 +45,7 @@ class MeasureValues:
     state: States
     worst: WorstEnd
     beyond: Floats | None = None
+    note: str = ""
 
     def __post_init__(self) -> None:
         if self.value.shape != self.state.shape:

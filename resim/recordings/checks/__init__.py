@@ -9,13 +9,13 @@ import pandas as pd
 
 from resim.core.finding import Finding, Source
 from resim.recordings import RecordingTables
-from resim.recordings.checks.beside import misnamed, pairs, strangers
 from resim.recordings.checks.bodies import impossible, overlaps, sizes, swapped
 from resim.recordings.checks.clock import in_order
 from resim.recordings.checks.codes import CODES, FindingCode, RankedFinding, worst_first
 from resim.recordings.checks.delay import clocks
 from resim.recordings.checks.headings import headings
 from resim.recordings.checks.identity import broken, jumps, parts_of
+from resim.recordings.checks.matching import misnamed, pairs, strangers
 from resim.recordings.checks.motion import heading, limits, speed
 from resim.recordings.checks.offsets import offsets
 from resim.recordings.checks.place import places

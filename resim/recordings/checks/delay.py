@@ -8,9 +8,9 @@ import numpy as np
 
 from resim.core.finding import Severity, Source
 from resim.core.geometry import Floats
-from resim.recordings.checks.beside import MatchedTrack, beside
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.derived import motion
+from resim.recordings.checks.matching import MatchedTrack, beside
 from resim.recordings.checks.pooled import DRIFTED, USUAL, pooled
 from resim.recordings.checks.reference import CONSTANT, is_point
 from resim.recordings.checks.tracks import CheckedTable, Track

@@ -9,8 +9,8 @@ import numpy as np
 
 from resim.core.finding import Severity
 from resim.core.geometry import Floats
-from resim.recordings.checks.beside import APART, MatchedTrack
 from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.matching import APART, MatchedTrack
 from resim.recordings.checks.tracks import CheckedTable, runs
 
 BIN = 1.0

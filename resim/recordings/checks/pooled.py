@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.recordings.checks.beside import MatchedTrack
+from resim.recordings.checks.matching import MatchedTrack
 from resim.recordings.checks.tracks import PEDESTRIAN
 
 BIN = 1.0

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from resim.recordings.checks.beside import MatchedTrack
 from resim.recordings.checks.codes import RankedFinding, found
+from resim.recordings.checks.matching import MatchedTrack
 
 CONSTANT = 1.5
 """Constant position error of a sensor [m] that is usual."""

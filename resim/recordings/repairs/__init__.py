@@ -16,14 +16,10 @@ from resim.recordings.repairs.frames import SOURCES, Count, counted, frame_of, n
 from resim.recordings.repairs.gaps import holes, missing_values
 from resim.recordings.repairs.identity import id_reused, id_switch, track_broken
 from resim.recordings.repairs.motion import heading_disagrees, speed_disagrees
-from resim.recordings.repairs.order import (
-    duplicate_samples,
-    size_changes,
-    size_swapped,
-    time_backwards,
-)
 from resim.recordings.repairs.outliers import outlier, repeated_samples, spikes
+from resim.recordings.repairs.rows import duplicate_samples, time_backwards
 from resim.recordings.repairs.settings import FILTERS, Filter, RepairOptions
+from resim.recordings.repairs.sizes import size_changes, size_swapped
 from resim.recordings.repairs.units import heading, mirrored_y, speed_unit
 from resim.recordings.tables import FILLED, JOINED, PARTED, REPAIRED
 from resim.road.opendrive import RoadNetwork

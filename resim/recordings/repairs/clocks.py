@@ -7,9 +7,9 @@ import numpy as np
 from resim.core.finding import Finding, Source
 from resim.core.geometry import Floats
 from resim.recordings import RecordingTables
-from resim.recordings.checks.beside import pairs
 from resim.recordings.checks.clock import jump_corrections
 from resim.recordings.checks.delay import LONG, delay_of
+from resim.recordings.checks.matching import pairs
 from resim.recordings.repairs.frames import changed, frame_of, rows_of, table, with_frame
 from resim.recordings.repairs.settings import RepairOptions
 

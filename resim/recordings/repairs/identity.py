@@ -12,7 +12,7 @@ from resim.core.geometry import Bools
 from resim.core.objects import GAP, successions
 from resim.core.tracks import Tracks
 from resim.recordings import RecordingTables
-from resim.recordings.checks.beside import NEAREST, beside
+from resim.recordings.checks.matching import NEAREST, beside
 from resim.recordings.repairs.frames import (
     changed,
     complete,

@@ -17,7 +17,7 @@ from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, from_frame
 from resim.core.plugins.frozen import FrozenFile, thaw
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
-from resim.core.plugins.opened import OpenedFiles
+from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 

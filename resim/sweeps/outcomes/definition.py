@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from resim.resimulation.drive_outcome import DriveOutcome
     from resim.resimulation.fidelity import StepErrors
-    from resim.resimulation.outcome import DriveOutcome
     from resim.simulation.case import SimulatedDrive
 
 Cell = str | bool | float | None

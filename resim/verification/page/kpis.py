@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pydantic import MISSING
 
 from resim.report.markup import Markup, html, join
-from resim.resimulation.outcome import KpiOutcome
+from resim.resimulation.drive_outcome import KpiOutcome
 from resim.verification.entries import MODEL, KpiComparison, KpiEntry, SeedRun, VerifiedRecording
 from resim.verification.page.cells import NONE, minus, row, rows_table, share, spread
 from resim.verification.share import Share

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from resim.report.markup import Markup, html, join
 from resim.verification.page.cells import minus, row, rows_table
-from resim.verification.validity import IntervalEnd, ValidityInterval
+from resim.verification.validity_interval import IntervalEnd, ValidityInterval
 
 MEANING = Markup(
     "Within each interval no KPI flips in simulation. This does not prove the interval safe: it is what <b>one real "

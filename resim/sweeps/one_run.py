@@ -11,8 +11,8 @@ from resim.perception.model import PerceptionModel
 from resim.perception.runtime.sensor import Sensor
 from resim.recordings import Recording
 from resim.resimulation.assessed import AssessmentOptions
-from resim.resimulation.outcome import COMFORT, DriveOutcome
-from resim.resimulation.outcomes import seed_outcome
+from resim.resimulation.compute_outcome import seed_outcome
+from resim.resimulation.drive_outcome import COMFORT, DriveOutcome
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import PreparedRecording, Resimulation, ResimulationOptions
 from resim.resimulation.run import prepare, run_on_gt

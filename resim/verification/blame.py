@@ -18,7 +18,7 @@ Blamed = Literal["vehicle", "function", "function or vehicle"]
 
 
 @dataclass(frozen=True)
-class OpenLoop:
+class OpenLoopFinding:
     """What the function answers along the measured drive, and how far the vehicle model moves from it on the answers.
 
     error: of the EGO after one second of it, where it is largest: d [m], v [m/s], heading [rad]. beyond: where that is

@@ -151,4 +151,4 @@ def test_late_sensors_in_the_right_vehicle_are_the_sensor(driven: Drive) -> None
     assert found.driven is not None
     assert found.driven.blamed is None
     assert found.driven.error["v"] < 0.25
-    assert not any("the vehicle moved otherwise" in note for note in found.notes)
+    assert not any("the vehicle moved differently" in note for note in found.notes)

@@ -12,12 +12,12 @@ from resim.core.errors import ResimError
 from resim.metrics.assessment import Assessment
 from resim.perception.runtime.sensor import Sensor
 from resim.resimulation.assessed import AssessmentOptions
-from resim.resimulation.outcome import Kpi
-from resim.resimulation.outcomes import seed_outcome
+from resim.resimulation.compute_outcome import seed_outcome
+from resim.resimulation.drive_outcome import Kpi
 from resim.resimulation.result import Resimulation
 from resim.resimulation.run import run_on_gt
 from resim.scenario.variation import PARAMETERS, vary
-from resim.verification.validity import ValidityInterval, search
+from resim.verification.validity_interval import ValidityInterval, search
 
 SEEDS = 20
 """Seeds that each change is simulated with, where a verdict took more."""

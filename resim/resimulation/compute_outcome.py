@@ -1,4 +1,4 @@
-"""What drives came to (`resim.verification.Outcome`), of re-simulations and their assessments."""
+"""What drives came to (`DriveOutcome`), of re-simulations and their assessments."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from resim.metrics.assessment import Assessment
 from resim.resimulation import fidelity
 from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.assessments import assess_drive
+from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi, Rms
 from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, StepErrors
-from resim.resimulation.outcome import COMFORT, DriveOutcome, Kpi, Rms
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import Resimulation
 from resim.road.opendrive import RoadNetwork

@@ -16,7 +16,7 @@ from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
-from resim.sweeps.prepared import PreparedRuns, Row, prepare_sweep, run_once
+from resim.sweeps.one_run import PreparedRuns, Row, prepare_sweep, run_once
 
 Values = tuple[tuple[str, float], ...]
 """Parameters by name, as a sweep has them, and their values."""
