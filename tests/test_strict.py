@@ -52,7 +52,7 @@ REFUSED = [
     (read_sweep, PARAMETER, "low = -1.7e308\nhigh = 1.7e308", "from low -1.7e+308 to high 1.7e+308"),
     (load_build, BUILD, 'cycle_time = "0.2"', "cycle_time: Input should be a valid number, found '0.2'"),
     (load_build, BUILD, "time_limit = true", "time_limit: Input should be a valid number, found True"),
-    (load_build, BUILD, f'files = ["{300 * "a"}"]', "is no plain relative name of up to 255 characters"),
+    (load_build, BUILD, f'files = ["{300 * "a"}"]', "is not a plain relative name of up to 255 characters"),
     (read_criteria, CRITERIA, 'below = "3"', "criterion.0.below: Input should be a valid number, found '3'"),
     (read_settings, SETTINGS, 'gt_rate = "25"', "gt_rate: Input should be a valid number, found '25'"),
     (read_settings, SETTINGS, "gt_rate = 1e300", "gt_rate: Input should be less than or equal to 10000"),

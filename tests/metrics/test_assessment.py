@@ -58,7 +58,7 @@ def test_predictions_may_know_the_road_but_not_as_published(call, tmp_path):
     assert (found["road_aware"], found["prediction"]) == (True, "published")
     code, out, error = call("assess", drive, "--road-aware", "--mode", "published")
     assert (code, out) == (2, "")
-    assert "--road-aware: the published mode knows no road" in error
+    assert "--road-aware: the published mode does not use the road" in error
 
 
 def test_the_rear_end_collision_is_full_risk_and_nothing_is_lost_in_json(call, tmp_path):

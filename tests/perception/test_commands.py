@@ -54,7 +54,7 @@ def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "With the perception model" in page
     assert f"<b>{sum(same)} of 20</b> seeds decide as the measured drive" in page
-    assert f"{sum(same)} of 20 seeds make the measured decision</span>" in page
+    assert f"{sum(same)} of 20 seeds decide as measured</span>" in page
     middle = np.median([s["reaction"] for s in seeds])
     assert f"<td>median <b>{middle:.2f} s</b>" in page
     run = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -225,10 +225,10 @@ def write_constant(folder, speeds, off, late, *, duration):
 
 def test_the_same_drive_twice_and_one_drive_to_judge_itself_are_refused(call, tmp_path):
     code, _, error = call("perception", "train", CORNER_CASE, CORNER_CASE, "--out", tmp_path / "m.json")
-    assert (code, "is the same drive as another one" in error) == (2, True)
+    assert (code, "is the same drive as another" in error) == (2, True)
     page = ("--report", tmp_path / "m.html")
     code, _, error = call("perception", "train", CORNER_CASE, "--out", tmp_path / "m.json", *page)
-    assert (code, "one drive cannot judge" in error) == (2, True)
+    assert (code, "one drive cannot both train" in error) == (2, True)
     assert not any(tmp_path.iterdir())
 
 

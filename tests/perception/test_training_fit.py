@@ -85,7 +85,7 @@ def test_a_bias_while_braking_is_not_taken_for_latency_without_a_word() -> None:
     assert model.latency.speed > 0.5
     found = told(fit, "speed", "bias", "braking")
     assert 0.25 < found.size < 0.7
-    late = float(found.text.rpartition("about ")[2].split()[0])
+    late = float(found.text.rpartition("latency: ")[2].split()[0])
     assert abs(late - 0.4) < 0.5 * (model.latency.speed - 0.4)
 
 
@@ -117,7 +117,7 @@ def test_what_is_left_out_is_counted_by_reason() -> None:
     assert model.training is not None
     seen = 24 * 101 - 101 - 100
     counts = {(part.what, part.reason.split()[0]): (part.count, part.of) for part in model.training.left_out}
-    assert counts["objects", "nothing"] == (2, 24)
+    assert counts["objects", "no"] == (2, 24)
     assert counts["samples", "they"] == (101, seen)
     assert counts["samples", "their"] == (1, seen)
     # 5 drives of 4 objects and one of 1: lists at 0 to 0.3 s; at 0.4 s the truth of 0 s is known

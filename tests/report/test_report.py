@@ -203,11 +203,11 @@ def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float,
     found = result.report.perception
     assert found is not None
     assert found.same_decision == 0
-    for one, told in zip(found.seeds, provenance(result)["perception"]["seeds"], strict=True):
-        assert "lost <the> lane" in str(one.failure) == told["failure"]
+    for one, told in zip(found.seeds, provenance(result, {}).perception.seeds, strict=True):
+        assert "lost <the> lane" in str(one.failure) == told.failure
         assert one.end_position_error is None
     text = Page(html(result, tmp_path)).text
-    assert "0 of 2 seeds make the measured decision" in text
+    assert "0 of 2 seeds decide as measured" in text
     assert "2 of 2 ended before" in text
     assert ("PIPE_GT+M" in html(result, tmp_path)) == (at > 0.0)
 

@@ -273,7 +273,7 @@ def test_a_sensor_that_does_not_see_the_ego_is_not_perfect(shipped: Shipped, bui
     report = result.report
     assert report.errors["S"]["ego"]["d"] is None
     assert report.errors["S"]["to"]["d"]["mean"] > 1.0
-    assert any("SD holds no EGO" in w for w in result.warnings)
+    assert any("SD has no EGO" in w for w in result.warnings)
 
 
 def test_ground_truth_is_told_of_whatever_is_run(shipped: Shipped, build: Builds) -> None:

@@ -140,7 +140,7 @@ def test_a_file_too_large_is_refused_before_it_is_read(tmp_path):
     with path.open("wb") as file:
         file.truncate(123_000_000)
     with pytest.raises(
-        InputError, match=r"city\.xodr: has 123.0 MB; files of up to 100 MB .* Cut out the part"
+        InputError, match=r"city\.xodr: has 123.0 MB; files of up to 100 MB .* Give only the part"
     ):
         load(path)
 

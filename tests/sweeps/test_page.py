@@ -82,7 +82,7 @@ def test_it_says_how_far_a_parameter_may_go(grid: tuple[dict[str, Any], str, str
     assert (limit["side"], limit["found"], limit["estimate"]) == ("under", "limit", [None, 0.3])
     assert (limit["bounds"], limit["beyond"]) == ([None, 0.2], [None, 0.3])
     assert limit["share"] > limit["least"] >= 0.95
-    told = "latency of speed up to 0.2 s keeps it in 95 % of runs (100 % of 135 runs, at least 96.1 %"
+    told = "latency of speed up to 0.2 s meets it in 95 % of runs (100 % of 135 runs, at least 96.1 %"
     assert told in grid[1]
     assert told in grid[2]
     assert "estimate: up to 0.3 s" in grid[1]

@@ -233,9 +233,9 @@ def test_two_commands_do_not_write_one_journal(tmp_path: Path) -> None:
 def test_a_pipe_in_the_place_of_a_journal_is_not_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "1-of-1.jsonl"
     os.mkfifo(path)
-    with pytest.raises(InputError, match="is no file"):
+    with pytest.raises(InputError, match="is not a file"):
         journal.Journal(path)
-    with pytest.raises(InputError, match="is no file"):
+    with pytest.raises(InputError, match="is not a file"):
         list(journal.read(tmp_path))
 
 
@@ -276,7 +276,7 @@ def sealed(said: str) -> str:
         (lambda line: sealed(re.sub(r'"time": [^}]*', '"time": "long"', line[9:-1])), "line 2 is damaged"),
         (
             lambda line: sealed(re.sub(r'"run": \d+', '"run": 77', line[9:-1])),
-            "line 2: run 77 is none of this",
+            "line 2: run 77 is not in this",
         ),
         (lambda line: sealed(re.sub(r'"run": \d+', '"run": true', line[9:-1])), "line 2 is damaged"),
         (lambda line: sealed(re.sub(r'"plan": "\w+"', '"plan": "0"', line[9:-1])), "is not in this sweep"),
@@ -299,7 +299,7 @@ def test_an_altered_journal_is_told_of(
     assert (code, out_text) == (2, "")
     assert f"{file}: " in error
     assert told in error
-    assert "done again" in error
+    assert "repeated" in error
 
 
 def test_a_run_that_was_done_twice_with_the_same_result_counts_once(
