@@ -139,9 +139,9 @@ def replace(path: Path, old: str, new: str) -> None:
         (lambda f: (f / "manifest.json").unlink(), r"holds a sweep that is not finished\. Finish it with `resim sweep"),
         (lambda f: (f / "manifest.json").write_text("[1]"), r"manifest\.json: was not written by resim"),
         (lambda f: (f / "manifest.json").write_text("{"), r"manifest\.json: is not JSON"),
-        (lambda f: replace(f / "manifest.json", '"runs": 2', '"runs": 3'), r"manifest\.json: was changed after it was written"),
+        (lambda f: replace(f / "manifest.json", '"runs": 2', '"runs": 3'), r"manifest\.json: was changed after"),
         (lambda f: shutil.rmtree(f / "runs"), r"part-00000\.parquet: cannot be read"),
-        (lambda f: (f / "runs" / "part-00000.parquet").write_text("x"), r"part-00000\.parquet: was changed after it was wri"),
+        (lambda f: (f / "runs" / "part-00000.parquet").write_text("x"), r"part-00000\.parquet: was changed after"),
         (lambda f: shutil.rmtree(f), r"is no folder\. Give one that `resim run`"),
     ],
 )  # fmt: skip
