@@ -71,8 +71,8 @@ def test_a_run_over_a_lane_that_the_net_has_not_says_so(tmp_path):
 @pytest.mark.parametrize(
     ("code", "remedy"),
     [
-        ("SPEED_UNIT", "repair it with --fix, or go on with --accept SPEED_UNIT"),
-        ("REFERENCE_POINT", "correct it, or go on with --accept REFERENCE_POINT"),
+        ("SPEED_UNIT", "repair it with --fix, or continue with --accept SPEED_UNIT"),
+        ("REFERENCE_POINT", "correct it, or continue with --accept REFERENCE_POINT"),
     ],
 )
 def test_a_refusal_offers_only_a_repair_that_there_is(tmp_path, code, remedy):

@@ -90,7 +90,7 @@ def test_what_differs_is_named(swept: Path, call: Call) -> None:
     state_hashes(Path("out"))
     code, _, error = call("sweep", "repeat", "out", 1, "--out", "again")
     assert code == 1
-    assert "run 1 is not the same" in error
+    assert "run 1 differs from the sweep" in error
     assert "risk 0.5 in the sweep, now " in error
     assert "decision 'swerve' in the sweep" in error
     assert "reaction" not in error
