@@ -280,7 +280,9 @@ def test_no_bit_of_the_table_may_be_another(tmp_path: Path) -> None:
     whole = part.read_bytes()
     for at in range(0, len(whole), len(whole) // 100):
         part.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
-        with pytest.raises(InputError, match=r"part-00000\.parquet: was changed after it was written.* --resume"):
+        with pytest.raises(
+            InputError, match=r"part-00000\.parquet: was changed after it was written.* --resume"
+        ):
             read_swept(tmp_path / "swept")
     part.write_bytes(whole)
     assert len(read_swept(tmp_path / "swept").rows) == 495
@@ -304,7 +306,8 @@ def test_a_manifest_of_something_else_is_refused(
 
 @pytest.mark.parametrize("name", ["manifest.json", "sweep.json"])
 @pytest.mark.parametrize(
-    ("old", "new", "told"), [("known", "unknown", "was changed after it was written"), ("{", "", "is not JSON")]
+    ("old", "new", "told"),
+    [("known", "unknown", "was changed after it was written"), ("{", "", "is not JSON")],
 )
 def test_an_edited_manifest_is_refused(
     call: Call, tmp_path: Path, name: str, old: str, new: str, told: str
