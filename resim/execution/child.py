@@ -51,9 +51,8 @@ def memory() -> int:
         return most // (1 << (20 if sys.platform == "darwin" else 10))
 
 
-def main() -> None:
-    """Serve on the open files that the command line names by their numbers."""
-    tasks, results, board, lifeline = map(int, sys.argv[1:5])
+def main(tasks: int, results: int, board: int, lifeline: int) -> None:
+    """Serve on these open files; the last is closed when nobody waits any more, however the command ended."""
     for mine in (tasks, results, board, lifeline):
         os.set_inheritable(mine, False)
     fork_kept(lifeline, (tasks, results, board))

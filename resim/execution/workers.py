@@ -15,7 +15,6 @@ import pickle
 import select
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -25,7 +24,8 @@ from typing import Any, TypeVar
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.plugins.watchdog import BOARD, boards, unanswered
-from resim.execution.child import SIZE, Failure, main
+from resim.execution import forkserver
+from resim.execution.child import SIZE, Failure
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -35,9 +35,6 @@ LARGEST = 2048
 GONE = "the cluster's scheduler is gone. Finished runs are kept: start it, and resume with --resume."
 _AHEAD = 4
 """Tasks a worker that wait in the pool, so that it is never idle; the rest wait here."""
-_SERVE = (
-    f"import sys; sys.path[:] = {{path!r}}; from {main.__module__} import {main.__name__}; {main.__name__}()"
-)
 _START = 180.0
 """s that a fresh process has to start and to take up its task, beyond the task's own time."""
 _TICK = 0.1
@@ -142,7 +139,7 @@ def supervised(function: Callable[[Task], Result], task: Task, time_limit: float
         try:
             child: _Child | None = getattr(_own, "child", None)
             if child is None or not child.is_alive():
-                child = _own.child = _Child()
+                child = _own.child = _Child(function.__module__)
                 getattr(_own, "children", []).append(child)
             found: Result | Failure = child.work(function, task, time_limit, broken, killed)
         except OSError as e:
@@ -160,7 +157,8 @@ def supervised(function: Callable[[Task], Result], task: Task, time_limit: float
 class _Child:
     """A process that answers tasks."""
 
-    def __init__(self) -> None:
+    def __init__(self, module: str) -> None:
+        """module: what it is asked for first, which may be loaded before it starts."""
         with contextlib.ExitStack() as of_child, contextlib.ExitStack() as mine:
             shared = of_child.enter_context(tempfile.TemporaryFile())
             shared.write(bytes(BOARD))
@@ -170,12 +168,7 @@ class _Child:
             self.results, inner_results = _pipe(mine, of_child)
             inner_life, _ = _pipe(of_child, mine)
             inner = (inner_tasks, inner_results, shared.fileno(), inner_life)
-            path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _SERVE.format(path=path), *map(str, inner)],
-                pass_fds=inner, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,
-                env={**os.environ, "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
-            )  # fmt: skip
+            self.process = forkserver.fork(module, inner)
             self._files = mine.pop_all()
         self.alive = True
         self.blame = ""  # what the function did to the process in the last task
@@ -270,7 +263,6 @@ class _Child:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(2.0 * _PATIENCE)
         self.process.kill()
-        self.process.wait()
 
 
 _own = threading.local()

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import signal
 import threading
 import time
 from pathlib import Path
+
+import numpy as np
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.plugins import loading as plugin
@@ -157,3 +160,29 @@ def leave_the_folder(folder: str) -> str:
 def order(_: int) -> tuple[list[str], int]:
     """Give names in the order of a set, and the process."""
     return list({f"object {k}" for k in range(50)}), os.getpid()
+
+
+LOADED_IN = os.getpid()
+
+
+def is_loaded_here(number: int) -> bool:
+    """Say whether this module was loaded by the process that has the task, not by one that forked it."""
+    return os.getpid() == LOADED_IN
+
+
+def environment(name: str) -> str | None:
+    """Give a variable of the environment."""
+    return os.environ.get(name)
+
+
+def random_numbers(number: int) -> tuple[float, float]:
+    """Give random numbers that nobody gave a seed."""
+    return random.random(), float(np.random.rand())  # noqa: NPY002  (which code under test may use)
+
+
+def ancestors(number: int) -> list[int]:
+    """Give the numbers of the process that forked this one's keeper, of the keeper, and its own."""
+    found = [os.getpid()]
+    while len(found) < 3:
+        found.insert(0, int(Path(f"/proc/{found[0]}/stat").read_text().rsplit(")", 1)[1].split()[1]))
+    return found

@@ -1,0 +1,223 @@
+"""A process that has loaded resim's libraries and forks children: a child is there in 10 ms in place of seconds.
+
+The command starts one at its first child. It loads resim's own modules alone, never code under test, and ends with the
+command. Python's own (multiprocessing.forkserver) gives its children no session, no streams and no environment of the
+moment, and one that a caller has set up already would be shared.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import pickle
+import random
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable
+
+_WORD = struct.Struct("!q")
+"""What a child's status pipe tells, one after the other: its process number, and how it ended."""
+_SIZE = struct.Struct("!Q")
+"""Before each request: how many bytes it has."""
+_OURS = __name__.partition(".")[0]
+_CODE = f"import sys; sys.path[:] = {{path!r}}; from {__name__} import main; main()"
+
+
+class ForkedProcess:
+    """A child that the server forked, as `subprocess.Popen` shows one.
+
+    Attributes:
+        returncode: Exit code, or minus the number of the signal; None while it is alive.
+    """
+
+    def __init__(self, status: int) -> None:
+        """status: open file that tells of it; it is closed when it has told all."""
+        self._status, self._told = status, b""
+        self._number: int | None = None
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        """Give how it ended; None while it is alive."""
+        while self.returncode is None and self._read(0.0):
+            pass
+        return self.returncode
+
+    def wait(self, timeout: float) -> int:
+        """Give how it ended. Raises TimeoutExpired where it did not within `timeout` [s]."""
+        while self.returncode is None:
+            if not self._read(timeout):
+                raise subprocess.TimeoutExpired("a child of resim", timeout)
+        return self.returncode
+
+    def kill(self) -> None:
+        """End it at once, and wait until it has ended."""
+        while self.returncode is None:
+            if self._number is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(self._number, signal.SIGKILL)
+            self._read(None)
+
+    def _read(self, timeout: float | None) -> bool:
+        """Take note of what the pipe tells next; False where it tells nothing within `timeout` [s]."""
+        if not select.select([self._status], [], [], timeout)[0]:
+            return False
+        part = os.read(self._status, _WORD.size - len(self._told))
+        self._told += part
+        if part and len(self._told) < _WORD.size:
+            return True
+        word = (
+            _WORD.unpack(self._told)[0] if part else -signal.SIGKILL
+        )  # the server was killed: who knows of its child
+        self._told = b""
+        if part and self._number is None:
+            self._number = word
+            return True
+        self.returncode = word
+        os.close(self._status)
+        return True
+
+
+class _Server:
+    """The process that forks, as the command sees it."""
+
+    def __init__(self, path: list[str]) -> None:
+        self.path = path
+        self._socket, theirs = socket.socketpair()
+        with theirs:
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-c", _CODE.format(path=path), str(theirs.fileno())],
+                pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,
+                env={**os.environ, "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
+            )  # fmt: skip
+
+    def fork(self, module: str, files: Iterable[int]) -> None:
+        """Ask for a child: see `_forked`. Raises OSError where the server has ended."""
+        request = pickle.dumps((module, dict(os.environ)))
+        socket.send_fds(self._socket, [_SIZE.pack(len(request))], [*files])
+        self._socket.sendall(request)
+
+    def end(self) -> None:
+        """Let the server end."""
+        self._socket.close()
+        self.process.poll()
+
+
+_server: _Server | None = None
+_lock = threading.Lock()
+
+
+def fork(module: str, files: Iterable[int]) -> ForkedProcess:
+    """Start a child that serves on these open files (`resim.execution.child.main`), once `module` is loaded.
+
+    files: its tasks, results, board and lifeline. Raises OSError where no process can be started.
+    """
+    global _server
+    path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
+    with _lock, contextlib.ExitStack() as stack:
+        try:
+            os.fstat(2)
+            errors = 2
+        except OSError:  # a command without standard error
+            errors = os.open(os.devnull, os.O_WRONLY)
+            stack.callback(os.close, errors)
+        if _server is not None and (_server.path != path or _server.process.poll() is not None):
+            _server.end()
+            _server = None
+        if _server is None:
+            _server = _Server(path)
+        status, told = os.pipe()
+        stack.callback(os.close, told)
+        try:
+            _server.fork(module, (*files, told, errors))
+        except OSError:
+            os.close(status)
+            raise
+        return ForkedProcess(status)
+
+
+def main() -> None:
+    """Fork children for the command at the other end of a socket, until it ends."""
+    with socket.socket(fileno=int(sys.argv[1])) as asked:
+        files = _forked(asked)
+    if files is not None:
+        from resim.execution import child
+
+        child.main(*files)
+
+
+def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
+    """Fork a child for each request; return in it, with the open files that it serves on, else None at the end."""
+    os.set_inheritable(asked.fileno(), False)
+    woken, wakes = os.pipe()
+    for end in (woken, wakes):
+        os.set_blocking(end, False)
+    signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
+    signal.signal(signal.SIGCHLD, lambda number, frame: None)
+    alive: dict[int, int] = {}
+    while True:
+        ready = select.select([asked.fileno(), woken], [], [])[0]
+        if woken in ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(woken, 4096)
+            _tell_ended(alive)
+        if asked.fileno() not in ready:
+            continue
+        head, files, *_ = socket.recv_fds(asked, _SIZE.size, 6)
+        if len(head) < _SIZE.size:
+            return None  # the command has ended
+        *served, told, errors = files
+        request = asked.recv(_SIZE.unpack(head)[0], socket.MSG_WAITALL)
+        module, environment = pickle.loads(request)
+        _load(module)
+        if number := os.fork():
+            for file in (*served, errors):
+                os.close(file)
+            alive[number] = told
+            os.write(told, _WORD.pack(number))
+            continue
+        os.setsid()
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for file in (woken, wakes, told, *alive.values()):
+            os.close(file)
+        for stream in (1, 2):
+            os.dup2(errors, stream)
+        os.close(errors)
+        _begin_anew(environment)
+        tasks, results, board, lifeline = served
+        return tasks, results, board, lifeline
+
+
+def _load(module: str) -> None:
+    """Load a module of resim's, with all that it needs; whatever else a child is asked for, it loads itself."""
+    if (
+        sys.platform == "linux" and module.partition(".")[0] == _OURS
+    ):  # macOS has libraries that do not bear a fork
+        with contextlib.suppress(Exception):  # the child says what is wrong
+            importlib.import_module(module)
+
+
+def _begin_anew(environment: dict[str, str]) -> None:
+    """Be as a process that was just started: with the environment of the moment, and random numbers of its own."""
+    os.environ.clear()
+    os.environ.update({**environment, "PYTHONHASHSEED": "0"})
+    random.seed()
+    if "numpy" in sys.modules:
+        sys.modules["numpy"].random.seed()
+
+
+def _tell_ended(alive: dict[int, int]) -> None:
+    """Take note of the children that ended, and tell how."""
+    with contextlib.suppress(ChildProcessError):
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            told = alive.pop(ended[0], None)
+            if told is not None:
+                with contextlib.suppress(OSError):  # nobody listens any more
+                    os.write(told, _WORD.pack(os.waitstatus_to_exitcode(ended[1])))
+                os.close(told)
