@@ -33,9 +33,9 @@ def fit_prediction(
     Kinds with under 50 scenes, 1 s apart, keep the published parameters.
     """
     from resim.resimulation.predictions import refit_prediction
-    from resim.results import whole_file, write_json
+    from resim.results import PREDICTION, whole_file, write_json
 
-    with whole_file(out, (".json",)) as file:
+    with whole_file(out, PREDICTION) as file:
         made = refit_prediction(recordings, name=out.stem, kinds=kind or (), accept=accept or ())
         write_json(made.set.model_dump(mode="json", exclude_unset=True), file)
     for name, fit in made.fits.items():

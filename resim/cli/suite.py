@@ -41,7 +41,7 @@ def new(
     if out.exists():
         raise InputError(out, "exists already", "Remove it or name another file.")
     text = new_suite(found, criteria, out, out.stem)
-    with whole_file(out, (".toml",)) as path:
+    with whole_file(out, None) as path:
         path.write_text(text, encoding="utf-8")
     read_suite(out)
     say(f"{out}: {len(found)} recordings")

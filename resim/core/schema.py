@@ -13,6 +13,9 @@ SweepSchema = Literal["resim-sweep-1"]
 SweepReportSchema = Literal["resim-sweep-report-1"]
 """Of a perception model, of verification.json, of a sweep's manifest.json and of its report.json."""
 
+GENERATOR = '<meta name="generator" content="resim">'
+"""Stands in the head of every page, by which resim knows its own."""
+
 COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
 OPTIONAL_COLUMNS = ("yaw_rate", "a")
 """Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s²."""

@@ -7,6 +7,7 @@ moment, and one that a caller has set up already would be shared.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import os
@@ -19,7 +20,7 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 _WORD = struct.Struct("!q")
 """What a child's status pipe tells, one after the other: its process number, and how it ended."""
@@ -86,55 +87,63 @@ class ForkedProcess:
 class _Server:
     """The process that forks, as the command sees it."""
 
-    def __init__(self, path: list[str]) -> None:
-        self.path = path
-        self._socket, theirs = socket.socketpair()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._path: list[str] = []
+        self._asking: socket.socket | None = None
+
+    def fork(self, module: str, files: Sequence[int]) -> None:
+        """Ask for a child: see `_forked`. Raises OSError where no process can be started."""
+        path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
+        with self._lock:
+            if self._process is None or self._path != path or self._process.poll() is not None:
+                self.end()
+                self._start(path)
+            assert self._asking is not None
+            request = pickle.dumps((module, dict(os.environ)))
+            socket.send_fds(self._asking, [_SIZE.pack(len(request))], files)
+            self._asking.sendall(request)
+
+    def _start(self, path: list[str]) -> None:
+        self._path = path
+        self._asking, theirs = socket.socketpair()
         with theirs:
-            self.process = subprocess.Popen(
+            self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _CODE.format(path=path), str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,
                 env={**os.environ, "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
             )  # fmt: skip
 
-    def fork(self, module: str, files: Iterable[int]) -> None:
-        """Ask for a child: see `_forked`. Raises OSError where the server has ended."""
-        request = pickle.dumps((module, dict(os.environ)))
-        socket.send_fds(self._socket, [_SIZE.pack(len(request))], [*files])
-        self._socket.sendall(request)
-
     def end(self) -> None:
-        """Let the server end."""
-        self._socket.close()
-        self.process.poll()
+        """End the process; its children live on."""
+        if self._asking is not None:
+            self._asking.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
 
 
-_server: _Server | None = None
-_lock = threading.Lock()
+_SERVER = _Server()
+atexit.register(_SERVER.end)
 
 
-def fork(module: str, files: Iterable[int]) -> ForkedProcess:
+def fork(module: str, files: Sequence[int]) -> ForkedProcess:
     """Start a child that serves on these open files (`resim.execution.child.main`), once `module` is loaded.
 
     files: its tasks, results, board and lifeline. Raises OSError where no process can be started.
     """
-    global _server
-    path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
-    with _lock, contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
         try:
             os.fstat(2)
             errors = 2
         except OSError:  # a command without standard error
             errors = os.open(os.devnull, os.O_WRONLY)
             stack.callback(os.close, errors)
-        if _server is not None and (_server.path != path or _server.process.poll() is not None):
-            _server.end()
-            _server = None
-        if _server is None:
-            _server = _Server(path)
         status, told = os.pipe()
         stack.callback(os.close, told)
         try:
-            _server.fork(module, (*files, told, errors))
+            _SERVER.fork(module, (*files, told, errors))
         except OSError:
             os.close(status)
             raise

@@ -21,7 +21,7 @@ from resim.execution.workers import in_child
 from resim.jobs.given import path_of
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
-from resim.results import check_output, whole_file, write_json
+from resim.results import SWEEP_REPORT, check_output, whole_file, write_json
 from resim.sweeps.analysis import analyse
 from resim.sweeps.execution import begin, compact, execute, inputs, sample, table
 from resim.sweeps.file import Sweep, read_sweep
@@ -245,11 +245,10 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> SweepRep
     path = path_of(folder) / "report.html" if page is None else path_of(page)
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError("--out", f"{str(path)!r} is not a page", "Name an .html file.")
-    found = in_child(_analysed, (path_of(folder), relative(path_of(folder), Path.cwd())))
-    with whole_file(path) as beside:
-        write_sweep_page(found, beside)
-    with whole_file(path.with_suffix(".json"), (".json",)) as beside:
-        write_json(to_json(found), beside)
+    with whole_file(path.with_suffix(".json"), SWEEP_REPORT) as data, whole_file(path) as drawn:
+        found = in_child(_analysed, (path_of(folder), relative(path_of(folder), Path.cwd())))
+        write_sweep_page(found, drawn)
+        write_json(to_json(found), data)
     return found
 
 

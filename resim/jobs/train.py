@@ -13,7 +13,7 @@ from resim.perception.training.train import train as train_model
 from resim.perception.validation import cross_validate
 from resim.recordings import Recording
 from resim.report import write_perception_page
-from resim.results import whole_file
+from resim.results import MODEL, whole_file
 
 
 def train(
@@ -45,7 +45,7 @@ def train(
         raise InputError(path_of(out), "is not a .json file", "Name a file that ends in .json with --out.")
     measured = [the_recording(one, accept) for one in recordings]
     with contextlib.ExitStack() as files:
-        file = None if out is None else files.enter_context(whole_file(path_of(out), (".json",)))
+        file = None if out is None else files.enter_context(whole_file(path_of(out), MODEL))
         page = None if report is None else files.enter_context(whole_file(path_of(report)))
         model = train_model(measured, name="model" if out is None else path_of(out).stem)
         if page is not None:

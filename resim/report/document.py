@@ -9,6 +9,7 @@ from importlib.resources import files
 
 from plotly.offline import get_plotlyjs
 
+from resim.core.schema import GENERATOR
 from resim.report.markup import Markup, html, join
 
 DRAW = """"use strict";
@@ -43,8 +44,10 @@ def document(
     return html(
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        "{generator}"
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         "<title>{title}</title>\n<style>{look}</style>{first}</head>\n<body>{body}\n{last}</body></html>\n",
+        generator=Markup(GENERATOR),  # noqa: S704
         policy=Markup(policy),  # noqa: S704  ours, and quotes within quotes
         title=title,
         look=Markup(look),  # noqa: S704  files of the package

@@ -3,8 +3,11 @@
 from resim.results.folders import (
     ASSESSMENT,
     CONVERSION,
+    MODEL,
+    PREDICTION,
     RUN,
     SWEEP,
+    SWEEP_REPORT,
     VERIFICATION,
     FolderKind,
     check_output,
@@ -26,8 +29,11 @@ from resim.results.writing import (
 __all__ = [
     "ASSESSMENT",
     "CONVERSION",
+    "MODEL",
+    "PREDICTION",
     "RUN",
     "SWEEP",
+    "SWEEP_REPORT",
     "VERIFICATION",
     "FolderKind",
     "check_output",

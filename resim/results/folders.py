@@ -8,11 +8,15 @@ import itertools
 import os
 import re
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import get_args
 
 from resim.core.errors import InputError
+from resim.core.files import read_file
+from resim.core.schema import GENERATOR, PerceptionSchema, SweepReportSchema
 from resim.core.sealed import read_sealed
 
 
@@ -215,18 +219,40 @@ def _kept(beside: Path, folder: Path) -> Path:
         return beside
 
 
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of file that resim writes beside a user's own: its suffixes, and what stands in each one of resim's."""
+
+    suffixes: tuple[str, ...]
+    mark: str
+
+    def holds(self, path: Path) -> bool:
+        """Say whether a file is one that resim wrote."""
+        return path.suffix.lower() in self.suffixes and self.mark.encode() in read_file(
+            path, "", largest=sys.maxsize
+        )
+
+
+PAGE = FileKind((".html", ".htm"), GENERATOR)
+MODEL = FileKind((".json",), f'"{get_args(PerceptionSchema)[0]}"')
+PREDICTION = FileKind((".json",), '"kinds"')
+SWEEP_REPORT = FileKind((".json",), f'"{get_args(SweepReportSchema)[0]}"')
+
+
 @contextlib.contextmanager
-def whole_file(path: Path, kinds: tuple[str, ...] = (".html", ".htm")) -> Iterator[Path]:
+def whole_file(path: Path, kind: FileKind | None = PAGE) -> Iterator[Path]:
     """Give a file beside to write; it takes the place of `path` if all went well, else it is gone.
 
-    kinds: suffixes of the files that may be replaced. Raises InputError for a folder and for any other file.
+    kind: of the files that may be replaced; any file, if None: those of a results folder.
+    Raises InputError for a folder and for any other file.
     """
     path = path.absolute()
     if path.is_dir():
         raise InputError(path, "is a folder, expected a file to write", "Name a file with --out.")
-    if path.exists() and path.suffix.lower() not in kinds:
-        problem = f"exists and is no {' or '.join(kinds)} file: it would be lost"
-        raise InputError(path, problem, "Name another with --out.")
+    if kind is not None and path.exists() and not kind.holds(path):
+        raise InputError(
+            path, "exists, is no such file of resim's, and would be lost", "Name another with --out."
+        )
     beside = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -77,7 +77,7 @@ def begin(out: Path, told: SweepInputs, *, resume: bool) -> None:
     path = out / "sweep.json"
     if not path.is_file():
         _make(out)
-        with whole_file(path, (".json",)) as beside:
+        with whole_file(path, None) as beside:
             write_json(sealed(to_json(SweepBegun(versions(), told))), beside)
     elif not resume:
         raise InputError(
@@ -294,9 +294,9 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
     (out / "runs").mkdir(exist_ok=True)
     parts = {f"runs/part-{first // PART:05d}.parquet": first for first in range(0, len(whole), PART)}
     for name, first in parts.items():
-        with whole_file(out / name, (".parquet",)) as path:
+        with whole_file(out / name, None) as path:
             write_parquet(whole.iloc[first : first + PART], path)
-    with whole_file(out / "times.parquet", (".parquet",)) as path:
+    with whole_file(out / "times.parquet", None) as path:
         write_parquet(pd.DataFrame({RUN: every[RUN], "time": found["time"]}), path)
     remedy = "Restore it, or start again with another --out."
     held = read_sealed_json(out / "sweep.json", SweepBegun, "resim sweep", remedy)
@@ -310,7 +310,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
         boundaries=boundaries(sweep, rows) if grows else MISSING,
         columns=tuple(map(str, whole.columns)),
     )
-    with whole_file(out / "manifest.json", (".json",)) as path:
+    with whole_file(out / "manifest.json", None) as path:
         write_json(sealed(to_json(manifest)), path)
     return 0, failed
 

@@ -62,7 +62,7 @@ def keep(out: Path, key: str, case: VerificationCase) -> None:
     """Write what a recording gave. key: of what it follows from."""
     told = to_json(case)
     told["entry"] = {name: value for name, value in told["entry"].items() if name not in _ELSEWHERE}
-    with whole_file(out / CASES / f"{case.entry.name}.json", (".json",)) as path:
+    with whole_file(out / CASES / f"{case.entry.name}.json", None) as path:
         write_json(sealed({"key": key, **told}), path)
 
 

@@ -49,7 +49,7 @@ def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) ->
     for name in files_of(found.inputs):
         if name.startswith(f"{REPORTS}/") and name not in told:
             (out / name).unlink(missing_ok=True)
-    with whole_file(out / "verification.html") as path:
+    with whole_file(out / "verification.html", None) as path:
         write_verification_page(found, traces, path)
     _write(out / "junit.xml", junit(found))
     _write(out / "verification.json", text(found))
@@ -66,5 +66,5 @@ def read(path: Path) -> VerificationReport:
 
 
 def _write(path: Path, text: str) -> None:
-    with whole_file(path, (path.suffix,)) as beside:
+    with whole_file(path, None) as beside:
         beside.write_text(text, encoding="utf-8")

@@ -114,7 +114,7 @@ def report(task: VerificationTask) -> dict[str, str]:
     assert task.reports is not None
     pages = reports_of(task.name, builds=task.against is not None)
     with ExitStack() as stack:
-        files = [stack.enter_context(whole_file(task.reports / name)) for name in pages]
+        files = [stack.enter_context(whole_file(task.reports / name, None)) for name in pages]
         with _unchanged(task):
             _write_reports(task, files)
         return {name: file_hash(file) for name, file in zip(pages, files, strict=True)}

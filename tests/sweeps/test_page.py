@@ -320,6 +320,21 @@ def test_an_edited_manifest_is_refused(
     assert f"{name}: {told}" in error
 
 
+@pytest.mark.parametrize("name", ["page.html", "page.json"])
+def test_what_is_not_its_own_is_not_replaced(call: Call, tmp_path: Path, name: str) -> None:
+    write_swept(tmp_path / "swept")
+    arguments = ("sweep", "report", tmp_path / "swept", "--out", tmp_path / "page.html")
+    for _ in range(2):
+        assert call(*arguments)[0] == 0
+    held = {kind: (tmp_path / f"page.{kind}").read_bytes() for kind in ("html", "json")}
+    (tmp_path / name).write_text('{"name": "of another tool"}<html></html>')
+    code, _, error = call(*arguments)
+    assert code == 2
+    assert f"{name}: exists, is no such file of resim's, and would be lost" in error
+    left = {kind: (tmp_path / f"page.{kind}").read_bytes() for kind in ("html", "json")}
+    assert sum(left[kind] != held[kind] for kind in held) == 1
+
+
 def test_a_page_is_html(call: Call, tmp_path: Path) -> None:
     write_swept(tmp_path / "swept")
     code, _, error = call("sweep", "report", tmp_path / "swept", "--out", tmp_path / "page.json")
