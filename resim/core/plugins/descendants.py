@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +19,10 @@ from resim.core.errors import FunctionError
 
 keeper = 0
 """Number of the process that takes on what loses its parent here (`resim.execution.keeper`); 0 for none."""
+_PATIENCE = 5.0
+"""s that processes have to be gone that were killed."""
+_LOOK = 0.005
+"""s between two looks whether they are."""
 _STARTS = {"os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.system", "subprocess.Popen"}
 """Audit events of a process that starts another."""
 _started = set[str]()
@@ -62,6 +67,9 @@ def end_strays() -> None:
     for one in strays:
         with suppress(OSError):
             os.kill(one.number, signal.SIGKILL)
+    numbers, latest = {one.number for one in strays}, time.monotonic() + _PATIENCE
+    while any(one.number in numbers for one in _processes()) and time.monotonic() < latest:
+        time.sleep(_LOOK)
     if strays:
         told = ", ".join(sorted({one.name for one in strays}))
         raise FunctionError(f"left processes behind that outlive it ({told})")
