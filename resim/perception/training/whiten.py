@@ -1,4 +1,4 @@
-"""Drift plus white noise as a likelihood: the Kalman filter of all objects at once.
+"""Drift plus white noise as a likelihood: the Kalman filter of all objects.
 
 An error is sd z + sn w: z a first-order autoregression in continuous time with unit variance and correlation time tau
 (cov exp(-dt/tau)), w white noise of unit variance, sd and sn their standard deviations, which may change from sample
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from resim.core.geometry import Bools, Floats
+from resim.perception.training import kernel
 
 
 def whiten(values: Floats, known: Bools, steps: Floats, drift: Floats, noise: Floats, tau: float) -> Floats:
@@ -18,21 +19,10 @@ def whiten(values: Floats, known: Bools, steps: Floats, drift: Floats, noise: Fl
     values: (R, T, C). steps: (R, T) s since the sample before. drift, noise: (R, T) standard deviations. Least
     squares of whitened values are generalised least squares of values.
     """
-    y = np.ascontiguousarray(np.moveaxis(np.where(known[..., None], values, 0.0), 1, 0))
-    keep = np.exp(-steps / tau).T
-    sd, variance, ok = drift.T, (noise**2).T, known.T
-    mean, p = np.zeros(y.shape[1:]), np.ones(y.shape[1])
-    out = np.zeros_like(y)
-    for k in range(len(y)):
-        mean *= keep[k, :, None]
-        p = keep[k] ** 2 * p + 1.0 - keep[k] ** 2
-        s = sd[k] ** 2 * p + variance[k]
-        gain = np.where(ok[k], sd[k] * p / s, 0.0)
-        innovation = y[k] - sd[k, :, None] * mean
-        out[k] = innovation * (ok[k] / np.sqrt(s))[:, None]
-        mean += gain[:, None] * innovation
-        p = p - gain * sd[k] * p
-    return np.moveaxis(out, 0, 1)
+    y = np.where(known[..., None], values, 0.0)
+    out = np.zeros(y.shape)
+    kernel.whiten(*map(np.ascontiguousarray, (y, known, np.exp(-steps / tau), drift, noise**2)), out)
+    return out
 
 
 def log_likelihood(
@@ -42,25 +32,14 @@ def log_likelihood(
 
     values, known, steps: (R, T). drift, noise: (B, R, T). tau: (B,).
     """
-    if float(drift.max(initial=0.0)) < 1e-6 * float(noise.max(initial=0.0)):  # white: no loop
+    if float(drift.max(initial=0.0)) < 1e-6 * float(noise.max(initial=0.0)):  # white: no filter
         s = noise**2
         return np.asarray(-0.5 * np.where(known, np.log(s) + values**2 / s, 0.0).sum(axis=2))
-    y, ok = np.where(known, values, 0.0).T, known.T
-    sd, variance = np.moveaxis(drift, 2, 0), np.moveaxis(noise, 2, 0) ** 2
-    total, mean, p = np.zeros(drift.shape[:2]), np.zeros(drift.shape[:2]), np.ones(drift.shape[:2])
+    y = np.where(known, values, 0.0)
     taus, which = np.unique(tau, return_inverse=True)
-    kept = np.exp(-steps.T[None] / taus[:, None, None])
-    squares = kept**2
-    which = which if len(taus) > 1 else np.zeros(1, dtype=np.intp)
-    for k in range(len(y)):
-        mean *= kept[which, k]
-        square = squares[which, k]
-        p = p * square + (1.0 - square)
-        gained = sd[k] * p
-        s = sd[k] * gained + variance[k]
-        innovation = y[k] - sd[k] * mean
-        gain = gained / s * ok[k]
-        total -= ok[k] * (np.log(s) + innovation * innovation / s)
-        mean += gain * innovation
-        p -= gain * gained
+    kept = np.exp(-steps[None] / taus[:, None, None])
+    variance, squared = np.empty(drift.shape), np.empty(drift.shape)
+    kernel.predict(*map(np.ascontiguousarray, (y, known, kept, which, drift, noise**2)), variance, squared)
+    total = np.empty(drift.shape[:2])
+    kernel.add(np.log(variance) + squared, known, total)
     return 0.5 * total
