@@ -14,7 +14,7 @@ from resim.core.errors import InputError
 from resim.core.finding import Finding
 from resim.core.geometry import Floats
 from resim.core.tracks import Strings, Tracks
-from resim.recordings.identity import name_by_ground_truth
+from resim.recordings.identity import Doubled, name_by_ground_truth
 
 FINEST = 1e-4
 """Least time [s] between samples."""
@@ -46,6 +46,7 @@ class Recording:
         findings: What is known to be wrong with it, worst first.
         incomplete: For "gt" and "sd" the rows that lack a value and are in no track, by the names of `sd_by_gt`.
         sizes: For "gt" and "sd" the largest length and width [m] that rows give an object, or gave it before a repair.
+        repeated: For "gt" and "sd", by the names of `sd_by_gt`, by what rows of one object and time differ.
         repairs: For "gt" and "sd" the rows that were repaired, and whether the sample was filled (column `filled`:
             nobody saw it so).
     """
@@ -69,6 +70,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     incomplete: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    repeated: Mapping[str, Mapping[str, Doubled]] = field(default_factory=dict)
     repairs: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     @property
@@ -102,7 +104,7 @@ class Recording:
         """Give the GT's EGO at t (T,) [s], between samples that are at most two of its usual steps apart."""
         own = self.gt.select([self.ego])
         step = float(np.median(np.diff(own.t[own.valid[0]]))) if own.valid[0].sum() > 1 else 0.0
-        return own.at(t, max_gap=2.0 * max(step, 1.0 / self.gt_rate))
+        return own.at(t, max_gap=2.0 * step)
 
 
 def sample_rate(source: Path, tracks: Tracks) -> float:

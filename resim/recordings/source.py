@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, Tracks
-from resim.recordings.identity import UNMATCHED
+from resim.recordings.identity import UNMATCHED, Doubled
 from resim.recordings.recording import Recording, sample_rate
 from resim.recordings.settings import Environment, Settings
 from resim.recordings.tables import (
@@ -101,6 +101,7 @@ def recording_of(tables: RecordingTables, *, lenient: bool = False) -> Recording
         repair_marks={name: found for name, found in marks.items() if found is not None},
         incomplete={name: table[~_complete(table)] for name, table in named.items()},
         sizes={name: _largest(table) for name, table in named.items()},
+        repeated={name: _repeated(table) for name, table in named.items()},
         repairs={name: _repairs(table) for name, table in named.items() if REPAIRED in table},
     )  # fmt: skip
 
@@ -161,6 +162,26 @@ def _largest(frame: pd.DataFrame) -> dict[str, tuple[float, float]]:
     sides = {c: frame[c] if told not in frame else frame[[c, told]].max(axis=1) for c, told in TOLD.items()}
     largest = pd.DataFrame(sides).groupby(frame["id"], sort=False)[list(TOLD)].max()
     return {str(name): (float(a), float(b)) for name, a, b in largest.itertuples()}
+
+
+def _repeated(frame: pd.DataFrame) -> dict[str, Doubled]:
+    """By what rows of one object at one time differ, of which the first is taken; also those that lack a value."""
+    twice = frame[frame.duplicated(["t", "id"], keep=False)]
+    out: dict[str, Doubled] = {}
+    for name, rows in twice.groupby("id", sort=False):
+        place, turn = rows["x"] + 1j * rows["y"], np.exp(2j * rows["heading"])
+        velocity = rows["v"] * np.exp(1j * rows["heading"])
+        whole = rows["t"].to_numpy(float)
+        apart, turned, faster = (_spread(whole, z.to_numpy(complex)) for z in (place, turn, velocity))
+        out[str(name)] = Doubled(apart, float(np.arcsin(min(0.5 * turned, 1.0))), faster)
+    return out
+
+
+def _spread(t: Floats, values: NDArray[np.complex128]) -> float:
+    """The largest distance between values (R,) at one of the times t (R,), of those that are there."""
+    by_time = pd.DataFrame({"t": t, "x": values.real, "y": values.imag}).groupby("t")
+    wide = (by_time.max() - by_time.min()).to_numpy(float)
+    return float(np.nan_to_num(np.hypot(wide[:, 0], wide[:, 1])).max(initial=0.0))
 
 
 def _repairs(frame: pd.DataFrame) -> pd.DataFrame:

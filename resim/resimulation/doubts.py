@@ -14,7 +14,7 @@ from resim.metrics.doubts.contradiction import FAR, WORTH, off_by, size_turned, 
 from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off
 from resim.recordings import Recording
 from resim.recordings.checks import TORN
-from resim.recordings.checks.bodies import SIZE
+from resim.recordings.checks.bodies import LEAST_LARGEST, SEEN, SIZE
 from resim.recordings.checks.tracks import PEDESTRIAN
 from resim.recordings.identity import Doubled, doubled, sensor_names
 from resim.resimulation.result import Basis
@@ -42,10 +42,10 @@ def doubts(
     whom = ObjectIds.of(told.tracks, told.incomplete, ego=recording.ego)
     absent, excused = absences(whom)
     found = (*absent, *told.gaps)
-    whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else None
-    if whole is not None:
-        every = without_repairs(recording, basis, whole)
-        found += tuple(cut_off(ObjectIds.of(every.tracks, every.incomplete, ego=recording.ego, beyond=True)))
+    whole = recording.gt if basis == "GT" else recording.sd_by_gt() if recording.senses_ego else tracks
+    every = without_repairs(recording, basis, tracks if whole is None else whole)
+    rows = ObjectIds.of(every.tracks, every.incomplete, ego=recording.ego, beyond=True)
+    found += tuple(cut_off(rows, _span(recording)))
     torn = list(_torn(recording, basis))
     swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
     misfits = dict(_misfits(tracks, scenario, network))
@@ -53,7 +53,8 @@ def doubts(
     sizes: dict[str, tuple[float, float]] = {}
     told_sizes, doubled = recording.sizes.get(name, {}), _doubled(recording, basis)
     for ids, parts in _bodies(whom):
-        twice = [doubled[who] for who in ids if who in doubled]
+        repeated = recording.repeated.get(name, {})
+        twice = [of[who] for of in (doubled, repeated) for who in ids if who in of]
         far = [max(d.apart, GAP * d.faster) for d in twice if max(d.apart, GAP * d.faster) >= FAR]
         least = max(
             [sum(far for who, far in torn if who in ids), *far, *(misfits.get(who, 0.0) for who in ids)]
@@ -68,7 +69,7 @@ def doubts(
         )
         if swapped.intersection(ids):
             turned = 0.5 * np.pi
-        sizes.update(_larger(ids, parts, told_sizes, tracks, turned))
+        sizes.update(_larger(ids, parts, told_sizes, tracks, turned, SEEN if basis == "SD" else 1.0))
     off.update(_all_ways(off, tracks, scenario, network))
     lost = [
         _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
@@ -80,6 +81,13 @@ def doubts(
         whom.same,
         tuple(replace(a, size=sizes.get(a.object, a.size)) for a in excused),
     )
+
+
+def _span(recording: Recording) -> tuple[float, float]:
+    """First and last time [s] of any row, in whichever source: so long the drive lasted."""
+    times = [k.t for k in (recording.gt, recording.sd) if k is not None]
+    times += [table["t"].to_numpy(float) for table in recording.incomplete.values() if len(table)]
+    return min(float(t.min()) for t in times), max(float(t.max()) for t in times)
 
 
 def _bodies(whom: ObjectIds) -> Iterator[tuple[tuple[str, ...], list[Sightings]]]:
@@ -106,12 +114,17 @@ def _larger(
     told: Mapping[str, tuple[float, float]],
     tracks: Tracks,
     turned: float,
+    seen: float,
 ) -> Iterator[tuple[str, tuple[float, float]]]:
     """The size [m] that an object can have, under those of its ids that have a smaller one.
 
-    told: the largest that rows give an id; turned: rad, by how much its heading can be off.
+    told: the largest that rows give an id; turned: rad, by how much its heading can be off; seen: part of the least
+    sides of a kind that may be all that is told.
     """
     length, width = np.max([*(k.size for k in parts), *(told[i] for i in ids if i in told)], axis=0).tolist()
+    least, largest = LEAST_LARGEST.get(parts[0].kind, LEAST_LARGEST["unknown"])
+    if length < seen * least[0] or width < seen * least[1]:  # none is so small: nothing is told
+        length, width = largest
     for who in ids:
         n = np.flatnonzero(tracks.ids == who)
         own = (

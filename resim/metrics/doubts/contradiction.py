@@ -7,6 +7,8 @@ a track has throughout are no contradiction: a speed some percent off, a heading
 swings out in a turn. Who drives backwards may have a speed without sign, and filters
 tell speeds late. Pedestrians walk in any direction.
 
+A position that leaps farther than anybody drives from one sample to the next is off by as much, however often it does.
+
 A heading that leaps, flickers or turns faster than the way that is driven allows is off as far as it does so.
 """
 
@@ -29,6 +31,8 @@ WINDOW, CELL = 0.8, 0.1
 """Least time [s] over which ways and turns are compared, and from one comparison to the next."""
 LONGER, LONGEST = 2.0, 13.0
 """Factor from one window to the next longer one, and the longest [s]: of 12.8 s."""
+LEAP = 1.5
+"""Way [m] from one sample to the next beyond what speed and hard braking explain, that is none of noise."""
 SMOOTHING = 0.1
 """Time [s] to either side over which positions are averaged."""
 RUN = 0.4
@@ -59,6 +63,8 @@ def off_by(k: Sightings, *, walks: bool = False) -> tuple[float, float]:
         return 0.0, 0.0
     place, velocity, dt = state[:, 0] + 1j * state[:, 1], state[:, 3] + 1j * state[:, 4], np.diff(t)
     way = _sum(0.5 * (velocity[1:] + velocity[:-1]) * dt)
+    leaps = np.abs(np.diff(place - way)) - 0.25 * HARDEST * dt**2
+    leap = float(leaps.max()) if leaps.max() > LEAP else 0.0
     grid, windows = _grid(t)
     rest, averaged = _averaged(t, place - way)
     sums = [
@@ -78,8 +84,8 @@ def off_by(k: Sightings, *, walks: bool = False) -> tuple[float, float]:
     if not walks:  # windows that are long count a jump at an end of the track more than once
         off = np.minimum(off, most)
     if off.max() < FAR:
-        return 0.0, 0.0
-    along, across = off.tolist()
+        return leap, leap
+    along, across = np.maximum(off, leap).tolist()
     turned = 1.0 if walks else np.sin(min(float(np.ptp(np.unwrap(state[:, 2]))), 0.5 * np.pi))
     return along + turned * across, across + turned * along
 

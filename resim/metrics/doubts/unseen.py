@@ -159,10 +159,10 @@ def _nearer(excused: Sequence[Absence], own: Tracks, measured: Tracks) -> Iterat
             yield replace(a, start=float(own.t[first]), end=float(own.t[after - 1]), why=LEFT)
 
 
-def cut_off(whom: ObjectIds) -> Iterator[Absence]:
+def cut_off(whom: ObjectIds, span: tuple[float, float]) -> Iterator[Absence]:
     """Give when others have rows and the EGO has none yet, or no more, but where it comes or goes at an edge.
 
-    whom: of all rows of a source.
+    whom: of all rows of a source. span: first and last time [s] of rows of any source, which the drive lasted at least.
     """
     me, others = whom.ego, [np.concatenate([k.t, k.blind]) for k in whom.others]
     if not others or len(me.t) < 2:
@@ -171,6 +171,10 @@ def cut_off(whom: ObjectIds) -> Iterator[Absence]:
     slack = _slack(min(me.step, float(np.median(usual))))
     first, last = min(float(t.min()) for t in others), max(float(t.max()) for t in others)
     early, late = first < me.t[0] - slack, last > me.t[-1] + slack
+    if span[0] < me.t[0] - max(slack, BETWEEN):
+        early, first = True, min(first, span[0])
+    if span[1] > me.t[-1] + max(slack, BETWEEN):
+        late, last = True, max(last, span[1])
     if not early and not late:
         return
     seen = SightEdges.of(whom)

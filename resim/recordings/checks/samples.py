@@ -48,7 +48,8 @@ def duplicates(source: Source, frame: pd.DataFrame) -> Iterator[RankedFinding]:
     twice = frame[frame.duplicated(["t", "id"], keep=False)]
     for name, rows in twice.groupby("id", sort=False):
         extra = int(rows.duplicated("t").sum())
-        spread = rows.groupby("t")[list(VALUES)].agg(np.ptp).max()
+        by_time = rows.groupby("t")[list(VALUES)]
+        spread = (by_time.max() - by_time.min()).max()  # of those that are there
         differ = [c for c in VALUES if spread[c] > 0.0]
         text = f"{extra} rows are repeated"
         if differ:
