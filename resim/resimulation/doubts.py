@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
-from resim.core.objects import GAP, ObjectIds
+from resim.core.objects import GAP, HARDEST, ObjectIds
 from resim.core.sightings import Sightings
 from resim.core.tracks import Tracks
-from resim.metrics.doubts.contradiction import FAR, WORTH, off_by, size_turned, turned_by
+from resim.metrics.doubts.contradiction import FAR, LEAP, WORTH, off_by, size_turned, turned_by
 from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off
 from resim.recordings import Recording
 from resim.recordings.checks import TORN
@@ -58,6 +59,7 @@ def doubts(
         far = [max(d.apart, GAP * d.faster) for d in twice if max(d.apart, GAP * d.faster) >= FAR]
         least = max(
             [sum(far for who, far in torn if who in ids), *far, *(misfits.get(who, 0.0) for who in ids)]
+            + [_beside(k, told.incomplete) for k in parts]
         )
         walks = _walks(ids, parts, told_sizes)
         by = np.max([(least, least), *(off_by(k, walks=walks) for k in parts)], axis=0)
@@ -96,6 +98,22 @@ def _bodies(whom: ObjectIds) -> Iterator[tuple[tuple[str, ...], list[Sightings]]
     together = {name: ids for ids in whom.same for name in ids}
     for ids in dict.fromkeys(together.get(k.ids[0], k.ids) for k in every):
         yield ids, [k for k in every if k.ids[0] in ids]
+
+
+def _beside(k: Sightings, incomplete: pd.DataFrame | None) -> float:
+    """How far [m] rows with a position, but not all values, are from where samples about them lead; 0 up to LEAP."""
+    t, place = k.t[k.usable], k.state[k.usable, 0] + 1j * k.state[k.usable, 1]
+    if incomplete is None or len(t) < 2:
+        return 0.0
+    rows = incomplete[incomplete["id"].isin(k.ids)]
+    when, there = rows["t"].to_numpy(float), rows["x"].to_numpy(float) + 1j * rows["y"].to_numpy(float)
+    after = np.clip(np.searchsorted(t, when), 1, len(t) - 1)
+    wide = t[after] - t[after - 1]
+    inside = (when >= t[0]) & (when <= t[-1]) & np.isfinite(there) & (wide <= GAP)
+    share = (when - t[after - 1]) / wide
+    led = place[after - 1] + share * (place[after] - place[after - 1])
+    off = np.where(inside, np.abs(there - led) - 0.25 * HARDEST * wide**2, 0.0)
+    return float(off.max(initial=0.0)) if off.max(initial=0.0) > LEAP else 0.0
 
 
 def _walks(ids: tuple[str, ...], parts: list[Sightings], told: Mapping[str, tuple[float, float]]) -> bool:

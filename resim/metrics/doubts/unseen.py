@@ -51,6 +51,11 @@ class Absence:
     why: str
     straight: bool = False
 
+    @property
+    def is_beyond(self) -> bool:
+        """Whether it is before the first or after the last sighting, not between two."""
+        return len(self.t) > 0 and (self.t[0] > self.start + SAME or self.t[-1] < self.end - SAME)
+
     def to_json(self) -> dict[str, Any]:
         """Give what report.json holds of it: NaN is null."""
         state = [[None if np.isnan(x) else float(x) for x in row] for row in self.state]
@@ -94,8 +99,8 @@ class Doubts:
         return next((ids for ids in self.same if name in ids), (name,))
 
     def simulated(self, ego: str) -> Doubts:
-        """Give what is left open where this is simulated: where the EGO is, is known there."""
-        absent = tuple(a for a in self.absences if a.object != ego)
+        """Give what is left open where this is simulated: where the EGO is, is known while it was measured."""
+        absent = tuple(a for a in self.absences if a.object != ego or a.is_beyond)
         return replace(self, absences=absent, off={name: d for name, d in self.off.items() if name != ego})
 
     def beside(self, own: Tracks, measured: Tracks) -> Doubts:
