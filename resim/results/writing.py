@@ -92,8 +92,8 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     name = map_name(found.network.path).removesuffix(".xodr")
     net = folder / f"{name}.net.xml"
     shutil.copyfile(found.net.path, net)
-    told = {"versions": versions(), **found.report(), "files": {net.name: file_hash(net)}}
-    write_json(sealed(told), folder / CONVERSION.mark)
+    report = found.report({net.name: file_hash(net)})
+    write_json(sealed(to_json(report)), folder / CONVERSION.mark)
 
 
 def write_assessment(found: ResimulationAssessment, folder: Path, drive: Path) -> None:
