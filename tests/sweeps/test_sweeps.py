@@ -389,6 +389,10 @@ def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path])
     schema.validate(manifest)
     assert not schema.is_valid({**manifest, "runs": "8"})
     assert not schema.is_valid({**manifest, "inputs": {**manifest["inputs"], "mood": "good"}})
+    begun = json.loads((undisturbed[1] / "sweep.json").read_text())
+    schema = jsonschema.Draft202012Validator(schema_of("sweep_begun"))
+    schema.validate(begun)
+    assert not schema.is_valid({**begun, "mood": "good"})
     assert json_text(with_checksum(to_json(read_swept(undisturbed[1]).manifest))) == (
         undisturbed[1] / "manifest.json"
     ).read_text(encoding="utf-8")
