@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from resim.cli.terminal import say, visible
 
@@ -28,14 +30,34 @@ def _verdict(entry: CatalogEntry) -> str:
     return f"{entry.verdict} ({good}/{total})" if total > 1 else entry.verdict
 
 
-def summary(entry: CatalogEntry) -> dict[str, Any]:
-    """Give what a list says of a result; table: where the rows of a sweep are."""
-    return {
-        "id": entry.id, "kind": entry.kind, "name": entry.name, "folder": str(entry.folder),
-        "state": entry.state(), "host": entry.host, "written": entry.written, "resim": entry.resim,
-        "verdict": entry.verdict or None, "counts": dict(entry.counts), "recordings": entry.names("recording"),
-        "builds": entry.names("build"), "against": entry.names("against"), "table": _table(entry),
-    }  # fmt: skip
+@dataclass(frozen=True)
+class EntrySummary:
+    """What a list as JSON says of a result; fields as in `CatalogEntry`. table: where the rows of a sweep are."""
+
+    id: str
+    kind: str
+    name: str
+    folder: str
+    state: str
+    host: str
+    written: str
+    resim: str
+    verdict: str | None
+    counts: Mapping[str, int]
+    recordings: list[str]
+    builds: list[str]
+    against: list[str]
+    table: str | None
+
+
+def summary(entry: CatalogEntry) -> EntrySummary:
+    """Give what a list says of a result."""
+    return EntrySummary(
+        id=entry.id, kind=entry.kind, name=entry.name, folder=str(entry.folder), state=entry.state(),
+        host=entry.host, written=entry.written, resim=entry.resim, verdict=entry.verdict or None,
+        counts=dict(entry.counts), recordings=entry.names("recording"), builds=entry.names("build"),
+        against=entry.names("against"), table=_table(entry),
+    )  # fmt: skip
 
 
 def _table(entry: CatalogEntry) -> str | None:

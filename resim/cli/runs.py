@@ -77,7 +77,7 @@ def list_results(
         kind=None if kind is None else kind.value, build=build, recording=recording, verdict=verdict
     )
     if as_json:
-        say_json([summary(e) for e in found])
+        say_json([asdict(summary(e)) for e in found])
     else:
         print_list(found)
 
@@ -93,7 +93,7 @@ def show(
     entry = _catalog().get(result)
     if as_json:
         told = {"inputs": [asdict(i) for i in entry.inputs], "outcomes": [asdict(o) for o in entry.outcomes]}
-        say_json({**summary(entry), **told})
+        say_json({**asdict(summary(entry)), **told})
     else:
         print_entry(entry)
 

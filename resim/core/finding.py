@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from resim.core.spec import NumberOrNan
+
 Severity = Literal["error", "warning", "note"]
 Source = Literal["gt", "sd", "recording"]
 
@@ -28,11 +30,11 @@ class Finding:
     severity: Severity
     source: Source
     object: str
-    start: float
-    end: float
-    value: float
+    start: NumberOrNan
+    end: NumberOrNan
+    value: NumberOrNan
     unit: str
     text: str
     meaning: str
     repair: str
-    details: Mapping[str, float | str] = field(default_factory=dict, hash=False)
+    details: Mapping[str, NumberOrNan | str] = field(default_factory=dict, hash=False)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 PerceptionSchema = Literal["resim-perception-1"]
@@ -25,6 +26,14 @@ PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
 
 ANSWER_COLUMNS = ("t", "acceleration", "curvature", "objects")
 """Of a function's answers: s, m/s², 1/m, number of objects that it was shown."""
+
+RUN = "run"
+"""Column of the tables of a sweep, and field of its journal: which run it is, counted from 0."""
+
+Cell = str | bool | float | None
+"""What a row says in one column; None where that is not known."""
+Row = Mapping[str, Cell]
+"""What a run of a sweep came to, a cell a column: the columns follow from its outcomes and criteria."""
 
 SOURCE = "source"
 """Column of the tables of a run: what drive a row is of (GT, SD, rGT, rSD, rGT+M0, ..., perceived_...)."""

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
 
 from resim.core import faults
 from resim.core.errors import InputError
@@ -17,6 +26,23 @@ from resim.core.sealed import CHECKSUM, read_sealed
 
 EXACT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """For `__pydantic_config__` of a dataclass that is a file: it and its parts hold no other fields, and no NaN."""
+
+
+def _number(told: Any) -> float:
+    if told is None:
+        return math.nan
+    if isinstance(told, bool) or not isinstance(told, int | float) or not math.isfinite(told):
+        raise ValueError("Input should be a number or none")
+    return float(told)
+
+
+NumberOrNan = Annotated[
+    float,
+    PlainValidator(_number),
+    PlainSerializer(lambda number: None if number != number else number),  # in a union it may be a text
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
+]
+"""A number of a dataclass that is NaN where there is none: null in its file."""
 
 
 class Strict(BaseModel):

@@ -10,12 +10,13 @@ import json
 import os
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from resim.core.errors import InputError
 from resim.core.files import open_file
+from resim.core.schema import Row
 
 REMEDY = "Remove the line: its run is then repeated."
 TypeOf = Callable[[str], str]
@@ -23,6 +24,23 @@ TypeOf = Callable[[str], str]
 _LARGEST = 1e300
 _FEWEST = 2
 """Columns of a run without a result: its end, and why; all others have the same ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class JournalEntry:
+    """What a line says: which run it is, what it is of (`plan`), what it came to, and how long it took [s].
+
+    time: None for a run without a result.
+    """
+
+    run: int
+    plan: str
+    row: Row
+    time: float | None
+
+
+_FIELDS = ("run", "plan", "row", "time")
+"""Those of an entry, as each line has them."""
 
 
 class Journal:
@@ -45,9 +63,9 @@ class Journal:
         os.ftruncate(self._file, _whole(path))
         os.lseek(self._file, 0, os.SEEK_END)
 
-    def append(self, entry: dict[str, Any]) -> None:
+    def append(self, entry: JournalEntry) -> None:
         """Write one line. Raises InputError where the disk takes no more."""
-        said = json.dumps(entry, allow_nan=False).encode()
+        said = json.dumps({name: getattr(entry, name) for name in _FIELDS}, allow_nan=False).encode()
         line = memoryview(checksum(said) + b" " + said + b"\n")
         try:
             while line:
@@ -68,7 +86,7 @@ class Journal:
         os.close(self._file)
 
 
-def read(folder: Path, type_of: TypeOf | None = None) -> Iterator[dict[str, Any]]:
+def read(folder: Path, type_of: TypeOf | None = None) -> Iterator[JournalEntry]:
     """Give the entries of all journals in a folder. Raises InputError for a damaged one.
 
     type_of: of the columns; None where what they hold does not matter.
@@ -83,7 +101,7 @@ def entries(
     plans: Mapping[int, str] | None = None,
     *,
     whole: bool = True,
-) -> Iterator[tuple[bytes, dict[str, Any]]]:
+) -> Iterator[tuple[bytes, JournalEntry]]:
     """Give the JSON of every run in all journals in a folder, and what it says; a run that was done twice comes once.
 
     type_of: of the columns; None where what they hold does not matter. plans: what each run is of, by its number;
@@ -99,14 +117,14 @@ def entries(
                     continue
                 said = line[9:-1]
                 entry = _entry(said, type_of) if line[:9] == checksum(said) + b" " else None
-                if entry is not None and len(entry["row"]) > _FEWEST:
-                    columns = columns or frozenset(entry["row"])
-                if entry is None or (len(entry["row"]) > _FEWEST and columns != frozenset(entry["row"])):
+                if entry is not None and len(entry.row) > _FEWEST:
+                    columns = columns or frozenset(entry.row)
+                if entry is None or (len(entry.row) > _FEWEST and columns != frozenset(entry.row)):
                     raise InputError(path, f"line {number} is damaged", REMEDY)
-                run = entry["run"]
-                if plans is not None and entry["plan"] != plans.get(run, "" if whole else entry["plan"]):
+                run = entry.run
+                if plans is not None and entry.plan != plans.get(run, "" if whole else entry.plan):
                     raise InputError(path, f"line {number}: run {run} is not in this sweep", REMEDY)
-                held = zlib.crc32(json.dumps(entry["row"], sort_keys=True).encode())
+                held = zlib.crc32(json.dumps(entry.row, sort_keys=True).encode())
                 if run in known and known[run] != held:
                     problem = f"line {number}: run {run} contradicts an earlier line"
                     raise InputError(path, problem, "Remove both lines: the run is then repeated.")
@@ -120,20 +138,26 @@ def checksum(said: bytes) -> bytes:
     return b"%08x" % zlib.crc32(said)
 
 
-def _entry(said: bytes, type_of: TypeOf | None) -> dict[str, Any] | None:
-    """An entry, None for what is none: run, plan, row by column, time [s] or none."""
+def _entry(said: bytes, type_of: TypeOf | None) -> JournalEntry | None:
+    """An entry, None for what is none; by hand, as a million of them are read."""
     try:
-        entry = json.loads(said)
-        run, plan, row, time = entry["run"], entry["plan"], entry["row"], entry["time"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+        entry = parse(said)
+    except (ValueError, TypeError, RecursionError):
         return None
-    known = type(run) is int and isinstance(plan, str) and isinstance(row, dict) and _fits("number", time)
+    row = entry.row
+    known = type(entry.run) is int and isinstance(entry.plan, str) and _fits("number", entry.time)
     known = (
         known
+        and isinstance(row, dict)
         and isinstance(row.get("end"), str)
         and all(_fits(type_of(name), value) for name, value in row.items() if type_of is not None)
     )
     return entry if known else None
+
+
+def parse(said: bytes) -> JournalEntry:
+    """Give what the JSON of a line says, which `entries` has checked. Raises TypeError for other fields."""
+    return JournalEntry(**json.loads(said))
 
 
 def _fits(kind: str, value: object) -> bool:

@@ -13,12 +13,16 @@ from resim.metrics.criteria import CriteriaFile
 from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
 from resim.recordings.settings import Settings
+from resim.resimulation.assessment_report import RecordingAssessment, RunAssessment
 from resim.resimulation.report import RunProvenance, RunReport
+from resim.road.checked import ConversionReport
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
 from resim.sweeps.file import SweepFile
-from resim.sweeps.manifest import SweepManifest
+from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
+from resim.verification.cases import CaseFile
+from resim.verification.inputs import VerificationBegun
 from resim.verification.report import VerificationReport
 from resim.verification.suite import SuiteFile
 
@@ -57,11 +61,18 @@ FORMATS: Mapping[str, FileFormat] = {
     "prediction": FileFormat("*.json", PredictionSet),
     "report": FileFormat("report.json", RunReport),
     "run": FileFormat("run.json", RunProvenance, sealed=True),
+    "run_assessment": FileFormat("assessment.json", RunAssessment, sealed=True),
+    "assessment": FileFormat("assessment.json", RecordingAssessment, sealed=True),
+    "conversion": FileFormat("conversion.json", ConversionReport, sealed=True),
     "verification": FileFormat("verification.json", VerificationReport, sealed=True),
+    "inputs": FileFormat("inputs.json", VerificationBegun, sealed=True),
+    "case": FileFormat("cases/*.json", CaseFile, sealed=True),
+    "sweep_begun": FileFormat("sweep.json", SweepBegun, sealed=True),
     "manifest": FileFormat("manifest.json", SweepManifest, sealed=True),
     "sweep_report": FileFormat("report.json", SweepReport),
 }
-"""By name; report.json of a run is "report", that of a sweep "sweep_report"."""
+"""By name; report.json of a run is "report", that of a sweep "sweep_report"; assessment.json of a run is
+"run_assessment", that of a recording "assessment"."""
 
 
 def schema_of(name: str) -> dict[str, Any]:

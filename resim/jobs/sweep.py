@@ -118,7 +118,7 @@ class SweepRuns:
     def first_failure(self) -> str:
         """Give why run 0 failed."""
         entries = journal.read(self.folder / "journal")
-        return next(str(e["row"]["failure"]) for e in entries if e["run"] == 0)
+        return next(str(e.row["failure"]) for e in entries if e.run == 0)
 
     def __repr__(self) -> str:
         told = f"{self.missing} runs missing" if self.missing else f"{self.runs} runs, {self.failed} failed"
@@ -159,7 +159,7 @@ def sweep(
         problem = "an adaptive plan cannot be sharded: the next runs follow from all results"
         raise InputError("--shard", problem, "Use many workers with --scheduler, or another plan.")
     begin(folder, held, resume=options.resume or shard != ALL)
-    numbers = {entry["run"] for entry in journal.read(folder / "journal")}
+    numbers = {entry.run for entry in journal.read(folder / "journal")}
     listener.begun(sum(number % shard[1] == shard[0] - 1 for number in numbers))
     with nullcontext() if options.scheduler is None else cluster(options.scheduler) as there:
         if there is not None:

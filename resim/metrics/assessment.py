@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from resim.core.geometry import Floats
 from resim.metrics.criteria import Criteria, Outcome, Verdict, judge, overall
 from resim.metrics.doubts.doubt import doubted, resized
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import DriveScenes
-from resim.metrics.measures import MeasureDefinition, MeasureValues, State
+from resim.metrics.measures import MeasureDefinition, MeasureValues
 from resim.metrics.measures.definition import Kind
 from resim.metrics.measures.inputs import MeasureInputs
-from resim.metrics.measures.values import States
 from resim.metrics.risk import Risk
 
-REASONS = {
-    State.VALUE: "",
-    State.NO_CONFLICT: "no conflict",
-    State.NOT_DEFINED: "not defined",
-    State.NOT_COMPUTED: "not computed",
-}
-ABSENT = "not there"
 NAMED = 5
 """Objects that a note names."""
-UNBOUNDED = "unbounded"
-"""As of DRAC [m/s²] where no braking avoids contact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,77 +94,6 @@ class Assessment:
             f"prediction {drive.prediction!r} was fitted to (objects {who}): their risk is extrapolated",
         ]
 
-    def to_json(self) -> dict[str, Any]:
-        """Give arrays over t by measure and object, null where there is no number, with the reasons beside."""
-        ids, drive = self.drive.ids, self.drive
-        return {
-            "t": drive.t.tolist(),
-            "path": list(drive.path),
-            "prediction": drive.prediction,
-            "road_aware": drive.scenes.ways is not None,
-            "measures": {
-                name: {i: _numbers(value) for i, value, _, _ in self._columns(m)} for name, m in self.measures.items()
-            },
-            "reasons": {
-                name: {i: _reasons(*column) for i, *column in self._columns(m)} for name, m in self.measures.items()
-            },
-            "units": {name: m.unit for name, m in self.measures.items()},
-            "kinds": self.kinds,
-            "risk": {
-                "r_ind": _numbers(self.risk.r_ind),
-                "r_dep": _numbers(self.risk.r_dep),
-                "r_to": {i: _numbers(self.risk.r_to[:, k]) for k, i in enumerate(ids)},
-                "reasons": {
-                    "r_ind": [REASONS[State.NOT_COMPUTED] if np.isnan(r) else "" for r in self.risk.r_ind],
-                    "r_to": {
-                        i: [
-                            "" if np.isfinite(r) else REASONS[State.NOT_COMPUTED] if here else ABSENT
-                            for r, here in zip(self.risk.r_to[:, k], drive.present[:, k], strict=True)
-                        ]
-                        for k, i in enumerate(ids)
-                    },
-                },
-                "outside_fitted_range": {
-                    i: (drive.present[:, k] & ~drive.covered[:, k]).tolist() for k, i in enumerate(ids)
-                },
-            },
-            "criteria": {name: _verdict(v) for name, v in self.verdicts.items()},
-            "verdict": self.verdict,
-            "flaw": self.flaw or None,
-            "notes": self.notes(),
-        }  # fmt: skip
-
-    def kpis(self) -> Iterator[dict[str, Any]]:
-        """Give a row of kpis.parquet for the worst of every measure, and for every criterion."""
-        worst = {w.name: w for w in self.worst()}
-        for name, measure in self.measures.items():
-            w = worst.get(name)
-            yield {
-                "row": "measure", "name": name, "kind": self.definitions[name].kind, "measure": name,
-                "unit": measure.unit, "value": None if w is None else w.value, "t": None if w is None else w.t,
-                "object": "" if w is None else w.object, "verdict": "", "limit": None, "weight": None,
-                "reason": "" if w is not None else _why_none(measure),
-            }  # fmt: skip
-        for name, v in self.verdicts.items():
-            yield {
-                "row": "criterion", "name": name, "kind": self.definitions[v.measure].kind, "measure": v.measure,
-                "unit": v.unit, "value": v.value, "t": v.t, "object": v.object, "verdict": v.outcome,
-                "limit": v.limit, "weight": v.weight, "reason": v.reason,
-            }  # fmt: skip
-
-    def _columns(self, measure: MeasureValues) -> Iterator[tuple[str, Floats, States, Any]]:
-        """Each object's value, state and presence (S,), or the EGO's."""
-        if measure.value.ndim == 1:
-            yield (
-                str(self.drive.own.ids[0]),
-                measure.value,
-                measure.state,
-                np.ones(len(measure.value), dtype=bool),
-            )
-        else:
-            for k, i in enumerate(self.drive.ids):
-                yield i, measure.value[:, k], measure.state[:, k], self.drive.present[:, k]
-
 
 def assess(
     inputs: MeasureInputs,
@@ -222,31 +139,3 @@ def _with_object(verdict: Verdict, found: Assessment) -> Verdict:
         return verdict
     scene = int(np.argmin(np.abs(found.drive.t - verdict.t)))
     return replace(verdict, object=found.whom(verdict.measure, scene))
-
-
-def _why_none(measure: MeasureValues) -> str:
-    """Why a measure has no value anywhere: what it came nearest to."""
-    states = set(np.unique(measure.state).tolist())
-    order = (State.NO_CONFLICT, State.NOT_DEFINED, State.NOT_COMPUTED)
-    return next((REASONS[state] for state in order if state in states), "no object")
-
-
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    """The verdict as JSON has it: a value without bound is null, its reason says so."""
-    fields = {name: value for name, value in asdict(verdict).items() if name != "criterion"}
-    fields = {"verdict": fields.pop("outcome"), **fields}
-    if verdict.value is not None and not np.isfinite(verdict.value):
-        fields["value"] = None
-    return fields
-
-
-def _reasons(value: Floats, state: States, present: Any) -> list[str]:
-    """Why there is no number, "" where there is one; unbounded where the value has no bound."""
-    return [
-        UNBOUNDED if np.isinf(v) else REASONS[State(s)] if here or s != State.NOT_COMPUTED else ABSENT
-        for v, s, here in zip(value, state.tolist(), present.tolist(), strict=True)
-    ]
-
-
-def _numbers(values: Floats) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]

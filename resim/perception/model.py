@@ -323,7 +323,7 @@ class _Model(Parameters):
         return self
 
 
-def _groups() -> dict[str, Any]:
+def _groups() -> dict[str, tuple[Any, Any]]:
     """A field for each part that `_Model` does not have: what a file does not name is None, and not written."""
     known = _Model.model_fields
     if clash := [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from functools import partial
 
 import numpy as np
 import plotly.graph_objects as go
@@ -99,15 +99,13 @@ def _draw_reaction(figure: go.Figure, view: View, source: str) -> None:
     if scenario is None or source not in view.tracks:
         return
     tracks, color = view.tracks[source], view.color(view.ego, source)
-    look: dict[str, Any] = {"color": color, "name": f"EGO {source}", "dashed": source.startswith("r")}
+    draw = partial(line, color=color, name=f"EGO {source}", dashed=source.startswith("r"))
     speed = tracks.v[tracks.index(view.ego)]
-    figure.add_trace(
-        line(view.since(tracks.t), speed, hover="t = %{x:.2f} s: %{y:.2f} m/s", **look), row=1, col=1
-    )
+    figure.add_trace(draw(view.since(tracks.t), speed, hover="t = %{x:.2f} s: %{y:.2f} m/s"), row=1, col=1)
     spline = scenario.ego.v
     t = np.arange(spline.x[0], spline.x[-1], 0.02)
     figure.add_trace(
-        line(view.since(t), spline(t, 1), width=1.5, hover="t = %{x:.2f} s: %{y:.2f} m/s²", **look),
+        draw(view.since(t), spline(t, 1), width=1.5, hover="t = %{x:.2f} s: %{y:.2f} m/s²"),
         row=2,
         col=1,
     )

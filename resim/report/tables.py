@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from resim.core.spec import to_json
 from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.report.steps import SYMBOLS
 from resim.report.view import View
 from resim.resimulation.fidelity import QUANTITIES, STATISTICS, STEPS, SUMS
+from resim.resimulation.report import PerceptionProvenance, RunProvenance
 from resim.resimulation.report import provenance as run_provenance
 from resim.simulation.case import SimulatedDrive
 
@@ -178,20 +177,24 @@ def span_words(start: float, end: float) -> str:
 
 def provenance(view: View) -> Markup:
     """Give versions, hashes, seed and settings; no wall-clock times, which would differ from page to page."""
-    told = to_json(run_provenance(view.result, {}))
-    facts = {key: value for key, value in told.items() if key not in ("times", "files")}
-    if (seen := facts["perception"]) is not None:
-        facts["perception"] = {"set": [*seen["set"]], "seeds": [s["seed"] for s in seen["seeds"]]}
-    rows = [[key, html("<code>{}</code>", value)] for key, value in _flat(facts)]
+    rows = [
+        [name, html("<code>{}</code>", f"{value:.3g}" if isinstance(value, float) else str(value))]
+        for name, value in _facts(run_provenance(view.result, {}))
+    ]
     rows += [
         [f"recording: {key}", str(value)] for key, value in sorted(view.result.recording.provenance.items())
     ]
     return table(["what", "value"], rows, "provenance")
 
 
-def _flat(facts: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
-    for key, value in facts.items():
+def _facts(found: RunProvenance) -> Iterable[tuple[str, object]]:
+    """What run.json says, by name, without times and hashes of files."""
+    for name, value in vars(found).items():
+        if name in ("times", "files"):
+            continue
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}: ")
+            yield from ((f"{name}: {key}", one) for key, one in value.items())
+        elif isinstance(value, PerceptionProvenance):
+            yield from ((f"{name}: set", [*value.set]), (f"{name}: seeds", [s.seed for s in value.seeds]))
         else:
-            yield f"{prefix}{key}", f"{value:.3g}" if isinstance(value, float) else str(value)
+            yield name, value

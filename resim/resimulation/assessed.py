@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
 
 from resim.metrics.assessment import Assessment
+from resim.metrics.assessment_report import kpi_rows
 from resim.metrics.criteria import Criteria
 from resim.metrics.drive import Path as EgoPath
 from resim.metrics.risk import DEFAULTS, Parameters
@@ -87,20 +87,8 @@ class ResimulationAssessment:
 
     def kpi_frame(self) -> pd.DataFrame:
         """Give the worst of every measure and the KPI of every criterion, one row each, by source."""
-        rows = [{"source": name, **row} for name, a in self.blocks.items() for row in a.kpis()]
-        rows += [] if self.model is None else self.model.kpis()
+        rows = [row for name, a in self.blocks.items() for row in kpi_rows(a, name)]
+        rows += [] if self.model is None else self.model.kpi_rows()
         frame = pd.DataFrame(rows)
         numbers = ["value", "t", "limit", "weight"]
         return frame.assign(**{column: frame[column].astype(float) for column in numbers})
-
-    def to_json(self) -> dict[str, Any]:
-        """Give the blocks of a run by name; of a recording the block of GT, with that of SD in `SD`."""
-        blocks = {name: a.to_json() for name, a in self.blocks.items()}
-        if self.run:
-            model = {} if self.model is None else {MODEL: self.model.to_json()}
-            return {
-                **blocks,
-                **model, "failures": dict(self.failures), "findings": list(self.findings), "notes": self.notes(),
-            }  # fmt: skip
-        gt = blocks.pop("GT")
-        return {**gt, **blocks, "findings": list(self.findings), "notes": self.notes()}

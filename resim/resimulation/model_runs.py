@@ -5,14 +5,47 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from resim.metrics.assessment import Assessment
+from resim.metrics.assessment_report import KpiRow, kpi_rows
 from resim.metrics.criteria import Criteria, Outcome
 
 MODEL = "rGT+M"
 """What the source is called."""
 WORST: tuple[Outcome, ...] = ("FAIL", "INVALID", "PASS")
+
+
+@dataclass(frozen=True)
+class JudgedSeed:
+    """The run of one seed: its verdict over all criteria, and whether the EGO collided."""
+
+    seed: int
+    verdict: Outcome
+    collision: bool
+
+
+@dataclass(frozen=True)
+class CriterionOverSeeds:
+    """One criterion over all seeds: its verdict, how many seeds have which, and the share of them that pass."""
+
+    verdict: Outcome
+    counts: Mapping[Outcome, int]
+    share: float
+
+
+@dataclass(frozen=True)
+class ModelRunsReport:
+    """What assessment.json says of the runs with a perception model: over all criteria and seeds, and one by one.
+
+    collisions: in how many seeds the EGO collides.
+    """
+
+    model: str
+    verdict: Outcome
+    seeds: tuple[JudgedSeed, ...]
+    counts: Mapping[Outcome, int]
+    collisions: int
+    criteria: Mapping[str, CriterionOverSeeds]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,28 +92,26 @@ class ModelRuns:
         if self.collided:
             yield f"collides in {len(self.collided)} of {len(self.seeds)} seeds"
 
-    def kpis(self) -> Iterator[dict[str, Any]]:
+    def kpi_rows(self) -> Iterator[KpiRow]:
         """Give the rows of kpis.parquet: one for each seed and criterion, by source `rGT+M` and the seed."""
         for seed, found in self.seeds.items():
-            for row in () if found is None else found.kpis():
-                if row["row"] == "criterion":
-                    yield {"source": f"{MODEL}{seed}", **row}
+            if found is not None:
+                yield from (row for row in kpi_rows(found, f"{MODEL}{seed}") if row.row == "criterion")
 
-    def to_json(self) -> dict[str, Any]:
-        """Give what assessment.json holds of it."""
-        return {
-            "model": self.model,
-            "verdict": self.verdict,
-            "seeds": [
-                {"seed": seed, "verdict": self.verdict_of(seed), "collision": seed in self.collided}
-                for seed in self.seeds
-            ],
-            "counts": self.counts(),
-            "collisions": len(self.collided),
-            "criteria": {c.name: self._criterion(c.name) for c in self.criteria.criteria},
-        }
+    def report(self) -> ModelRunsReport:
+        """Give what assessment.json says of them."""
+        return ModelRunsReport(
+            model=self.model,
+            verdict=self.verdict,
+            seeds=tuple(
+                JudgedSeed(seed, self.verdict_of(seed), seed in self.collided) for seed in self.seeds
+            ),
+            counts=self.counts(),
+            collisions=len(self.collided),
+            criteria={c.name: self._criterion(c.name) for c in self.criteria.criteria},
+        )
 
-    def _criterion(self, name: str) -> dict[str, Any]:
+    def _criterion(self, name: str) -> CriterionOverSeeds:
         counts = self.counts(name)
         verdict = next(outcome for outcome in WORST if counts[outcome])
-        return {"verdict": verdict, "counts": counts, "share": counts["PASS"] / len(self.seeds)}
+        return CriterionOverSeeds(verdict, counts, counts["PASS"] / len(self.seeds))

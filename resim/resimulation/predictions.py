@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -143,11 +142,11 @@ def _entry(fit: Refit, sources: Mapping[str, str]) -> PredictionEntry:
 
 
 def _rounded(motion: Motion) -> Motion:
-    short: dict[str, Any] = {
+    short = {
         name: tuple(map(_short, value)) if isinstance(value, tuple) else _short(value)
         for name, value in asdict(motion).items()
     }
-    return replace(motion, **short)
+    return replace(motion, **short)  # type: ignore[arg-type]  # each of its own type
 
 
 def _span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:

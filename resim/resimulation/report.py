@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
@@ -27,25 +26,6 @@ ByQuantity = Mapping[str, Statistics | None]
 """Statistics of d [m], v [m/s] and heading [rad], None where there is no sample."""
 
 
-def _finding_json(finding: Finding) -> dict[str, Any]:
-    """A finding's fields by name; a number that is NaN is None."""
-    return _without_nan(asdict(finding))
-
-
-def _finding_of(fields: Any) -> Finding:
-    """Inverse of `_finding_json`. Raises TypeError, KeyError or ValueError for what is none."""
-    times = {name: math.nan if fields[name] is None else fields[name] for name in ("start", "end", "value")}
-    return Finding(**{**fields, **times})
-
-
-def _without_nan(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: _without_nan(value) if isinstance(value, Mapping)
-        else None if isinstance(value, float) and math.isnan(value) else value
-        for name, value in fields.items()
-    }  # fmt: skip
-
-
 def _of(make: Callable[[Any], T]) -> Callable[[Any], T]:
     """As pydantic has it, any fault is a ValueError."""
 
@@ -58,10 +38,11 @@ def _of(make: Callable[[Any], T]) -> Callable[[Any], T]:
     return made
 
 
-OBJECT = WithJsonSchema({"type": "object"})
-FindingInFile = Annotated[Finding, PlainValidator(_of(_finding_of)), PlainSerializer(_finding_json), OBJECT]
 DoubtsInFile = Annotated[
-    Doubts, PlainValidator(_of(Doubts.from_json)), PlainSerializer(Doubts.to_json), OBJECT
+    Doubts,
+    PlainValidator(_of(Doubts.from_json)),
+    PlainSerializer(Doubts.to_json),
+    WithJsonSchema({"type": "object"}),
 ]
 
 
@@ -143,7 +124,7 @@ class RunReport:
     end_position_error: Mapping[str, float | None]
     perception: PerceptionReport | None
     warnings: tuple[str, ...]
-    findings: tuple[FindingInFile, ...]
+    findings: tuple[Finding, ...]
     repaired: Mapping[str, Mapping[str, int]]
     doubts: Mapping[str, DoubtsInFile]
 

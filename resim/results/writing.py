@@ -12,7 +12,6 @@ import duckdb
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash
-from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_json, read_sealed_json, to_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN
@@ -21,6 +20,7 @@ if TYPE_CHECKING:  # the catalog lists results without loading all that makes th
     import pandas as pd
 
     from resim.resimulation import MapCheck, Resimulation, ResimulationAssessment
+    from resim.resimulation.assessment_report import HashedBuild, HashedName
 
 
 def write_json(data: Any, path: Path) -> None:
@@ -92,23 +92,26 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
     name = map_name(found.network.path).removesuffix(".xodr")
     net = folder / f"{name}.net.xml"
     shutil.copyfile(found.net.path, net)
-    told = {"versions": versions(), **found.report(), "files": {net.name: file_hash(net)}}
-    write_json(sealed(told), folder / CONVERSION.mark)
+    report = found.report({net.name: file_hash(net)})
+    write_json(sealed(to_json(report)), folder / CONVERSION.mark)
 
 
 def write_assessment(found: ResimulationAssessment, folder: Path, drive: Path) -> None:
     """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
-    criteria = None if found.criteria is None else {"name": found.criteria.name, "hash": found.criteria.hash}
-    inputs = {**_drive_inputs(drive, found.name), "criteria": criteria}
-    told = {"versions": versions(), "inputs": inputs, **found.to_json()}
-    write_json(sealed(told), folder / ASSESSMENT.mark)
+    from resim.resimulation.assessment_report import AssessmentInputs, HashedName, report
+
+    recording, build = _drive_inputs(drive, found.name)
+    criteria = None if found.criteria is None else HashedName(found.criteria.name, found.criteria.hash)
+    told = report(found, AssessmentInputs(recording, build, criteria))
+    write_json(sealed(to_json(told)), folder / ASSESSMENT.mark)
     write_parquet(found.kpi_frame(), folder / "kpis.parquet")
 
 
-def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
+def _drive_inputs(drive: Path, name: str) -> tuple[HashedName, HashedBuild | None]:
     """The recording and the build of what `resim run` wrote, or of a recording."""
     from resim.recordings.content import content_hash, hash_of_hashes
     from resim.recordings.settings import SETTINGS, read_settings
+    from resim.resimulation.assessment_report import HashedBuild, HashedName
     from resim.resimulation.report import RunProvenance, RunReport
 
     if (mark := drive / RUN.mark).is_file():
@@ -116,12 +119,12 @@ def _drive_inputs(drive: Path, name: str) -> dict[str, Any]:
         try:
             hashes = read_sealed_json(mark, RunProvenance, "resim run", remedy).hashes
             build = read_json(drive / "report.json", RunReport, "resim run", remedy).build
-            return {
-                "recording": {"name": name, "hash": hash_of_hashes(hashes, hashes["map"])},
-                "build": {"label": f"{build.name}-{build.version}", "hash": hashes["build"]},
-            }
+            return (
+                HashedName(name, hash_of_hashes(hashes, hashes["map"])),
+                HashedBuild(f"{build.name}-{build.version}", hashes["build"]),
+            )
         except (KeyError, ValueError) as e:
             raise InputError(mark, "is not what `resim run` writes", remedy) from e
     settings = read_settings(drive / SETTINGS)
-    drove = None if settings.build is None else {"label": settings.build, "hash": settings.build_hash}
-    return {"recording": {"name": name, "hash": content_hash(drive)}, "build": drove}
+    drove = None if settings.build is None else HashedBuild(settings.build, settings.build_hash)
+    return HashedName(name, content_hash(drive)), drove

@@ -2,15 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from resim.core.errors import InputError
+from resim.core.provenance import versions
+from resim.core.spec import EXACT
 from resim.road.flaws import Flaw, flaws
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork, load
 from resim.road.sumo import LaneError, SumoNet, sumo_net
+from resim.road.sumo.conversion import Jump
+
+
+@dataclass(frozen=True)
+class ConversionReport:
+    """What conversion.json says of a map and of the SUMO net made of it.
+
+    hash: of all that decides the net. worst, mean: errors [m] of the lanes that are in the net. not_exact: how many
+    lanes are missing or beyond their limit. lanes: worst first, missing ones before. connections: linked pairs of SUMO
+    lanes. jumps: gaps between linked lanes. lost: links that are not in the net. flaws: what is wrong in the map.
+    files: hashes of what was written.
+    """
+
+    __pydantic_config__ = EXACT
+
+    versions: Mapping[str, str]
+    map: str
+    hash: str
+    worst: float
+    mean: float
+    not_exact: int
+    lanes: tuple[LaneError, ...]
+    connections: int
+    jumps: tuple[Jump, ...]
+    lost: tuple[str, ...]
+    flaws: tuple[Flaw, ...]
+    files: Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,18 +63,23 @@ class MapCheck:
         lost = self.net.conversion.lost
         return out + ([f"{len(lost)} link(s) of lanes not in the net"] if lost else [])
 
-    def report(self) -> dict[str, Any]:
-        """Give what conversion.json holds besides versions."""
+    def report(self, files: Mapping[str, str]) -> ConversionReport:
+        """Give what conversion.json says. files: hashes of what was written, by name."""
         conversion = self.net.conversion
-        return {
-            "map": self.network.path.name,
-            "hash": self.net.hash,
-            "worst": conversion.worst,
-            "mean": conversion.mean,
-            "not_exact": len(conversion.bad),
-            **conversion.to_json(),
-            "flaws": [flaw.to_json() for flaw in self.flaws],
-        }
+        return ConversionReport(
+            versions=versions(),
+            map=self.network.path.name,
+            hash=self.net.hash,
+            worst=conversion.worst,
+            mean=conversion.mean,
+            not_exact=len(conversion.bad),
+            lanes=conversion.lanes,
+            connections=conversion.connections,
+            jumps=conversion.jumps,
+            lost=conversion.lost,
+            flaws=self.flaws,
+            files=files,
+        )
 
 
 def check_map(path: Path, *, cache: Path | None = None) -> MapCheck:

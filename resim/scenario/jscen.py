@@ -49,14 +49,14 @@ class _Segment(_JscenPart):
 
 
 class _ReferenceObject(_JscenPart):
-    odrRoad: int | str
     odrLane: int = Field(ge=-1_000_000, le=1_000_000)
+    odrRoad: int | str
 
 
 class _StartPosition(_JscenPart):
     tOffset: _Number
-    sOffset: _Number
     referenceObj: _ReferenceObject
+    sOffset: _Number
 
 
 class _Maneuver(_JscenPart):
@@ -228,7 +228,7 @@ def _polynomials(segments: Sequence[_Segment]) -> PPoly:
 
 def write_jscen(scenario: Scenario, path: Path) -> None:
     """Write a JSCEN file of version 0.10, whole or not at all; InputError for what the format cannot hold."""
-    data = jscen(scenario)
+    data = jscen(scenario).model_dump()
     try:
         JscenFile.model_validate(data)
     except ValidationError as e:
@@ -238,47 +238,51 @@ def write_jscen(scenario: Scenario, path: Path) -> None:
     beside.replace(path)
 
 
-def jscen(scenario: Scenario) -> dict[str, Any]:
-    """Give what a JSCEN file of version 0.10 holds of a scenario."""
-    ego = _written(scenario.ego)
-    del ego["spawningTime"], ego["description"]
-    return {
-        "map": scenario.map,
-        "description": scenario.description,
-        "environment": dict(scenario.environment),
-        "objectPool": {"vehicles": [_written(o) for o in scenario.objects], "ego": ego},
-        "duration": scenario.duration,
-        "fileVersion": {"major": VERSION[0], "minor": VERSION[1]},
-    }
+def jscen(scenario: Scenario) -> JscenFile:
+    """Give what a JSCEN file of version 0.10 holds of a scenario; not validated."""
+    ego = scenario.ego
+    pool = _ObjectPool.model_construct(
+        vehicles=[
+            _Vehicle.model_construct(
+                maneuver=_maneuver(o),
+                model=_model(o),
+                spawningTime=o.spawn_time,
+                description=o.description,
+                objectId=_number(o.id),
+            )
+            for o in scenario.objects
+        ],
+        ego=_Ego.model_construct(maneuver=_maneuver(ego), model=_model(ego), objectId=_number(ego.id)),
+    )
+    return JscenFile.model_construct(
+        map=scenario.map,
+        description=scenario.description,
+        environment=dict(scenario.environment),
+        objectPool=pool,
+        duration=scenario.duration,
+        fileVersion=_Version.model_construct(major=VERSION[0], minor=VERSION[1]),
+    )
 
 
-def _written(member: ScenarioObject) -> dict[str, Any]:
+def _maneuver(member: ScenarioObject) -> _Maneuver:
     start = member.start
-    return {
-        "maneuver": {
-            "startPosition": {
-                "tOffset": start.t,
-                "referenceObj": {"odrLane": start.lane, "odrRoad": _number(start.road)},
-                "sOffset": start.s,
-            },
-            "velocity": _segments(member.v),
-            "heading": _segments(member.heading),
-        },
-        "model": {
-            "color": member.color,
-            "type": member.kind.capitalize(),
-            "length": member.length,
-            "width": member.width,
-        },
-        "spawningTime": member.spawn_time,
-        "description": member.description,
-        "objectId": _number(member.id),
-    }
+    place = _ReferenceObject.model_construct(odrLane=start.lane, odrRoad=_number(start.road))
+    return _Maneuver.model_construct(
+        startPosition=_StartPosition.model_construct(tOffset=start.t, referenceObj=place, sOffset=start.s),
+        velocity=_segments(member.v),
+        heading=_segments(member.heading),
+    )
 
 
-def _segments(spline: PPoly) -> list[dict[str, Any]]:
+def _model(member: ScenarioObject) -> _JscenModel:
+    return _JscenModel.model_construct(
+        color=member.color, type=member.kind.capitalize(), length=member.length, width=member.width
+    )
+
+
+def _segments(spline: PPoly) -> list[_Segment]:
     return [
-        {"startTime": start, "endTime": end, "polynomParameter": c}
+        _Segment.model_construct(startTime=start, endTime=end, polynomParameter=c)
         for start, end, c in zip(
             spline.x[:-1].tolist(), spline.x[1:].tolist(), spline.c.T.tolist(), strict=True
         )

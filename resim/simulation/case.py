@@ -90,7 +90,7 @@ class Case:
 
 @lru_cache(maxsize=64)
 def _scenario_hash(scenario: Scenario) -> str:
-    return hashlib.sha256(json.dumps(jscen(scenario)).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(jscen(scenario).model_dump()).encode()).hexdigest()
 
 
 @lru_cache(maxsize=64)

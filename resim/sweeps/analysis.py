@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -208,16 +209,20 @@ def _requirements(y: Floats, points: SweepPoints, i: int) -> tuple[RequirementEn
     found = [requirement(y, step, DEMANDED, side, drawn=drawn) for side in sides]
     if all(r.found == "none" for r in found) and not around:
         found.append(requirement(y, step, DEMANDED, "between", drawn=drawn))
-    return tuple(RequirementEntry(**_rounded(r), binned=step.binned) for r in found)
+    return tuple(RequirementEntry(**vars(_rounded(r)), binned=step.binned) for r in found)
 
 
-def _rounded(found: Requirement | Crossing) -> dict[str, Any]:
-    """The fields of either, numbers with six digits."""
-    return {
+Rounded = TypeVar("Rounded", Requirement, Crossing)
+
+
+def _rounded(found: Rounded) -> Rounded:
+    """The same, numbers with six digits."""
+    short = {
         name: number(v) if isinstance(v, float)
         else tuple(None if x is None else number(x) for x in v) if isinstance(v, tuple) else v
         for name, v in vars(found).items()
     }  # fmt: skip
+    return replace(found, **short)  # type: ignore[arg-type]  # each of its own type
 
 
 def _map(y: Floats, points: SweepPoints, i: int, j: int) -> MapEntry | None:
@@ -235,7 +240,7 @@ def _map(y: Floats, points: SweepPoints, i: int, j: int) -> MapEntry | None:
         at_a=numbers(found.a), at_b=numbers(found.b), width=found.width,
         share=_rows(found.share), low=_rows(found.low), high=_rows(found.high),
         boundaries={
-            f"{level:g}": tuple(Crossing(**_rounded(c)) for c in crossings(found, level)) for level in BOUNDARIES
+            f"{level:g}": tuple(map(_rounded, crossings(found, level))) for level in BOUNDARIES
         },
     )  # fmt: skip
 

@@ -19,20 +19,22 @@ from resim.core.errors import InputError
 from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
+from resim.core.schema import RUN, Row
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
 from resim.execution.child import Failure
+from resim.execution.journal import JournalEntry
 from resim.execution.workers import run_all
 from resim.metrics.criteria import read_criteria
 from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
-from resim.sweeps.file import RUN, Sweep, boundaries, runs
+from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
-from resim.sweeps.tasks import RunTask, Values, run, swept_model, with_values
+from resim.sweeps.tasks import RunResult, RunTask, Values, run, swept_model, with_values
 from resim.verification.inputs import HashedFile, NamedBuild
 
 ATTEMPTS = 3
@@ -204,12 +206,13 @@ def execute(
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
             for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
                 if not isinstance(result, Failure):
-                    findings, name = result.pop("findings"), of[number]
+                    name = of[number]
                     if name not in examined:
                         examined.add(name)
-                        found(name, findings)
-                file.append({RUN: number, "plan": plans[number], **_entry(result, sweep)})
-                tell(isinstance(result, Failure) or result["row"]["failure"] is not None)
+                        found(name, result.findings)
+                entry = _entry(result, number, plans[number], sweep)
+                file.append(entry)
+                tell(entry.row["failure"] is not None)
 
 
 def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
@@ -219,15 +222,15 @@ def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
     return {number: f"{zlib.crc32(repr(of).encode()):08x}" for number, *of in rows}
 
 
-def _rows(sweep: Sweep, out: Path) -> dict[int, dict[str, Any]]:
+def _rows(sweep: Sweep, out: Path) -> dict[int, Row]:
     """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
     needed = sweep.file.planned.grows
-    return {entry[RUN]: entry["row"] if needed else {} for entry in journal.read(out / "journal", type_of)}
+    return {entry.run: entry.row if needed else {} for entry in journal.read(out / "journal", type_of)}
 
 
 def _tried(
     todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
-) -> Iterator[tuple[int, dict[str, Any] | Failure]]:
+) -> Iterator[tuple[int, RunResult | Failure]]:
     """Give the result of each run by its number; what crashes is tried again after all others."""
     for attempt in range(1, ATTEMPTS + 1):
         crashed = []
@@ -239,14 +242,14 @@ def _tried(
         todo = sorted(crashed, key=lambda task: task.run)
 
 
-def _entry(result: dict[str, Any] | Failure, sweep: Sweep) -> dict[str, Any]:
-    """What the journal holds of a result; files as the sweep names them, wherever it lies."""
+def _entry(result: RunResult | Failure, number: int, plan: str, sweep: Sweep) -> JournalEntry:
+    """What the journal holds of the result of a run; files as the sweep names them, wherever it lies."""
     if not isinstance(result, Failure):
-        return result
+        return JournalEntry(number, plan, result.row, result.time)
     reason, files = result.reason, {name: frozen.path for name, frozen in sweep.frozen.items()}
     for name, path in (files | sweep.folders).items():
         reason = reason.replace(str(path), name)
-    return {"row": {"end": FAILED, "failure": reason}, "time": None}
+    return JournalEntry(number, plan, {"end": FAILED, "failure": reason}, None)
 
 
 def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
@@ -272,8 +275,8 @@ def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> tuple[float | No
     good = [r for r in found if not isinstance(r, Failure)]
     if not good:
         return None, 0.0, failures
-    size = sum(len(json.dumps(r["row"])) for r in good) / len(good) / 4.0  # as Parquet packs it
-    return median(r["time"] for r in good), size, failures
+    size = sum(len(json.dumps(r.row)) for r in good) / len(good) / 4.0  # as Parquet packs it
+    return median(r.time for r in good), size, failures
 
 
 def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
@@ -285,7 +288,7 @@ def compact(sweep: Sweep, out: Path) -> tuple[int, int]:
     rows = _rows(sweep, out) if grows else {}
     every = runs(sweep, rows)
     told = journal.entries(out / "journal", type_of, _plans(sweep, every))
-    lines = {entry[RUN]: line for line, entry in told}
+    lines = {entry.run: line for line, entry in told}
     if missing := len(every) - len(lines):
         return missing, 0
     found = _found([lines[k] for k in every[RUN]])
@@ -319,8 +322,8 @@ def _found(lines: list[bytes]) -> pd.DataFrame:
     """Results and times as a table, from lines of the journal; by parts, as entries take much more memory than rows."""
     parts = []
     for first in range(0, len(lines), PART // 10):
-        entries = [json.loads(line) for line in lines[first : first + PART // 10]]
-        parts.append(pd.DataFrame([{**entry["row"], "time": entry["time"]} for entry in entries]))
+        entries = map(journal.parse, lines[first : first + PART // 10])
+        parts.append(pd.DataFrame([{**entry.row, "time": entry.time} for entry in entries]))
     found = pd.concat(parts, ignore_index=True)
     return found.astype({c: float for c in found if _is_number(found[c])})
 

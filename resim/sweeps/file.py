@@ -17,6 +17,7 @@ from resim.core.errors import InputError
 from resim.core.files import joined
 from resim.core.geometry import Floats
 from resim.core.plugins.frozen import FrozenFile
+from resim.core.schema import RUN, Row
 from resim.core.spec import Strict, read_strict
 from resim.metrics.criteria import freeze_criteria
 from resim.perception.model import freeze_model
@@ -32,15 +33,11 @@ from resim.sweeps.plans.registry import PLANS, SweepPlan
 from resim.verification.suite import read_suite
 
 Indices = NDArray[Any]
-Row = Mapping[str, Any]
-"""What a run came to, one value a column; see `resim.sweeps.one_run`."""
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
 EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
 MOST = 1_000_000
 """Runs of a sweep: those that are planned are held in memory, and planned anew by each process (12 s for so many)."""
-RUN = "run"
-"""Column of the tables: which run it is, counted from 0."""
 
 
 def _known_plan(name: str) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
+from resim.core.schema import Cell, Row
 from resim.metrics.criteria import Criteria
 from resim.perception.model import PerceptionModel
 from resim.perception.runtime.sensor import Sensor
@@ -30,8 +30,6 @@ LEADING = (
     "end_position_error", "case",
 )  # fmt: skip
 """Columns that stand first in the table, for who reads it; all others follow as they are made."""
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ def run_once(
         result, seed, AssessmentOptions(criteria=prepared.criteria, only=COMPARED, rate=RATE)
     )
     run = FinishedRun(drive, pipe, found, prepared.decision, prepared.reaction)
-    row: Row = {
+    row: dict[str, Cell] = {
         "end": drive.end,
         "failure": drive.failure or None,
         "decision": ", ".join(found.decision),
@@ -100,7 +98,7 @@ def _without_values(row: Row) -> Row:
 
 def _kpis(found: DriveOutcome, criteria: Criteria) -> Row:
     """Of each criterion its KPI and worst value in `unit`; a run that ended at once is not judged."""
-    row: Row = {}
+    row: dict[str, Cell] = {}
     for c in criteria.criteria:
         kpi = found.kpis.get(c.name)
         row[f"kpi {c.name}"] = "INVALID" if kpi is None else kpi.outcome

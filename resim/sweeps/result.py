@@ -80,7 +80,7 @@ def read_swept(folder: Path) -> SweepResult:
         raise InputError(folder, "holds no sweep", "Name the folder that `resim sweep --out` wrote.")
     path = folder / "manifest.json"
     if not path.is_file():
-        done = len({entry["run"] for entry in journal.read(folder / "journal")})
+        done = len({entry.run for entry in journal.read(folder / "journal")})
         raise InputError(folder, f"its sweep is not finished, {done} runs are there so far", resume)
     manifest = read_sealed_json(path, SweepManifest, "resim sweep", resume)
     if manifest.inputs.sweep.planned.grows and manifest.boundaries is MISSING:

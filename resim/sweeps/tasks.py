@@ -6,17 +6,17 @@ import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from resim.core.errors import InputError
 from resim.core.plugins.frozen import FrozenFile
+from resim.core.schema import Row
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import PerceptionModel, read_model
 from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
-from resim.sweeps.one_run import PreparedRuns, Row, prepare_sweep, run_once
+from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_once
 
 Values = tuple[tuple[str, float], ...]
 """Parameters by name, as a sweep has them, and their values."""
@@ -38,14 +38,23 @@ class RunTask:
     vehicle: str
 
 
-def run(task: RunTask) -> dict[str, Any]:
-    """Give the `row` of the run, how long it took [s], and the `findings` in its recording."""
+@dataclass(frozen=True)
+class RunResult:
+    """What a run came to (`row`), how long it took [s], and lines on the findings in its recording."""
+
+    row: Row
+    time: float
+    findings: tuple[str, ...]
+
+
+def run(task: RunTask) -> RunResult:
+    """Do the run."""
     prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
     build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
-    row: Row = run_once(prepared, build, model, task.seed, ResimulationOptions(vehicle=task.vehicle))
+    row = run_once(prepared, build, model, task.seed, ResimulationOptions(vehicle=task.vehicle))
     taken = time.perf_counter() - begin
-    return {"row": row, "time": taken, "findings": finding_lines(prepared.recording.recording.findings)}
+    return RunResult(row, taken, finding_lines(prepared.recording.recording.findings))
 
 
 @lru_cache(maxsize=32)

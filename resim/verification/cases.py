@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +14,14 @@ from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import EXACT, from_json, to_json
 from resim.resimulation.traces import SpeedTraces
 from resim.results import whole_file, write_json
-from resim.verification.entries import RecordingSource
+from resim.verification.entries import (
+    ComparedContent,
+    ComparedRecording,
+    FailedRecording,
+    RecordingSource,
+    VerifiedContent,
+    VerifiedRecording,
+)
 from resim.verification.report import RecordingResult
 
 CASES = "cases"
@@ -40,30 +47,61 @@ Traces = Annotated[
 ]
 
 
+Reports = Mapping[str, str]
+"""Hashes of the re-simulation reports that were written of a recording, by name."""
+
+
 @dataclass(frozen=True)
 class VerificationCase:
     """What one recording gave.
 
-    traces: speeds for the page, None where the recording failed. time: how long it took [s]. reports: hashes of the
-    re-simulation reports that were written of it, by name.
+    traces: speeds for the page, None where the recording failed. time: how long it took [s].
     """
-
-    __pydantic_config__ = EXACT
 
     entry: RecordingResult
     traces: Traces | None
     time: float | None
-    reports: Annotated[Mapping[str, str], Field(exclude_if=lambda reports: not reports)] = field(
-        default_factory=dict
-    )
+    reports: Reports = field(default_factory=dict)
+
+
+def _two_builds(found: Any) -> str:
+    pairs = "pairs" in found if isinstance(found, Mapping) else isinstance(found, ComparedContent)
+    return "builds" if pairs else "measured"
+
+
+CaseContent = Annotated[
+    Annotated[VerifiedContent, Tag("measured")] | Annotated[ComparedContent, Tag("builds")],
+    Discriminator(_two_builds),
+]
+
+
+@dataclass(frozen=True)
+class CaseFile:
+    """What cases/*.json says: what one recording gave, wherever it lies.
+
+    key: of all that it follows from. traces: speeds [m/s] for the page. time: how long it took [s]. reports: hashes of
+    the re-simulation reports that were written of it, by name.
+    """
+
+    __pydantic_config__ = EXACT
+
+    key: str
+    entry: CaseContent
+    traces: Traces
+    time: float
+    reports: Annotated[Reports, Field(exclude_if=lambda reports: not reports)] = field(default_factory=dict)
 
 
 def keep(out: Path, key: str, case: VerificationCase) -> None:
-    """Write what a recording gave. key: of what it follows from."""
-    told = to_json(case)
-    told["entry"] = {name: value for name, value in told["entry"].items() if name not in _ELSEWHERE}
-    with whole_file(out / CASES / f"{case.entry.name}.json", None) as path:
-        write_json(sealed({"key": key, **told}), path)
+    """Write what a recording gave, unless that is no result. key: of what it follows from."""
+    entry = case.entry
+    if isinstance(entry, FailedRecording) or case.traces is None or case.time is None:
+        return
+    kind = VerifiedContent if isinstance(entry, VerifiedRecording) else ComparedContent
+    content = kind(**{f.name: getattr(entry, f.name) for f in fields(kind)})
+    told = CaseFile(key, content, case.traces, case.time, case.reports)
+    with whole_file(out / CASES / f"{entry.name}.json", None) as path:
+        write_json(sealed(to_json(told)), path)
 
 
 def kept(
@@ -78,14 +116,13 @@ def kept(
         return None
     try:
         told = read_sealed(path, "")
-        if told.pop("key") != key:
+        if told["key"] != key:  # of another version of resim it may have other fields
             return None
-        told["entry"] = {**to_json(source), **told["entry"]}
-        return from_json(told, VerificationCase, path, "resim verify", "")
-    except (InputError, KeyError, TypeError):
+        found = from_json(told, CaseFile, path, "resim verify", "")
+    except (InputError, KeyError):
         damaged(path)
         return None
-
-
-_ELSEWHERE = {"name", "folder", "hash", "reports"}
-"""Fields of an entry that follow from the request."""
+    kind = VerifiedRecording if isinstance(found.entry, VerifiedContent) else ComparedRecording
+    return VerificationCase(
+        kind(**vars(source), **vars(found.entry)), found.traces, found.time, found.reports
+    )

@@ -163,8 +163,8 @@ class FailedRecording(RecordingSource):
 
 
 @dataclass(frozen=True)
-class VerifiedRecording(RecordingSource):
-    """A recording, measured against simulated; reports: of its re-simulation, as seen from verification.json.
+class VerifiedContent:
+    """What the verification of a recording gave, measured against simulated, wherever the recording lies.
 
     way: what the verdict is judged by. error: why the function failed, None where it did not. reaction: first braking
     [s]. errors: root mean squares by step. recorded: the run that showed the function what was recorded as perceived.
@@ -189,6 +189,12 @@ class VerifiedRecording(RecordingSource):
     validity: tuple[ValidityInterval, ...]
     findings: tuple[str, ...]
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class VerifiedRecording(VerifiedContent, RecordingSource):
+    """A recording and what its verification gave; reports: of its re-simulation, as seen from verification.json."""
+
     reports: tuple[str, ...] = ()
 
     @property
@@ -221,8 +227,8 @@ class ReactionsOfBuilds:
 
 
 @dataclass(frozen=True)
-class ComparedRecording(RecordingSource):
-    """A recording, driven by two builds; t, differences and weight_lost are of the worst run."""
+class ComparedContent:
+    """What two builds gave on a recording, wherever it lies; t, differences and weight_lost are of the worst run."""
 
     verdict: BuildVerdict
     t: float | None
@@ -234,4 +240,10 @@ class ComparedRecording(RecordingSource):
     cases: Mapping[str, Mapping[str, str]]
     pairs: tuple[RunPair, ...]
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ComparedRecording(ComparedContent, RecordingSource):
+    """A recording, driven by two builds; reports: of its re-simulations, as seen from verification.json."""
+
     reports: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ from resim.core.spec import read_sealed_json, to_json
 from resim.results import VERIFICATION, check_output, json_text, whole_file
 from resim.verification.cases import CASES, Traces
 from resim.verification.execution import REPORTS, files_of
-from resim.verification.inputs import VerificationRequest
+from resim.verification.inputs import VerificationBegun, VerificationRequest
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
 from resim.verification.report import VerificationReport
@@ -27,14 +27,14 @@ def begin(out: Path, a: VerificationRequest) -> None:
     """
     check_output(out, VERIFICATION)
     files = files_of(a)
-    told = json_text(sealed({"versions": versions(), "inputs": a.model_dump(mode="json"), "files": files}))
+    told = json_text(sealed(to_json(VerificationBegun(versions(), a, tuple(files)))))
     mark = out / VERIFICATION.mark
     before = read_file(mark, "Remove it.") if mark.is_file() else b""
     if before != told.encode():
         for name in ("verification.json", "verification.html", "junit.xml"):
             (out / name).unlink(missing_ok=True)
     if before:
-        others = {*read_sealed(mark, "Remove it.")["files"]} - {*files}
+        others = {*read_sealed(mark, "Remove it.")["files"]} - {*files}  # of any version of resim
         for path in (*out.glob(f"{CASES}/*"), *out.glob(f"{REPORTS}/*")):
             if f"{path.parent.name}/{path.name}" in others:
                 path.unlink()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
 
-from resim.core.spec import Strict
+from resim.core.spec import EXACT, Strict
 from resim.verification.paired import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
@@ -46,3 +48,14 @@ class VerificationRequest(Strict):
     reports: int
     recordings: dict[str, HashedFile]
     wanted: dict[str, str] = Field(description="hashes that the suite expects")
+
+
+@dataclass(frozen=True)
+class VerificationBegun:
+    """What inputs.json says, from the beginning on; files: that the verification may write into its folders."""
+
+    __pydantic_config__ = EXACT
+
+    versions: Mapping[str, str]
+    inputs: VerificationRequest
+    files: tuple[str, ...]

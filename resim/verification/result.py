@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from statistics import median
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from resim.recordings.checked import finding_lines
 from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
@@ -87,7 +87,7 @@ class VerificationResult:
             risk=self._per_drive(lambda o: o.risk),
             comfort=self._per_drive(lambda o: o.comfort),
             errors=self.errors,
-            recorded=None if self.recorded is None else ComparedRun(**_compared(self.recorded)),
+            recorded=None if self.recorded is None else _compared(self.recorded),
             driven=None if self.driven is None else _driven(self.driven),
             cases={name: drive.case.hash for name, drive in self.result.drives.items()},
             validity=self.validity,
@@ -111,7 +111,7 @@ class VerificationResult:
     def _way(self, way: Way) -> WayRuns:
         judged, cause = self.judged[way], self.causes[way]
         if (test := judged.test) is None:
-            return SingleRun(cause=cause, **_compared(judged.comparisons[0]))
+            return SingleRun(cause=cause, **vars(_compared(judged.comparisons[0])))
         each = zip(self.seeds.items(), judged.comparisons, strict=True)
         return SeedRuns(
             verdict=judged.verdict,
@@ -121,7 +121,7 @@ class VerificationResult:
             needed=judged.needed,
             same_decision=share([c.same_decision for c in judged.comparisons]),
             seeds=tuple(
-                SeedRun(seed=seed, **_compared(c), end=o.end, errors=o.errors) for (seed, o), c in each
+                SeedRun(seed=seed, **vars(_compared(c)), end=o.end, errors=o.errors) for (seed, o), c in each
             ),
         )
 
@@ -131,14 +131,16 @@ class VerificationResult:
         equal: dict[Way, Equality | Share] = {
             way: j.comparisons[0].kpis[name] for way, j in self.judged.items() if way != MODEL
         }
-        runs: dict[str, Any] = {
-            source: _kpi_entry(outcome.kpis.get(name)) for source, outcome in self.outcomes.items()
-        }
+        single = {source: _kpi_entry(o.kpis.get(name)) for source, o in self.outcomes.items()}
+        over_seeds: dict[str, tuple[KpiEntry | None, ...]] = {}
         if MODEL in self.judged:
-            runs["over_seeds"] = tuple(_kpi_entry(o.kpis.get(name)) for o in self.seeds.values())
+            over_seeds["over_seeds"] = tuple(_kpi_entry(o.kpis.get(name)) for o in self.seeds.values())
             equal[MODEL] = share([c.kpis[name] == "equal" for c in self.judged[MODEL].comparisons])
         off = {way: self._off(way, name) for way in self.judged}
-        return KpiComparison(unit=gt.unit, weight=gt.weight, difference=off, equal=equal, **runs)
+        return KpiComparison(
+            unit=gt.unit, weight=gt.weight, difference=off, equal=equal,
+            **single, **over_seeds,  # type: ignore[arg-type]
+        )  # fmt: skip
 
 
 def _kpi_entry(kpi: Kpi | None) -> KpiEntry | None:
@@ -158,14 +160,13 @@ def _driven(driven: OpenLoopFinding) -> OpenLoopEntry:
     )
 
 
-def _compared(c: DriveComparison) -> dict[str, Any]:
-    """The fields of `ComparedRun`."""
-    return {
-        "verdict": c.verdict,
-        "same_decision": c.same_decision,
-        "reaction_difference": c.reaction_difference,
-        "t": c.t,
-        "differences": c.differences,
-        "beyond": c.beyond,
-        "failure": c.failure or None,
-    }
+def _compared(c: DriveComparison) -> ComparedRun:
+    return ComparedRun(
+        verdict=c.verdict,
+        same_decision=c.same_decision,
+        reaction_difference=c.reaction_difference,
+        t=c.t,
+        differences=c.differences,
+        beyond=c.beyond,
+        failure=c.failure or None,
+    )

@@ -27,7 +27,10 @@ CHANGES = {
     "its defaults": ("import resim.metrics.assessment as m; m.assess.__defaults__ = (None,) * 5", "assessment.assess"),
     "a method": ("from resim.core.tracks import Tracks; Tracks.at = print", "resim.core.tracks.Tracks.at"),
     "a built-in name": ("import resim.metrics.risk.metric as m; m.max = min", "resim.metrics.risk.metric.max"),
-    "a table": ("import resim.metrics.assessment as m; m.REASONS.clear()", "resim.metrics.assessment.REASONS"),
+    "a table": (
+        "import resim.metrics.assessment_report as m; m.REASONS.clear()",
+        "resim.metrics.assessment_report.REASONS",
+    ),
     "a measure": (
         "import resim.metrics.measures.registry as m; object.__setattr__(m.MEASURES[0], 'of', print)",
         "MEASURES[0].of",

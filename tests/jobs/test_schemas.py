@@ -14,8 +14,11 @@ import pytest
 from conftest import ROOT
 
 import resim
+from resim.core.sealed import sealed
+from resim.core.spec import read_json, read_sealed_json, to_json
 from resim.jobs.schemas import FORMATS, schema_of
 from resim.resimulation import PerceptionSetup, ResimulationOptions
+from resim.results import json_text
 from resim.verification.request import VerifyOptions
 
 PILOT, NEWER = (ROOT / "adfunc" / "builds" / f"highway_pilot-1.{k}.toml" for k in (0, 1))
@@ -70,6 +73,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     asked = VerifyOptions(perception=MODEL, seeds=5)
     resim.verify(folder / "suite.toml", PILOT, folder / "verified", asked, workers=1)
     resim.compare(folder / "suite.toml", NEWER, PILOT, folder / "compared", workers=1)
+    resim.assess(CORNER_CASE, criteria=CRITERIA).write(folder / "assessed")
+    resim.convert(ROOT / "networks" / "proving_ground.xodr", folder / "converted")
     return folder
 
 
@@ -83,11 +88,34 @@ WRITTEN: dict[str, tuple[str, list[Alter]]] = {
         lambda f: f.pop("checksum"), lambda f: f.update(step="0.01"), lambda f: f["times"].update(fit=None),
         lambda f: f["perception"]["seeds"][0].pop("time"),
     ]),
+    "run/assessment.json": ("run_assessment", [
+        lambda f: f.pop("checksum"), lambda f: f.pop("GT"), lambda f: f["rGT"].update(verdict="fine"),
+        lambda f: f["rGT+M"]["seeds"][0].pop("collision"), lambda f: f["inputs"]["recording"].update(hash=None),
+        lambda f: f["GT"]["measures"].update(TTC=[1.0]), lambda f: f.update(mood="good"),
+    ]),
+    "assessed/assessment.json": ("assessment", [
+        lambda f: f.pop("t"), lambda f: f["SD"].pop("risk"), lambda f: f.update(rGT=f["SD"]),
+        lambda f: f["criteria"]["time headway"].update(limit=None), lambda f: f["risk"]["reasons"].pop("r_ind"),
+    ]),
+    "converted/conversion.json": ("conversion", [
+        lambda f: f.pop("files"), lambda f: f["lanes"][0].update(worst="large"), lambda f: f["lanes"][0].pop("sumo"),
+        lambda f: f.update(not_exact=0.5), lambda f: f.update(mood="good"),
+    ]),
     "run/GT.jscen.json": ("jscen", [lambda f: f.clear()]),
     "verified/verification.json": ("verification", [
         lambda f: f["recordings"][0].update(verdict="fine"), lambda f: f["summary"].pop("good"),
         lambda f: f["recordings"][0]["ways"]["rGT+M"]["share"].update(low=None),
         lambda f: f["recordings"][1].pop("crashed"), lambda f: f.update(checksum="0"),
+    ]),
+    "verified/inputs.json": ("inputs", [
+        lambda f: f.pop("files"), lambda f: f["inputs"].update(agreement=0.1), lambda f: f.update(mood="good"),
+    ]),
+    "verified/cases/cut_in_brake.json": ("case", [
+        lambda f: f.pop("key"), lambda f: f["entry"].update(way="straight on"), lambda f: f.update(traces=None),
+        lambda f: f["entry"].update(name="cut_in_brake"), lambda f: f["entry"].pop("kpis"),
+    ]),
+    "compared/cases/cut_in_brake.json": ("case", [
+        lambda f: f["entry"].pop("pairs"), lambda f: f["traces"].pop("now"), lambda f: f["entry"].update(way="rGT"),
     ]),
     "compared/verification.json": ("verification", [
         lambda f: f["recordings"][0]["pairs"][0].update(lost="all"),
@@ -106,6 +134,16 @@ def test_what_was_written_is_valid_and_what_was_altered_is_not(out: Path, file: 
         alter(altered)
         assert altered != said
         assert not valid(name, altered)
+
+
+@pytest.mark.parametrize("file", [file for file, (name, _) in WRITTEN.items() if name != "jscen"])
+def test_what_was_written_is_read_and_written_again_the_same(out: Path, file: str) -> None:
+    form = FORMATS[WRITTEN[file][0]]
+    if form.sealed:
+        again = json_text(sealed(to_json(read_sealed_json(out / file, form.kind, "resim", ""))))
+    else:
+        again = json_text(to_json(read_json(out / file, form.kind, "resim", "")))
+    assert again == (out / file).read_text(encoding="utf-8")
 
 
 def test_every_kind_of_file_has_a_schema_that_knows_no_other_fields() -> None:

@@ -10,6 +10,7 @@ from conftest import ROOT
 
 from resim.core.errors import ResimError
 from resim.metrics.assessment import assess
+from resim.metrics.assessment_report import drive_assessment
 from resim.metrics.criteria import Criteria, Criterion, read_criteria
 from resim.metrics.drive import drive
 from resim.metrics.measures.collision import contacts
@@ -53,7 +54,7 @@ def test_an_unknown_value_of_an_object_that_is_there_is_invalid(overtaking, netw
     assert who == f"not computed in 1 of 50 scenes (objects {tracks.ids[other(tracks, ego)]})"
     assert np.isnan(found.risk.r_ind[7])
     assert np.isfinite(np.delete(found.risk.r_ind, 7)).all()
-    assert found.to_json()["risk"]["r_ind"][7] is None
+    assert drive_assessment(found).risk.r_ind[7] is None
 
 
 @pytest.mark.parametrize("size", ["length", "width"])
@@ -131,7 +132,7 @@ def test_a_collision_between_two_scenes_or_after_the_last_is_none_the_less_one(o
 def test_a_flaw_of_the_drive_is_never_a_pass(overtaking, network):
     tracks, ego = overtaking
     found = assess(MeasureInputs(drive(tracks, ego=ego), network), HIGHWAY, flaw="the function failed")
-    assert (found.verdict, found.to_json()["flaw"]) == ("INVALID", "the function failed")
+    assert (found.verdict, drive_assessment(found).flaw) == ("INVALID", "the function failed")
     assert "the function failed" in found.notes()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from resim.core.spec import to_json
 from resim.road.flaws import SEVERITIES, flaws
 from resim.road.opendrive import load
 
@@ -151,7 +152,7 @@ def test_a_sign_that_shows_no_speed(found):
 
 def test_flaws_can_be_written_as_json(found):
     (flaw,) = found(road("1", LINE, section(lane(-1, kind="sidewalk"))))
-    assert json.loads(json.dumps(flaw.to_json(), allow_nan=False)) == {
+    assert json.loads(json.dumps(to_json(flaw), allow_nan=False)) == {
         "severity": "error", "code": "NO_DRIVING_LANE", "road": None, "section": None, "lane": None, "s": None,
         "value": None, "unit": "", "text": "the map has no lane that vehicles drive on",
     }  # fmt: skip

@@ -192,7 +192,7 @@ def test_killed_fifty_times_it_is_the_same(sweep: Path) -> None:
         there.close()
     assert all(killed.values()), killed
     assert start("resim", "sweep", str(sweep), "--out", str(out), "--resume").wait() == 0
-    entries = sorted(entry["run"] for entry in journal.read(out / "journal"))
+    entries = sorted(entry.run for entry in journal.read(out / "journal"))
     assert entries == list(range(POINTS))
     assert bytes_of(out) == bytes_of(sweep.with_name("undisturbed"))
 

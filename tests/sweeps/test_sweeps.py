@@ -28,6 +28,7 @@ from resim.core.errors import InputError
 from resim.core.sealed import sealed as with_checksum
 from resim.core.spec import to_json
 from resim.execution import journal
+from resim.execution.journal import JournalEntry
 from resim.jobs.schemas import schema_of
 from resim.results import json_text
 from resim.sweeps.result import read_swept
@@ -210,14 +211,14 @@ def test_a_line_that_was_cut_short_is_done_again(tmp_path: Path) -> None:
         file.append(entry(0))
         file.append(entry(1))
     path.write_bytes(path.read_bytes()[:-3])
-    assert [found["run"] for found in journal.read(tmp_path)] == [0]
+    assert [found.run for found in journal.read(tmp_path)] == [0]
     with journal.Journal(path) as file:
         file.append(entry(2))
-    assert [found["run"] for found in journal.read(tmp_path)] == [0, 2]
+    assert [found.run for found in journal.read(tmp_path)] == [0, 2]
 
 
-def entry(run: int) -> dict[str, object]:
-    return {"run": run, "plan": "", "row": {"end": "failed", "failure": "so"}, "time": None}
+def entry(run: int) -> JournalEntry:
+    return JournalEntry(run, "", {"end": "failed", "failure": "so"}, None)
 
 
 def test_two_commands_do_not_write_one_journal(tmp_path: Path) -> None:
@@ -261,6 +262,7 @@ def sealed(said: str) -> str:
         (lambda line: line[9:], "line 2 is damaged"),
         (lambda line: line.replace("\n", "") + line, "line 2 is damaged"),
         (lambda line: sealed("[1, 2]"), "line 2 is damaged"),
+        (lambda line: sealed(line[9:-2] + ', "mood": "good"}'), "line 2 is damaged"),
         (lambda line: sealed("[" * 100_000), "line 2 is damaged"),
         (
             lambda line: sealed(re.sub(r'"risk": [^,]*', '"risk": ' + "9" * 400, line[9:-1])),
@@ -387,6 +389,10 @@ def test_the_manifest_says_what_it_was_made_from(undisturbed: tuple[Path, Path])
     schema.validate(manifest)
     assert not schema.is_valid({**manifest, "runs": "8"})
     assert not schema.is_valid({**manifest, "inputs": {**manifest["inputs"], "mood": "good"}})
+    begun = json.loads((undisturbed[1] / "sweep.json").read_text())
+    schema = jsonschema.Draft202012Validator(schema_of("sweep_begun"))
+    schema.validate(begun)
+    assert not schema.is_valid({**begun, "mood": "good"})
     assert json_text(with_checksum(to_json(read_swept(undisturbed[1]).manifest))) == (
         undisturbed[1] / "manifest.json"
     ).read_text(encoding="utf-8")

@@ -99,7 +99,7 @@ def swept(sweep: Sweep, home: Path, workers: int) -> tuple[float, float, float]:
     came: list[float] = []
     begun = time.perf_counter()
     execute(sweep, out, workers=workers, tell=lambda failed: came.append(time.perf_counter()))
-    inside = [entry["time"] for entry in journal.read(out / "journal")][workers:]
+    inside = [entry.time for entry in journal.read(out / "journal")][workers:]
     each = (came[-1] - came[workers - 1]) / len(inside)
     return each, each * workers * len(inside) / sum(inside) - 1.0, came[workers - 1] - begun
 

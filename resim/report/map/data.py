@@ -10,7 +10,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -64,66 +63,127 @@ class Picture:
         west, south, east, north = self.extent
         return np.round([0.5 * (west + east), 0.5 * (south + north)])
 
-    def steps(self, line: Floats) -> list[int]:
+    def steps(self, line: Floats) -> Steps:
         """Give a line (K, 2) as x, y, dx, dy, dx, dy ... [cm]."""
         places = np.round(100.0 * (line[:, :2] - self.origin)).astype(int)
         found: list[int] = np.diff(places, axis=0, prepend=np.zeros((1, 2), int)).ravel().tolist()
         return found
 
 
+Steps = list[int]
+"""A line as x, y, dx, dy, dx, dy ... [cm]."""
+LaneRow = tuple[int, int, int, int, int, int, int, int, str]
+"""Road (index), section, lane, type (index), driven along s 1, against it -1, both ways 2, no way 0, length, least and
+largest width [cm], speed limits."""
+MarkRow = tuple[int, int, int, str, str, int]
+"""Line (index), its first and last point, type, colour, width [cm]."""
+GapRow = tuple[str, str, float, float, float]
+"""From which SUMO lane to which, how far apart [m], x, y [m]."""
+ErrorRow = tuple[float | None, float | None, float, float, float, float, tuple[str, ...], str]
+"""Worst, mean, limit [m], s, x, y [m], SUMO lanes, remark."""
+
+
+@dataclass(frozen=True)
+class LaneType:
+    """A type of lane."""
+
+    name: str
+    color: str
+    drivable: bool
+
+
+@dataclass(frozen=True)
+class RoadLine:
+    """A road and its reference line, with the s [m] of its points; length in m."""
+
+    id: str
+    name: str
+    length: float
+    junction: str | None
+    sections: int
+    line: Steps
+    s: list[float]
+
+
+@dataclass(frozen=True)
+class JunctionArea:
+    """A junction, and the outlines of what its lanes cover."""
+
+    id: str
+    name: str
+    type: str
+    rings: list[Steps]
+
+
+@dataclass(frozen=True)
+class MapData:
+    """All that the script draws; origin: x, y [m] of the map. errors: by lane shape, None without a net."""
+
+    origin: list[float]
+    types: list[LaneType]
+    scale: Sequence[tuple[float, str]]
+    roads: list[RoadLine]
+    lanes: list[LaneRow]
+    lines: list[Steps]
+    centres: list[Steps]
+    marks: list[MarkRow]
+    junctions: list[JunctionArea]
+    errors: list[ErrorRow | None] | None
+    gaps: list[GapRow]
+
+
 def to_script(picture: Picture) -> Markup:
     """Give the data as JSON that can stand within a script element, whatever the map's names are."""
-    return script_data(json.dumps(_data(picture), ensure_ascii=False, allow_nan=False, separators=(",", ":")))
+    data = _data(picture)
+    return script_data(
+        json.dumps(data, default=vars, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    )
 
 
-def _data(picture: Picture) -> dict[str, Any]:
+def _data(picture: Picture) -> MapData:
     names = list(picture.types)
     conversion = picture.conversion
-    return {
-        "origin": picture.origin.tolist(),
-        "types": [
-            {"name": name, "color": type_color(name), "drivable": name in VEHICLE_LANES} for name in names
-        ],
-        "scale": SCALE,
-        "roads": _roads(picture),
-        "lanes": _lanes(picture, {name: i for i, name in enumerate(names)}),
-        "lines": [picture.steps(line) for line in picture.lines.borders],
-        "centres": [picture.steps(line) for line in picture.lines.centres],
-        "marks": [
-            [m.line, m.first, m.last, m.mark.type, m.mark.color, round(100.0 * (m.mark.width or 0.12))]
+    return MapData(
+        origin=picture.origin.tolist(),
+        types=[LaneType(name, type_color(name), name in VEHICLE_LANES) for name in names],
+        scale=SCALE,
+        roads=_roads(picture),
+        lanes=_lanes(picture, {name: i for i, name in enumerate(names)}),
+        lines=[picture.steps(line) for line in picture.lines.borders],
+        centres=[picture.steps(line) for line in picture.lines.centres],
+        marks=[
+            (m.line, m.first, m.last, m.mark.type, m.mark.color, round(100.0 * (m.mark.width or 0.12)))
             for m in picture.lines.marks
         ],
-        "junctions": _junctions(picture),
-        "errors": [_error(picture.errors.get(_key(s))) for s in picture.shapes] if conversion else None,
-        "gaps": [[j.origin, j.target, round(j.gap, 3), round(j.x, 2), round(j.y, 2)] for j in conversion.jumps]
+        junctions=_junctions(picture),
+        errors=[_error(picture.errors.get(_key(s))) for s in picture.shapes] if conversion else None,
+        gaps=[(j.origin, j.target, round(j.gap, 3), round(j.x, 2), round(j.y, 2)) for j in conversion.jumps]
         if conversion
         else [],
-    }  # fmt: skip
+    )  # fmt: skip
 
 
 def _key(shape: LaneShape) -> LaneKey:
     return LaneKey(shape.road, shape.section, shape.lane)
 
 
-def _roads(picture: Picture) -> list[dict[str, Any]]:
+def _roads(picture: Picture) -> list[RoadLine]:
     return [
-        {
-            "id": road.id, "name": road.name, "length": round(road.length, 2), "junction": road.junction,
-            "sections": len(road.sections), "line": picture.steps(line),
-            "s": np.round(line[:, 2], 2).tolist(),
-        }
+        RoadLine(
+            road.id, road.name, round(road.length, 2), road.junction, len(road.sections), picture.steps(line),
+            np.round(line[:, 2], 2).tolist(),
+        )
         for road, line in zip(picture.network.roads.values(), reference_lines(picture.network), strict=True)
     ]  # fmt: skip
 
 
-def _lanes(picture: Picture, types: dict[str, int]) -> list[list[Any]]:
-    """Per shape: road (index), section, lane, type (index), driven along s 1, against it -1, both ways 2, no way 0,
-    length, least and largest width [cm], speed limits."""
+def _lanes(picture: Picture, types: dict[str, int]) -> list[LaneRow]:
+    """A row a shape."""
     number = {name: i for i, name in enumerate(picture.network.roads)}
     limits = _limits(picture.network, picture.shapes)
     return [
-        [number[s.road], s.section, s.lane, types.get(s.type, -1) if s.lane else -1,
-         _way(picture.network, s), *_sizes(s), limit]
+        (number[s.road], s.section, s.lane, types.get(s.type, -1) if s.lane else -1,
+         _way(picture.network, s), *_sizes(s), limit)
         for s, limit in zip(picture.shapes, limits, strict=True)
     ]  # fmt: skip
 
@@ -164,17 +224,16 @@ def _limits(network: RoadNetwork, shapes: Sequence[LaneShape]) -> list[str]:
     return out
 
 
-def _junctions(picture: Picture) -> list[dict[str, Any]]:
+def _junctions(picture: Picture) -> list[JunctionArea]:
     areas = junction_areas(picture.network, picture.shapes, picture.lines)
     return [
-        {"id": j.id, "name": j.name, "type": j.type, "rings": [picture.steps(ring) for ring in areas[j.id]]}
+        JunctionArea(j.id, j.name, j.type, [picture.steps(ring) for ring in areas[j.id]])
         for j in picture.network.junctions.values()
     ]  # fmt: skip
 
 
-def _error(error: LaneError | None) -> list[Any] | None:
-    """Worst, mean, limit [m], s, x, y [m], SUMO lanes, remark."""
+def _error(error: LaneError | None) -> ErrorRow | None:
     if error is None:
         return None
-    return [error.worst, error.mean, error.limit, round(error.s, 2), round(error.x, 2), round(error.y, 2),
-            list(error.sumo), error.remark]  # fmt: skip
+    return (error.worst, error.mean, error.limit, round(error.s, 2), round(error.x, 2), round(error.y, 2),
+            error.sumo, error.remark)  # fmt: skip

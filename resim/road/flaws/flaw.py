@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
+
+from resim.core.spec import NumberOrNan
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
@@ -24,7 +26,7 @@ class Flaw:
     section: int | None
     lane: int | None
     s: float | None
-    value: float
+    value: NumberOrNan
     unit: str
     text: str
 
@@ -32,7 +34,3 @@ class Flaw:
         """Give the key that sorts flaws: the worst first, and no two alike."""
         size = 0.0 if math.isnan(self.value) else -abs(self.value)
         return (SEVERITIES.index(self.severity), self.code, size, self.road or "", self.s or 0.0, self.text)
-
-    def to_json(self) -> dict[str, Any]:
-        """Give the fields by name, as JSON has them: a value that is NaN is None."""
-        return {**asdict(self), "value": None if math.isnan(self.value) else self.value}

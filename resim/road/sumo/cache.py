@@ -15,6 +15,7 @@ from pathlib import Path
 
 from resim.core.errors import ConversionError, InputError
 from resim.core.files import cache_folder
+from resim.core.spec import read_json, to_json
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.conversion import Conversion, measure
@@ -45,7 +46,8 @@ class SumoNet:
     @cached_property
     def conversion(self) -> Conversion:
         """How exact the net is."""
-        return Conversion.from_json(json.loads(self.report.read_text(encoding="utf-8")))
+        remedy = f"Remove the folder {self.report.parent}: the map is then converted again."
+        return read_json(self.report, Conversion, "resim", remedy)
 
     @cached_property
     def lanes(self) -> Mapping[LaneKey, tuple[str, ...]]:
@@ -126,7 +128,7 @@ def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
     net, via = patch(work / NET, made)
     report = measure(network, net, made, via)
     (result / NET).write_bytes(net)
-    (result / REPORT).write_text(json.dumps(report.to_json(), indent=1) + "\n", encoding="utf-8")
+    (result / REPORT).write_text(json.dumps(to_json(report), indent=1) + "\n", encoding="utf-8")
     return result
 
 

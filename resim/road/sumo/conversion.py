@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from lxml import etree
 
+from resim.core import spec
 from resim.core.geometry import Floats
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
@@ -85,6 +86,8 @@ class Conversion:
     lost: links of lanes that netconvert made no connection of, in words.
     """
 
+    __pydantic_config__ = spec.EXACT
+
     lanes: tuple[LaneError, ...]
     connections: int
     jumps: tuple[Jump, ...]
@@ -106,17 +109,6 @@ class Conversion:
         there = [(lane.mean, lane.length) for lane in self.lanes if lane.mean is not None]
         total = sum(length for _, length in there)
         return sum(mean * length for mean, length in there) / total if total else 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Give plain data that `from_json` takes."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Conversion:
-        """Make it of what `to_json` gave."""
-        lanes = tuple(LaneError(**{**lane, "sumo": tuple(lane["sumo"])}) for lane in data["lanes"])
-        return cls(lanes, data["connections"], tuple(Jump(**jump) for jump in data["jumps"]),
-                   tuple(data["lost"]))  # fmt: skip
 
 
 class _ComparedLane(NamedTuple):

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from resim.core.schema import Cell
+
 if TYPE_CHECKING:
     from resim.resimulation.drive_outcome import DriveOutcome
     from resim.resimulation.fidelity import StepErrors
     from resim.simulation.case import SimulatedDrive
 
-Cell = str | bool | float | None
-"""What a run came to in one respect; None where that is not known."""
 ColumnType = Literal["text", "flag", "number"]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -103,8 +102,8 @@ def _contour(x: Floats, y: Floats, z: Floats, level: float, color: str, dashed: 
     )  # fmt: skip
 
 
-def share_bar() -> dict[str, Any]:
-    """Give the bar that explains the colours of `SCALE`."""
+def share_bar() -> dict[str, object]:
+    """Give the bar that explains the colours of `SCALE`, as plotly takes it."""
     return {"thickness": 10, "len": 1.0, "tickformat": ".0%", "tickvals": [0.0, 0.5, 1.0], "outlinewidth": 0,
             "tickfont": {"size": 11}, "xpad": 4}  # fmt: skip
 
