@@ -216,10 +216,17 @@ def execute(
 
 
 def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
-    """Give what each run is of, by its number: a checksum over recording, build, seed and parameters."""
+    """Give what each run is of, by its number: a checksum over recording, build, seed, parameters, and all inputs.
+
+    A journal of a sweep that has the same names, but other content or another resim, is told by it.
+    """
+    seen = sweep.perception
+    files = [{name: frozen.hash for name, frozen in sweep.frozen.items()}, sweep.hashes, sweep.criteria.hash]
+    content = [*files, None if seen is None else seen.hash, sweep.vehicle, to_json(sweep.file), versions()]
+    begun = zlib.crc32(json.dumps(content, sort_keys=True, default=str).encode())
     columns = ["recording", "build", "seed", *(p.name for p in sweep.file.parameter)]
     rows = zip(wanted[RUN].tolist(), *(wanted[name].tolist() for name in columns), strict=True)
-    return {number: f"{zlib.crc32(repr(of).encode()):08x}" for number, *of in rows}
+    return {number: f"{zlib.crc32(repr(of).encode(), begun):08x}" for number, *of in rows}
 
 
 def _rows(sweep: Sweep, out: Path) -> dict[int, Row]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from processes import below
 from sweeps.test_sweeps import ROOT, bytes_of, table
 
 from resim.execution import journal
@@ -175,7 +176,7 @@ def test_killed_fifty_times_it_is_the_same(sweep: Path) -> None:
             part = {5: "command", 15: "scheduler"}.get(turn) or rng.choices(PARTS, (6, 4, 1, 1))[0]
             workers = [] if there.nannies is None else children(there.nannies.pid)
             if part == "child":
-                done = kill_one(rng, [c for p in (command.pid, *workers) for c in children(p)])
+                done = kill_one(rng, [c for p in (command.pid, *workers) for c in below(p)])
             elif part == "worker":
                 done = kill_one(rng, workers)
             elif part == "scheduler":

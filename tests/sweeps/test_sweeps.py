@@ -22,6 +22,7 @@ import duckdb
 import jsonschema
 import pandas as pd
 import pytest
+from processes import below
 from swept import THREE, write_adaptive
 
 from resim.core.errors import InputError
@@ -162,20 +163,19 @@ def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
         [sys.executable, "-m", "resim", "sweep", str(path), "--out", str(tmp_path / "out"), "--workers", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    children: list[str] = []
-    while len(children) < 2 and process.poll() is None:
+    children: list[int] = []
+    while len(children) < 5 and process.poll() is None:  # who forks, two children, and who keeps each of them
         time.sleep(0.2)
-        found = subprocess.run(["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False)
-        children = found.stdout.split()
+        children = below(process.pid)
     time.sleep(1.0)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the children too
     _, error = process.communicate(timeout=20.0)
     assert process.returncode == 130
     assert "Traceback" not in error
-    assert len(children) >= 2  # and whoever ends them when the command is gone
+    assert len(children) >= 5
     for pid in children:
         with pytest.raises(ProcessLookupError):
-            os.kill(int(pid), 0)
+            os.kill(pid, 0)
 
 
 def test_a_terminal_shows_how_far_it_is(tmp_path: Path) -> None:
@@ -320,6 +320,19 @@ def test_shards_that_begin_together_share_the_folder(tmp_path: Path) -> None:
     shards = [start(path, tmp_path / "out", "--shard", f"{k}/4", "--workers", "1") for k in (1, 2, 3, 4)]
     assert [shard.wait() for shard in shards] == [0, 0, 0, 0]
     assert len(table(tmp_path / "out")) == 2
+
+
+def test_a_journal_of_a_build_of_the_same_name_is_refused(call: Call, tmp_path: Path) -> None:
+    """Names, seeds and parameters are the same."""
+    path, other = (write(tmp_path / name, "raise") for name in ("one", "other"))
+    code = other.with_name("faulty.py")
+    code.write_text(code.read_text() + "# another one\n")
+    for sweep, shard in ((path, "1/2"), (other, "2/2")):
+        assert call("sweep", sweep, "--out", sweep.parent / "out", "--shard", shard)[0] == 0
+    shutil.copy(path.parent / "out" / "journal" / "1-of-2.jsonl", other.parent / "out" / "journal")
+    told, _, error = call("sweep", other, "--out", other.parent / "out", "--resume")
+    assert told == 2
+    assert "is not in this sweep" in error
 
 
 def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call: Call) -> None:
