@@ -26,6 +26,8 @@ _WORD = struct.Struct("!q")
 """What a child's status pipe tells, one after the other: its process number, and how it ended."""
 _SIZE = struct.Struct("!Q")
 """Before each request: how many bytes it has."""
+_TRIES = 3
+"""How often a server is started for a child, where somebody ended the one that there was."""
 _OURS = __name__.partition(".")[0]
 _CODE = f"import sys; sys.path[:] = {{path!r}}; from {__name__} import main; main()"
 
@@ -42,6 +44,12 @@ class ForkedProcess:
         self._status, self._told = status, b""
         self._number: int | None = None
         self.returncode: int | None = None
+
+    def has_begun(self) -> bool:
+        """Wait until it is there; False where the server ended before."""
+        while self._number is None and self.returncode is None:
+            self._read(None)
+        return self._number is not None
 
     def poll(self) -> int | None:
         """Give how it ended; None while it is alive."""
@@ -140,14 +148,18 @@ def fork(module: str, files: Sequence[int]) -> ForkedProcess:
         except OSError:  # a command without standard error
             errors = os.open(os.devnull, os.O_WRONLY)
             stack.callback(os.close, errors)
-        status, told = os.pipe()
-        stack.callback(os.close, told)
-        try:
-            _SERVER.fork(module, (*files, told, errors))
-        except OSError:
-            os.close(status)
-            raise
-        return ForkedProcess(status)
+        for _ in range(_TRIES):
+            status, told = os.pipe()
+            try:
+                _SERVER.fork(module, (*files, told, errors))
+            except OSError:
+                os.close(status)
+                raise
+            finally:
+                os.close(told)
+            if (process := ForkedProcess(status)).has_begun():
+                return process
+    raise OSError("the process that starts others was ended")
 
 
 def main() -> None:

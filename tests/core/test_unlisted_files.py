@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -69,11 +72,15 @@ os.close(folder)""",
 }
 
 
-def note_of(folder: Path, top: str) -> str:
+def write_own(folder: Path, top: str, more: str = "") -> Path:
     methods = "\n".join(f"    def {name}(self, _=None): pass" for name in ("reset", "step", "close"))
     (folder / "own.py").write_text(f"{top}\nclass Own:\n{methods}\n")
-    (folder / "own.toml").write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
-    return load_build(folder / "own.toml").opened.note()
+    (folder / "own.toml").write_text(f'name = "own"\nversion = "1"\nfactory = "own:Own"\n{more}')
+    return folder / "own.toml"
+
+
+def note_of(folder: Path, top: str, more: str = "") -> str:
+    return load_build(write_own(folder, top, more)).opened.note()
 
 
 @pytest.mark.parametrize("way", ELSEWHERE)
@@ -82,6 +89,64 @@ def test_a_file_read_elsewhere_is_named(folder: Path, way: str) -> None:
     far.write_text("K = 1\n")
     top = f"import importlib.util, os, subprocess, sys\nFAR = {str(far)!r}\n{ELSEWHERE[way]}"
     assert note_of(folder, top).startswith(f"the code opened {far}, which its hash does not know")
+
+
+PROGRAM = """
+import os, socket, subprocess, sys
+HERE, FAR = {here!r}, {far!r}
+def run(*words, **how): subprocess.run(words, stdout=subprocess.DEVNULL, check=True, **how)
+"""
+ASKS = {
+    "a program in its folder": ("run('./pilot', cwd=FAR)", "{far}/pilot"),
+    "a program that is found by name": ("run('pilot', env={{'PATH': FAR + ':/usr/bin:/bin'}})", "started pilot"),
+    "a module": ("run(sys.executable, '-m', 'far', env={{'PYTHONPATH': FAR}})", "-m far"),
+    "a shell that goes there": ("os.system('cd ' + FAR + ' && ./pilot >/dev/null')", "started cd {far} &&"),
+    "a copy of itself": ("os.waitpid(os.fork() or os._exit(0), 0)", "forked its process"),
+    "who listens": (
+        "s = socket.socket(socket.AF_UNIX)\ntry: s.connect(FAR + '/sock')\nexcept OSError: pass\ns.close()",
+        "connected to '{far}/sock'",
+    ),
+    "a file that it did not change": (
+        "os.close(os.open(FAR + '/far', os.O_WRONLY)); open(FAR + '/far').close()", "opened {far}/far,",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", ASKS)
+def test_what_else_it_asks_is_named(folder: Path, way: str) -> None:
+    there = folder.parent / "there"
+    (there / "far.py").write_text("K = 1\n")
+    (there / "pilot").write_text("#!/bin/sh\necho 0\n")
+    (there / "pilot").chmod(0o755)
+    code, told = (text.format(far=str(there)) for text in ASKS[way])
+    note = note_of(folder, PROGRAM.format(here=str(folder), far=str(there)) + code)
+    assert told in note
+    assert "its hash does not know" in note
+
+
+@pytest.mark.parametrize("code", ["open(HERE.parent / 'there' / 'far').close()", "import further"])
+def test_a_folder_on_the_search_path_is_none_of_the_systems(folder: Path, code: str) -> None:
+    there = folder.parent / "there"
+    (there / "further.py").write_text("K = 1\n")
+    write_own(folder, f"from pathlib import Path\nHERE = Path({str(folder)!r})\n{code}")
+    said = (
+        "from resim.simulation.function.interface import load_build; from pathlib import Path; import sys; "
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", said + "print(load_build(Path(sys.argv[1])).opened.note())", folder / "own.toml"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([*filter(None, sys.path), str(there)])},
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "there/fur" in told or "there/far" in told
+
+
+def test_a_program_that_is_listed_is_its_own(folder: Path) -> None:
+    (folder / "pilot").write_text("#!/bin/sh\necho 0\n")
+    (folder / "pilot").chmod(0o755)
+    top = "import subprocess\nfrom pathlib import Path\nHERE = Path(__file__).parent\n"
+    run = "subprocess.run(['sh', './pilot'], cwd=HERE, check=True)"
+    assert note_of(folder, top + run, 'files = ["pilot"]\n') == ""
+    assert "started sh -c true" in note_of(folder, top + "subprocess.run(['sh', '-c', 'true'], check=True)")
 
 
 def test_files_of_both_places_are_told_apart(folder: Path) -> None:

@@ -95,6 +95,7 @@ class LoadedCallable:
         finally:
             self.opened.found |= opened.found
             self.opened.elsewhere |= opened.elsewhere
+            self.opened.others |= opened.others
 
     def load(self) -> Any:
         """Import the module, unless this run has it, and give what it has by the name; None where it has none."""

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import os
 import re
+import site
 import sys
+import textwrap
 from collections.abc import Iterator
 from copy import copy
 from pathlib import Path
@@ -27,14 +29,15 @@ _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 class OpenedFiles:
     """Context in which code runs that may open files of its own; `found` are those that it does not list.
 
-    `elsewhere` are files that it reads at other places. path: the user's file. folder: its place in the frozen copy,
+    `elsewhere` are files that it reads at other places, `others` what else it asks: programs, copies of its process,
+    addresses. path: the user's file. folder: its place in the frozen copy,
     where the code believes to be. names: what is in the copy. modules: those that the code makes itself. Entering and
     leaving it raise ChangedError where such code changed resim.
     """
 
     def __init__(self, path: Path, folder: Path, names: frozenset[str], modules: OwnModules) -> None:
         self.path = path
-        self.found, self.elsewhere = set[str](), set[str]()
+        self.found, self.elsewhere, self.others = set[str](), set[str](), set[str]()
         self._written = set[str]()
         places = (folder, path.absolute().parent)
         self._folders = tuple(
@@ -48,7 +51,8 @@ class OpenedFiles:
     def of_a_run(self) -> OpenedFiles:
         """Give the same that has heard of no file yet."""
         run = copy(self)
-        run.found, run.elsewhere, run._held, run._written = set(), set(), set(), set()
+        run.found, run.elsewhere, run.others = set(), set(), set()
+        run._held, run._written = set(), set()
         return run
 
     def __enter__(self) -> OpenedFiles:
@@ -70,18 +74,40 @@ class OpenedFiles:
         if event == "open":
             file, mode, flags = arguments
             if isinstance(file, str | bytes):
-                self._opens(os.fsdecode(file), held=mode is None, writes=flags & os.O_ACCMODE == os.O_WRONLY)
+                self._opens(os.fsdecode(file), held=mode is None, flags=flags)
         elif event in process.LIMITING:
             if os.getpid() == self._process:
                 process.refuse_lower_limits(*arguments)
+        elif event in _ASKS:
+            self._asks(event, arguments)
         elif (named := _EVENTS.get(event)) is not None:
-            for word in {word for k in named for word in _words(arguments[k])}:
-                if Path(word).is_file():
-                    self._opens(word, held=False)
+            words = {word for k in named for word in _words(arguments[k])}
+            cwd = arguments[2] if event == "subprocess.Popen" and arguments[2] else ""
+            files = [file for word in words if os.path.isfile(file := os.path.join(os.fsdecode(cwd), word))]  # noqa: PTH113, PTH118
+            for file in files:
+                self._opens(file, held=False)
+            if event in _PROGRAMS and watchdog.board[0] and not any(map(self._is_listed, files)):
+                self.others.add(f"started {_command(arguments[_PROGRAMS[event]])}")
 
-    def _opens(self, file: str, *, held: bool, writes: bool = False) -> None:
+    def _asks(self, event: str, arguments: tuple[Any, ...]) -> None:
+        """Note a copy of the process, or an address, whose answers the hash does not know."""
+        if not watchdog.board[0]:
+            return
+        if event != "socket.connect":
+            self.others.add("forked its process")
+        elif _POOLS not in str(arguments[1]):
+            self.others.add(f"connected to {arguments[1]!r}")
+
+    def _is_listed(self, file: str) -> bool:
+        """Whether a file is one of the frozen copy."""
+        place = os.path.realpath(file)
+        folder = next((f for f in self._copy if place.startswith(f)), None)
+        return folder is not None and Path(place[len(folder) :]).as_posix() in self._names
+
+    def _opens(self, file: str, *, held: bool, flags: int = os.O_RDONLY) -> None:
         """Note a file; held: opened by `os.open`, which may look for it in a folder that the code holds open."""
-        self._note_elsewhere(file, writes=writes)
+        writes = flags & os.O_ACCMODE == os.O_WRONLY
+        self._note_elsewhere(file, writes=writes, anew=bool(flags & os.O_TRUNC))
         if writes:
             return
         self._note(file)
@@ -93,7 +119,7 @@ class OpenedFiles:
             for inside in [os.path.join(folder, file) for folder in self._held]:  # noqa: PTH118
                 if os.path.isfile(inside):  # noqa: PTH113
                     self._note(inside)
-                    self._note_elsewhere(inside, writes=False)
+                    self._note_elsewhere(inside)
 
     def _note(self, file: str) -> None:
         """Note a file of the folder, by the name that the code uses and by the one that a link leads to."""
@@ -106,8 +132,11 @@ class OpenedFiles:
             if not listed and _OTHERS.isdisjoint(name.parts):
                 self.found.add(name.as_posix())
 
-    def _note_elsewhere(self, file: str, *, writes: bool) -> None:
-        """Note a file outside of the folder that the code reads in a call, and did not write itself."""
+    def _note_elsewhere(self, file: str, *, writes: bool = False, anew: bool = False) -> None:
+        """Note a file outside of the folder that the code reads in a call, and did not write itself.
+
+        writes: it is opened for writing alone; anew: nothing is left of what was in it.
+        """
         place = os.path.realpath(file)
         names = (place, os.path.abspath(file))  # noqa: PTH100
         if (
@@ -116,16 +145,21 @@ class OpenedFiles:
             or any(n.startswith(self._folders) for n in names)
         ):
             return
-        if writes or not os.path.exists(place):  # noqa: PTH110
+        if anew or not os.path.exists(place):  # noqa: PTH110
             self._written.add(place)
-        elif os.path.isfile(place) and place not in self._written:  # noqa: PTH113
+        elif not writes and os.path.isfile(place) and place not in self._written:  # noqa: PTH113
             self.elsewhere.add(place)
 
     def note(self) -> str:
         """Say which files it opened that its hash does not know; "" for none."""
         beside = f"{', '.join(sorted(self.found))} beside {self.path.name}" if self.found else ""
         told = " and ".join(part for part in (beside, ", ".join(sorted(self.elsewhere))) if part)
-        return f"the code opened {told}, {UNKNOWN}" if told else ""
+        notes = [f"the code opened {told}, {UNKNOWN}"] if told else []
+        if self.others:
+            notes.append(
+                f"the code {' and '.join(sorted(self.others))}: its hash does not know what answers there"
+            )
+        return "; ".join(notes)
 
     def remedy(self) -> str:
         """Say what to write into the file so that the code has those that are there; "" where none is."""
@@ -142,7 +176,7 @@ _SYSTEM = tuple(
     os.path.realpath(place) + os.sep
     for place in (
         *("/bin", "/dev", "/etc", "/lib", "/lib64", "/proc", "/sbin", "/sys", "/usr"),
-        *(sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, sys.path)),
+        *(sys.prefix, sys.base_prefix, sys.exec_prefix, site.getusersitepackages()),
         str(Path(__file__).parents[2]), str(cache_folder("")),
     )
 )  # fmt: skip
@@ -160,6 +194,13 @@ _EVENTS = {
     "os.system": (0,),
 }
 """Audit events that name files, and which of their arguments do."""
+_PROGRAMS = {"subprocess.Popen": 1, "os.exec": 0, "os.posix_spawn": 0, "os.spawn": 1, "os.system": 0}
+"""Those that start another program, and which argument says what."""
+_ASKS = {"os.fork", "os.forkpty", "socket.connect"}
+"""Audit events of what gives answers that no file of the code tells."""
+_HEARD = {*_EVENTS, *_ASKS, *process.LIMITING}
+_POOLS = "pymp-"
+"""In the addresses of Python's own pools of processes."""
 
 
 def _words(named: Any) -> Iterator[str]:
@@ -171,8 +212,14 @@ def _words(named: Any) -> Iterator[str]:
             yield from (word for word in {text, *_WORDS.split(text)} if word and "\0" not in word)
 
 
+def _command(named: Any) -> str:
+    """A program and its arguments as one reads them, the beginning of many."""
+    words = [os.fsdecode(one) for one in (named if isinstance(named, list | tuple) else [named])]
+    return textwrap.shorten(" ".join(words), 80, placeholder=" ...")
+
+
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
-    if _watching and (event == "open" or event in _EVENTS or event in process.LIMITING):
+    if _watching and (event == "open" or event in _HEARD):
         _watching[-1].hear(event, arguments)
 
 
