@@ -101,6 +101,12 @@ def test_a_section_set_to_a_number_is_told(call: Call, setting: str) -> None:
     assert f"(with --set {setting})" in error
 
 
+@pytest.mark.parametrize("part", ["²", "9" * 5000, "7"])
+def test_a_place_in_a_list_that_there_is_not_is_told(call: Call, part: str) -> None:
+    code, _, error = call("perception", "show", MODEL, "--set", f"errors.coupling.{part}.1=0.1")
+    assert (code, "there is no parameter" in error) == (2, True)
+
+
 @pytest.mark.parametrize("way", ["module", "script"])
 def test_an_interrupt_while_the_command_is_loaded_leaves_no_traceback(tmp_path: Path, way: str) -> None:
     (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")

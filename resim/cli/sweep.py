@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -106,7 +107,8 @@ def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
 
 def _shard(text: str) -> tuple[int, int]:
     first, _, count = text.partition("/")
-    if not (first.isdigit() and count.isdigit() and 1 <= int(first) <= int(count)):
+    both = first, count
+    if not (all(re.fullmatch(r"[0-9]{1,9}", number) for number in both) and 1 <= int(first) <= int(count)):
         raise InputError("--shard", f"{text!r} is not a shard", "Give I/N with I from 1 to N, such as 3/8.")
     return int(first), int(count)
 

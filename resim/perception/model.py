@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -432,7 +433,7 @@ def _inner(data: Any, part: str, name: str) -> Any:
     """The part of a table or group of parameters; a group that is not written is made."""
     if isinstance(data, dict):
         return data.setdefault(part, {})
-    if isinstance(data, list) and part.isdigit() and int(part) < len(data):
+    if isinstance(data, list) and re.fullmatch("[0-9]{1,9}", part) and int(part) < len(data):
         return data[int(part)]
     raise InputError("--set", f"there is no parameter {name!r}", ONE)
 

@@ -33,11 +33,15 @@ class HashedBuild:
 
 @dataclass(frozen=True)
 class AssessmentInputs:
-    """What was assessed; build: that drives the runs, of a recording the one that drove, as far as it is known."""
+    """What was assessed; build: that drives the runs, of a recording the one that drove, as far as it is known.
+
+    run: of a run, the SHA-256 of its report.json.
+    """
 
     recording: HashedName
     build: HashedBuild | None
     criteria: HashedName | None
+    run: str | None
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,9 @@ def _run(folder: Path) -> _FolderContents:
 
     run, assessed = _sealed(folder / "run.json"), _sealed(folder / "assessment.json")
     check_hashes(folder, {"report.json": run["files"]["report.json"]}, REMEDY)
+    if assessed["inputs"]["run"] != run["files"]["report.json"]:
+        problem = "is of another run than run.json and report.json beside it"
+        raise InputError(folder / "assessment.json", problem, "Run it again.")
     report = parse_json(read_file(folder / "report.json", REMEDY, largest=LARGEST), folder / "report.json")
     hashes, build = run["hashes"], report["build"]
     label = f"{build['name']}-{build['version']}"

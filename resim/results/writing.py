@@ -100,15 +100,15 @@ def write_assessment(found: ResimulationAssessment, folder: Path, drive: Path) -
     """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
     from resim.resimulation.assessment_report import AssessmentInputs, HashedName, report
 
-    recording, build = _drive_inputs(drive, found.name)
+    recording, build, run = _drive_inputs(drive, found.name)
     criteria = None if found.criteria is None else HashedName(found.criteria.name, found.criteria.hash)
-    told = report(found, AssessmentInputs(recording, build, criteria))
+    told = report(found, AssessmentInputs(recording, build, criteria, run))
     write_json(sealed(to_json(told)), folder / ASSESSMENT.mark)
     write_parquet(found.kpi_frame(), folder / "kpis.parquet")
 
 
-def _drive_inputs(drive: Path, name: str) -> tuple[HashedName, HashedBuild | None]:
-    """The recording and the build of what `resim run` wrote, or of a recording."""
+def _drive_inputs(drive: Path, name: str) -> tuple[HashedName, HashedBuild | None, str | None]:
+    """The recording, the build and the hash of report.json of what `resim run` wrote, or of a recording, without it."""
     from resim.recordings.content import content_hash, hash_of_hashes
     from resim.recordings.settings import SETTINGS, read_settings
     from resim.resimulation.assessment_report import HashedBuild, HashedName
@@ -117,14 +117,16 @@ def _drive_inputs(drive: Path, name: str) -> tuple[HashedName, HashedBuild | Non
     if (mark := drive / RUN.mark).is_file():
         remedy = "Run it again."
         try:
-            hashes = read_sealed_json(mark, RunProvenance, "resim run", remedy).hashes
+            told = read_sealed_json(mark, RunProvenance, "resim run", remedy)
+            hashes = told.hashes
             build = read_json(drive / "report.json", RunReport, "resim run", remedy).build
             return (
                 HashedName(name, hash_of_hashes(hashes, hashes["map"])),
                 HashedBuild(f"{build.name}-{build.version}", hashes["build"]),
+                told.files["report.json"],
             )
         except (KeyError, ValueError) as e:
             raise InputError(mark, "is not what `resim run` writes", remedy) from e
     settings = read_settings(drive / SETTINGS)
     drove = None if settings.build is None else HashedBuild(settings.build, settings.build_hash)
-    return HashedName(name, content_hash(drive)), drove
+    return HashedName(name, content_hash(drive)), drove, None

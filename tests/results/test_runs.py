@@ -96,6 +96,22 @@ def test_results_of_which_a_bit_is_another_are_not_assessed(
     assert error.endswith("Run it again.\n")
 
 
+def test_an_assessment_of_another_run_is_not_added(call: Call, made: Path, tmp_path: Path) -> None:
+    drive, build = (
+        ROOT / "scenarios" / "cut_in_brake",
+        ROOT / "adfunc" / "builds" / "constant_velocity-1.0.toml",
+    )
+    criteria = ROOT / "scenarios" / "criteria" / "highway.toml"
+    call("run", drive, "--build", build, "--criteria", criteria, "--out", tmp_path / "other")
+    folder = shutil.copytree(made / "run", tmp_path / "run")
+    shutil.copy(tmp_path / "other" / "assessment.json", folder)
+    code, _, error = call("runs", "add", folder)
+    assert code == 2
+    assert (
+        "assessment.json: is of another run than run.json and report.json beside it. Run it again." in error
+    )
+
+
 def test_folders_are_added_all_or_none(call: Call, made: Path, tmp_path: Path) -> None:
     code, _, error = call("runs", "add", made / "run", tmp_path / "nowhere")
     assert code == 2

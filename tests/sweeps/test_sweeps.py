@@ -197,6 +197,14 @@ def test_a_terminal_shows_how_far_it_is(tmp_path: Path) -> None:
     assert "6 runs, 0 failed" in said
 
 
+@pytest.mark.parametrize(
+    "shard", ["1/²", "²/2", "0/2", "3/2", "1/" + "9" * 5000, "1", "a/b", "-1/2", "1/2/3", "١/2"]
+)
+def test_what_is_no_shard_is_told(call: Call, tmp_path: Path, shard: str) -> None:
+    code, _, error = call("sweep", write(tmp_path), "--out", tmp_path / "out", "--shard", shard)
+    assert (code, "Give I/N with I from 1 to N" in error) == (2, True)
+
+
 def test_shards_give_the_same(tmp_path: Path) -> None:
     path = write(tmp_path)
     assert start(path, tmp_path / "whole").wait() == 0
