@@ -1,4 +1,4 @@
-"""A sweep that is killed fifty times, every part of it: after resume it is what it is undisturbed, byte for byte."""
+"""A sweep of which every part is killed over and over: after resume it is what it is undisturbed, byte for byte."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from sweeps.test_sweeps import ROOT, bytes_of, table
 
 from resim.execution import journal
 
-KILLS = 50
 POINTS = 90
 PARTS = ("child", "worker", "scheduler", "command")
 
@@ -152,14 +151,15 @@ def kill_one(rng: random.Random, among: list[int]) -> bool:
 
 
 @pytest.mark.timeout(1200)
-def test_killed_fifty_times_it_is_the_same(sweep: Path) -> None:
+@pytest.mark.parametrize("kills", [20, pytest.param(50, marks=pytest.mark.slow)])
+def test_killed_so_often_it_is_the_same(sweep: Path, kills: int) -> None:
     pytest.importorskip("distributed")
-    rng, out, there = random.Random(7), sweep.with_name("killed"), Cluster()
+    rng, out, there = random.Random(7), sweep.with_name(f"killed-{kills}"), Cluster()
     killed = dict.fromkeys(PARTS, 0)
     deadline = time.monotonic() + 900.0
     try:
         command = None
-        while sum(killed.values()) < KILLS:
+        while sum(killed.values()) < kills:
             assert time.monotonic() < deadline, killed
             on_cluster = (
                 sum(killed.values()) % 20 >= 10
