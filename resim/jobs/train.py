@@ -12,7 +12,7 @@ from resim.perception.model import PerceptionModel, write_model
 from resim.perception.training.train import train as train_model
 from resim.perception.validation import cross_validate
 from resim.recordings import Recording
-from resim.report import write_perception_page
+from resim.report.perception import write_perception_page
 from resim.results import MODEL, whole_file
 
 

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.stats import bootstrap
 
 from resim.core.geometry import Floats
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
@@ -127,6 +126,8 @@ def difference(pairs: Sequence[Sequence[float | None]]) -> Difference | None:
         return Difference(mean, None, None, 1)
     if np.ptp(values) < 1e-12:
         return Difference(mean, mean, mean, len(values))
+    from scipy.stats import bootstrap  # it takes a second to load, and few comparisons need it
+
     found = bootstrap(
         (values,), np.mean, n_resamples=4999, method="percentile", rng=np.random.default_rng(0)
     ).confidence_interval

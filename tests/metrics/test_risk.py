@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +13,7 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Boxes, boxes_overlap
 from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
 from resim.metrics.risk.prediction import WALKING
+from resim.metrics.risk.sobol import sobol_points
 
 CAR = (4.7, 1.9)
 
@@ -400,3 +403,16 @@ def test_the_sobol_samples_and_their_weights():
 def test_parameters_that_mean_nothing_are_refused(wrong):
     with pytest.raises(ResimError):
         Parameters(**wrong)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7, 2**40])
+@pytest.mark.parametrize("count", [1, 2, 32, 64, 1024])
+def test_samples_are_the_scrambled_sobol_points_of_scipy(count, seed):
+    theirs = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(seed)).random(count)
+    assert np.array_equal(sobol_points(count, seed), theirs)
+
+
+def test_a_run_loads_no_statistics_that_take_a_second():
+    loaded = "import resim.verification.tasks, resim.sweeps.tasks, sys; print('scipy.stats' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

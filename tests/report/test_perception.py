@@ -12,7 +12,7 @@ from hostile import HOSTILE, harmless
 from resim.perception.model import FailedAssumption, LeftOut, ModelFit, read_model
 from resim.perception.validation import judge
 from resim.recordings import read_recording
-from resim.report import write_perception_page
+from resim.report.perception import write_perception_page
 
 
 @pytest.fixture(scope="module")

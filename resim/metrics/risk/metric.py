@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.metrics.risk.lane_paths import LanePaths
+from resim.metrics.risk.sobol import sobol_points
 
 Mode = Literal["published", "continuous"]
 
@@ -121,7 +121,7 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
     if mode == "published":
         sample = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 2))
     else:
-        sample = 2.0 * qmc.Sobol(2, scramble=True, rng=np.random.default_rng(seed)).random(count) - 1.0
+        sample = 2.0 * sobol_points(count, seed) - 1.0
     weight = np.exp(-4.5 * (sample**2).sum(axis=1))
     return sample, weight / weight.sum()
 
