@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from scipy.stats import qmc
-
 from resim.sweeps.plans.drawn import drawn_by
 from resim.sweeps.plans.registry import PLANS, SweepPlan, as_many_as_asked
 
 PLANS.add(
     SweepPlan(
-        name="halton", words="Halton points", layout="drawn", design=drawn_by(qmc.Halton),
+        name="halton", words="Halton points", layout="drawn", design=drawn_by("Halton"),
         count=as_many_as_asked,
     )
 )  # fmt: skip
