@@ -35,7 +35,14 @@ class ConversionError(ResimError):
 
 
 class FunctionError(ResimError):
-    """The AD function under test raised, answered nonsense or overran its time limit: the run has failed."""
+    """The AD function under test raised, answered nonsense or overran its time limit: the run has failed.
+
+    frames: where it raised, from its own code on: file, line, name of what is called there; the innermost last.
+    """
+
+    def __init__(self, text: str, frames: tuple[tuple[str, int, str], ...] = ()) -> None:
+        super().__init__(text)
+        self.frames = frames
 
 
 class ChangedError(FunctionError):

@@ -54,6 +54,7 @@ def notes(result: Resimulation) -> Iterator[str]:
             yield f"{source} ended at t = {drive.truth.t[-1]:.2f} s: {drive.end.replace('_', ' ')}"
         if drive.failure:
             yield f"{source}: AD function failed: {drive.failure}"
+            yield from (f"{source}: raised at {line}" for line in drive.traceback)
     if "SD" in measured:
         yield from _sensed(recording, measured, result.errors)
 

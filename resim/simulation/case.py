@@ -119,6 +119,7 @@ class SimulatedDrive:
         collisions: With whom the EGO collided, and when.
         end: What ended it.
         failure: Why the function failed, or "".
+        traceback: Where it raised what it failed by, a line for each call, the innermost last.
         control_error: Largest distance [m] between where a vehicle was commanded to be and where the engine had it.
         shown: Objects on all lists that the function was shown.
         outside: How many of them were outside of what the perception model was trained for.
@@ -133,6 +134,7 @@ class SimulatedDrive:
     collisions: tuple[Collision, ...]
     end: End
     failure: str
+    traceback: tuple[str, ...]
     control_error: float
     shown: int
     outside: int

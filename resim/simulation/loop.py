@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import linecache
 import time
 from array import array
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,13 +47,26 @@ def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
             driver.reset(_setup(case, road, stage.plan, case.step * cycle))
             loop.run(driver, cycle)
         except FunctionError as e:
-            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}")
+            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}", e.frames)
         try:
             driver.close()
         except FunctionError as e:
-            loop.failure = loop.failure or f"{build.label} on closing {e}"
+            loop.failure, loop.frames = (
+                loop.failure or f"{build.label} on closing {e}",
+                loop.frames or e.frames,
+            )
             loop.end = "function_failed" if loop.end == "duration" else loop.end
-    return loop.result(driver, begin)
+    return loop.result(driver, begin, _lines(loop.frames, opened))
+
+
+def _lines(frames: Sequence[tuple[str, int, str]], opened: OpenedFiles) -> tuple[str, ...]:
+    """Where the function failed, a line for each call, of the files that the user knows."""
+    return tuple(
+        f"{opened.name_of(file)}, line {line}, in {name}: {linecache.getline(file, line).strip()}".rstrip(
+            ": "
+        )
+        for file, line, name in frames
+    )
 
 
 def _remedy(opened: OpenedFiles) -> str:
@@ -90,7 +105,7 @@ class _Loop:
         self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
         self.end: End = "duration"
-        self.failure = ""
+        self.failure, self.frames = "", tuple[tuple[str, int, str], ...]()
         self.looked = stage.plan.begin
         self.length = np.array([m.length for m in self.members])
         self.width = np.array([m.width for m in self.members])
@@ -140,10 +155,10 @@ class _Loop:
                     ego = state.ego
         self.look()
 
-    def failed(self, why: str) -> None:
+    def failed(self, why: str, frames: tuple[tuple[str, int, str], ...]) -> None:
         """End the run with the function's failure, unless it had ended before."""
         if not self.look():
-            self.end, self.failure = "function_failed", why
+            self.end, self.failure, self.frames = "function_failed", why, frames
 
     def look(self) -> bool:
         """Look at the steps since the last look; say whether the run ended in one, and if so forget what came after."""
@@ -182,7 +197,7 @@ class _Loop:
             hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), others)
         return hit
 
-    def result(self, driver: Driver, began: float) -> SimulatedDrive:
+    def result(self, driver: Driver, began: float, traceback: tuple[str, ...]) -> SimulatedDrive:
         """Put together what the drive gave, and check that SUMO did as it was told. began: s of the process's clock."""
         kept = slice(self.plan.begin, max(self.steps, self.plan.begin + 1))
         t, motion = self.plan.t[kept], self.motion(kept)
@@ -207,6 +222,7 @@ class _Loop:
             collisions=tuple(self.collisions),
             end=self.end,
             failure=self.failure,
+            traceback=traceback,
             control_error=control_error,
             shown=self.case.perception.shown,
             outside=self.case.perception.outside,

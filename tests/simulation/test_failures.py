@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -109,6 +110,27 @@ def test_a_fault_in_a_step_ends_the_run_with_its_reason(
     assert run.truth.t[-1] == pytest.approx(1.0)
     assert np.isfinite(run.truth.x).all()
     assert len(run.perceived) == 25  # what it answered to
+
+
+def test_where_it_raised_is_told_from_its_own_file_on(drive: Drive, function: Make, member: Member) -> None:
+    run = drive(function(LATER + "import json\nreturn json.loads('{')"), member("e", 300.0, 20.0))
+    first, *_, last = run.traceback
+    assert re.fullmatch(r"own\.py, line \d+, in step: return json\.loads\('\{'\)", first)
+    assert re.match(r"json/decoder\.py, line \d+, in raw_decode: ", last)
+    assert not any("resim" in line or "/tmp" in line for line in run.traceback)
+
+
+def test_of_many_calls_the_first_and_the_last_are_told(drive: Drive, function: Make, member: Member) -> None:
+    run = drive(function(LATER + "def deep(): return deep()\nreturn deep()"), member("e", 300.0, 20.0))
+    assert len(run.traceback) == 20
+    assert "in step" in run.traceback[0]
+
+
+def test_a_failure_that_nothing_raised_has_no_such_lines(
+    drive: Drive, function: Make, member: Member
+) -> None:
+    assert drive(function("return None"), member("e", 300.0, 20.0)).traceback == ()
+    assert drive(function(f"{SILENT}raise Silent"), member("e", 300.0, 20.0)).traceback != ()
 
 
 @pytest.mark.parametrize(("reset", "why"), [("raise OSError('none')", "raised OSError: none"),

@@ -161,6 +161,11 @@ class OpenedFiles:
             )
         return "; ".join(notes)
 
+    def name_of(self, file: str) -> str:
+        """Give what a user calls a file: as seen from his own, else by its name and its folder's."""
+        folder = next((f for f in self._folders if file.startswith(f)), None)
+        return "/".join(Path(file).parts[-2:]) if folder is None else file[len(folder) :]
+
     def remedy(self) -> str:
         """Say what to write into the file so that the code has those that are there; "" where none is."""
         there = [name for name in sorted(self.found) if (self.path.parent / name).is_file()]
@@ -177,7 +182,7 @@ _SYSTEM = tuple(
     for place in (
         *("/bin", "/dev", "/etc", "/lib", "/lib64", "/proc", "/sbin", "/sys", "/usr"),
         *(sys.prefix, sys.base_prefix, sys.exec_prefix, site.getusersitepackages()),
-        str(Path(__file__).parents[2]), str(cache_folder("")),
+        *(str(Path(__file__).parents[3] / ours) for ours in ("resim", "adfunc")), str(cache_folder("")),
     )
 )  # fmt: skip
 """Folders of what Python, installed packages, the system and resim open."""

@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+import traceback
 from array import array
 from collections.abc import Callable
 from pathlib import Path
@@ -45,6 +46,10 @@ def name_code(path: Path | None) -> None:
     whose[:] = told.ljust(len(whose), b"\0")
 
 
+_Frame = tuple[str, int, str]
+_MOST_FRAMES = 20
+"""Of an exception that are told."""
+_RESIM = str(Path(__file__).parents[2]) + os.sep
 _DIGITS = 12
 """Of a hash that make the number of a load: as many as a float holds exactly."""
 
@@ -109,7 +114,7 @@ class Watchdog:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
         board[1] = limit
         board[0] = begin + limit
-        failure = ""
+        failure, frames = "", tuple[_Frame, ...]()
         try:
             self._inside = True
             try:
@@ -119,7 +124,7 @@ class Watchdog:
             except BaseException as e:
                 if type(e) is FunctionError or _is_of_others(e):
                     raise
-                failure = _in_words(e)
+                failure, frames = _in_words(e), _frames(e)
             finally:
                 self._inside = False
                 if os.getpid() != self._process:
@@ -129,7 +134,7 @@ class Watchdog:
         finally:
             board[0] = 0.0
         if failure:
-            raise FunctionError(failure)
+            raise FunctionError(failure, frames)
         if time.monotonic() - begin > limit:
             raise FunctionError(f"took longer than {limit:g} s to answer")
         return answer
@@ -153,6 +158,17 @@ def _in_words(e: BaseException) -> str:
     if issubclass(type(e), SystemExit):
         return f"tried to exit the program: SystemExit({_said(lambda: str(getattr(e, 'code', '')))})"
     return f"raised {name_of(e)}: {_said(lambda: str(e)):.300}"
+
+
+def _frames(e: BaseException) -> tuple[_Frame, ...]:
+    """Where it was raised, from what is no file of resim on: at most the first and the last of many."""
+    told = [
+        (frame.f_code.co_filename, line, frame.f_code.co_name)
+        for frame, line in traceback.walk_tb(e.__traceback__)
+    ]
+    first = next((k for k, (file, *_) in enumerate(told) if not file.startswith(_RESIM)), len(told))
+    own = told[first:]
+    return tuple(own if len(own) <= _MOST_FRAMES else [*own[: _MOST_FRAMES // 2], *own[-_MOST_FRAMES // 2 :]])
 
 
 def name_of(e: BaseException) -> str:
