@@ -32,7 +32,7 @@ def _number(told: Any) -> float:
     if told is None:
         return math.nan
     if isinstance(told, bool) or not isinstance(told, int | float) or not math.isfinite(told):
-        raise ValueError("Input should be a number or none")
+        raise ValueError("expected a number or none")
     return float(told)
 
 
@@ -59,7 +59,7 @@ def read_strict(path: Path, kind: type[File], example: str) -> File:
     try:
         return kind.model_validate(parse_toml(read_file(path, example), path, example))
     except ValidationError as e:
-        raise InputError(path, faults.describe(e.errors()), example) from e
+        raise InputError(path, faults.describe(e.errors(), kind), example) from e
 
 
 T = TypeVar("T")
@@ -79,7 +79,9 @@ def read_json(path: Path, kind: Callable[..., T], writer: str, remedy: str) -> T
         found: T = _adapter(kind).validate_json(raw, strict=True)
         return found
     except ValidationError as e:
-        raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
+        raise InputError(
+            path, f"is not what `{writer}` writes: {faults.describe(e.errors(), kind)}", remedy
+        ) from e
 
 
 def read_sealed_json(
@@ -94,7 +96,9 @@ def from_json(data: Any, kind: Callable[..., T], path: Path, writer: str, remedy
     try:
         return exactly(data, kind)
     except ValidationError as e:
-        raise InputError(path, f"is not what `{writer}` writes: {faults.describe(e.errors())}", remedy) from e
+        raise InputError(
+            path, f"is not what `{writer}` writes: {faults.describe(e.errors(), kind)}", remedy
+        ) from e
 
 
 def exactly(data: Any, kind: Callable[..., T]) -> T:

@@ -178,7 +178,7 @@ def _parsed(raw: bytes, path: Path) -> CriteriaFile:
         found = [
             p for p in e.errors() if p["type"] != "too_short"
         ] or e.errors()  # what is too short lacks the faulty
-        raise InputError(path, faults.describe(found), EXAMPLE) from e
+        raise InputError(path, faults.describe(found, CriteriaFile), EXAMPLE) from e
 
 
 def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, create_model, field_validator, model_validator
 
+from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.plugins.frozen import FrozenFile, freeze, thaw
@@ -372,24 +373,20 @@ def read_model(model: str | Path | FrozenFile, overrides: tuple[str, ...] = ()) 
         path = Path(model)
         raw = read_file(path, REMEDY)
     data = parse_json(raw, path, REMEDY)
+    if not overrides:
+        return _validated(data, path)
+    _validated(data, path)  # whose fault it is
     for override in overrides:
         _override(data, override)
-    if overrides:
-        _keep_causal(data, {override.partition("=")[0].strip() for override in overrides})
+    _keep_causal(data, {override.partition("=")[0].strip() for override in overrides})
+    return _validated(data, f"--set {' --set '.join(overrides)}", ONE)
+
+
+def _validated(data: Any, source: str | Path, remedy: str = REMEDY) -> PerceptionModel:
     try:
         return PerceptionModel.model_validate(data)
     except ValidationError as e:
-        faults = "; ".join(_fault(f["loc"], f["msg"], f["input"]) for f in e.errors())
-        told = f" (with --set {' --set '.join(overrides)})" if overrides else ""
-        raise InputError(path, f"{faults}{told}", REMEDY) from e
-
-
-def _fault(place: tuple[int | str, ...], message: str, found: Any) -> str:
-    """One fault: of the whole or of a part by its own words, of a field with what stands there."""
-    words = message.removeprefix("Value error, ")
-    where = ".".join(map(str, place))
-    told = "" if isinstance(found, dict) else f", found {str(found)[:60]!r}"
-    return f"{where}: {words}{told}" if where else words
+        raise InputError(source, faults.describe(e.errors(), PerceptionModel), remedy) from e
 
 
 def write_model(model: PerceptionModel, path: Path) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
-from pydantic_core import ErrorDetails
 
+from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 
@@ -61,8 +61,7 @@ def read_settings(path: Path) -> Settings:
     try:
         return Settings.model_validate(data, by_name=False)
     except ValidationError as e:
-        problems = "; ".join(map(_problem, e.errors()))
-        raise InputError(path, problems, "Correct these fields.") from e
+        raise InputError(path, faults.describe(e.errors(), Settings), "Correct these fields.") from e
 
 
 def settings_text(fields: Mapping[str, str | float | None], sections: Mapping[str, Mapping[str, str]]) -> str:
@@ -72,11 +71,6 @@ def settings_text(fields: Mapping[str, str | float | None], sections: Mapping[st
         if entries:
             lines += ["", f"[{section}]", *(f"{_key(k)} = {_toml(v)}" for k, v in entries.items())]
     return "\n".join(lines) + "\n"
-
-
-def _problem(error: ErrorDetails) -> str:
-    found = "" if error["type"] == "missing" else f", found {error['input']!r}"
-    return f"{'.'.join(map(str, error['loc']))}: {error['msg']}{found}"
 
 
 def _key(name: str) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from scipy.interpolate import PPoly
 
+from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import read_file
 from resim.core.tracks import KINDS
@@ -181,14 +182,8 @@ def read_jscen(path: Path) -> Scenario:
     try:
         return _scenario(JscenFile.model_validate(data))
     except ValidationError as e:
-        raise InputError(path, _faults(e), "The format is in resim/scenario/jscen.schema.json.") from e
-
-
-def _faults(error: ValidationError) -> str:
-    return "; ".join(
-        f"{'.'.join(str(part) for part in fault['loc']) or 'file'}: {fault['msg'].removeprefix('Value error, ')}"
-        for fault in error.errors()
-    )
+        remedy = "The format is in resim/scenario/jscen.schema.json."
+        raise InputError(path, faults.describe(e.errors(), JscenFile), remedy) from e
 
 
 def _scenario(file: JscenFile) -> Scenario:
@@ -232,7 +227,9 @@ def write_jscen(scenario: Scenario, path: Path) -> None:
     try:
         JscenFile.model_validate(data)
     except ValidationError as e:
-        raise InputError(path, f"this scenario cannot be written: {_faults(e)}") from e
+        raise InputError(
+            path, f"this scenario cannot be written: {faults.describe(e.errors(), JscenFile)}"
+        ) from e
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     beside.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     beside.replace(path)

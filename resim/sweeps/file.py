@@ -44,7 +44,7 @@ def _known_plan(name: str) -> str:
     """The name of a plan. Raises PydanticCustomError for one that there is not."""
     if name not in PLANS:
         *others, last = map(repr, PLANS.names)
-        raise PydanticCustomError("literal_error", f"Input should be {', '.join(others)} or {last}")
+        raise PydanticCustomError("literal_error", f"expected {', '.join(others)} or {last}")
     return name
 
 

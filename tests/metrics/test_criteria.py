@@ -157,7 +157,7 @@ def test_what_ships_is_sound_and_says_where_its_limits_come_from():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("name = 'x'", "criterion: Field required"),
+        ("name = 'x'", "criterion: is missing"),
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'", "expected one of below, above and beyond"),
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTX'\nbelow = 1", "there is no measure 'TTX'"),
         ("name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = 1\nfoo = 2", "foo"),
@@ -165,11 +165,11 @@ def test_what_ships_is_sound_and_says_where_its_limits_come_from():
         ("name = ", "is not TOML"),
         (
             "name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = true",
-            "below: Input should be a valid number",
+            "below: expected a valid number",
         ),
         (
             "name = 'x'\n[[criterion]]\nname = 'a'\nmeasure = 'TTC'\nbelow = '1'",
-            "below: Input should be a valid number",
+            "below: expected a valid number",
         ),
     ],
 )

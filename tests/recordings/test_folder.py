@@ -136,9 +136,19 @@ SETTINGS = {
     "not toml": ("name = cut-in\n", ["recording.toml", "is not TOML", "line 1"]),
     "all at once": (
         'nam = "x"\nmap = "../road.xodr"\nego = true\ngt_rate = "fast"\n',
-        ["name: Field required", "nam: Extra inputs", "ego: ", "found True", "gt_rate: ", "found 'fast'"],
+        [
+            "name: is missing",
+            "nam: there is no such field",
+            "ego: ",
+            "found True",
+            "gt_rate: ",
+            "found 'fast'",
+        ],
     ),
-    "environment": (TOML + "[environment]\nfog = 1\n", ["environment.fog: Extra inputs", "found 1"]),
+    "environment": (
+        TOML + "[environment]\nfog = 1\n",
+        ["environment.fog: there is no such field"],
+    ),
     "no map": (TOML.replace("road", "rod"), ["recording.toml", "map: there is no file", "rod.xodr"]),
     "ego": (TOML.replace('"ego"', '"me"'), ["ego 'me' was not found in gt.csv", "holds ego, a"]),
     "lost sd": (TOML + "sd_rate = 10\n", ["sd_rate is 10", "neither sd.csv nor sd.parquet"]),

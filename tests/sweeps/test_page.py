@@ -291,7 +291,7 @@ def test_no_bit_of_the_table_may_be_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "told"),
     [({"runs": 500}, "holds 495 runs, expected 500"),
-     ({"schema": "resim-sweep-9"}, "schema: Input should be 'resim-sweep-1'"),
+     ({"schema": "resim-sweep-9"}, "schema: expected 'resim-sweep-1'"),
      ({"columns": ["run", "other"]}, "has no column 'other'")],
 )  # fmt: skip
 def test_a_manifest_of_something_else_is_refused(

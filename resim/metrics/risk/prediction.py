@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
+from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.geometry import Bools, Floats
@@ -237,12 +238,9 @@ def read_prediction(path: Path) -> Prediction:
     try:
         found = PredictionSet.model_validate(data)
     except ValidationError as e:
-        problems = "; ".join(
-            f"{'.'.join(map(str, p['loc'])) or 'the whole'}: {p['msg']}"
-            + ("" if p["type"] == "missing" else f", found {str(p['input'])[:60]!r}")
-            for p in e.errors()
-        )
-        raise InputError(path, problems, f"Correct these fields; {_REMEDY}") from e
+        raise InputError(
+            path, faults.describe(e.errors(), PredictionSet), f"Correct these fields; {_REMEDY}"
+        ) from e
     return _resolved(path, found)
 
 

@@ -234,4 +234,4 @@ def _parsed(raw: bytes, path: Path) -> BuildFile:
     try:
         return BuildFile.model_validate(parse_toml(raw, path, PARTS))
     except ValidationError as e:
-        raise InputError(path, faults.describe(e.errors()), PARTS) from e
+        raise InputError(path, faults.describe(e.errors(), BuildFile), PARTS) from e
