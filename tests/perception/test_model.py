@@ -90,8 +90,8 @@ def test_correlations_at_their_limit(written) -> None:
             "false_objects: rate: .*50 x 3 = 150; lower rate or",
         ),
         ({"detection": {"range_edges": ["0", "50"]}}, "detection.range_edges.0: .*, found '0'"),
-        ({"detection": {"bearing_edges": [False, True]}}, "detection.bearing_edges.0: .*, found 'False'"),
-        ({"errors": {"coupling": np.eye(6).astype(bool).tolist()}}, "errors.coupling.0.0: .*, found 'True'"),
+        ({"detection": {"bearing_edges": [False, True]}}, "detection.bearing_edges.0: .*, found False"),
+        ({"errors": {"coupling": np.eye(6).astype(bool).tolist()}}, "errors.coupling.0.0: .*, found True"),
         ({"validity": {"range": ["0", "1"]}}, "validity.range.0: .*, found '0'"),
         (
             {"errors": {"longitudinal": {"noise": {"constant": 1.0, "range": 10.0}}}},
