@@ -100,6 +100,16 @@ def test_a_section_set_to_a_number_is_told(call: Call, setting: str) -> None:
     assert error.startswith(f"resim: --set {setting}: {setting.partition('=')[0]}")
 
 
+def test_seeds_without_a_model_are_refused(call: Call, tmp_path: Path) -> None:
+    drive, build = ROOT / "scenarios" / "rear_end", ROOT / "adfunc" / "builds" / "replay-1.0.toml"
+    code, _, error = call("run", drive, "--build", build, "--seeds", 3, "--out", tmp_path / "out")
+    assert (code, error) == (
+        2,
+        "resim: --seeds: 3 without a model has no effect. Name one with --perception.\n",
+    )
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("part", ["²", "9" * 5000, "7"])
 def test_a_place_in_a_list_that_there_is_not_is_told(call: Call, part: str) -> None:
     code, _, error = call("perception", "show", MODEL, "--set", f"errors.coupling.{part}.1=0.1")

@@ -34,6 +34,10 @@ class BasisChoice(StrEnum):
     both = "both"
 
 
+SEEDS = 20
+"""Runs with a perception model, where nobody says how many."""
+
+
 @app.command()
 def run(
     recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
@@ -57,7 +61,12 @@ def run(
         ),
     ] = None,
     settings: Settings = None,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Runs with the perception model.")] = 20,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1000, help="Runs with the perception model; default: 20.", show_default=False
+        ),
+    ] = None,
     accept: Accept = None,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
@@ -72,10 +81,12 @@ def run(
     from resim.simulation.function.interface import freeze_build
 
     check_output(out)
+    if seeds is not None and perception is None:
+        raise InputError("--seeds", f"{seeds} without a model has no effect", "Name one with --perception.")
     asked = _RunOptions(
         recording, freeze_build(build), basis, vehicle, step, lead_in, seed, stop_at_collision, frozen(criteria),
         None if perception is None else freeze_model(perception),
-        tuple(settings or ()), seeds, tuple(accept or ()), gui, out, sys.stdout.isatty(),
+        tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), gui, out, sys.stdout.isatty(),
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
