@@ -21,11 +21,14 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 
 _WORD = struct.Struct("!q")
 """What a child's status pipe tells, one after the other: its process number, and how it ended."""
 _SIZE = struct.Struct("!Q")
 """Before each request: how many bytes it has."""
+_LONGEST, _KILLED = 180.0, 10.0
+"""s that a server has to load resim and fork a child, and to tell the end of one that was killed."""
 _TRIES = 3
 """How often a server is started for a child, where somebody ended the one that there was."""
 _OURS = __name__.partition(".")[0]
@@ -46,9 +49,10 @@ class ForkedProcess:
         self.returncode: int | None = None
 
     def has_begun(self) -> bool:
-        """Wait until it is there; False where the server ended before."""
+        """Wait until it is there; False where the server ended before, or takes too long."""
         while self._number is None and self.returncode is None:
-            self._read(None)
+            if not self._read(_LONGEST):
+                self._lost()
         return self._number is not None
 
     def poll(self) -> int | None:
@@ -65,31 +69,53 @@ class ForkedProcess:
         return self.returncode
 
     def kill(self) -> None:
-        """End it at once, and wait until it has ended."""
+        """End it at once, and wait until it has ended, as far as the server tells."""
+        if self.returncode is None and self._number is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._number, signal.SIGKILL)
         while self.returncode is None:
-            if self._number is not None:
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(self._number, signal.SIGKILL)
-            self._read(None)
+            if not self._read(_KILLED):
+                self._lost()
 
-    def _read(self, timeout: float | None) -> bool:
+    def _lost(self) -> None:
+        """Give it up: nobody tells how it ended."""
+        self.returncode = -signal.SIGKILL
+        os.close(self._status)
+
+    def _read(self, timeout: float) -> bool:
         """Take note of what the pipe tells next; False where it tells nothing within `timeout` [s]."""
-        if not select.select([self._status], [], [], timeout)[0]:
+        if not is_readable(self._status, timeout):
             return False
         part = os.read(self._status, _WORD.size - len(self._told))
         self._told += part
         if part and len(self._told) < _WORD.size:
             return True
-        word = (
-            _WORD.unpack(self._told)[0] if part else -signal.SIGKILL
-        )  # the server was killed: who knows of its child
-        self._told = b""
-        if part and self._number is None:
-            self._number = word
+        if not part:  # the server was killed
+            self._lost()
             return True
-        self.returncode = word
-        os.close(self._status)
+        word, self._told = _WORD.unpack(self._told)[0], b""
+        if self._number is None:
+            self._number = word
+        else:
+            self.returncode = word
+            os.close(self._status)
         return True
+
+
+def is_readable(file: int, timeout: float) -> bool:
+    """Say whether an open file has something to read within `timeout` [s], or is at its end."""
+    return bool(readable((file,), timeout))
+
+
+def readable(files: Sequence[int], timeout: float | None = None) -> list[int]:
+    """Give the open files that have something to read, or are at their end, as soon as one has.
+
+    timeout: s until none is given. As select.select, which takes no numbers from 1,024 on.
+    """
+    waiting = select.poll()
+    for file in files:
+        waiting.register(file, select.POLLIN)
+    return [file for file, _ in waiting.poll(None if timeout is None else 1000.0 * timeout)]
 
 
 class _Server:
@@ -101,17 +127,19 @@ class _Server:
         self._path: list[str] = []
         self._asking: socket.socket | None = None
 
-    def fork(self, module: str, files: Sequence[int]) -> None:
-        """Ask for a child: see `_forked`. Raises OSError where no process can be started."""
-        path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100  ("": where we are)
+    def fork(self, module: str, files: Sequence[int]) -> subprocess.Popen[bytes]:
+        """Ask for a child: see `_forked`; give the process that is asked. Raises OSError where none can be started."""
+        path = _path()
         with self._lock:
             if self._process is None or self._path != path or self._process.poll() is not None:
                 self.end()
                 self._start(path)
             assert self._asking is not None
+            assert self._process is not None
             request = pickle.dumps((module, dict(os.environ)))
             socket.send_fds(self._asking, [_SIZE.pack(len(request))], files)
             self._asking.sendall(request)
+            return self._process
 
     def _start(self, path: list[str]) -> None:
         self._path = path
@@ -131,9 +159,26 @@ class _Server:
             self._process.kill()
             self._process.wait()
 
+    def forget(self) -> None:
+        """Be as new in a copy of the process: the server and its children are the other's."""
+        if self._asking is not None:
+            self._asking.close()
+        if self._process is not None:
+            self._process.returncode = 0  # it is the other's to wait for
+        self._lock, self._process, self._asking = threading.Lock(), None, None
+
+
+def _path() -> list[str]:
+    """Where children look for modules: where the command does, but for where it is; and this resim is found first."""
+    path = [os.path.abspath(folder) for folder in sys.path if folder]  # noqa: PTH100
+    ours = Path(__file__).parents[2]
+    found = next((folder for folder in path if Path(folder, _OURS, "__init__.py").is_file()), None)
+    return path if found is not None and Path(found).resolve() == ours.resolve() else [str(ours), *path]
+
 
 _SERVER = _Server()
 atexit.register(_SERVER.end)
+os.register_at_fork(after_in_child=_SERVER.forget)
 
 
 def fork(module: str, files: Sequence[int]) -> ForkedProcess:
@@ -151,7 +196,7 @@ def fork(module: str, files: Sequence[int]) -> ForkedProcess:
         for _ in range(_TRIES):
             status, told = os.pipe()
             try:
-                _SERVER.fork(module, (*files, told, errors))
+                asked = _SERVER.fork(module, (*files, told, errors))
             except OSError:
                 os.close(status)
                 raise
@@ -159,6 +204,8 @@ def fork(module: str, files: Sequence[int]) -> ForkedProcess:
                 os.close(told)
             if (process := ForkedProcess(status)).has_begun():
                 return process
+            asked.kill()
+            asked.wait()
     raise OSError("the process that starts others was ended")
 
 
@@ -175,6 +222,7 @@ def main() -> None:
 def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
     """Fork a child for each request; return in it, with the open files that it serves on, else None at the end."""
     os.set_inheritable(asked.fileno(), False)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())  # whatever the command was started with
     woken, wakes = os.pipe()
     for end in (woken, wakes):
         os.set_blocking(end, False)
@@ -182,7 +230,7 @@ def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
     signal.signal(signal.SIGCHLD, lambda number, frame: None)
     alive: dict[int, int] = {}
     while True:
-        ready = select.select([asked.fileno(), woken], [], [])[0]
+        ready = readable((asked.fileno(), woken))
         if woken in ready:
             with contextlib.suppress(BlockingIOError):
                 os.read(woken, 4096)

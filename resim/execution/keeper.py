@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import os
 import resource
-import select
 import shutil
 import signal
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from resim.core.plugins import descendants
+from resim.execution.forkserver import readable
 
 _SUBREAPER, _WITH_PARENT = 36, 1
 """PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG of Linux."""
@@ -69,7 +69,7 @@ def _keep(kept: int, lifeline: int, others: Iterable[int]) -> NoReturn:
         os.close(file)
     status = _reaped(kept)
     while status is None:
-        ready = select.select([lifeline, woken], [], [])[0]
+        ready = readable((lifeline, woken))
         status = _reaped(kept)
         if lifeline in ready:
             break

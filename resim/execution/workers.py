@@ -12,7 +12,6 @@ import contextlib
 import mmap
 import os
 import pickle
-import select
 import signal
 import subprocess
 import tempfile
@@ -204,7 +203,7 @@ class _Child:
         over: threading.Event | None = getattr(_own, "over", None)
         while over is None or not over.is_set():
             alive = self.process.poll() is None
-            if select.select([self.results], [], [], _TICK if alive else 0.0)[0]:
+            if forkserver.is_readable(self.results, _TICK if alive else 0.0):
                 part = os.read(self.results, 1 << 20)
                 message += part
                 if len(message) >= SIZE.size + _size(message):
@@ -254,6 +253,11 @@ class _Child:
         file = bytes(self.whose).partition(b"\0")[0].decode(errors="replace")
         return Failure(f"the function {f'of {file} ' if file else ''}{blame}", crashed=True, of_function=True)
 
+    def forget(self) -> None:
+        """Leave the process to who started it."""
+        self.alive = False
+        self._files.close()
+
     def end(self) -> None:
         """Have the process and all that it started killed; they have nothing to lose."""
         if not self.alive:
@@ -265,8 +269,18 @@ class _Child:
         self.process.kill()
 
 
+def _forget_children() -> None:
+    """In a copy of the process: its children are the other's."""
+    child: _Child | None = getattr(_own, "child", None)
+    if child is not None:
+        child.forget()
+    _own.__dict__.clear()
+
+
 _own = threading.local()
 """Of each thread: its child, where it notes the children that it starts, and whether nobody waits any more."""
+
+os.register_at_fork(after_in_child=_forget_children)
 
 _OUTSIDE = (
     "ended its process outside its calls, for example from a thread or by closing files that are not its own"

@@ -26,6 +26,8 @@ from resim.scenario.scenario import Scenario
 
 PERSON, RUNNING = 1.5, 5.0
 """Size [m] and speed [m/s] up to which what is called a pedestrian can be one that walks in any direction."""
+EGO_APART = 5.0
+"""Distance [m] by which sensor data may have the EGO elsewhere: delay at motorway speed, and its localisation."""
 FARTHEST = 20.0
 """Distance [m] by which a place is in doubt at most; beyond it nobody knows where the object is."""
 
@@ -73,6 +75,8 @@ def doubts(
             turned = 0.5 * np.pi
         sizes.update(_larger(ids, parts, told_sizes, tracks, turned, SEEN if basis == "SD" else 1.0))
     off.update(_all_ways(off, tracks, scenario, network))
+    if (apart := _ego_apart(recording, basis)) > EGO_APART:
+        off[recording.ego] = (max(apart, *off.get(recording.ego, (0.0, 0.0))),) * 2
     lost = [
         _lost(tracks, who, max(by)) for who, by in off.items() if max(by) > FARTHEST and who in tracks.ids
     ]
@@ -85,10 +89,20 @@ def doubts(
     )
 
 
+def _ego_apart(recording: Recording, basis: Basis) -> float:
+    """How far [m] the SD has the EGO from where the GT has it, in the median; 0 where only one of them has it."""
+    if basis == "GT" or not recording.senses_ego or (sd := recording.sd_by_gt()) is None:
+        return 0.0
+    own, true = sd.select([recording.ego]), recording.ego_at(sd.t)
+    apart = np.hypot(own.x - true.x, own.y - true.y)[own.valid & true.valid]
+    return float(np.median(apart)) if len(apart) else 0.0
+
+
 def _span(recording: Recording) -> tuple[float, float]:
-    """First and last time [s] of any row, in whichever source: so long the drive lasted."""
+    """First and last time [s] of any row, in whichever source, and of any plan: so long the drive lasted."""
     times = [k.t for k in (recording.gt, recording.sd) if k is not None]
-    times += [table["t"].to_numpy(float) for table in recording.incomplete.values() if len(table)]
+    tables = [*recording.incomplete.values(), *([] if recording.plan is None else [recording.plan])]
+    times += [table["t"].to_numpy(float) for table in tables if len(table)]
     return min(float(t.min()) for t in times), max(float(t.max()) for t in times)
 
 

@@ -30,8 +30,7 @@ def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoopFinding |
     if result.build.needs_truth:
         return None
     drive = _answers(result)
-    away = _departures(drive)
-    if drive.failure or not len(away):
+    if drive.failure or not len(away := _departures(drive)):
         return None
     size = np.abs(away[:, 1:])
     error: dict[str, float | None] = dict(zip(("d", "v", "heading"), size.max(axis=0).tolist(), strict=True))
@@ -66,6 +65,8 @@ def _departures(drive: SimulatedDrive) -> Floats:
     truth, model = drive.truth, drive.case.vehicle
     assert truth.a is not None
     assert truth.yaw_rate is not None
+    if len(truth.t) < 2:
+        return np.empty((0, 4))
     step = float(truth.t[1] - truth.t[0])
     many, every = round(HORIZON / step), max(1, round(STRIDE / step))
     last = drive.collisions[0].t if drive.collisions else np.inf

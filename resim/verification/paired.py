@@ -92,7 +92,7 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, parted: float |
 def _weight(lost: Sequence[str], now: Mapping[str, Kpi]) -> float:
     """The weight of what is lost; a run that does not last weighs as much as the gravest criterion."""
     gravest = max((kpi.weight for kpi in now.values()), default=1.0)
-    return sum(gravest if name == ENDED else now[name].weight for name in lost)
+    return float(sum(gravest if name == ENDED else now[name].weight for name in lost))
 
 
 def _change(old: str, new: str) -> Change:

@@ -100,7 +100,7 @@ ASKS = {
     "a program in its folder": ("run('./pilot', cwd=FAR)", "{far}/pilot"),
     "a program that is found by name": ("run('pilot', env={{'PATH': FAR + ':/usr/bin:/bin'}})", "started pilot"),
     "a module": ("run(sys.executable, '-m', 'far', env={{'PYTHONPATH': FAR}})", "-m far"),
-    "a shell that goes there": ("os.system('cd ' + FAR + ' && ./pilot >/dev/null')", "started cd {far} &&"),
+    "a shell that goes there": ("os.system('cd ' + FAR + ' && ./pilot >/dev/null')", "started cd {far}"),
     "a copy of itself": ("os.waitpid(os.fork() or os._exit(0), 0)", "forked its process"),
     "who listens": (
         "s = socket.socket(socket.AF_UNIX)\ntry: s.connect(FAR + '/sock')\nexcept OSError: pass\ns.close()",

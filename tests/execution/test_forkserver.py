@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,8 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 from execution import actions
 
+from resim.execution import forkserver
 from resim.execution.workers import _end_own, in_child, run_all
 
 
@@ -77,3 +80,77 @@ def test_a_server_ends_with_its_command(tmp_path: Path, how):
     while any(Path(f"/proc/{number}/stat").is_file() for number in numbers):
         assert time.monotonic() < latest
         time.sleep(0.05)
+
+
+def run_python(code: str, *words: object, **how) -> str:
+    """What a program of its own prints, that imports the tests."""
+    path = os.pathsep.join(filter(None, sys.path))
+    told = subprocess.run(
+        [sys.executable, "-c", code, *map(str, words)], env={**os.environ, "PYTHONPATH": path},
+        capture_output=True, text=True, timeout=120.0, check=True, **how,
+    )  # fmt: skip
+    return told.stdout
+
+
+def test_a_copy_of_the_command_has_children_of_its_own():
+    """Both ask their child at once, again and again; each gets its own answers, and the copy ends only its own."""
+    code = (
+        "import os, sys; from execution import actions; from resim.execution.workers import in_child\n"
+        "first = in_child(actions.ancestors, 0)\n"
+        "copy = os.fork()\n"
+        "mine = 0 if copy else 1000\n"
+        "answers = [in_child(actions.double, mine + k) == 2 * (mine + k) for k in range(200)]\n"
+        "others = in_child(actions.ancestors, 0)\n"
+        "same = others == first\n"
+        "if not copy: os._exit(0 if all(answers) and not set(others) & set(first) else 1)\n"
+        "print(all(answers), same, os.waitpid(copy, 0)[1], in_child(actions.ancestors, 0) == first)\n"
+    )
+    assert run_python(code) == "True True 0 True\n"
+
+
+def test_a_command_that_does_not_hear_of_its_children_ends():
+    code = (
+        "import signal; signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])\n"
+        "from execution import actions; from resim.execution.workers import in_child\n"
+        "print(in_child(actions.double, 2))"
+    )
+    assert run_python(code) == "4\n"
+
+
+def test_a_server_that_is_stopped_is_replaced(set_constant):
+    set_constant(forkserver, "_LONGEST", 3.0)
+    server = answers(actions.ancestors, [0])[0][0]
+    os.kill(server, signal.SIGSTOP)
+    assert answers(actions.ancestors, [0])[0][0] != server
+
+
+def test_children_run_the_resim_of_the_command(tmp_path: Path):
+    """Also where that is found since it lies in the working folder, and another one is installed."""
+    shutil.copytree(ROOT / "resim", tmp_path / "resim", ignore=shutil.ignore_patterns("__pycache__"))
+    code = (
+        "from resim.execution.workers import in_child; import resim; print(resim.__file__)\n"
+        "print(in_child(eval, '__import__(\"resim\").__file__'))"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    told = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert told == 2 * [str(tmp_path / "resim" / "__init__.py")]
+
+
+def test_a_caller_with_many_open_files_can_start_children():
+    resource = pytest.importorskip("resource")
+    if resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 3000:
+        pytest.skip("more files than may be open here")
+    code = (
+        "import os, resource; resource.setrlimit(resource.RLIMIT_NOFILE, (3000, 3000))\n"
+        "held = [os.open(os.devnull, os.O_RDONLY) for _ in range(1500)]\n"
+        "from execution import actions; from resim.execution.workers import in_child\n"
+        "print(in_child(actions.double, 2))"
+    )
+    assert run_python(code) == "4\n"

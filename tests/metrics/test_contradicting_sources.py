@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
+from metrics.conftest import TRAFFIC
 from metrics.passing import T, V, ego, noisy, rows, standing
 
+from resim.metrics.criteria import read_criteria
 from resim.recordings.checks import CODES
 from resim.resimulation import AssessmentOptions, assess_recording, load_checked
 
@@ -100,3 +103,24 @@ def test_a_stated_rate_bridges_no_gap_of_the_ego(judge, tmp_path):
     recording = replace(load_checked(tmp_path, accept=tuple(CODES)), gt_rate=0.1)
     known = recording.ego_at(np.array([2.0, 5.0, 7.0])).valid[0]
     assert known.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("plans", [(0.0, 2.9, "PASS"), (0.0, 8.8, "INVALID")])
+def test_plans_that_are_made_after_the_truth_ends_show_that_it_is_cut_short(judge, tmp_path, plans):
+    first, last, outcome = plans
+    cut = T < 3.0
+    judge(ego()[cut], standing()[cut], lead()[cut])
+    made = np.arange(first, last, 0.2)
+    pd.DataFrame({"t": made, "t_plan": made + 1.0, "x": 300.0 + V * (made + 1.0), "y": -5.25, "v": V}).to_csv(
+        tmp_path / "plan.csv", index=False
+    )
+    found = assess_recording(load_checked(tmp_path), AssessmentOptions(criteria=read_criteria(TRAFFIC)))
+    assert collision(found.blocks["GT"].verdicts) == outcome
+
+
+def test_an_ego_that_the_sensor_data_have_elsewhere_is_in_doubt(judge):
+    beside = ego(y=-5.25), lead(), standing().assign(id="s1", gt_id="ego")
+    own = [table.assign(gt_id=table.id) if "gt_id" not in table else table for table in beside[1:]]
+    assert collision(judge(ego(), lead(), sd=own)) == "INVALID"
+    near = [table.assign(gt_id=table.id) for table in (ego().assign(x=lambda e: e.x - 2.0), lead())]
+    assert collision(judge(ego(), lead(), sd=near)) == "PASS"

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from resim.core.geometry import box_corners
@@ -40,6 +40,7 @@ def test_maneuvers() -> None:
     ]  # fmt: skip
 
 
+@settings(deadline=None)  # the first example may compile
 @given(st.floats(-np.pi, np.pi), st.floats(0.0, 50.0), st.sampled_from([-1.1, -1.0, -0.9, 0.0, 2.0]))
 def test_the_kernel_means_the_same_by_a_maneuver(heading: float, v: float, a: float) -> None:
     dt = 0.04

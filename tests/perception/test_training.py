@@ -207,6 +207,15 @@ def shifted(r: Recording) -> Recording:
     )
 
 
+def elsewhen(r: Recording) -> Recording:
+    return replace(r, sd=replace(sd_of(r), t=sd_of(r).t + 1000.0))
+
+
+def far_out(r: Recording) -> Recording:
+    """What a wrong unit, or a value for "not known", makes of positions."""
+    return replace(r, gt=replace(r.gt, x=r.gt.x + 1e155), sd=replace(sd_of(r), x=sd_of(r).x + 1e155))
+
+
 def alone(r: Recording) -> Recording:
     return replace(r, sd=sd_of(r).select(["ego"]), sd_gt_id=np.array(["ego"]))
 
@@ -219,6 +228,8 @@ def alone(r: Recording) -> Recording:
         (alone, "no object but the EGO"),
         (lambda r: replace(r, sd=sd_of(r).window(4.0, 4.09)), "9 samples|expected at least 50"),
         (lambda r: replace(r, ego="nobody"), "not in the ground truth"),
+        (elsewhen, "no time in common"),
+        (far_out, "errors that no model may have: bias"),
     ],
 )
 def test_what_cannot_be_learned_from_is_refused(spoil: Callable[[Recording], Recording], text: str) -> None:

@@ -32,6 +32,11 @@ def test_kpis_gained_and_lost(old: str, new: str, gained: tuple[str, ...], lost:
     assert found.comfort["longitudinal acceleration"] == pytest.approx(1.0)
 
 
+def test_what_weighs_nothing_is_a_number_as_what_weighs() -> None:
+    """A table would tell 0 otherwise than 0.0, by which builds it has."""
+    assert isinstance(pair(0, drive("PASS"), drive("PASS"), None).weight_lost, float)
+
+
 def test_a_run_that_is_cut_short_loses_and_gains_nothing() -> None:
     short = drive("PASS", end="collision", collision=True)
     found = pair(0, drive("FAIL", end="duration"), short, 2.5)

@@ -220,7 +220,7 @@ def _words(named: Any) -> Iterator[str]:
 def _command(named: Any) -> str:
     """A program and its arguments as one reads them, the beginning of many."""
     words = [os.fsdecode(one) for one in (named if isinstance(named, list | tuple) else [named])]
-    return textwrap.shorten(" ".join(words), 80, placeholder=" ...")
+    return textwrap.shorten(" ".join(words), 200, placeholder=" ...")
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:

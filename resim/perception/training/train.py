@@ -6,7 +6,9 @@ import hashlib
 from collections.abc import Sequence
 
 import numpy as np
+from pydantic import ValidationError
 
+from resim.core import faults
 from resim.core.errors import InputError, ResimError
 from resim.core.tracks import Tracks
 from resim.perception.model import (
@@ -44,7 +46,25 @@ def train(recordings: Sequence[Recording], *, name: str) -> PerceptionModel:
     """
     if not recordings:
         raise InputError("training", "there is no recording", "Give recordings with GT and SD.")
+    try:
+        return _trained(recordings, name)
+    except (ValidationError, np.linalg.LinAlgError) as e:
+        what = faults.describe(e.errors(), PerceptionModel) if isinstance(e, ValidationError) else str(e)
+        problem = f"errors that no model may have: {what}"
+        raise InputError(
+            _names(recordings), problem, "Look for the drive that has them: `resim check`."
+        ) from e
+
+
+def _trained(recordings: Sequence[Recording], name: str) -> PerceptionModel:
     drives = [drive_of(recording) for recording in recordings]
+    for recording, drive in zip(recordings, drives, strict=True):
+        if not len(drive.t):
+            raise InputError(
+                recording.name,
+                "gt and sd have no time in common at which the EGO is known",
+                "Give both the same clock.",
+            )
     matchings = match(drives)
     matched = sum(int((m.row >= 0).sum()) for m in matchings)
     _enough(recordings, matched, sum(int(d.seen.sum()) for d in drives))
@@ -111,8 +131,12 @@ def _errors(
     return ErrorModels(**measured, **sizes, coupling=coupling), estimates | found
 
 
+def _names(recordings: Sequence[Recording]) -> str:
+    return ", ".join(r.name for r in recordings[:5]) + (", ..." if len(recordings) > 5 else "")
+
+
 def _enough(recordings: Sequence[Recording], matched: int, perceived: int) -> None:
-    names = ", ".join(r.name for r in recordings[:5]) + (", ..." if len(recordings) > 5 else "")
+    names = _names(recordings)
     if not perceived:
         raise InputError(names, "the sensor data hold no object but the EGO", "Train on drives with traffic.")
     if not matched:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from resim.core.geometry import Bools, Floats
-from resim.perception.training import kernel
 
 
 def whiten(values: Floats, known: Bools, steps: Floats, drift: Floats, noise: Floats, tau: float) -> Floats:
@@ -19,6 +18,8 @@ def whiten(values: Floats, known: Bools, steps: Floats, drift: Floats, noise: Fl
     values: (R, T, C). steps: (R, T) s since the sample before. drift, noise: (R, T) standard deviations. Least
     squares of whitened values are generalised least squares of values.
     """
+    from resim.perception.training import kernel  # compiled: numba is imported where it is used only
+
     y = np.where(known[..., None], values, 0.0)
     out = np.zeros(y.shape)
     kernel.whiten(*map(np.ascontiguousarray, (y, known, np.exp(-steps / tau), drift, noise**2)), out)
@@ -35,6 +36,8 @@ def log_likelihood(
     if float(drift.max(initial=0.0)) < 1e-6 * float(noise.max(initial=0.0)):  # white: no filter
         s = noise**2
         return np.asarray(-0.5 * np.where(known, np.log(s) + values**2 / s, 0.0).sum(axis=2))
+    from resim.perception.training import kernel
+
     y = np.where(known, values, 0.0)
     taus, which = np.unique(tau, return_inverse=True)
     kept = np.exp(-steps[None] / taus[:, None, None])
