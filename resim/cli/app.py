@@ -1,6 +1,7 @@
 """The command line. Results go to standard output, progress and errors to standard error.
 
-Exit code 0: done; 1: done, and the verdict is bad; 2: the input or the call is wrong.
+Exit code 0: done; 1: done, and the verdict is bad; 2: the input or the call is wrong; 3: the function under test
+failed.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import io
 import os
 import signal
 import sys
-from pathlib import Path
+from enum import StrEnum
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -25,7 +26,7 @@ app = typer.Typer(
     help="Put a measured test drive back into simulation, with the same AD function at the wheel, "
     "and see what every step did to it.",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -62,15 +63,27 @@ Accept = Annotated[
 ]
 """Errors in spite of which a command goes on."""
 
-CriteriaFile = Annotated[
-    Path | None,
+
+class DecidingSource(StrEnum):
+    """What is judged by criteria."""
+
+    gt = "GT"
+    sd = "SD"
+    resimulated_gt = "rGT"
+    resimulated_sd = "rSD"
+    perceived = "rGT+M"
+
+
+Deciding = Annotated[
+    list[DecidingSource] | None,
     typer.Option(
-        "--criteria",
-        metavar="FILE",
-        help="Criteria (TOML) to judge by, such as scenarios/criteria/highway.toml.",
+        "--verdict-of",
+        help="Whose verdict on the criteria is the command's; may be given several times. Default: of all that was "
+        "simulated, or else measured.",
+        show_default=False,
     ),
 ]
-"""By what a drive is judged."""
+"""Which sources decide about the exit code."""
 
 Settings = Annotated[
     list[str] | None,
@@ -111,12 +124,9 @@ def main() -> None:
         for name in sys.argv[1:]:
             refuse_undecodable(name)
         app(standalone_mode=True)
-    except (BadVerdictError, FunctionError) as e:
+    except (BadVerdictError, ResimError) as e:
         say(f"resim: {e}", err=True)
-        sys.exit(1)
-    except ResimError as e:
-        say(f"resim: {e}", err=True)
-        sys.exit(2)
+        sys.exit(1 if isinstance(e, BadVerdictError) else 3 if isinstance(e, FunctionError) else 2)
     except OSError as e:
         if e.filename is None:
             _untold(f"does not accept the whole output ({e.strerror})")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -11,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, CriteriaFile, assess_app
+from resim.cli.app import Accept, BadVerdictError, Deciding, assess_app
+from resim.cli.inputs import A_DRIVE, CriteriaFile
 from resim.cli.runs import register
 from resim.cli.terminal import say
-from resim.core.errors import InputError
+from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
     from resim.core.plugins.frozen import FrozenFile
@@ -37,7 +39,9 @@ class PathChoice(StrEnum):
 
 @assess_app.command("drive", epilog="Also: resim assess fit-prediction --help")
 def assess(
-    drive: Annotated[Path, typer.Argument(help="Recording folder, or the folder that `resim run` wrote.")],
+    drive: Annotated[
+        Path, typer.Argument(callback=A_DRIVE, help="Recording folder, or the folder that `resim run` wrote.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -66,10 +70,12 @@ def assess(
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
     accept: Accept = None,
+    verdict_of: Deciding = None,
 ) -> None:
     """Compute criticality measures and the accident risk of a drive, ten times a second, and judge it by criteria.
 
-    Ends with 1 where a criterion fails, or cannot be judged.
+    Ends with 1 where a criterion fails, or cannot be judged: in what was simulated, of a recording in GT or SD, or in
+    what --verdict-of says. Ends with 3 where the function failed.
     """
     from resim.execution.workers import in_child
     from resim.results import ASSESSMENT, check_output, whole_folder
@@ -81,8 +87,8 @@ def assess(
             "--road-aware", "the published mode does not use the road", "Leave out one of the two."
         )
     asked = _AssessOptions(
-        drive, frozen(criteria), mode, path, prediction, road_aware, seed, tuple(accept or ()), out,
-        sys.stdout.isatty(),
+        drive, frozen(criteria), mode, path, prediction, road_aware, seed, tuple(accept or ()),
+        deciding(verdict_of, criteria), out, sys.stdout.isatty(),
     )  # fmt: skip
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
@@ -91,8 +97,7 @@ def assess(
         say("")
         say(f"assessment: {out / 'assessment.html'}")
         register(out)
-    if done.bad:
-        raise BadVerdictError(done.bad)
+    done.end()
 
 
 @dataclass(frozen=True)
@@ -107,16 +112,23 @@ class _AssessOptions:
     road_aware: bool
     seed: int
     accept: tuple[str, ...]
+    verdict_of: tuple[str, ...]
     out: Path | None
     terminal: bool
 
 
 @dataclass(frozen=True)
 class ChildReport:
-    """What a child process did: what to print, and why the verdict is bad ("" where it is not)."""
+    """What a child process did: what to print, why it is bad ("" where it is not), and whether the function failed."""
 
     text: str
     bad: str
+    failed: bool
+
+    def end(self) -> None:
+        """Leave with the exit code of what was done, and say why."""
+        if self.bad:
+            raise (FunctionError if self.failed else BadVerdictError)(self.bad)
 
 
 def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
@@ -132,6 +144,7 @@ def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     how = AssessmentOptions(
         parameters=Parameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
         prediction=named_prediction(a.prediction), road_aware=a.road_aware, criteria=the_criteria(a.criteria),
+        decides=a.verdict_of or None,
     )  # fmt: skip
     result = assess(a.drive, how, accept=a.accept)
     found = result.assessment
@@ -142,7 +155,14 @@ def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
         print_findings(found)
         print_verdicts(found)
         print_notes(found)
-    return ChildReport(screen.getvalue(), result.problem)
+    return ChildReport(screen.getvalue(), result.problem, bool(found.failures))
+
+
+def deciding(sources: Sequence[str] | None, criteria: Path | None) -> tuple[str, ...]:
+    """Give the sources that the user wants the verdict of. Raises InputError where nothing is judged."""
+    if sources and criteria is None:
+        raise InputError("--verdict-of", f"{sources[0]} without criteria has no effect", "Give --criteria.")
+    return tuple(map(str, sources or ()))
 
 
 def frozen(path: Path | None) -> FrozenFile | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import BadVerdictError, app
+from resim.cli.inputs import RecordingFolder
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ MOST_LINES = 5
 
 @app.command("check")
 def check(
-    recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
+    recording: RecordingFolder,
     fix: Annotated[
         Path | None,
         typer.Option(metavar="OUT", help="Write a repaired copy to this new folder, and judge the copy."),

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from resim.cli.app import app
+from resim.cli.inputs import A_MAP
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ imports = typer.Typer(
 app.add_typer(imports, name="import")
 
 
-Map = Annotated[Path, typer.Option("--map", help="OpenDRIVE map of the recording.")]
+Map = Annotated[Path, typer.Option("--map", callback=A_MAP, help="OpenDRIVE map of the recording.")]
 Ego = Annotated[str, typer.Option(help="Id of the object that becomes the EGO.")]
 Start = Annotated[float | None, typer.Option(help="First time [s]; default: the EGO's first sample.")]
 End = Annotated[float | None, typer.Option(help="Last time [s]; default: the EGO's last sample.")]

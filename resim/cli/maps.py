@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, BadVerdictError, app
+from resim.cli.inputs import A_MAP
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -23,7 +24,9 @@ app.add_typer(maps, name="map")
 MOST = 20
 """Lines of one kind that are printed; conversion.json has them all."""
 
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="OpenDRIVE 1.4 to 1.8 file (.xodr).")]
+MapFile = Annotated[
+    Path, typer.Argument(metavar="MAP", callback=A_MAP, help="OpenDRIVE 1.4 to 1.8 file (.xodr).")
+]
 
 
 @maps.command("check")

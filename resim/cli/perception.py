@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, Settings, app
+from resim.cli.inputs import A_MODEL, A_RECORDING
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -21,7 +22,9 @@ app.add_typer(
 
 @perception_app.command("train")
 def train(
-    recordings: Annotated[list[Path], typer.Argument(help="Recording folders with GT and SD.")],
+    recordings: Annotated[
+        list[Path], typer.Argument(callback=A_RECORDING, help="Recording folders with GT and SD.")
+    ],
     out: Annotated[Path, typer.Option(help="Model file (JSON) to write; the model takes its name.")],
     report: Annotated[
         Path | None,
@@ -42,7 +45,7 @@ def train(
 
 @perception_app.command("show")
 def show(
-    model: Annotated[Path, typer.Argument(help="Perception model (JSON).")],
+    model: Annotated[Path, typer.Argument(callback=A_MODEL, help="Perception model (JSON).")],
     settings: Settings = None,
 ) -> None:
     """Show a perception model: its parameters, and how sure they are."""

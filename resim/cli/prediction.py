@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, assess_app
+from resim.cli.inputs import A_RECORDING
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 @assess_app.command("fit-prediction")
 def fit_prediction(
     recordings: Annotated[
-        list[Path], typer.Argument(help="Recording folders; every object of the GT counts.")
+        list[Path],
+        typer.Argument(callback=A_RECORDING, help="Recording folders; every object of the GT counts."),
     ],
     out: Annotated[Path, typer.Option(help="Parameter file (JSON) to write; the set takes its name.")],
     kind: Annotated[

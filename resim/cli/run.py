@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, CriteriaFile, Settings, Vehicle, app
-from resim.cli.assess import ChildReport, frozen
+from resim.cli.app import Accept, Deciding, Settings, Vehicle, app
+from resim.cli.assess import ChildReport, deciding, frozen
+from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
@@ -40,8 +41,8 @@ SEEDS = 20
 
 @app.command()
 def run(
-    recording: Annotated[Path, typer.Argument(help="Recording folder (recording.toml, gt, sd).")],
-    build: Annotated[Path, typer.Option(help="Build file (TOML) of the AD function.")],
+    recording: RecordingFolder,
+    build: BuildFile,
     out: Annotated[Path, typer.Option(help="Folder for the results; an earlier result there is replaced.")],
     basis: Annotated[
         BasisChoice, typer.Option(help="Re-simulate ground truth, sensor data, or both.")
@@ -57,7 +58,9 @@ def run(
     perception: Annotated[
         Path | None,
         typer.Option(
-            metavar="MODEL", help="Perception model (JSON): also re-simulates GT as perceived by this model."
+            metavar="MODEL",
+            callback=A_MODEL,
+            help="Perception model (JSON): also re-simulates GT as perceived by this model.",
         ),
     ] = None,
     settings: Settings = None,
@@ -68,12 +71,13 @@ def run(
         ),
     ] = None,
     accept: Accept = None,
+    verdict_of: Deciding = None,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
     """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.
 
-    Ends with 1 where the function failed or, with --criteria, where one fails or cannot be judged: in any of GT, SD,
-    rGT and rSD, and in any seed of --perception.
+    With --criteria it ends with 1 where one fails or cannot be judged: in rGT or rSD, in any seed of --perception,
+    or in what --verdict-of says; what was measured is told. Ends with 3 where the function failed.
     """
     from resim.execution.workers import in_child
     from resim.perception.model import freeze_model
@@ -86,7 +90,8 @@ def run(
     asked = _RunOptions(
         recording, freeze_build(build), basis, vehicle, step, lead_in, seed, stop_at_collision, frozen(criteria),
         None if perception is None else freeze_model(perception),
-        tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), gui, out, sys.stdout.isatty(),
+        tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), gui, out,
+        sys.stdout.isatty(),
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
@@ -94,8 +99,7 @@ def run(
     say("")
     say(f"report: {out / 'report.html'}")
     register(out)
-    if done.bad:
-        raise BadVerdictError(done.bad)
+    done.end()
 
 
 @contextlib.contextmanager
@@ -126,6 +130,7 @@ class _RunOptions:
     settings: tuple[str, ...]
     seeds: int
     accept: tuple[str, ...]
+    verdict_of: tuple[str, ...]
     gui: bool
     out: Path
     terminal: bool
@@ -148,12 +153,19 @@ def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
     seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
     with _progress(stages(measured, options, perceiving=seen is not None)) as tell:
         result = resimulate(
-            measured, build, options, criteria=criteria, perception=seen, accept=a.accept, progress=tell
+            measured,
+            build,
+            options,
+            criteria=criteria,
+            perception=seen,
+            accept=a.accept,
+            verdict_of=a.verdict_of or None,
+            progress=tell,
         )
     result.write_files(folder, a.out)
     with captured(a.terminal) as screen:
         _print(result.resimulation, result.assessment)
-    return ChildReport(screen.getvalue(), result.problem)
+    return ChildReport(screen.getvalue(), result.problem, bool(result.resimulation.failure))
 
 
 def _options(a: _RunOptions) -> ResimulationOptions:

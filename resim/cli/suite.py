@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from resim.cli.app import app
+from resim.cli.inputs import A_CRITERIA
 from resim.cli.terminal import say
+from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import refuse_undecodable
 
@@ -21,7 +23,10 @@ def new(
     folder: Annotated[Path, typer.Argument(help="Folder with recording folders, at any depth.")],
     out: Annotated[Path, typer.Option(help="Suite (TOML) to write.")],
     criteria: Annotated[
-        Path, typer.Option(help="Criteria (TOML) to judge by, such as scenarios/criteria/highway.toml.")
+        Path,
+        typer.Option(
+            callback=A_CRITERIA, help="Criteria (TOML) to judge by, such as scenarios/criteria/highway.toml."
+        ),
     ],
 ) -> None:
     """Write a suite of all recordings in a folder, with the hashes of their content."""
@@ -35,9 +40,7 @@ def new(
     for one in found:
         refuse_undecodable(one)
     if not found:
-        raise InputError(
-            folder, "holds no recording", "A recording is a folder with recording.toml, gt.csv and a map."
-        )
+        raise InputError(folder, "holds no recording", remedies.RECORDING)
     if out.exists():
         raise InputError(out, "exists already", "Remove it or name another file.")
     text = new_suite(found, criteria, out, out.stem)

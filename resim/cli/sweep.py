@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, Vehicle, Workers, sweep_app
+from resim.cli.app import Vehicle, Workers, sweep_app
+from resim.cli.inputs import A_SWEEP
 from resim.cli.runs import register
 from resim.cli.terminal import say
-from resim.core.errors import InputError
+from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
     from resim.jobs.sweep import SweepListener, SweepOptions
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
 @sweep_app.command("run")
 def sweep(
     file: Annotated[
-        Path, typer.Argument(help="Sweep (TOML): recordings, builds, parameters and their ranges, plan.")
+        Path,
+        typer.Argument(
+            callback=A_SWEEP, help="Sweep (TOML): recordings, builds, parameters and their ranges, plan."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     vehicle: Vehicle = "kinematic",
@@ -43,7 +47,7 @@ def sweep(
 ) -> None:
     """Re-simulate recordings over and over, with the parameters of a plan, and judge every run.
 
-    What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 1 where
+    What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 3 where
     every run failed.
     """
     from resim.jobs.sweep import SweepOptions
@@ -64,7 +68,7 @@ def sweep(
             _tell_boundary(found, len(done.manifest.inputs.sweep.build) > 1)
     register(out)
     if done.failed == done.runs:
-        raise BadVerdictError(f"{out}: every run failed, for example run 0: {done.first_failure()}")
+        raise FunctionError(f"{out}: every run failed, for example run 0: {done.first_failure()}")
 
 
 def _say_findings(recording: str, findings: tuple[str, ...]) -> None:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app
+from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
 from resim.cli.runs import register
 from resim.cli.terminal import say, visible
-from resim.core.errors import InputError, ResimError
+from resim.core.errors import FunctionError, InputError, ResimError
 
 if TYPE_CHECKING:
     from resim.jobs.verify import Verification, VerificationListener
@@ -42,19 +43,28 @@ DrivenBy = Annotated[
 @app.command()
 def verify(
     suite: Annotated[
-        Path | None, typer.Argument(help="Suite (TOML): recordings, criteria, tolerances.")
+        Path | None, typer.Argument(callback=A_SUITE, help="Suite (TOML): recordings, criteria, tolerances.")
     ] = None,
-    build: Annotated[Path | None, typer.Option(help="Build file (TOML) of the AD function.")] = None,
+    build: Annotated[
+        Path | None, typer.Option(callback=A_BUILD, help="Build file (TOML) of the AD function.")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the results; an interrupted verification there is resumed."),
     ] = None,
     against: Annotated[
         Path | None,
-        typer.Option(metavar="BUILD", help="An older build: compare both instead of measured and simulated."),
+        typer.Option(
+            metavar="BUILD",
+            callback=A_BUILD,
+            help="An older build: compare both instead of measured and simulated.",
+        ),
     ] = None,
     perception: Annotated[
-        Path | None, typer.Option(metavar="MODEL", help="Perception model (JSON) in place of the suite's.")
+        Path | None,
+        typer.Option(
+            metavar="MODEL", callback=A_MODEL, help="Perception model (JSON) in place of the suite's."
+        ),
     ] = None,
     settings: Settings = None,
     seeds: Seeds = None,
@@ -72,8 +82,8 @@ def verify(
     """Cross-verify a build on a suite: does simulation give the measured drives' verdicts?
 
     With --against: how does the build differ from an older one, in the same scenarios with the same seeds? Ends
-    with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken or a
-    function crashed.
+    with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken, with
+    3 where a function failed.
     """
     from resim.cli.verification import print_verification
     from resim.jobs.verify import compare
@@ -136,10 +146,10 @@ def _end(verification: Verification) -> None:
     from resim.verification.report import ComparisonSummary
 
     told, code = verification.summary, verification.code
-    if code == 2:
+    if code > 1:
         broken = [r for r in verification.report.recordings if r.verdict == "error"]
         more = f" (and {len(broken) - 1} more)" if len(broken) > 1 else ""
-        raise ResimError(f"{broken[0].name}: {broken[0].error}{more}")
+        raise (FunctionError if code == 3 else ResimError)(f"{broken[0].name}: {broken[0].error}{more}")
     if code == 1 and isinstance(told, ComparisonSummary):
         broken_limits = [
             f"{name} {limit.value:.3g}, at most {limit.limit:g}"

@@ -27,6 +27,8 @@ from resim.resimulation import (
     assess_resimulation,
 )
 from resim.resimulation import resimulate as resimulate_recording
+from resim.resimulation.assessed import refuse_absent
+from resim.resimulation.model_runs import MODEL
 from resim.resimulation.report import RunReport
 from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
 from resim.resimulation.traces import speed_traces
@@ -163,6 +165,7 @@ def resimulate(
     criteria: File | Criteria | None = None,
     perception: File | PerceptionModel | PerceptionSetup | None = None,
     accept: Collection[str] = (),
+    verdict_of: Collection[str] | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> ResimulationResult:
     """Re-simulate a recording with a build, measure the errors of every step, and assess GT, SD, rGT and rSD.
@@ -177,6 +180,7 @@ def resimulate(
         criteria: Criteria to judge by, or their file.
         perception: A perception model to run GT with as well (20 seeds), its file, or a model with its seeds.
         accept: Codes of findings to continue despite.
+        verdict_of: Sources whose verdict counts, of GT, SD, rGT, rSD, rGT+M; all that are simulated, if None.
         progress: Is told each stage as it begins (`stages`).
 
     Returns:
@@ -186,10 +190,23 @@ def resimulate(
         InputError: A file cannot be used, or has findings that are not accepted.
         ResimError: The recording cannot be re-simulated so.
     """
-    pinned, how = the_build(build), AssessmentOptions(criteria=the_criteria(criteria))
+    pinned, how = (
+        the_build(build),
+        AssessmentOptions(
+            criteria=the_criteria(criteria), decides=None if verdict_of is None else tuple(verdict_of)
+        ),
+    )
     measured = the_recording(recording, accept)
     refuse_without_sd(measured, options.bases)
     seen = the_perception(perception, options.seed)
+    if verdict_of is not None:
+        bases = [b for b in options.bases if b == "GT" or measured.sd is not None]
+        there = [
+            *["GT", "SD"][: 1 + (measured.sd is not None)],
+            *(f"r{b}" for b in bases),
+            *[MODEL] * (seen is not None),
+        ]
+        refuse_absent(verdict_of, there)
     result = resimulate_recording(
         measured, pinned, options, perceiving=seen, accept=accept, progress=progress
     )

@@ -66,7 +66,7 @@ class Verification:
 
     @property
     def code(self) -> int:
-        """The exit code: 0 good, 1 a verdict is bad, 2 a recording is broken or a function crashed."""
+        """The exit code: 0 good, 1 a verdict is bad, 2 a recording is broken, 3 the function failed."""
         return outcome_code(self.report)
 
     @cached_property

@@ -12,7 +12,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from resim.core import faults
+from resim.core import faults, remedies
 from resim.core.errors import ChangedError, FunctionError, InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Bools, Floats
@@ -31,7 +31,7 @@ NAMED = 5
 """Objects that a reason names."""
 MEASURE_LIMIT = 60.0
 """s of wall clock for a measure of the user's own, for one drive."""
-EXAMPLE = "See scenarios/criteria/highway.toml."
+EXAMPLE = remedies.CRITERIA
 _SAME = 1e-9
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, create_model, field_validator, model_validator
 
-from resim.core import faults
+from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.plugins.frozen import FrozenFile, freeze, thaw
@@ -46,7 +46,7 @@ _STEEPEST = 50.0
 """Exponent of a standard deviation from which on nobody means it; at five times that sight it is still finite."""
 
 ONE = "Name a parameter and its number, such as latency.speed=0.4."
-REMEDY = "`resim perception train` writes such files; adfunc/perception/ has some."
+REMEDY = remedies.MODEL
 
 
 class Latency(Parameters):

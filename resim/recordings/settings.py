@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from resim.core import faults
+from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 
@@ -56,7 +56,7 @@ class Settings(_SettingsPart):
 
 def read_settings(path: Path) -> Settings:
     """Give the settings in the file; raises InputError that names every wrong field."""
-    raw = read_file(path, f"A recording is a folder with {SETTINGS}, gt.csv and a map.")
+    raw = read_file(path, remedies.RECORDING)
     data = parse_toml(raw, path, 'TOML puts text in quotes: name = "drive 1".')
     try:
         return Settings.model_validate(data, by_name=False)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import pandas as pd
 
+from resim.core.errors import InputError
 from resim.metrics.assessment import Assessment
 from resim.metrics.assessment_report import kpi_rows
 from resim.metrics.criteria import Criteria
@@ -16,6 +17,8 @@ from resim.metrics.risk.prediction import Prediction
 from resim.resimulation.model_runs import MODEL, ModelRuns
 from resim.road.opendrive import RoadNetwork
 
+SIMULATED = ("rGT", "rSD")
+"""Sources that are simulations of one seed."""
 RATE = 10.0
 """Scenes a second [Hz] that are assessed, if nothing else is said."""
 
@@ -32,6 +35,7 @@ class AssessmentOptions:
         criteria: What to judge by, if anything.
         only: Measures to compute besides those that criteria ask for, None for all.
         rate: Scenes a second [Hz].
+        decides: Sources whose verdict is that on the drive; None: all that were simulated, or else measured.
     """
 
     parameters: Parameters = DEFAULTS
@@ -41,6 +45,14 @@ class AssessmentOptions:
     criteria: Criteria | None = None
     only: tuple[str, ...] | None = None
     rate: float = RATE
+    decides: tuple[str, ...] | None = None
+
+
+def refuse_absent(decides: Collection[str], there: Collection[str]) -> None:
+    """Raise InputError for a source that is to decide and is not there."""
+    if absent := [name for name in decides if name not in there]:
+        problem = f"{absent[0]} is not judged here; there are: {', '.join(there)}"
+        raise InputError("--verdict-of", problem, "Name one of these.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +63,7 @@ class ResimulationAssessment:
     findings: what is wrong with the recording, worst first, notes left out. model: the runs with a perception model,
     where there are any, and criteria to judge them by.
     misfits: lines that name objects whose traces, by which they are assessed, are not where they were.
+    decides: sources whose verdict is that on the drive, None as in `AssessmentOptions`.
     """
 
     name: str
@@ -62,6 +75,7 @@ class ResimulationAssessment:
     findings: tuple[str, ...] = ()
     model: ModelRuns | None = None
     misfits: tuple[str, ...] = ()
+    decides: tuple[str, ...] | None = None
 
     def notes(self) -> list[str]:
         """Give what one has to know to compare the blocks and to believe them."""
@@ -75,10 +89,26 @@ class ResimulationAssessment:
             )
         out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
         out += self.misfits
+        deciding = self.deciding()
+        if others := [f"{name} {verdict}" for name, verdict in self._bad().items() if name not in deciding]:
+            out.append(f"{', '.join(others)}: told only; the verdict is that of {', '.join(deciding)}")
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 
+    def deciding(self) -> tuple[str, ...]:
+        """Give the sources whose verdict is that on the drive. Raises InputError for one that is not there."""
+        model = () if self.model is None else (MODEL,)
+        there = (*self.blocks, *model)
+        if self.decides is None:
+            return (*(name for name in self.blocks if name in SIMULATED), *model) or there
+        refuse_absent(self.decides, (*there, *self.failures))
+        return self.decides
+
     def bad(self) -> dict[str, str]:
-        """Give the verdict of each source that does not pass."""
+        """Give the verdict of each source that decides and does not pass."""
+        deciding = self.deciding()
+        return {name: verdict for name, verdict in self._bad().items() if name in deciding}
+
+    def _bad(self) -> dict[str, str]:
         out = {name: str(a.verdict) for name, a in self.blocks.items() if a.verdict not in (None, "PASS")}
         if self.model is not None and self.model.verdict != "PASS":
             counts = self.model.counts()

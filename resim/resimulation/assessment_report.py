@@ -54,7 +54,8 @@ class _Assessed:
 class RunAssessment(_Assessed):
     """What assessment.json says of a run: of each drive, as far as it is there.
 
-    over_seeds: of the runs with a perception model, where there are criteria. failures: of runs that failed, and why.
+    over_seeds: of the runs with a perception model, where there are criteria. decides: whose verdict is that on the
+    drive. failures: of runs that failed, and why.
     findings: what is wrong with the recording. notes: what to know before comparing.
     """
 
@@ -65,6 +66,7 @@ class RunAssessment(_Assessed):
     rGT: DriveAssessment | MISSING = MISSING
     rSD: DriveAssessment | MISSING = MISSING
     over_seeds: Annotated[ModelRunsReport | MISSING, Field(alias="rGT+M")] = MISSING
+    decides: tuple[str, ...]
     failures: Mapping[str, str]
     findings: tuple[str, ...]
     notes: tuple[str, ...]
@@ -72,11 +74,15 @@ class RunAssessment(_Assessed):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingAssessment(DriveAssessment, _Assessed):
-    """What assessment.json says of a recording: of GT, and in `SD` of SD; findings: what is wrong with it."""
+    """What assessment.json says of a recording: of GT, and in `SD` of SD.
+
+    decides: whose verdict is that on the drive. findings: what is wrong with it.
+    """
 
     __pydantic_config__ = EXACT
 
     SD: DriveAssessment | MISSING = MISSING
+    decides: tuple[str, ...]
     findings: tuple[str, ...]
 
 
@@ -90,11 +96,17 @@ def report(found: ResimulationAssessment, inputs: AssessmentInputs) -> RunAssess
             inputs,
             **drives,
             over_seeds=MISSING if found.model is None else found.model.report(),
+            decides=found.deciding(),
             failures=found.failures,
             findings=found.findings,
             notes=notes,
         )
     gt = vars(replace(drives["GT"], notes=notes))
     return RecordingAssessment(
-        versions(), inputs, SD=drives.get("SD", MISSING), findings=found.findings, **gt
+        versions(),
+        inputs,
+        SD=drives.get("SD", MISSING),
+        decides=found.deciding(),
+        findings=found.findings,
+        **gt,
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import check_hashes
 from resim.core.finding import Finding
@@ -61,7 +62,7 @@ def assess_folder(folder: Path, how: AssessmentOptions, accept: Iterable[str] = 
     if (folder / "recording.toml").is_file():
         return assess_recording(load_checked(folder, accept=tuple(accept)), how)
     problem = "holds neither recording.toml nor run.json"
-    raise InputError(folder, problem, "Give a recording, or the folder that `resim run` wrote.")
+    raise InputError(folder, problem, remedies.DRIVE)
 
 
 def assess_recording(recording: Recording, how: AssessmentOptions) -> ResimulationAssessment:
@@ -175,4 +176,6 @@ def _assessed(
     findings: Iterable[Finding],
 ) -> ResimulationAssessment:
     found = {key: assess_block(block, network, how) for key, block in blocks.items()}
-    return ResimulationAssessment(name, network, run, found, how.criteria, failures, finding_lines(findings))
+    return ResimulationAssessment(
+        name, network, run, found, how.criteria, failures, finding_lines(findings), decides=how.decides
+    )

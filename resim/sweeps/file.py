@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import joined
 from resim.core.geometry import Floats
@@ -35,7 +36,7 @@ from resim.verification.suite import read_suite
 Indices = NDArray[Any]
 LARGEST = 1e15
 """Points that an adaptive plan can choose from."""
-EXAMPLE = "See scenarios/sweeps/perception_latency.toml."
+EXAMPLE = remedies.SWEEP
 MOST = 1_000_000
 """Runs of a sweep: those that are planned are held in memory, and planned anew by each process (12 s for so many)."""
 

@@ -143,7 +143,9 @@ def files_of(a: VerificationRequest) -> list[str]:
 def _failed(failure: Failure, task: VerificationTask) -> VerificationCase:
     """A recording without a result; it is told without where on this machine it lies."""
     reason = failure.reason.replace(str(task.folder), task.source.folder)
-    entry = FailedRecording(**vars(task.source), verdict="error", error=reason, crashed=failure.crashed)
+    entry = FailedRecording(
+        **vars(task.source), verdict="error", error=reason, crashed=failure.crashed or failure.of_function
+    )
     return VerificationCase(entry, None, None)
 
 
@@ -156,6 +158,8 @@ def _key(a: VerificationRequest, name: str) -> str:
 
 
 def outcome_code(verification: VerificationReport) -> int:
-    """Give the exit code: 2 where a recording is broken or a function crashed, 1 where a verdict is bad, else 0."""
-    told = verification.summary
-    return 2 if told.error else 0 if told.good else 1
+    """Give the exit code: 2 where a recording is broken, 3 where a function failed, 1 for a bad verdict, else 0."""
+    errors = [r for r in verification.recordings if r.verdict == "error"]
+    if errors:
+        return 2 if any(isinstance(r, FailedRecording) and not r.crashed for r in errors) else 3
+    return 0 if verification.summary.good else 1

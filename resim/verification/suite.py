@@ -9,6 +9,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
+from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import joined, relative
 from resim.core.spec import Strict, read_strict
@@ -18,7 +19,7 @@ from resim.scenario.variation import PARAMETERS
 from resim.verification.paired import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
-EXAMPLE = "See scenarios/suites/highway.toml, or make one with `resim suite new`."
+EXAMPLE = remedies.SUITE
 
 
 class SuiteFile(Strict):

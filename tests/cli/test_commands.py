@@ -142,7 +142,7 @@ def test_a_function_that_fails_is_a_bad_verdict_with_results(
     call: Call, recording: Callable[..., Path], write_build: Callable[..., Path], tmp_path: Path
 ) -> None:
     code, out, error = call("run", recording(), "--build", write_build(LOST), "--out", tmp_path / "out")
-    assert code == 1
+    assert code == 3
     assert "raised ValueError: lost" in error
     assert "Traceback" not in error + out
     report = json.loads((tmp_path / "out" / "report.json").read_text())

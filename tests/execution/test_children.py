@@ -67,7 +67,7 @@ def test_what_ends_or_blocks_the_process_is_a_failure_of_the_function(
 ) -> None:
     order = ("run", DRIVE, "--basis", "gt", "--out", tmp_path / "out", "--build")
     code, _, error = call(*order, build(deed))
-    assert code == 1
+    assert code == 3
     assert f"test-0.1 at t = 1.00 s {why}" in error
     assert "Traceback" not in error
     assert why in ended(tmp_path / "out")
@@ -156,5 +156,5 @@ def test_a_build_that_ends_the_process_that_reads_it_ends_no_command_well(
     sweep.write_text(text.replace('"../', f'"{ROOT}/scenarios/').replace(f"{ROOT}/scenarios/../", f"{ROOT}/"))
     asked = (next(suite.glob("*.toml")), "--build", path) if command == "verify" else (sweep,)
     code, out, error = call(command, *asked, "--out", tmp_path / "out")
-    assert (code, out) == (1, "")
+    assert (code, out) == (3, "")
     assert error.startswith(f"resim: {path}: factory module 'own' cannot be imported: it ended its process")

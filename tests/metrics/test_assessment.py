@@ -165,9 +165,9 @@ def test_a_run_that_failed_passes_neither_now_nor_later(call, tmp_path, until):
     (tmp_path / "fails.toml").write_text('name = "fails"\nversion = "1"\nfactory = "fails:Fails"\n')
     run, drive = tmp_path / "run", ROOT / "scenarios" / "overtake"
     code, _, _ = call("run", drive, "--build", tmp_path / "fails.toml", "--criteria", HIGHWAY, "--out", run)
-    assert code == 1
+    assert code == 3
     code, out, error = call("assess", run, "--criteria", HIGHWAY, "--out", tmp_path / "again")
-    assert code == 1
+    assert code == 3
     assert "it broke" in error
     assert "note: rGT: " in out
     found = written(tmp_path / "again")
@@ -215,6 +215,16 @@ def test_a_run_that_lost_a_file_is_refused(call, tmp_path):
     code, _, error = call("assess", run)
     assert code == 2
     assert "answers.parquet: was changed after it was written: its SHA-256 is " in error
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [(["--verdict-of", "SD"], "--verdict-of: SD without criteria has no effect"),
+     (["--verdict-of", "rGT", "--criteria", HIGHWAY], "--verdict-of: rGT is not judged here; there are: GT")],
+)  # fmt: skip
+def test_who_is_to_decide_is_looked_at(call, options, problem):
+    code, _, error = call("assess", ROOT / "scenarios" / "overtake", *options)
+    assert (code, problem in error) == (2, True), error
 
 
 def test_criteria_give_verdicts_and_the_exit_code(call, tmp_path):

@@ -376,7 +376,7 @@ def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_p
     done = subprocess.run(
         [sys.executable, "-m", "resim", *order], capture_output=True, text=True, check=False, timeout=60
     )
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert (
         "stubborn-1 at t = -3.00 s did not answer within 0.1 s, and could not be interrupted" in done.stderr
     )

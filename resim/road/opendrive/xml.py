@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lxml import etree
 
+from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import read_file
 from resim.core.xml import safe_root
@@ -24,7 +25,7 @@ def parse(path: Path) -> etree._Element:
     No entity is resolved and nothing is fetched. Raises InputError where the file is missing, empty, larger
     than 100 MB, not XML, has a DOCTYPE, or another root.
     """
-    text = read_file(path, "Check the path of the map", largest=LARGEST, too_large=CUT)
+    text = read_file(path, remedies.MAP, largest=LARGEST, too_large=CUT)
     return parse_bytes(text, path)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from resim.core import faults
+from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, from_frame
@@ -21,7 +21,7 @@ from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.tracks import Strings
 from resim.road.opendrive import RoadNetwork
 
-PARTS = 'A build has name, version, factory = "module:name", files = [...], [parameters].'
+PARTS = remedies.BUILD
 
 
 class EgoState(NamedTuple):

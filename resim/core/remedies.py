@@ -1,0 +1,12 @@
+"""What to say where a file that somebody names is none of its kind; to be had without the libraries that read it."""
+
+from __future__ import annotations
+
+RECORDING = "A recording is a folder with recording.toml, gt.csv and a map."
+DRIVE = "Give a recording, or the folder that `resim run` wrote."
+BUILD = 'A build has name, version, factory = "module:name", files = [...], [parameters].'
+CRITERIA = "See scenarios/criteria/highway.toml."
+MODEL = "`resim perception train` writes such files; adfunc/perception/ has some."
+SUITE = "See scenarios/suites/highway.toml, or make one with `resim suite new`."
+SWEEP = "See scenarios/sweeps/perception_latency.toml."
+MAP = "Check the path of the map."
