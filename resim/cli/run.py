@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from resim.resimulation.report import PerceptionReport, RunReport
 
 
+PRELOADED = ("resim.cli.verdicts", "resim.jobs.resimulate", "resim.resimulation.run")
+"""What a child imports when it works, and has before it starts."""
+
+
 class BasisChoice(StrEnum):
     """Which measurement the scenarios are made of."""
 
