@@ -12,6 +12,7 @@ if Path(sys.argv[0]).name == "resim" and signal.getsignal(signal.SIGINT) is sign
 from resim.cli import (
     assess,
     check,
+    demo,
     imports,
     maps,
     perception,
@@ -29,6 +30,7 @@ __all__ = [
     "app",
     "assess",
     "check",
+    "demo",
     "imports",
     "main",
     "maps",
