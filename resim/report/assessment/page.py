@@ -98,7 +98,7 @@ def _cell(verdict: Verdict) -> str:
     words = ""
     if verdict.value is not None and verdict.t is not None:
         words = f"{amount_words(verdict.value, verdict.unit, verdict.measure)} at {verdict.t:.1f} s"
-        words += f", {verdict.object}" if verdict.object else ""
+        words += f", object {verdict.object}" if verdict.object else ""
     reason = "" if verdict.reason == "kept" else html('<br><span class="note">{}</span>', verdict.reason)
     return html("{}{}{}{}", _badge(verdict.outcome), Markup("<br>") if words else "", words, reason)
 
@@ -137,7 +137,7 @@ def _worst(assessed: ResimulationAssessment) -> Markup:
 def _worst_cell(worst: Worst | None) -> Markup:
     if worst is None:
         return NONE
-    whom = f", {worst.object}" if worst.object else ""
+    whom = f", object {worst.object}" if worst.object else ""
     return html(
         '{} <span class="note">at {:.1f} s{}</span>',
         amount_words(worst.value, worst.unit, worst.name),
