@@ -132,6 +132,7 @@ function strokeMark(line, from, to, kind, color, width) {
 
 function drawMarks(bounds) {
   pen.lineCap = "butt";
+  pen.globalAlpha = LOOK.marks;
   for (const mark of MARKS) {
     if (!meets(mark.line.box, bounds)) continue;
     const from = mark.line.along[mark.first], to = mark.line.along[mark.last];
@@ -145,6 +146,7 @@ function drawMarks(bounds) {
       strokeMark(line, line.along[mark.first], line.along[mark.last], kind, color, Math.min(width, 0.12 * across()));
     });
   }
+  pen.globalAlpha = 1;
 }
 
 function drawReference(bounds) { // dotted, so that a road mark below is seen

@@ -1,5 +1,5 @@
 // What the picture is drawn on and with; a page may draw on other paper.
-const LIGHT = { paper: "#fbfbfa", ink: "#1d2733", halo: "rgba(255,255,255,.9)", band: "rgba(255,255,255,.82)", grid: "#e3e6ea", text: "#46505c", border: "rgba(52,62,74,.35)", junction: "#ece4f5", junctionEdge: "#8e6bb8", markEdge: "rgba(60,70,82,.45)", lane: null };
+const LIGHT = { paper: "#fbfbfa", ink: "#1d2733", halo: "rgba(255,255,255,.9)", band: "rgba(255,255,255,.82)", grid: "#e3e6ea", text: "#46505c", border: "rgba(52,62,74,.35)", junction: "#ece4f5", junctionEdge: "#8e6bb8", markEdge: "rgba(60,70,82,.45)", marks: 1, lane: null };
 let LOOK = LIGHT;
 const FONT = 'Inter, "Segoe UI", system-ui, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif';
 const minus = number => String(number).replace("-", "−");

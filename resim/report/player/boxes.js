@@ -1,7 +1,7 @@
 // The scene: ground, trails, plans, boxes, labels, the ruler.
 const ground = document.createElement("canvas"), AROUND = 220; // px that the ground reaches beyond the picture
 const TRAIL = 3, FRESH = 0.5; // s of a trail; s up to which a plan is the EGO's
-let groundOf = null;
+let groundOf = null, sideBox = [0, 0, 0, 0]; // of the buttons on the picture
 
 function paintGround(dots) {
   const own = pen, kept = { ...view };
@@ -130,9 +130,16 @@ function label(object, lines, color, bold) {
 const speedOf = v => `${minus(v.toFixed(1))} m/s`;
 
 function drawLabels(who) {
-  taken = [[0, view.height - 46, 170, view.height], [view.width - 56, 0, view.width, Math.min(view.height, 270)]];
+  taken = [[0, view.height - 46, 170, view.height], sideBox];
   const seen = new Map();
   for (const layer of visible()) for (const object of layer.objects) if (object.there && !seen.has(object.id) && inView(object, 0)) seen.set(object.id, object);
+  for (const object of seen.values()) { // boxes keep their middle free of the labels of others
+    const far = Math.max(((object.length || 0) / 2) * view.scale * 0.6, 0), half = Math.max(((object.width || 0) / 2) * view.scale * 0.7, 2);
+    for (const way of far > half ? [-1, 0, 1] : [0]) {
+      const x = toX(object.now.x) + way * far * Math.cos(object.now.heading), y = toY(object.now.y) - way * far * Math.sin(object.now.heading);
+      taken.push([x - half, y - half, x + half, y + half]);
+    }
+  }
   const middle = eyes() || { now: { x: view.x, y: view.y } };
   const weight = o => (o.ego ? -3e9 : who && o.id === who.id ? -2e9 : play.picked === o.id ? -1e9 : (o.now.x - middle.now.x) ** 2 + (o.now.y - middle.now.y) ** 2);
   for (const object of [...seen.values()].sort((a, b) => weight(a) - weight(b))) {

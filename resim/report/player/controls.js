@@ -207,8 +207,9 @@ chart.addEventListener("pointermove", event => { if (seeking && event.buttons) s
 for (const name of ["pointerup", "pointercancel"]) chart.addEventListener(name, () => { seeking = false; });
 
 function resize() {
-  const was = sized();
+  const was = sized(), side = player.querySelector(".side");
   if (!was) return;
+  sideBox = [side.offsetLeft - 4, 0, view.width, side.offsetTop + side.offsetHeight + 4];
   if (!was.before) { near(); readAddress(); } else view.scale *= view.width / was.before;
   draw();
 }

@@ -1,7 +1,7 @@
 // Below the scene: marks on the time line, and the curves of risk, TTC, speed and acceleration.
 const chart = document.getElementById("curves"), chartPen = chart.getContext("2d"), sheet = document.createElement("canvas");
 const KINDS = { finding: "findings", decision: "decisions", reaction: "reactions", collision: "collisions", end: "ends" };
-const LEFT = 62, RIGHT = 10, LANE = 20, ROW = 62;
+const LEFT = 80, RIGHT = 10, LANE = 20, ROW = 62;
 let sheetOf = "";
 
 const chartX = t => LEFT + ((t - play.from) / Math.max(play.to - play.from, 1e-9)) * (chart.clientWidth - LEFT - RIGHT);

@@ -110,11 +110,10 @@ STAGE = html(
     RULER,
 )
 HELP = Markup(
-    '<p class="note">Keys: space plays, ← → step (with shift 1 s), Home, End, , and . slower and faster, '
-    "1 to 9 sources, F follow, M measure, T trails, L labels, P plan, N and B next and last mark, + − 0 zoom. Tap a box for "
-    "its details, a mark or curve to go there. Filled: measured; dashed: re-simulated; dotted: perceived; red ring: "
-    "critical. "
-    "The address of the page holds the time (#t=3.2).</p>"
+    '<p class="note">Keys: space plays, ← → step (with shift 1 s), Home, End, comma and dot slower and faster, '
+    "1 to 9 sources, F follow, M measure, T trails, L labels, P plan, N and B next and last mark, + − 0 zoom. "
+    "Tap a box for its details, a mark or curve to go there. Solid: measured; dashed: re-simulated; dotted: "
+    "perceived; red ring: critical. The address of the page holds the time (#t=3.2).</p>"
 )
 
 

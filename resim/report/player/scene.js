@@ -1,6 +1,6 @@
 // What is played: the drive, the time, the layers that are on; who is critical; the loop of frames.
 const player = document.getElementById("player"), alone = player.dataset.alone === "yes";
-const DARK = { paper: "#14181d", ink: "#e8ecf1", halo: "rgba(16,20,25,.88)", band: "rgba(20,24,29,.82)", grid: "#1f262e", text: "#aab4c0", border: "rgba(170,180,195,.3)", junction: "#241f33", junctionEdge: "#5d4a80", markEdge: "rgba(0,0,0,.4)", lane: lane => (lane.type.drivable ? "#2c343e" : "#20272f") };
+const DARK = { paper: "#14181d", ink: "#e8ecf1", halo: "rgba(16,20,25,.88)", band: "rgba(20,24,29,.82)", grid: "#1f262e", text: "#aab4c0", border: "rgba(170,180,195,.3)", junction: "#241f33", junctionEdge: "#5d4a80", markEdge: "rgba(0,0,0,.4)", marks: 0.5, lane: lane => (lane.type.drivable ? "#2c343e" : "#20272f") };
 const LIGHT_ROAD = { ...LIGHT, lane: lane => (lane.type.drivable ? "#d6dade" : "#eceae3") };
 const CRITICAL = ["#c4161c", "#ff6b6b"];
 const play = { drive: null, layers: [], t: 0, from: 0, to: 1, on: false, speed: 1, follow: true, trails: true, labels: true, plans: true, picked: null, measuring: false, ruler: null };
@@ -49,8 +49,9 @@ function critical() { // who is, by the first layer that is on and was assessed:
 function follow() {
   const ego = play.follow && eyes();
   if (!ego) return;
-  view.x = ego.now.x;
-  view.y = ego.now.y;
+  const ahead = 0.2; // of the picture: more is seen of what lies ahead
+  view.x = ego.now.x + (ahead * Math.cos(ego.now.heading) * view.width) / view.scale;
+  view.y = ego.now.y + (ahead * Math.sin(ego.now.heading) * view.height) / view.scale;
 }
 
 const work = new Float64Array(600); // ms of the last frames
