@@ -118,12 +118,11 @@ function label(object, lines, color, bold) {
   const places = [[0, -up - high / 2], [0, up + high / 2], [aside + wide / 2, 0], [-aside - wide / 2, 0]];
   const found = places.find(([dx, dy]) => free(x + dx, y + dy, wide, high, 1));
   if (!found) return false;
-  pen.textAlign = "center"; pen.textBaseline = "middle"; pen.lineJoin = "round";
-  lines.forEach((text, k) => {
-    const py = y + found[1] + (k - (lines.length - 1) / 2) * (size + 2);
-    pen.strokeStyle = LOOK.halo; pen.lineWidth = 3.5; pen.strokeText(text, x + found[0], py);
-    pen.fillStyle = color; pen.fillText(text, x + found[0], py);
-  });
+  pen.textAlign = "center"; pen.textBaseline = "middle";
+  pen.strokeStyle = LOOK.halo; pen.lineWidth = 3.5; pen.fillStyle = color;
+  const each = put => lines.forEach((text, k) => put(text, x + found[0], y + found[1] + (k - (lines.length - 1) / 2) * (size + 2)));
+  each((...at) => pen.strokeText(...at));
+  each((...at) => pen.fillText(...at));
   return true;
 }
 
@@ -161,6 +160,7 @@ function drawRuler() {
 function drawScene() {
   const dots = window.devicePixelRatio || 1, shown = visible(), who = critical();
   putGround(dots);
+  pen.lineJoin = "round";
   if (play.trails) for (const layer of shown) drawTrails(layer);
   if (play.plans) for (const layer of shown) drawPlan(layer);
   for (const layer of shown) for (const object of layer.objects) if (object.there && inView(object, 60)) drawBox(object, layer);

@@ -14,9 +14,11 @@ function told() { // buttons as the player is
 const percent = risk => (risk === null ? "–" : risk === 0 ? "0 %" : risk < 0.0001 ? "< 0.01 %" : `${(100 * risk).toPrecision(2)} %`);
 let said = "";
 
+const clock = get("clock"), slider = get("time");
+
 function tell() { // the clock, and what holds now, in words
-  get("time").value = play.t;
-  get("clock").textContent = `${play.t.toFixed(2)} s`;
+  slider.value = play.t;
+  clock.textContent = `${play.t.toFixed(2)} s`;
   player.dataset.t = play.t.toFixed(3);
   const parts = visible().filter(layer => layer.ego && layer.ego.there).slice(0, 4).map(layer => `${layer.name} ${speedOf(layer.ego.now.v)}${accelerates(layer)}`);
   const who = critical();
@@ -207,6 +209,7 @@ chart.addEventListener("pointermove", event => { if (seeking && event.buttons) s
 for (const name of ["pointerup", "pointercancel"]) chart.addEventListener(name, () => { seeking = false; });
 
 function resize() {
+  chartWidth = chart.clientWidth;
   const was = sized(), side = player.querySelector(".side");
   if (!was) return;
   sideBox = [side.offsetLeft - 4, 0, view.width, side.offsetTop + side.offsetHeight + 4];

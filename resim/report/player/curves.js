@@ -1,11 +1,11 @@
 // Below the scene: marks on the time line, and the curves of risk, TTC, speed and acceleration.
-const chart = document.getElementById("curves"), chartPen = chart.getContext("2d"), sheet = document.createElement("canvas");
+const chart = document.getElementById("curves"), cursor = document.getElementById("cursor");
 const KINDS = { finding: "findings", decision: "decisions", reaction: "reactions", collision: "collisions", end: "ends" };
 const LEFT = 80, RIGHT = 10, LANE = 20, ROW = 62;
-let sheetOf = "";
+let sheetOf = "", chartWidth = 0; // px; asking the page for it at every frame would cost more than the frame
 
-const chartX = t => LEFT + ((t - play.from) / Math.max(play.to - play.from, 1e-9)) * (chart.clientWidth - LEFT - RIGHT);
-const chartT = px => play.from + ((px - LEFT) / Math.max(chart.clientWidth - LEFT - RIGHT, 1)) * (play.to - play.from);
+const chartX = t => LEFT + ((t - play.from) / Math.max(play.to - play.from, 1e-9)) * (chartWidth - LEFT - RIGHT);
+const chartT = px => play.from + ((px - LEFT) / Math.max(chartWidth - LEFT - RIGHT, 1)) * (play.to - play.from);
 const lanesOfMarks = () => Object.keys(KINDS).filter(kind => play.drive.marks.some(mark => mark.kind === kind));
 
 function rowsOfCurves() {
@@ -33,9 +33,9 @@ function range(row) {
 }
 
 function paintCurves(w, h, dots) {
-  sheet.width = Math.round(w * dots);
-  sheet.height = Math.round(h * dots);
-  const p = sheet.getContext("2d");
+  chart.width = Math.round(w * dots);
+  chart.height = Math.round(h * dots);
+  const p = chart.getContext("2d");
   p.setTransform(dots, 0, 0, dots, 0, 0);
   p.clearRect(0, 0, w, h);
   p.textBaseline = "middle";
@@ -130,32 +130,19 @@ function paintTimes(p, top, w) {
   text(p, "t [s]", w - 4, top + 12, "right", LOOK.text, 11);
 }
 
-function drawCurves() {
-  const dots = window.devicePixelRatio || 1, w = chart.clientWidth;
+function drawCurves() { // drawn anew only where something else is to be seen; a line moves over it
+  const dots = window.devicePixelRatio || 1, w = chartWidth;
   if (!w) return;
-  const marks = lanesOfMarks().length, h = 4 + LANE * marks + ROW * rowsOfCurves_() + 22;
-  const of = [play.number, w, h, dots, dark(), play.layers.map(layer => Number(layer.shown)).join("")].join(" ");
+  const of = `${play.number} ${w} ${dots} ${dark()} ${play.layers.map(layer => Number(layer.shown)).join("")}`;
   if (of !== sheetOf) {
+    const h = 4 + LANE * lanesOfMarks().length + ROW * rowsOfCurves().length + 22;
     chart.style.height = `${h}px`;
-    chart.width = Math.round(w * dots);
-    chart.height = Math.round(h * dots);
+    cursor.style.height = `${h - 18}px`;
+    cursor.style.background = tone(CRITICAL);
     paintCurves(w, h, dots);
     sheetOf = of;
   }
-  chartPen.setTransform(1, 0, 0, 1, 0, 0);
-  chartPen.clearRect(0, 0, chart.width, chart.height);
-  chartPen.drawImage(sheet, 0, 0);
-  chartPen.setTransform(dots, 0, 0, dots, 0, 0);
-  const x = chartX(play.t);
-  chartPen.fillStyle = tone(CRITICAL);
-  chartPen.fillRect(x - 0.75, 0, 1.5, h - 18);
-}
-
-let counted = null;
-function rowsOfCurves_() { // how many rows there are; asked at every frame
-  const key = `${play.number} ${play.layers.map(layer => Number(layer.shown)).join("")}`;
-  if (!counted || counted.key !== key) counted = { key, count: rowsOfCurves().length };
-  return counted.count;
+  cursor.style.transform = `translateX(${chartX(play.t) - 0.75}px)`;
 }
 
 function markAt(px, py) { // the mark under a place on the chart

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from resim.core.files import file_hash
 from resim.core.geometry import Floats
 from resim.report.map.data import MapData, Picture, map_data
 from resim.report.markup import Markup, script_data
@@ -95,13 +96,14 @@ class PlayerData:
 
 def to_script(drives: Sequence[PlayedDrive]) -> Markup:
     """Give the data as JSON that can stand within a script element, whatever names are in it."""
-    pictures: list[tuple[RoadNetwork, frozenset[str], Picture]] = []
+    pictures: list[tuple[str, frozenset[str], Picture]] = []
     made = []
     for drive in drives:
         roads = near_roads(drive)
-        known = [k for k, (net, ids, _) in enumerate(pictures) if net is drive.network and ids == roads]
+        file = file_hash(drive.network.path)
+        known = [k for k, (digest, ids, _) in enumerate(pictures) if digest == file and ids == roads]
         if not known:
-            pictures.append((drive.network, roads, Picture(_cut(drive.network, roads), None)))
+            pictures.append((file, roads, Picture(_cut(drive.network, roads), None)))
         k = known[0] if known else len(pictures) - 1
         made.append(_drive(drive, k, pictures[k][2].origin))
     data = PlayerData(dict(UNITS), [map_data(picture) for *_, picture in pictures], made)

@@ -73,12 +73,11 @@ def player(drives: Sequence[PlayedDrive], *, alone: bool = False) -> Markup:
         drives = [_smaller(drive) for drive in drives]
     return html(
         '<div class="player" id="player" data-alone="{alone}">\n{layers}\n{stage}\n{transport}\n'
-        '<p id="now"></p><canvas id="curves" role="img" aria-label="Marks on the time line, and curves of risk, TTC, '
-        'speed and acceleration. Tap to go there."></canvas><p id="mark" aria-live="polite"></p>\n'
+        '<p id="now"></p>{chart}<p id="mark" aria-live="polite"></p>\n'
         '<p class="note" id="notes"></p>\n'
         '<details><summary id="marks-title">Marks</summary><ol id="marks"></ol></details>\n{help}</div>\n'
         '<script type="application/json" id="player-data">{data}</script>',
-        alone="yes" if alone else "no", layers=LAYERS, stage=STAGE, transport=_transport(), help=HELP,
+        alone="yes" if alone else "no", layers=LAYERS, stage=STAGE, transport=_transport(), chart=CHART, help=HELP,
         data=to_script(drives),
     )  # fmt: skip
 
@@ -108,6 +107,10 @@ STAGE = html(
     ALL,
     FOLLOW,
     RULER,
+)
+CHART = Markup(
+    '<div class="chart"><canvas id="curves" role="img" aria-label="Marks on the time line, and curves of risk, TTC, '
+    'speed and acceleration. Tap to go there."></canvas><div id="cursor"></div></div>'
 )
 HELP = Markup(
     '<p class="note">Keys: space plays, ← → step (with shift 1 s), Home, End, comma and dot slower and faster, '
