@@ -126,7 +126,8 @@ function label(object, lines, color, bold) {
   return true;
 }
 
-const speedOf = v => `${minus(v.toFixed(1))} m/s`;
+const fixed = (v, digits) => minus((Math.round(v * 10 ** digits) / 10 ** digits + 0).toFixed(digits)); // no minus before a zero
+const speedOf = v => `${fixed(v, 1)} m/s`;
 
 function drawLabels(who) {
   taken = [[0, view.height - 46, 170, view.height], sideBox];

@@ -11,7 +11,7 @@ function told() { // buttons as the player is
   player.dataset.on = play.on ? "yes" : "no";
 }
 
-const percent = risk => (risk === null ? "–" : risk === 0 ? "0 %" : risk < 0.0001 ? "< 0.01 %" : `${(100 * risk).toPrecision(2)} %`);
+const percent = risk => (risk === null ? "–" : risk === 0 ? "0 %" : risk < 0.0001 ? "< 0.01 %" : `${risk >= 0.1 ? Math.round(100 * risk) : Number((100 * risk).toPrecision(2))} %`);
 let said = "";
 
 const clock = get("clock"), slider = get("time");
@@ -30,7 +30,7 @@ function tell() { // the clock, and what holds now, in words
 
 function accelerates(layer) {
   const of = layer.acceleration, k = of ? last(of.t, play.t + 0.05) : -1;
-  return k < 0 || of.a[k] === null ? "" : `, ${minus(of.a[k].toFixed(1))} m/s²`;
+  return k < 0 || of.a[k] === null ? "" : `, ${fixed(of.a[k], 1)} m/s²`;
 }
 
 function show() { // the object that was picked, by layer

@@ -1,6 +1,6 @@
 // Below the scene: marks on the time line, and the curves of risk, TTC, speed and acceleration.
 const chart = document.getElementById("curves"), cursor = document.getElementById("cursor");
-const KINDS = { finding: "findings", decision: "decisions", reaction: "reactions", collision: "collisions", end: "ends" };
+const KINDS = { finding: "findings", criterion: "criteria", decision: "decisions", reaction: "reactions", collision: "collisions", end: "ends" };
 const LEFT = 80, RIGHT = 10, LANE = 20, ROW = 62;
 let sheetOf = "", chartWidth = 0; // px; asking the page for it at every frame would cost more than the frame
 
@@ -60,7 +60,7 @@ function text(p, words, x, y, align, color, size) {
 
 function markColor(mark) {
   if (mark.kind === "collision" || mark.kind === "end") return tone(CRITICAL);
-  if (mark.kind === "finding") return mark.text.startsWith("error") ? tone(CRITICAL) : dark() ? "#f2c14e" : "#8a5a00";
+  if (mark.kind === "finding" || mark.kind === "criterion") return mark.text.startsWith("error") ? tone(CRITICAL) : dark() ? "#f2c14e" : "#8a5a00";
   const layer = play.layers.find(l => l.name === mark.source);
   return layer ? tone(layer.colors.ego) : LOOK.ink;
 }
@@ -72,6 +72,7 @@ function paintMark(p, mark, y) {
   p.beginPath();
   if (mark.kind === "collision") { p.lineWidth = 2.4; p.moveTo(x - 5, y - 5); p.lineTo(x + 5, y + 5); p.moveTo(x + 5, y - 5); p.lineTo(x - 5, y + 5); p.stroke(); return; }
   if (mark.kind === "finding") { p.moveTo(x, y - 6); p.lineTo(x + 5.5, y + 5); p.lineTo(x - 5.5, y + 5); }
+  else if (mark.kind === "criterion") { p.moveTo(x, y + 6); p.lineTo(x + 5.5, y - 5); p.lineTo(x - 5.5, y - 5); }
   else if (mark.kind === "decision") { p.moveTo(x, y - 6); p.lineTo(x + 6, y); p.lineTo(x, y + 6); p.lineTo(x - 6, y); }
   else if (mark.kind === "end") p.rect(x - 4.5, y - 4.5, 9, 9);
   else p.arc(x, y, 5, 0, 7);

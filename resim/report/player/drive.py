@@ -14,7 +14,7 @@ from resim.metrics.assessment_report import DriveAssessment
 from resim.metrics.drive import Plans
 from resim.road.opendrive import RoadNetwork
 
-MarkKind = Literal["finding", "decision", "reaction", "collision", "end"]
+MarkKind = Literal["finding", "criterion", "decision", "reaction", "collision", "end"]
 WINDOW = 0.4
 """s of speeds whose slope is the acceleration where no spline describes the drive."""
 RATE = 10.0

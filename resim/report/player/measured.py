@@ -12,7 +12,6 @@ from resim.metrics.assessment_report import drive_assessment
 from resim.recordings import Recording
 from resim.report.player.drive import (
     Acceleration,
-    Danger,
     Layer,
     Mark,
     PlayedDrive,
@@ -58,13 +57,8 @@ def _measured(name: str, recording: Recording, assessed: Assessment | None) -> L
     tracks = recording.gt if name == "GT" else recording.sd_by_gt()
     assert tracks is not None
     plans = plans_of(recording.plan) if name == "GT" else ()
-    own = None if assessed is None else of_assessment(assessed)
+    own = None if assessed is None else danger(drive_assessment(assessed))
     return Layer(name, TITLES[name], tracks, plans, own, differenced(tracks, recording.ego))
-
-
-def of_assessment(assessed: Assessment) -> Danger:
-    """Give the curves of an assessment in memory."""
-    return danger(drive_assessment(assessed))
 
 
 def of_scenario(scenario: Scenario, network: RoadNetwork, name: str) -> PlayedDrive:

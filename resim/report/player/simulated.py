@@ -9,6 +9,7 @@ import pandas as pd
 
 from resim.core.tracks import Tracks
 from resim.metrics.assessment_report import DriveAssessment, drive_assessment
+from resim.report.player.assessed import criterion_marks
 from resim.report.player.drive import Layer, Mark, PlayedDrive, danger, differenced
 from resim.report.player.measured import TITLES, event_marks, finding_marks, splines
 from resim.resimulation import Resimulation, ResimulationAssessment
@@ -63,6 +64,8 @@ def of_run(
         notes.append(f"Of {len(seeds)} runs with the perception model, that of seed {seeds[0][5:]} is shown.")
     start = float(min(layer.tracks.t[0] for layer in layers))
     marks = [*finding_marks(report.findings, start), *_marks(report, network, scenarios, layers)]
+    for source, found in assessed.items():
+        marks += criterion_marks(source, found)
     return PlayedDrive(report.recording, report.ego, network, tuple(layers), tuple(marks), tuple(notes))
 
 
