@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 from played import CORNER, PILOT, drive_of, fifty
 
+from resim.jobs.assess import assess
 from resim.jobs.play import play
 from resim.jobs.resimulate import resimulate
 from resim.recordings import read_recording
@@ -222,6 +224,27 @@ def test_a_phone_shows_all_of_it_by_touch(opened: Open, dark: bool) -> None:
     assert time(page) > 7.1
 
 
+@pytest.mark.parametrize("name", ["report.html", "assessment.html"])
+def test_other_pages_play_the_drive_beside_their_figures(opened: Open, pages: Path, name: str) -> None:
+    folder = pages / "run"
+    if name == "assessment.html":
+        folder = pages / "assessed"
+        assess(CORNER).write(folder)
+    page = opened(f"{folder.name}/{name}", at="#t=7.1", dark=True)
+    assert time(page) == pytest.approx(7.1)
+    assert page.locator(".plot svg").count() > 0
+    assert stage(page).mean() > 180  # as light as the page
+    page.click("#play")
+    page.wait_for_timeout(600)
+    page.click("#play")
+    assert time(page) > 7.1
+    before = page.locator("#map").bounding_box()["y"]
+    page.mouse.move(400, before + 100)
+    page.mouse.wheel(0, 300)
+    page.wait_for_timeout(300)
+    assert page.locator("#map").bounding_box()["y"] < before  # the page scrolls
+
+
 def test_the_work_of_a_frame_with_fifty_boxes(opened: Open, pages: Path, network: RoadNetwork) -> None:
     write_player_page([fifty(network, 250, ("GT", "SD"))], pages / "fifty.html")
     page = opened("fifty.html")
@@ -233,8 +256,6 @@ def test_the_work_of_a_frame_with_fifty_boxes(opened: Open, pages: Path, network
 
 
 def test_a_name_that_is_markup_runs_nothing(opened: Open, pages: Path) -> None:
-    from dataclasses import replace
-
     recording = read_recording(CORNER)
     evil = "<img src=x onerror=\"document.title='broken'\">"
     ids = np.array([evil if i == "1" else i for i in recording.gt.ids])

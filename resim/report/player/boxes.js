@@ -1,5 +1,5 @@
 // The scene: ground, trails, plans, boxes, labels, the ruler.
-const ground = document.createElement("canvas"), AROUND = 220; // px that the ground reaches beyond the picture
+const ground = document.createElement("canvas"), AROUND = 320; // px that the ground reaches beyond the picture
 const TRAIL = 3, FRESH = 0.5; // s of a trail; s up to which a plan is the EGO's
 let groundOf = null, sideBox = [0, 0, 0, 0]; // of the buttons on the picture
 
