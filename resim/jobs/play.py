@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from resim.core.errors import InputError
+from resim.core.files import file_hash
 from resim.core.spec import read_sealed_json
 from resim.jobs.given import path_of
 from resim.recordings.checked import load_checked
@@ -95,9 +96,11 @@ def _result(path: Path) -> PlayedDrive:
         told = read_sealed_json(
             path / "assessment.json", RunAssessment, "resim run", "Run it again.", largest=LARGEST
         )
-        if told.inputs.run is not None:
-            every = {name: getattr(told, name) for name in ("GT", "SD", "rGT", "rSD")}
-            found = {name: a for name, a in every.items() if hasattr(a, "measures")}
+        if told.inputs.run != file_hash(path / "report.json"):
+            problem = "is of another run than run.json and report.json beside it"
+            raise InputError(path / "assessment.json", problem, "Run it again.")
+        every = {name: getattr(told, name) for name in ("GT", "SD", "rGT", "rSD")}
+        found = {name: a for name, a in every.items() if hasattr(a, "measures")}
     return of_run(run.report, run.network, run.scenarios, run.tables, found)
 
 

@@ -17,13 +17,15 @@ from played import CORNER, PILOT, ROOT, drive_of, fifty
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
+from resim.core.spec import exactly
 from resim.core.tracks import Tracks
 from resim.jobs.play import played_drive
 from resim.jobs.resimulate import resimulate
+from resim.metrics.assessment_report import DriveAssessment
 from resim.recordings import read_recording
 from resim.report import write_player_page
 from resim.report.player import player
-from resim.report.player.drive import Mark
+from resim.report.player.drive import Mark, danger
 from resim.report.player.packing import packed_tracks
 from resim.road.opendrive import RoadNetwork
 
@@ -192,6 +194,28 @@ def test_a_collision_and_its_end_are_marks(tmp_path: Path) -> None:
     assert {(m.source, m.start) for m in drive.marks if m.kind == "collision"} == hits
     ended = {source for source, end in told["end"].items() if end == "collision"}
     assert {m.source for m in drive.marks if m.kind == "end"} == ended
+
+
+def test_a_run_that_failed_and_what_is_not_known_are_told(tmp_path: Path) -> None:
+    (tmp_path / "lost.py").write_text(
+        "class Lost:\n"
+        "    def reset(self, setup): pass\n"
+        "    def step(self, perceived): raise ValueError('lost')\n"
+        "    def close(self): pass\n"
+    )
+    build = tmp_path / "lost.toml"
+    build.write_text('name = "lost"\nversion = "1"\nfactory = "lost:Lost"\n[parameters]\n')
+    resimulate(ROOT / "scenarios" / "rear_end", build).write(tmp_path / "run")
+    drive = played_drive(tmp_path / "run")
+    assert [layer.name for layer in drive.layers if layer.shown] == ["GT", "SD"]
+    assert [note.partition(":")[0] for note in drive.notes] == ["rGT is not shown", "rSD is not shown"]
+    assert all("ValueError: lost" in note for note in drive.notes)
+    told = json.loads((tmp_path / "run" / "assessment.json").read_text())["GT"]
+    whole = exactly(told, DriveAssessment)
+    assert not danger(whole).unknown.any()
+    holes = {"1": (*whole.reasons["TTC"]["1"][:-1], "not computed")}
+    unknown = danger(dataclasses.replace(whole, reasons={**whole.reasons, "TTC": holes})).unknown
+    assert unknown.tolist() == [False] * (len(unknown) - 1) + [True]
 
 
 def test_a_scenario_is_played_as_its_splines_have_it(result: Path, tmp_path: Path) -> None:

@@ -31,10 +31,15 @@ def of_assessment(assessed: ResimulationAssessment) -> PlayedDrive:
         marks += criterion_marks(source, told)
         marks += [Mark("collision", t, t, source, i, f"touches {i}") for t, i in found.contacts]
     ego = str(next(iter(assessed.blocks.values())).drive.own.ids[0])
+    lost = [
+        f"{source} is not shown: {why}."
+        for source, why in assessed.failures.items()
+        if source not in assessed.blocks
+    ]
     note = (
         "Each source as its splines have it, at the times of the assessment; plan: the EGO's predicted path."
     )
-    return PlayedDrive(assessed.name, ego, assessed.network, tuple(layers), tuple(marks), (note,))
+    return PlayedDrive(assessed.name, ego, assessed.network, tuple(layers), tuple(marks), (note, *lost))
 
 
 def _layer(source: str, found: Assessment, told: DriveAssessment) -> Layer:

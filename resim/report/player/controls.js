@@ -23,7 +23,7 @@ function tell() { // the clock, and what holds now, in words
   const parts = visible().filter(layer => layer.ego && layer.ego.there).slice(0, 4).map(layer => `${layer.name} ${speedOf(layer.ego.now.v)}${accelerates(layer)}`);
   const who = critical();
   let words = parts.length ? `EGO: ${parts.join("; ")}` : "the EGO is not there";
-  if (who) words += who.id === null ? ` · nobody is critical (${who.layer.name})` : ` · critical: ${short(who.id)} (${who.layer.name}: TTC ${who.ttc === null ? "–" : `${who.ttc.toFixed(2)} s`}, risk ${percent(who.risk)})`;
+  if (who) words += who.id === null ? ` · ${who.unknown ? "who is critical is not known: not all could be computed" : "nobody is critical"} (${who.layer.name})` : ` · critical: ${short(who.id)} (${who.layer.name}: TTC ${who.ttc === null ? "–" : `${who.ttc.toFixed(2)} s`}, risk ${who.risk === null ? "not computed" : percent(who.risk)}${who.unknown ? ", not all could be computed" : ""})`;
   if (words !== said) get("now").textContent = said = words;
   if (!details.hidden) show();
 }
@@ -86,7 +86,7 @@ function fillMarks() {
     return make("li", {}, button);
   }));
   get("marks-title").textContent = marks.length ? `Marks (${marks.length})` : "No marks";
-  get("notes").textContent = play.drive.notes.join(" ");
+  get("notes").replaceChildren(...play.drive.notes.map(words => make("li", { textContent: words })));
 }
 
 function load(number) {

@@ -34,13 +34,17 @@ Numbers = list[float | None]
 
 @dataclass(frozen=True)
 class DangerData:
-    """Curves over t [s]: risk, 0 to 1, and TTC [s], None where there is none; of: whose, as index into `ids`, or -1."""
+    """Curves over t [s]: risk, 0 to 1, and TTC [s], None where there is none; of: whose, as index into `ids`, or -1.
+
+    unknown: 1 where not all could be computed, else 0.
+    """
 
     t: Numbers
     risk: Numbers
     risk_of: list[int]
     ttc: Numbers
     ttc_of: list[int]
+    unknown: list[int]
     ids: list[str]
 
 
@@ -177,7 +181,8 @@ def _danger(found: Danger) -> DangerData:
     number = {name: k for k, name in enumerate(ids)} | {"": -1}
     return DangerData(
         _numbers(found.t, 4), _numbers(found.risk, 6), [number[i] for i in found.risk_of],
-        _numbers(found.ttc, 3), [number[i] for i in found.ttc_of], ids,
+        _numbers(found.ttc, 3), [number[i] for i in found.ttc_of],
+        found.unknown.astype(int).tolist(), ids,
     )  # fmt: skip
 
 

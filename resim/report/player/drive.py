@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Tracks
-from resim.metrics.assessment_report import DriveAssessment
+from resim.metrics.assessment_report import REASONS, DriveAssessment
 from resim.metrics.drive import Plans
+from resim.metrics.measures import State
 from resim.road.opendrive import RoadNetwork
 
 MarkKind = Literal["finding", "criterion", "decision", "reaction", "collision", "end"]
@@ -35,13 +36,17 @@ class Mark:
 
 @dataclass(frozen=True, eq=False)
 class Danger:
-    """Over times t (S,) [s]: accident risk, 0 to 1, and least TTC [s], NaN where there is none; "": of nobody."""
+    """Over times t (S,) [s]: accident risk, 0 to 1, and least TTC [s], NaN where there is none; "": of nobody.
+
+    unknown: (S,) whether the risk, or the TTC of anybody, could not be computed: then nobody may be called safe.
+    """
 
     t: Floats
     risk: Floats
     risk_of: tuple[str, ...]
     ttc: Floats
     ttc_of: tuple[str, ...]
+    unknown: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +115,12 @@ def danger(found: DriveAssessment) -> Danger:
     _, risk_of = _extreme(found.risk.r_to, len(t), largest=True)
     ttc, ttc_of = _extreme(found.measures.get("TTC", {}), len(t), largest=False)
     risk_of = tuple(name if r > 0.0 else "" for name, r in zip(risk_of, risk, strict=True))
-    return Danger(t, risk, risk_of, ttc, ttc_of)
+    reasons = found.reasons.get("TTC", {}).values()
+    lost = np.array(
+        [REASONS[State.NOT_COMPUTED] in scene for scene in zip(*reasons, strict=True)], dtype=bool
+    )
+    unknown = np.isnan(risk) | (lost if len(lost) else False)
+    return Danger(t, risk, risk_of, ttc, ttc_of, unknown)
 
 
 def _extreme(

@@ -74,7 +74,7 @@ def player(drives: Sequence[PlayedDrive], *, alone: bool = False) -> Markup:
     return html(
         '<div class="player" id="player" data-alone="{alone}">\n{layers}\n{stage}\n{transport}\n'
         '<p id="now"></p>{chart}<p id="mark" aria-live="polite"></p>\n'
-        '<p class="note" id="notes"></p>\n'
+        '<ul class="note" id="notes"></ul>\n'
         '<details><summary id="marks-title">Marks</summary><ol id="marks"></ol></details>\n{help}</div>\n'
         '<script type="application/json" id="player-data">{data}</script>',
         alone="yes" if alone else "no", layers=LAYERS, stage=STAGE, transport=_transport(), chart=CHART, help=HELP,

@@ -41,7 +41,7 @@ function critical() { // who is, by the first layer that is on and was assessed:
     const danger = layer.danger, k = seconds(danger, play.t);
     if (k < 0) return null;
     const of = danger.risk_of[k] >= 0 ? danger.risk_of[k] : danger.ttc_of[k];
-    return { layer, id: of < 0 ? null : danger.ids[of], risk: danger.risk[k], ttc: danger.ttc[k] };
+    return { layer, id: of < 0 ? null : danger.ids[of], risk: danger.risk[k], ttc: danger.ttc[k], unknown: danger.unknown[k] === 1 };
   }
   return null;
 }

@@ -62,6 +62,12 @@ def of_run(
     notes = []
     if len(seeds) > 1:
         notes.append(f"Of {len(seeds)} runs with the perception model, that of seed {seeds[0][5:]} is shown.")
+    drawn = {layer.name for layer in layers}
+    notes += [
+        f"{source} is not shown: {why}"
+        for source, why in report.failure.items()
+        if why and source not in drawn
+    ]
     start = float(min(layer.tracks.t[0] for layer in layers))
     marks = [*finding_marks(report.findings, start), *_marks(report, network, scenarios, layers)]
     for source, found in assessed.items():
