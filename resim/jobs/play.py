@@ -13,6 +13,7 @@ from resim.recordings.checked import load_checked
 from resim.recordings.checks import CODES
 from resim.report import write_player_page
 from resim.report.player import PlayedDrive, of_recording, of_run, of_scenario
+from resim.report.player.video import check_video, write_video
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.resimulation.assessment_report import RunAssessment
 from resim.resimulation.written import read_run
@@ -33,13 +34,16 @@ OTHERS = {
 """Folders of resim's in which there is no drive to play, by a file in them."""
 
 
-def play(drives: Sequence[str | Path], out: str | Path, *, assess: bool = False) -> list[PlayedDrive]:
+def play(
+    drives: Sequence[str | Path], out: str | Path, *, assess: bool = False, video: str | Path | None = None
+) -> list[PlayedDrive]:
     """Write a page that plays drives.
 
     Args:
         drives: Recordings, folders that `resim run` wrote, JSCEN files; played one after the other.
         out: Page (.html) to write.
         assess: Whether recordings are assessed for curves of risk and TTC; results have theirs.
+        video: File (.mp4 or .gif) to film the first drive into; needs chromium and playwright, for mp4 ffmpeg.
 
     Returns:
         The drives, in the order of the page.
@@ -49,9 +53,16 @@ def play(drives: Sequence[str | Path], out: str | Path, *, assess: bool = False)
     """
     if not drives:
         raise InputError("resim play", "no drive is given", KINDS)
+    film = None if video is None else path_of(video)
+    if film is not None:
+        check_video(film)
     with whole_file(path_of(out)) as beside:
         played = [played_drive(path_of(drive), assess=assess) for drive in drives]
         write_player_page(played, beside)
+    if film is not None:
+        times = [t for layer in played[0].layers for t in layer.tracks.t[[0, -1]].tolist()]
+        with whole_file(film, None) as beside:
+            write_video(path_of(out), beside, film.suffix.lower(), min(times), max(times))
     return played
 
 

@@ -294,3 +294,17 @@ def test_the_page_takes_the_place_of_no_other_file(call: Call, tmp_path: Path) -
     assert code == 2
     assert "would be lost" in told
     assert other.read_text() == "<p>mine</p>"
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"), [("film.avi", "no video of a known kind"), ("film.gif", "exists already")]
+)
+def test_a_video_that_cannot_be_made_is_refused_at_once(
+    name: str, problem: str, call: Call, tmp_path: Path
+) -> None:
+    (tmp_path / "film.gif").write_text("mine")
+    code, _, told = call("play", CORNER, "--out", tmp_path / "play.html", "--video", tmp_path / name)
+    assert code == 2
+    assert problem in told
+    assert (tmp_path / "film.gif").read_text() == "mine"
+    assert not (tmp_path / "play.html").exists()

@@ -265,3 +265,16 @@ def test_a_name_that_is_markup_runs_nothing(opened: Open, pages: Path) -> None:
     page.wait_for_timeout(200)
     assert page.title().startswith("<img")
     assert page.locator("img").count() == 0
+
+
+def test_a_video_shows_the_drive_as_it_goes(tmp_path: Path) -> None:
+    film = tmp_path / "film.gif"
+    play([CORNER.parent / "rear_end"], tmp_path / "play.html", video=film)
+    pictures = []
+    with Image.open(film) as frames:
+        assert getattr(frames, "n_frames", 1) == 49
+        for k in (0, 20, 48):
+            frames.seek(k)
+            pictures.append(np.asarray(frames.convert("RGB"), dtype=int))
+    assert share(pictures[0], pictures[1]) > 0.001
+    assert share(pictures[1], pictures[2]) > 0.001
