@@ -20,7 +20,7 @@ WIDTH, HEIGHT = 1280, 1500
 
 
 def main(page: Path, picture: Path, at: str = "", height: int = HEIGHT) -> None:
-    """Take the screenshot, with few colours for a small file; at: what the address says after #. height: px."""
+    """Take the screenshot; at: what the address says after #. height: px."""
     with tempfile.TemporaryDirectory() as profile:
         options = [
             "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-quic",
@@ -33,7 +33,9 @@ def main(page: Path, picture: Path, at: str = "", height: int = HEIGHT) -> None:
             check=True,
             capture_output=True,
         )
-    Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)
+    Image.open(picture).convert("RGB").quantize(128, method=Image.Quantize.MAXCOVERAGE).save(
+        picture, optimize=True
+    )
 
 
 if __name__ == "__main__":

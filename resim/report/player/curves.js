@@ -126,7 +126,7 @@ function paintTimes(p, top, w) {
     const x = chartX(k * ticks_);
     p.fillStyle = LOOK.text;
     p.fillRect(Math.round(x), top, 1, 4);
-    if (x < w - 34) text(p, minus((k * ticks_).toFixed(digits)), x, top + 12, "center", LOOK.text, 11);
+    if (x < w - 48) text(p, minus((k * ticks_).toFixed(digits)), x, top + 12, "center", LOOK.text, 11);
   }
   text(p, "t [s]", w - 4, top + 12, "right", LOOK.text, 11);
 }

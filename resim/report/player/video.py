@@ -19,8 +19,8 @@ SIZE = (1000, 1000)
 """Width and height [px] of the window that is filmed."""
 LONGEST = 120.0
 """s of a drive that are filmed."""
-BARE = """header, .player .side, .player .transport, .player details, .player .note, #trails, #labels, #plans {
-  display: none !important; } .player .stage { height: 420px !important; }"""
+BARE = """header, .player .side, .player .transport > :not(#clock), .player details, .player p.note, #trails, #labels,
+#plans { display: none !important; } .player .stage { height: 420px !important; }"""
 """What has no place in a video."""
 DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
@@ -108,7 +108,10 @@ def _mp4(frames: Iterator[bytes], out: Path) -> int:
 def _gif(frames: Iterator[bytes], out: Path) -> int:
     from PIL import Image
 
-    pictures = [Image.open(BytesIO(frame)).convert("RGB").quantize(128) for frame in frames]
+    pictures = [
+        Image.open(BytesIO(frame)).convert("RGB").quantize(128, method=Image.Quantize.MAXCOVERAGE)
+        for frame in frames
+    ]
     pictures[0].save(
         out, format="GIF", save_all=True, append_images=pictures[1:], duration=1000 // RATE, loop=0
     )
