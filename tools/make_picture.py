@@ -33,9 +33,7 @@ def main(page: Path, picture: Path, at: str = "", height: int = HEIGHT) -> None:
             check=True,
             capture_output=True,
         )
-    Image.open(picture).convert("RGB").quantize(128, method=Image.Quantize.MAXCOVERAGE).save(
-        picture, optimize=True
-    )
+    Image.open(picture).convert("RGB").save(picture, optimize=True)
 
 
 if __name__ == "__main__":
