@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from io import BytesIO
 from pathlib import Path
 
@@ -56,11 +56,13 @@ def write_video(page: Path, out: Path, kind: str, start: float, end: float) -> i
     if end - start > LONGEST:
         problem = f"the drive lasts {end - start:.0f} s; up to {LONGEST:.0f} s are filmed"
         raise InputError("--video", problem, "Play it, or cut the recording.")
-    frames = _frames(page, np.arange(start, end + 1e-9, 1.0 / RATE).tolist())
+    times = np.arange(start, end + 1e-9, 1.0 / RATE).tolist()
+    with ThreadPoolExecutor(1) as own:  # a notebook has an event loop in its thread, which playwright refuses
+        frames = own.submit(_frames, page, times).result()
     return _gif(frames, out) if kind == ".gif" else _mp4(frames, out)
 
 
-def _frames(page: Path, times: list[float]) -> Iterator[bytes]:
+def _frames(page: Path, times: list[float]) -> list[bytes]:
     """The page as PNG at each time [s]."""
     from playwright.sync_api import sync_playwright
 
@@ -72,15 +74,17 @@ def _frames(page: Path, times: list[float]) -> Iterator[bytes]:
             view.goto(page.resolve().as_uri())
             view.add_style_tag(content=BARE)
             view.evaluate(DRAWN)
+            out = []
             for t in times:
                 view.evaluate("t => { location.hash = `#t=${t}`; }", round(t, 4))
                 view.evaluate(DRAWN)
-                yield view.locator("main").screenshot()
+                out.append(view.locator("main").screenshot())
+            return out
         finally:
             browser.close()
 
 
-def _mp4(frames: Iterator[bytes], out: Path) -> int:
+def _mp4(frames: list[bytes], out: Path) -> int:
     even = "pad=ceil(iw/2)*2:ceil(ih/2)*2"
     how = [
         "-f",
@@ -97,21 +101,17 @@ def _mp4(frames: Iterator[bytes], out: Path) -> int:
         "mp4",
     ]
     command = ["ffmpeg", "-v", "error", "-y", *how, str(out.resolve())]
-    pictures = list(frames)
-    done = subprocess.run(command, input=b"".join(pictures), capture_output=True, check=False)
+    done = subprocess.run(command, input=b"".join(frames), capture_output=True, check=False)
     if done.returncode:
         told = done.stderr.decode("utf-8", "replace").strip().splitlines() or [f"exit code {done.returncode}"]
         raise InputError("--video", f"ffmpeg failed: {told[-1]}", "Name a .gif file.")
-    return len(pictures)
+    return len(frames)
 
 
-def _gif(frames: Iterator[bytes], out: Path) -> int:
+def _gif(frames: list[bytes], out: Path) -> int:
     from PIL import Image
 
-    pictures = [
-        Image.open(BytesIO(frame)).convert("RGB").quantize(128, method=Image.Quantize.MAXCOVERAGE)
-        for frame in frames
-    ]
+    pictures = [Image.open(BytesIO(frame)).convert("RGB").quantize(256) for frame in frames]
     pictures[0].save(
         out, format="GIF", save_all=True, append_images=pictures[1:], duration=1000 // RATE, loop=0
     )
