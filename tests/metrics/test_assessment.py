@@ -85,7 +85,7 @@ def test_a_run_is_assessed_on_each_of_its_sources_now_and_later(call, tmp_path):
     scenario, run = ROOT / "scenarios" / "cut_in_brake", tmp_path / "run"
     code, out, error = call("run", scenario, "--build", build, "--criteria", HIGHWAY, "--out", run)
     assert code == 1
-    assert "does not pass the criteria 'highway': GT FAIL" in error
+    assert "does not pass the criteria 'highway': rGT FAIL" in error
     assert "largest accident risk: GT " in out
     found = written(run)
     assert [name for name in found if name in ("GT", "SD", "rGT", "rSD")] == ["GT", "SD", "rGT", "rSD"]

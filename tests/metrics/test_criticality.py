@@ -53,6 +53,12 @@ PAIRS = {
     "leader brakes to standstill": ((12, -1, 0), (22, 0, 0, 4, -4, 0)),
     "EGO in a curve": ((14, 0, 0.25), (20, 16, 0.9, 4, 0, 0)),
 }
+SOME = [n if k % 3 == 0 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(PAIRS)]
+"""For what takes seconds each: `make validate` has them all."""
+STRAIGHT = [
+    n if k % 2 == 0 else pytest.param(n, marks=pytest.mark.slow)
+    for k, n in enumerate(name for name in PAIRS if PAIRS[name][0][2] == 0)
+]
 FINE = 1e-3  # s
 
 
@@ -107,7 +113,7 @@ def test_ttc_ettc_and_thw_agree_with_fine_steps(name):
         assert c.thw(of(name)).state[0, 0] == State.NOT_DEFINED
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("name", SOME)
 def test_ttb_agrees_with_fine_steps(name):
     (v, a, rate), other = PAIRS[name]
     t = np.arange(0.0, 8.0, 4 * FINE)
@@ -130,7 +136,7 @@ def test_ttb_agrees_with_fine_steps(name):
     agrees(c.ttb(of(name)), expected, within=0.015)
 
 
-@pytest.mark.parametrize("name", [name for name in PAIRS if PAIRS[name][0][2] == 0])
+@pytest.mark.parametrize("name", STRAIGHT)
 @pytest.mark.parametrize("measure", [c.ttk, c.tts])
 def test_ttk_and_tts_agree_with_fine_steps(measure, name):
     (v, a, _), other = PAIRS[name]
@@ -170,7 +176,7 @@ def hull(pose, phi):
     return shapely.convex_hull(shapely.union_all(boxes(np.array([(*pose[:2], pose[2] + d) for d in turns]))))
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("name", SOME)
 def test_wttc_agrees_with_reachable_sets_of_shapely(name):
     (v, _, _), other = PAIRS[name]
     most, curvature, step = 8.829, 0.2, 0.01

@@ -145,7 +145,7 @@ def beside(drive, network):
 
 def test_one_that_changes_the_map_is_named(judged):
     code, out, err = judged(MAPPER)
-    assert code == 1
+    assert code == 3
     assert "mine.toml: the code changed roads[" in err.replace("\n", "")
     assert "PASS" not in out
 

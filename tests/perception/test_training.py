@@ -69,6 +69,7 @@ def test_biases_and_spreads_come_back_within_5_percent(model: str, quantity: str
             assert getattr(getattr(found, part), feature) == pytest.approx(value, rel=slack, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_correlation_times_come_back_within_10_percent(quantity: str) -> None:
     true = getattr(KNOWN["drift"].errors, quantity).correlation_time
@@ -76,6 +77,7 @@ def test_correlation_times_come_back_within_10_percent(quantity: str) -> None:
     assert each == pytest.approx([true, true], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_correlation_time_of_2_s_is_known_as_well_as_the_data_can() -> None:
     """20 drives of 10 s are some 400 times 2 s of objects: over 8 seeds estimates scatter by 7 % about 1.92 s, one of
     them is more than 10 % off. The interval says so, and holds the truth."""
@@ -96,7 +98,7 @@ def test_drifts_that_go_together() -> None:
     assert coupling[1][2] == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("model", ["detection", "everything"])
+@pytest.mark.parametrize("model", ["detection", pytest.param("everything", marks=pytest.mark.slow)])
 def test_detection_comes_back_within_2_points(model: str) -> None:
     found = trained(model).detection
     for middle, loss, gain in ((15.0, 0.2, 20.0), (45.0, 1.0, 16.0), (75.0, 4.0, 12.0)):
@@ -107,6 +109,7 @@ def test_detection_comes_back_within_2_points(model: str) -> None:
     assert len(found.bearing_edges) == len(found.occlusion_edges) == 2
 
 
+@pytest.mark.slow
 def test_everything_at_once_is_within_its_intervals() -> None:
     model = trained("everything")
     assert model.training is not None

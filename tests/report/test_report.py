@@ -173,7 +173,7 @@ class Faulty:
 """
 
 
-@pytest.mark.parametrize("at", [-9.0, 0.0, 0.04, 2.0])
+@pytest.mark.parametrize("at", [-9.0, 2.0, *(pytest.param(at, marks=pytest.mark.slow) for at in (0.0, 0.04))])
 def test_failed_run_is_no_verdict_and_names_are_text(at: float, tmp_path: Path) -> None:
     (tmp_path / "faulty_for_report.py").write_text(FAULTY)
     build = tmp_path / "build.toml"
@@ -192,7 +192,7 @@ def test_failed_run_is_no_verdict_and_names_are_text(at: float, tmp_path: Path) 
     assert "i" not in page.tags[: page.tags.index("section")]
 
 
-@pytest.mark.parametrize("at", [-9.0, 0.0, 0.04, 2.0])
+@pytest.mark.parametrize("at", [-9.0, 2.0, *(pytest.param(at, marks=pytest.mark.slow) for at in (0.0, 0.04))])
 def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float, tmp_path: Path) -> None:
     (tmp_path / "faulty_for_report.py").write_text(FAULTY)
     build = tmp_path / "build.toml"

@@ -19,7 +19,11 @@ REFUSED: dict[str, str] = {}
 """Maps that are not converted, and why: none of the collection."""
 
 PLACES = 8
-every_map = pytest.mark.parametrize("name", FILES)
+some_maps = pytest.mark.parametrize(
+    "name",
+    [n if k % 2 == 0 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(sorted(FILES))],
+)
+"""Each second map; `make validate` has them all."""
 
 
 @pytest.fixture(scope="session")
@@ -65,7 +69,7 @@ def place(road, lane, s):
     return z.real, z.imag
 
 
-@every_map
+@some_maps
 def test_every_lane_of_every_map_is_where_the_file_says(net_of, name):
     converted = net_of(name)
     shapes = polylines(converted.path)
@@ -107,7 +111,7 @@ class Exact:
         return out
 
 
-@every_map
+@some_maps
 def test_no_point_of_a_net_is_off_its_lane(net_of, name):
     net, converted = network(FILES[name]), net_of(name)
     ways = defaultdict(list)
@@ -151,7 +155,7 @@ def can_be_driven(net, junction, connection, one, other):
     )
 
 
-@every_map
+@some_maps
 def test_every_lane_link_of_a_junction_is_a_way_in_the_net(net_of, name):
     """Links between lanes that are driven against each other, or from roads that do not exist, cannot be ways."""
     net, passed = network(FILES[name]), steps(net_of(name).path)

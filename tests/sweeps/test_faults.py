@@ -151,7 +151,8 @@ def kill_one(rng: random.Random, among: list[int]) -> bool:
 
 
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("kills", [12, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [12, 50])
 def test_killed_so_often_it_is_the_same(sweep: Path, kills: int) -> None:
     pytest.importorskip("distributed")
     rng, out, there = random.Random(7), sweep.with_name(f"killed-{kills}"), Cluster()

@@ -285,7 +285,7 @@ def test_reversing_and_standing_are_no_faults(tables: Read) -> None:
     assert examine(replace(tables("overtake"), gt=rest, sd=None), None) == ()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=12)
 @given(st.data())
 def test_no_table_that_can_be_read_makes_it_fail(tables: Read, look: Look, data: st.DataObject) -> None:
     before = tables("rear_end")
