@@ -56,7 +56,41 @@ def _commands() -> MutableMapping[str, Any]:
     made = typer.Typer(rich_markup_mode=None)
     for form in FORMATS:
         made.command(form.name, help=f"Import from {form.source}.")(_command(form))
+    made.command("guess")(guess)
     return typer.main.get_group(made).commands
+
+
+def guess(
+    file: Annotated[Path, typer.Argument(help="CSV or Parquet table of the ground truth.")],
+    out: Annotated[Path, typer.Option(help="Mapping (TOML) to write.")],
+    sensor: Annotated[
+        Path | None, typer.Option("--sd", metavar="FILE", help="CSV or Parquet table of the sensor data.")
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", callback=A_MAP, help="OpenDRIVE map: tells mirrored axes and zones."),
+    ] = None,
+) -> None:
+    """Write a first mapping of a table for `resim import table`, as far as the data tell, with the reason of each line.
+
+    What they do not tell is a line that says FILL IN.
+    """
+    from resim.core.errors import InputError
+    from resim.recordings.mapped.guess import fill_ins
+    from resim.recordings.mapped.guess import guess as guessed
+    from resim.road.opendrive import load
+
+    if out.exists():
+        raise InputError(out, "exists already", "Remove it or name another file.")
+    text = guessed(file, out, sensor=sensor, network=None if map_file is None else load(map_file))
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as e:
+        raise InputError(out, f"cannot be written ({e.strerror})", "Name a file that you may write.") from e
+    left = fill_ins(text)
+    say(f"{out}: written; {len(left)} lines to fill in, or to take out" if left else f"{out}: written")
+    for line in left:
+        say(f"  {line}")
 
 
 def _command(form: RecordingFormat) -> Callable[..., None]:

@@ -69,6 +69,14 @@ class Rows:
             return pd.Series(told.value, index=self.frame.index, dtype=object)
         return self._column(name, told.column).map(_text)
 
+    def plain_numbers(self, column: str) -> Floats:
+        """Give a column as it stands (K,), NaN where missing. Raises InputError where it holds no numbers."""
+        return self._raw(column, Place(column=column))
+
+    def words(self, column: str) -> pd.Series:
+        """Give a column as text."""
+        return self._column(column, column).map(_text)
+
     def refuse(self, bad: Any, name: str, column: Column, expected: str) -> None:
         """Raise InputError for the first of the bad rows (K,)."""
         rows = self.frame.index[np.asarray(bad, dtype=bool)]
