@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from resim.core.geometry import wrap_angle
 from resim.recordings.formats.mcity import transverse_mercator
 
+MAP = Path(__file__).parents[3] / "networks" / "proving_ground.xodr"
 LAT_0, LON_0 = 48.0, 11.0
 """Of the proving ground's geoReference, by tmerc with scale 1."""
 PLACES = {"center": (0, 0), "front": (1, 0), "rear": (-1, 0), "front left": (1, 1), "front right": (1, -1),
@@ -209,3 +211,14 @@ def _to_parquet(frame: pd.DataFrame, path: Path) -> None:
     with duckdb.connect() as db:
         db.register("rows", frame)
         db.execute(f"COPY rows TO '{path}' (FORMAT parquet)")
+
+
+def same(found: pd.DataFrame, truth: pd.DataFrame, origin: float = 0.0) -> None:
+    """The drive is given back to 1 mm and 1e-4 rad."""
+    found = found.sort_values(["t", "id"]).reset_index(drop=True)
+    truth = truth.sort_values(["t", "id"]).reset_index(drop=True)
+    assert found["id"].tolist() == truth["id"].tolist()
+    assert found["kind"].tolist() == truth["kind"].tolist()
+    for column, far in {"t": 1e-6, "x": 1e-3, "y": 1e-3, "v": 1e-3, "length": 1e-6, "width": 1e-6}.items():
+        np.testing.assert_allclose(found[column], truth[column], rtol=0.0, atol=far, err_msg=column)
+    assert np.abs(wrap_angle(found["heading"] - truth["heading"])).max() < 1e-4

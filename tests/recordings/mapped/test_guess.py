@@ -10,16 +10,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from recordings.mapped.strangers import MAP, Way, drive, same, written
 
 from resim.core.errors import InputError
 from resim.recordings.mapped.guess import fill_ins, guess
 from resim.recordings.mapped.mapping import read_mapping
 from resim.recordings.mapped.reader import read_mapped
 from resim.road.opendrive import load
-
-sys.path.insert(0, str(Path(__file__).parent))
-from strangers import Way, drive, written
-from test_table import MAP, same
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT.parent / "shared" / "data"

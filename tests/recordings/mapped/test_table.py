@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -12,17 +11,12 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from recordings.mapped.strangers import EPOCH, LENGTH, MAP, PLACES, SPEED, Way, drive, same, written
 
 from resim.core.errors import InputError
 from resim.core.geometry import wrap_angle
 from resim.recordings import RecordingTables, read_recording, write_tables
 from resim.recordings.mapped.reader import read_mapped
-
-sys.path.insert(0, str(Path(__file__).parent))
-from strangers import EPOCH, LENGTH, PLACES, SPEED, Way, drive, written
-
-ROOT = Path(__file__).parents[3]
-MAP = ROOT / "networks" / "proving_ground.xodr"
 
 
 def imported(folder: Path, text: str, file: Path | None = None, **more: object) -> RecordingTables:
@@ -30,17 +24,6 @@ def imported(folder: Path, text: str, file: Path | None = None, **more: object) 
     mapping.write_text(text, encoding="utf-8")
     arguments: dict = {"ego": "ego", "map": MAP, **more}
     return read_mapped(file or folder / "table.csv", columns=mapping, **arguments)
-
-
-def same(found: pd.DataFrame, truth: pd.DataFrame, origin: float = 0.0) -> None:
-    """The drive is given back to 1 mm and 1e-4 rad."""
-    found = found.sort_values(["t", "id"]).reset_index(drop=True)
-    truth = truth.sort_values(["t", "id"]).reset_index(drop=True)
-    assert found["id"].tolist() == truth["id"].tolist()
-    assert found["kind"].tolist() == truth["kind"].tolist()
-    for column, far in {"t": 1e-6, "x": 1e-3, "y": 1e-3, "v": 1e-3, "length": 1e-6, "width": 1e-6}.items():
-        np.testing.assert_allclose(found[column], truth[column], rtol=0.0, atol=far, err_msg=column)
-    assert np.abs(wrap_angle(found["heading"] - truth["heading"])).max() < 1e-4
 
 
 ways = st.builds(
