@@ -16,13 +16,15 @@ NEAR = 0.15
 """Relative distance from a unit's factor that still is it: units are a thousand apart."""
 LEAST = 5
 """Steps of an object that tell."""
+SELDOM = 5.0
+"""Step [s] that no measurement of a drive has."""
 
 
 def time_unit(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[RankedFinding]]:
     """Give the finding that all moving objects need a unit's factor less time than stamped; and the rows in seconds."""
     ratios = _ratios(frame)
     if not ratios:
-        return frame, []
+        return frame, _by_step(source, frame)
     every = np.array(ratios)
     for unit, factor in UNITS.items():
         for speed, times in {"m/s": 1.0, **SPEED_UNITS}.items():
@@ -35,6 +37,18 @@ def time_unit(source: Source, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[R
                 )
                 return frame.assign(t=np.round(frame["t"].to_numpy(float) / factor, 9)), [one]
     return frame, []
+
+
+def _by_step(source: Source, frame: pd.DataFrame) -> list[RankedFinding]:
+    """The finding that samples are too far apart for seconds, where no speed tells their unit: without a repair."""
+    step = frame.groupby("id", sort=False)["t"].diff()
+    step = step[step > 0.0]
+    middle = float(step.median()) if len(step) >= LEAST else 0.0
+    if middle < SELDOM:
+        return []
+    text = f"samples are {middle:g} s apart and nothing moves at its speed: is t in ms?"
+    span = float(frame["t"].min()), float(frame["t"].max())
+    return [found("TIME_UNIT", source, "", span, middle, "s", text, limit=SELDOM, repair="")]
 
 
 def _ratios(frame: pd.DataFrame) -> list[float]:

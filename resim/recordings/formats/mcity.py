@@ -244,9 +244,9 @@ def _named(files: list[pd.DataFrame]) -> pd.DataFrame:
             rows.assign(kind=kind, id=[f"{number}/{i}/{n}" for i, n in zip(rows["id"], again, strict=True)])
         )
     rows = pd.concat(parts, ignore_index=True)
-    names = {}
-    for kind, word in (("car", "vehicle"), ("pedestrian", "pedestrian")):
-        own = rows.loc[rows["kind"] == kind, "id"].drop_duplicates().tolist()
+    names: dict[str, str] = {}
+    for of, word in (("car", "vehicle"), ("pedestrian", "pedestrian")):
+        own = rows.loc[rows["kind"] == of, "id"].drop_duplicates().tolist()
         names |= {name: word if len(own) == 1 else f"{word}_{k}" for k, name in enumerate(own, start=1)}
     return rows.assign(id=rows["id"].map(names))
 

@@ -282,7 +282,8 @@ class _Guess:
         if self.relative:
             return None
         course, speed = np.full(len(t), np.nan), np.full(len(t), np.nan)
-        for rows in pd.Series(self._ids().to_numpy()).groupby(self._ids().to_numpy()).indices.values():
+        for indices in pd.Series(self._ids().to_numpy()).groupby(self._ids().to_numpy()).indices.values():
+            rows = np.asarray(indices)
             own = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
             own = own[np.argsort(t[own], kind="stable")]
             _, first = np.unique(t[own], return_index=True)

@@ -227,6 +227,14 @@ def test_the_cause_is_told_and_not_its_symptoms(tables: Read, look: Look, case: 
     assert {f.code for f in found} == codes
 
 
+def test_milliseconds_are_told_where_speeds_came_of_them(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    (hit,) = [f for f in look(replace(before, gt=before.gt.assign(t=1e3 * before.gt["t"], v=1e-3 * before.gt["v"])))
+              if f.code == "TIME_UNIT"]  # fmt: skip
+    assert (hit.severity, hit.repair, hit.source) == ("error", "", "gt")
+    assert "is t in ms?" in hit.text
+
+
 def test_who_hits_the_ego_is_not_taken_for_it(tables: Read, look: Look) -> None:
     """It lies on the EGO in all of its samples, of a collision of 2 s: an error, and nothing repairs it away."""
     before = tables("overtake")

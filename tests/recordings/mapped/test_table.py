@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import tempfile
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,7 @@ from recordings.mapped.strangers import EPOCH, LENGTH, MAP, PLACES, SPEED, Way, 
 
 from resim.core.errors import InputError
 from resim.core.geometry import wrap_angle
+from resim.jobs.schemas import schema_of
 from resim.recordings import RecordingTables, read_recording, write_tables
 from resim.recordings.mapped.reader import read_mapped
 
@@ -179,6 +182,21 @@ def test_one_table_may_hold_both_and_several_files_one_source(tmp_path: Path) ->
         _, text = written(tmp_path, truth[truth["id"] == name], Way(), f"log_{name}")
         parts += f"[[gt]]\n{text}\n".replace('id = "who"', f'id = {{ value = "{name}" }}')
     same(imported(tmp_path, parts).gt, truth)
+
+
+def test_the_published_schema_takes_what_the_reader_takes(tmp_path: Path) -> None:
+    schema = jsonschema.Draft202012Validator(schema_of("mapping"))
+    schema.check_schema(schema.schema)
+    _, gt = written(tmp_path, drive(), Way(frame="wgs84", time="frames"))
+    _, sd = written(tmp_path, drive(), Way(frame="sensor", velocity="relative"), "sd")
+    for text in (f"ego = 'ego'\n[gt]\n{gt}\n[sd]\n{sd}\n[match]\nby = 'id'", f"[[gt]]\n{gt}\n[[gt]]\n{gt}"):
+        assert schema.is_valid(tomllib.loads(text))
+        for wrong in (
+            text.replace("id =", "idd =", 1),
+            text.replace('"km/h"', "3"),
+            text.replace('"m/s"', '"m/h"'),
+        ):
+            assert wrong == text or not schema.is_valid(tomllib.loads(wrong))
 
 
 def test_a_window_keeps_the_clock(tmp_path: Path) -> None:
