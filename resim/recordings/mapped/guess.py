@@ -143,14 +143,15 @@ class _Guess:
             )
 
     def _numbers(self, name: str) -> Floats | None:
-        """The column of a field as it stands; None where it is not there, or holds no numbers."""
+        """The column of a field as it stands; None where it is not there, or holds no number."""
         if name not in self.found:
             return None
         column = self.found[name][0]
         try:
-            return self.rows.plain_numbers(column)
+            found = self.rows.plain_numbers(column)
         except InputError:
             return None
+        return found if np.isfinite(found).any() else None
 
     def _ids(self) -> pd.Series:
         if "id" not in self.found:

@@ -76,6 +76,8 @@ def test_a_mirrored_y_is_told_by_the_map(tmp_path: Path) -> None:
 
 
 def test_what_the_table_does_not_tell_is_left_to_fill_in(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,x,y,heading,v\n,,,,\nnan,,,,\n0.1,,,,\n")
+    assert "FILL IN: the positions" in guess(tmp_path / "t.csv", tmp_path / "m.toml", network=load(MAP))
     (tmp_path / "t.csv").write_text("a1,a2\n1,2\n3,4\n")
     text = guess(tmp_path / "t.csv", tmp_path / "m.toml")
     assert len(fill_ins(text)) >= 6
