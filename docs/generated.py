@@ -21,6 +21,7 @@ import resim.core.tracks
 import resim.jobs.assess
 import resim.jobs.check
 import resim.jobs.convert
+import resim.jobs.play
 import resim.jobs.resimulate
 import resim.jobs.sweep
 import resim.jobs.train
@@ -44,6 +45,7 @@ from resim.recordings.checks.codes import CODES
 API = {
     "Re-simulate": resim.jobs.resimulate,
     "Assess": resim.jobs.assess,
+    "See a drive": resim.jobs.play,
     "Verify and compare": resim.jobs.verify,
     "Sweep": resim.jobs.sweep,
     "Check and repair": resim.jobs.check,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from resim.jobs.check import repair as repair
     from resim.jobs.convert import check_map as check_map
     from resim.jobs.convert import convert as convert
+    from resim.jobs.play import play as play
     from resim.jobs.resimulate import ResimulationResult as ResimulationResult
     from resim.jobs.resimulate import resimulate as resimulate
     from resim.jobs.sweep import SweepOptions as SweepOptions
@@ -54,6 +55,7 @@ _WHERE = {
     "repair": "jobs.check",
     "check_map": "jobs.convert",
     "convert": "jobs.convert",
+    "play": "jobs.play",
     "ResimulationResult": "jobs.resimulate",
     "resimulate": "jobs.resimulate",
     "SweepOptions": "jobs.sweep",

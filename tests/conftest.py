@@ -6,8 +6,10 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
+from xdist.scheduler import LoadFileScheduling
 
 from resim import cli
 from resim.core.plugins import integrity
@@ -34,6 +36,19 @@ factory = "{module}:{name}"
 
 
 Call = Callable[..., tuple[int, str, str]]
+
+
+class _TogetherScheduling(LoadFileScheduling):
+    """Files go to workers as wholes; those of one folder that share what takes long to make go together."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return "tests/results" if file.startswith("tests/results/") else file
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling | None:
+    """Give the scheduler of `--dist loadfile`."""
+    return _TogetherScheduling(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 @pytest.fixture

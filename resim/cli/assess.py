@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from resim.core.plugins.frozen import FrozenFile
 
 
+PRELOADED = ("resim.cli.verdicts", "resim.jobs.assess", "resim.resimulation.run")
+"""What a child imports when it works, and has before it starts."""
+
+
 class ModeChoice(StrEnum):
     """How the accident risk is computed."""
 

@@ -21,10 +21,15 @@ def _each(look: Callable[[Path], None]) -> Callable[[typer.Context, _Given], _Gi
     def callback(context: typer.Context, given: _Given) -> _Given:
         if not context.resilient_parsing:  # the shell asks for completions
             for path in [given] if isinstance(given, Path) else given or ():
-                look(path)
+                _look(look, path)
         return given
 
     return callback
+
+
+def _look(look: Callable[[Path], None], path: Path) -> None:
+    """Look at a path."""
+    look(path)
 
 
 def _toml(remedy: str) -> Callable[[Path], None]:

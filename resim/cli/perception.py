@@ -9,6 +9,7 @@ import typer
 
 from resim.cli.app import Accept, Settings, app
 from resim.cli.inputs import A_MODEL, A_RECORDING
+from resim.cli.progress import Progress
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -34,8 +35,11 @@ def train(
 ) -> None:
     """Learn a perception model: latencies, biases, noise, detection, each with its confidence interval."""
     from resim.jobs import train as job
+    from resim.perception.validation import FOLDS
 
-    model = job.train(recordings, out, report=report, accept=accept or [])
+    folds = 0 if report is None else min(FOLDS, len(recordings))
+    with Progress("stages", len(recordings) + 1 + folds) as progress:
+        model = job.train(recordings, out, report=report, accept=accept or [], progress=progress.step)
     print_model(model)
     say("")
     say(f"model: {out}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -15,6 +15,7 @@ import typer
 from resim.cli.app import Accept, Deciding, Settings, Vehicle, app
 from resim.cli.assess import ChildReport, deciding, frozen
 from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
+from resim.cli.progress import Progress
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import InputError, ResimError
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from resim.core.plugins.frozen import FrozenFile
     from resim.resimulation import PerceptionSetup, Resimulation, ResimulationAssessment, ResimulationOptions
     from resim.resimulation.report import PerceptionReport, RunReport
+
+
+PRELOADED = ("resim.cli.verdicts", "resim.jobs.resimulate", "resim.resimulation.run")
+"""What a child imports when it works, and has before it starts."""
 
 
 class BasisChoice(StrEnum):
@@ -151,7 +156,12 @@ def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
             f"{a.recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
         )
     seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
-    with _progress(stages(measured, options, perceiving=seen is not None)) as tell:
+    each = stages(measured, options, perceiving=seen is not None)
+    with Progress("stages", len(each)) as progress:
+
+        def tell(stage: str) -> None:
+            progress.step(stage, by=each.index(stage) - progress.done)
+
         result = resimulate(
             measured,
             build,
@@ -201,26 +211,6 @@ def _perceiving(
     if "GT" not in bases:
         raise InputError("--perception", "needs the re-simulation of GT", "Leave out --basis sd.")
     return PerceptionSetup(read_model(frozen, tuple(settings)), tuple(seeds), tuple(settings), frozen.hash)
-
-
-@contextlib.contextmanager
-def _progress(stages: Sequence[str]) -> Iterator[Callable[[str], None]]:
-    """A bar on a terminal that counts stages."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description:10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        console=console, transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
-    with bar:
-        task = bar.add_task("start", total=len(stages))
-
-        def tell(stage: str) -> None:
-            bar.update(task, description=stage, completed=stages.index(stage))
-
-        yield tell
 
 
 def _print_table(result: Resimulation) -> None:

@@ -42,7 +42,7 @@ def new(
     if not found:
         raise InputError(folder, "holds no recording", remedies.RECORDING)
     if out.exists():
-        raise InputError(out, "exists already", "Remove it or name another file.")
+        raise InputError(out, "exists already", "Name a new file: a suite may have been edited.")
     text = new_suite(found, criteria, out, out.stem)
     with whole_file(out, None) as path:
         path.write_text(text, encoding="utf-8")

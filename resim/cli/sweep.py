@@ -12,6 +12,7 @@ import typer
 
 from resim.cli.app import Vehicle, Workers, sweep_app
 from resim.cli.inputs import A_SWEEP
+from resim.cli.progress import Progress
 from resim.cli.runs import register
 from resim.cli.terminal import say
 from resim.core.errors import FunctionError, InputError
@@ -123,32 +124,15 @@ def _say_dashboard(address: str) -> None:
 
 @contextmanager
 def _progress() -> Iterator[SweepListener]:
-    """A bar on a terminal: runs, rate, failures, time left."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
+    """Counts runs, and those that failed."""
     from resim.jobs.sweep import SweepListener
 
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
     failures = 0
-    with bar:
-        task = bar.add_task("0 failed", total=None, rate="")
-
-        def begun(runs: int) -> None:
-            bar.update(task, completed=runs)
-
-        def expected(runs: int) -> None:
-            bar.update(task, total=runs)
+    with Progress("runs") as progress:
 
         def done(failed: bool) -> None:
             nonlocal failures
             failures += failed
-            speed = bar.tasks[0].speed
-            rate = "" if speed is None else f"{speed:.1f}/s"
-            bar.update(task, description=f"{failures} failed", advance=1, rate=rate)
+            progress.step(f"{failures} failed")
 
-        yield SweepListener(begun, expected, done, _say_findings, _say_dashboard)
+        yield SweepListener(progress.skip, progress.expect, done, _say_findings, _say_dashboard)

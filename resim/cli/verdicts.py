@@ -90,7 +90,9 @@ def print_verdicts(found: ResimulationAssessment) -> None:
     for name, a in found.blocks.items():
         for verdict in a.verdicts.values():
             if verdict.outcome != "PASS":
-                out.print(f"{name}: {verdict.outcome} {verdict.criterion}: {verdict.reason}", highlight=False)
+                what = f"{verdict.measure} " if verdict.outcome == "FAIL" else ""
+                told = f"{name}: {verdict.outcome} {verdict.criterion}: {what}{verdict.reason}"
+                out.print(told, highlight=False)
     for reason in () if found.model is None else found.model.reasons():
         out.print(f"rGT+M: {reason}", highlight=False)
 
@@ -130,4 +132,4 @@ def _worst_in_words(name: str, value: float, unit: str, t: float, whom: str) -> 
     from resim.metrics.criteria import amount
 
     size = f"{100.0 * value:.3g} %" if name == "risk" else amount(value, unit)
-    return f"{size} at {t:.1f} s" + (f", {whom}" if whom else "")
+    return f"{size} at {t:.1f} s" + (f", object {whom}" if whom else "")

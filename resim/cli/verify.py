@@ -11,8 +11,9 @@ import typer
 
 from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
+from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import say, visible
+from resim.cli.terminal import say
 from resim.core.errors import FunctionError, InputError, ResimError
 
 if TYPE_CHECKING:
@@ -164,24 +165,15 @@ def _end(verification: Verification) -> None:
 
 @contextmanager
 def _progress() -> Iterator[VerificationListener]:
-    """A bar on a terminal that counts recordings."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
+    """Counts recordings."""
     from resim.jobs.verify import VerificationListener
 
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-        console=console, transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
-    with bar:
-        task = bar.add_task("start", total=None)
-
-        def begun(recordings: int) -> None:
-            bar.update(task, total=recordings)
+    with Progress("recordings") as progress:
 
         def done(name: str, verdict: str, kept: bool) -> None:
-            bar.update(task, description=visible(name)[:24], advance=1)
+            if kept:
+                progress.skip()
+            else:
+                progress.step(name)
 
-        yield VerificationListener(begun, done, _tell_damaged, _tell_unreported)
+        yield VerificationListener(progress.expect, done, _tell_damaged, _tell_unreported)

@@ -263,13 +263,18 @@ def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
         return tasks, results, board, lifeline
 
 
-def _load(module: str) -> None:
-    """Load a module of resim's, with all that it needs; whatever else a child is asked for, it loads itself."""
+def _load(name: str) -> None:
+    """Load a module of resim's, and those that it imports when it works: its PRELOADED.
+
+    Whatever else a child is asked for, it loads itself.
+    """
     if (
-        sys.platform == "linux" and module.partition(".")[0] == _OURS
+        sys.platform != "linux" or name.partition(".")[0] != _OURS
     ):  # macOS has libraries that do not bear a fork
-        with contextlib.suppress(Exception):  # the child says what is wrong
-            importlib.import_module(module)
+        return
+    with contextlib.suppress(Exception):  # the child says what is wrong
+        for needed in getattr(importlib.import_module(name), "PRELOADED", ()):
+            _load(needed)
 
 
 def _begin_anew(environment: dict[str, str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from resim.core.errors import InputError
@@ -22,6 +22,7 @@ def train(
     *,
     report: str | Path | None = None,
     accept: Collection[str] = (),
+    progress: Callable[[str], None] = lambda stage: None,
 ) -> PerceptionModel:
     """Learn a perception model from drives that were measured twice.
 
@@ -30,6 +31,7 @@ def train(
         out: File (.json) for the model, whose name names it; None writes none.
         report: Page (.html) of how well it does on drives that it was not trained on; None writes none.
         accept: Codes of findings to continue despite.
+        progress: Is told each stage as it begins: each recording, the training, each fold of the validation.
 
     Returns:
         The model, with confidence intervals and tests of its fit.
@@ -43,13 +45,17 @@ def train(
         )
     if out is not None and path_of(out).suffix != ".json":
         raise InputError(path_of(out), "is not a .json file", "Name a file that ends in .json with --out.")
-    measured = [the_recording(one, accept) for one in recordings]
+    measured = []
+    for number, one in enumerate(recordings, start=1):
+        progress(f"read {number} of {len(recordings)}")
+        measured.append(the_recording(one, accept))
     with contextlib.ExitStack() as files:
         file = None if out is None else files.enter_context(whole_file(path_of(out), MODEL))
         page = None if report is None else files.enter_context(whole_file(path_of(report)))
+        progress("train")
         model = train_model(measured, name="model" if out is None else path_of(out).stem)
         if page is not None:
-            write_perception_page(model, cross_validate(measured), page)
+            write_perception_page(model, cross_validate(measured, progress=progress), page)
         if file is not None:
             write_model(model, file)
     return model

@@ -6,7 +6,7 @@ of its own runtime over the same drives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -34,6 +34,10 @@ SHARES = tuple(round(0.025 * k, 3) for k in range(1, 40))
 WARM = 1.5
 """Time [s] after an object's first truth, or the first list, in which it is not judged: the model does not know what
 was before."""
+
+
+FOLDS = 5
+"""Parts of the drives, each of which is judged by a model that was trained on the others."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +83,17 @@ class DriveErrors:
     there: Bools
 
 
-def cross_validate(recordings: Sequence[Recording], *, folds: int = 5, seeds: int = 3) -> Report:
+def cross_validate(
+    recordings: Sequence[Recording],
+    *,
+    folds: int = FOLDS,
+    seeds: int = 3,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Report:
     """Train on all but one fold of the drives, judge on that one, for each fold; fewer drives than folds: one each.
 
-    seeds: how often the model perceives each drive. Raises InputError for fewer than two drives, and as `train`.
+    seeds: how often the model perceives each drive. progress: is told of each fold as it begins. Raises InputError for
+    fewer than two drives, and as `train`.
     """
     if len(recordings) < 2:
         problem = (
@@ -94,6 +105,7 @@ def cross_validate(recordings: Sequence[Recording], *, folds: int = 5, seeds: in
     perceived: list[DriveErrors] = []
     models = []
     for fold in range(folds):
+        progress(f"validate {fold + 1} of {folds}")
         held = range(fold, len(recordings), folds)
         rest = [r for k, r in enumerate(recordings) if k not in held]
         models.append(train(rest, name=f"fold {fold + 1}"))

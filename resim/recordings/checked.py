@@ -53,7 +53,7 @@ def repair_recording(
     if chosen is None:
         raise InputError("--outliers", f"{outliers!r} is not a filter", f"Filters: {', '.join(FILTERS)}.")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(out, "exists already", "Remove it or name another folder.")
+        raise InputError(out, "exists already", "Name a new folder: a recording is never replaced.")
     if out.resolve().is_relative_to(folder.resolve()):
         raise InputError(out, f"lies in {folder}, which stays as it is", "Name a folder elsewhere.")
     tables = read_tables(folder)

@@ -62,7 +62,7 @@ def write_tables(tables: RecordingTables, folder: Path, *, map_reference: str | 
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(folder, "exists already", "Remove it or name another folder.")
+        raise InputError(folder, "exists already", "Name a new folder: a recording is never replaced.")
     road = tables.map if map_reference is None else Path(os.path.normpath(folder / map_reference))
     existing_map(folder, road)
     try:

@@ -151,10 +151,26 @@ def _read_csv(path: Path, numbers: Sequence[str], text: Sequence[str]) -> pd.Dat
             path, f"is not a readable CSV file ({' '.join(str(e).split())})",
             "Write UTF-8 text, separated by commas, each row with as many fields as the header.",
         ) from e  # fmt: skip
+    _refuse_lines(path, len(frame) + 1)
     frame.columns = pd.Index(_header(path))  # as written: pandas calls a second x x.1
     frame.index = pd.RangeIndex(2, len(frame) + 2)
     blank = (frame.isna() | (frame == "")).all(axis=1)
     return frame.loc[~blank]
+
+
+def _refuse_lines(path: Path, rows: int) -> None:
+    """Raise InputError where a value goes over several lines: a quote that somebody forgot would swallow rows."""
+    raw = path.read_bytes()
+    if b'"' not in raw or len(raw.splitlines()) == rows:
+        return
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        lines, last = csv.reader(file), 0
+        for row in lines:
+            if lines.line_num > last + 1:
+                found = next((value for value in row if len(value.splitlines()) > 1), "")
+                problem = f"row {last + 1}: a value goes on over the next lines: {found[:30]!r}..."
+                raise InputError(path, problem, 'Take its quote (") away, or the line breaks within quotes.')
+            last = lines.line_num
 
 
 def _header(path: Path) -> list[str]:

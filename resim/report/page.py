@@ -9,6 +9,7 @@ from resim.report.document import document
 from resim.report.markup import Markup, html, join
 from resim.report.outcome import outcome, verdict
 from resim.report.panels.registry import PANELS
+from resim.report.player import player_scripts, player_styles
 from resim.report.plots import sample
 from resim.report.view import OTHERS, SEEDS, View, view
 from resim.resimulation import Resimulation, ResimulationAssessment
@@ -37,7 +38,8 @@ def page(look: View) -> Markup:
         *(_section(panel.name, panel.title, body) for panel, body in drawn if body is not None),
     ]
     title = f"{look.result.recording.name} · {look.result.build.label}"
-    return document(title, html("<main>\n{}</main>", join(parts, "\n")), scripts=[SCRIPT])
+    body = html("<main>\n{}</main>", join(parts, "\n"))
+    return document(title, body, css=player_styles(), scripts=[SCRIPT, *player_scripts()])
 
 
 def _section(name: str, title: str, body: Markup) -> Markup:

@@ -7,19 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from resim.core import remedies
 from resim.core.errors import InputError
-from resim.core.files import check_hashes
 from resim.core.finding import Finding
-from resim.core.schema import PLAN_COLUMNS, SOURCE
-from resim.core.spec import read_json, read_sealed_json
 from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
-from resim.recordings.tables import read_table
 from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.blocks import (
     Block,
@@ -31,25 +26,20 @@ from resim.resimulation.blocks import (
 from resim.resimulation.doubts import doubts
 from resim.resimulation.fidelity import collisions
 from resim.resimulation.notes import misfits
-from resim.resimulation.report import RunProvenance, RunReport
 from resim.resimulation.result import Resimulation
-from resim.resimulation.run import describe_recording, map_name, measured_tracks
+from resim.resimulation.run import describe_recording, measured_tracks
 from resim.resimulation.run_blocks import (
     RunTables,
     blocks_of_run,
-    described_runs,
     failures_of,
     model_runs,
 )
 from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
 from resim.resimulation.unrepaired import without_repairs
+from resim.resimulation.written import REMEDY, read_run
 from resim.road.opendrive import RoadNetwork, load
-from resim.scenario.jscen import read_jscen
 from resim.scenario.scenario import Scenario
 from resim.simulation.case import SimulatedDrive
-
-BLOCKS = ("GT", "SD", "rGT", "rSD")
-"""What is assessed, in the order of the tables."""
 
 
 def assess_folder(folder: Path, how: AssessmentOptions, accept: Iterable[str] = ()) -> ResimulationAssessment:
@@ -124,46 +114,17 @@ def assess_drive(
 
 
 def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessment:
-    report, mark = folder / "report.json", folder / "run.json"
-    remedy = "Run it again."
-    hashes = read_sealed_json(mark, RunProvenance, "resim run", remedy).files
-    check_hashes(folder, hashes, remedy)
-    written = read_json(report, RunReport, "resim run", remedy)
+    run = read_run(folder)
+    written, network, scenarios, tables = run.report, run.network, run.scenarios, run.tables
     try:
-        road = folder / map_name(Path(written.map))
-    except ValueError as e:
-        raise InputError(report, "is not what `resim run` writes", remedy) from e
-    read = (report.name, road.name, "tracks.parquet", "answers.parquet", "plans.parquet")
-    if lost := [file for file in read if file not in hashes]:
-        raise InputError(mark, f"has no checksum of {lost[0]}", remedy)
-    network = load(road)
-    files = {name: folder / f"{name}.jscen.json" for name in BLOCKS}
-    scenarios = {name: read_jscen(path) for name, path in files.items() if path.name in hashes}
-    tables = RunTables(
-        read_table(
-            folder / "tracks.parquet",
-            required=(SOURCE, "t", "id", "x", "y"),
-            text=(SOURCE, "id", "kind"),
-            optional=("heading", "v", "length", "width", "kind"),
-        ),
-        _table(folder / "answers.parquet", (SOURCE, "t")),
-        _table(folder / "plans.parquet", (SOURCE, *PLAN_COLUMNS)),
-    )
-    try:
-        if lost := [basis for basis in ("GT", *described_runs(written)) if basis not in scenarios]:
-            raise InputError(folder, f"{lost[0]}.jscen.json is missing", remedy)
         blocks = blocks_of_run(scenarios, tables, written)
         failures = failures_of(written, blocks)
         model = model_runs(blocks["GT"], tables, written, network, how)
     except (ValueError, KeyError, TypeError) as e:
-        raise InputError(report, "is not what `resim run` writes", remedy) from e
+        raise InputError(folder / "report.json", "is not what `resim run` writes", REMEDY) from e
     found = _assessed(written.recording, network, True, blocks, how, failures, written.findings)
     rows = {name: tables.tracks[tables.tracks.source == name] for name in scenarios}
     return replace(found, model=model, misfits=tuple(misfits(scenarios, rows, network).values()))
-
-
-def _table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    return read_table(path, required=columns, text=("source",), may_be_empty=True)
 
 
 def _assessed(

@@ -37,6 +37,14 @@ from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import Perception
 
+PRELOADED = (
+    "resim.road.kernel",
+    "resim.metrics.measures.kernel",
+    "resim.metrics.risk.kernel",
+    "resim.perception.runtime.kernel",
+)
+"""What is compiled is imported where it is called; a child that simulates has it before it starts."""
+
 FAR = 10_000.0
 """Distance [m] of an EGO from the roads beyond which there is nothing to simulate."""
 

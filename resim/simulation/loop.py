@@ -21,7 +21,7 @@ from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.function.driver import Driver, cycle_steps
 from resim.simulation.function.interface import Command, EgoState, Placement, Setup
 from resim.simulation.guide import Guide
-from resim.simulation.sumo.session import EGO, Session, from_sumo, open_session
+from resim.simulation.sumo.session import EGO, Session, from_sumo, held_session
 from resim.simulation.traffic import Stage, staged
 from resim.simulation.vehicles.model import VehicleState
 
@@ -33,9 +33,13 @@ _FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
 
 def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
     """Drive a case in closed loop. net: the SUMO net of its map."""
+    with held_session(net, case.step, gui=gui) as session:
+        return _drive(case, session)
+
+
+def _drive(case: Case, session: Session) -> SimulatedDrive:
     begin, build = time.perf_counter(), case.build
     cycle = cycle_steps(build, case.step)
-    session = open_session(net, case.step, gui=gui)
     stage = staged(case.scenario, case.network, case.step, case.lead_in)
     loop = _Loop(case, stage, session)
     case.perception.reset(np.random.default_rng(case.seed))

@@ -18,6 +18,8 @@ from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_once
 
+PRELOADED = ("resim.resimulation.run",)
+"""What a child has before it starts."""
 Values = tuple[tuple[str, float], ...]
 """Parameters by name, as a sweep has them, and their values."""
 

@@ -34,6 +34,8 @@ from resim.verification.page.drive import REPORTED
 from resim.verification.tolerance import Tolerances
 from resim.verification.verify import Demands, verify_recording
 
+PRELOADED = ("resim.resimulation.run",)
+"""What a child has before it starts."""
 BUILDS = ("before", "now")
 """The older build and the newer one."""
 

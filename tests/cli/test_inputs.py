@@ -25,7 +25,11 @@ def called(folder: Path, *words: str, **environment: str) -> subprocess.Complete
 @pytest.mark.parametrize(
     ("words", "problem", "remedy"),
     [
-        ("run none --build good/recording.toml --out o", "none/recording.toml: cannot be read", remedies.RECORDING),
+        (
+            "run none --build good/recording.toml --out o",
+            "none/recording.toml: cannot be read",
+            remedies.RECORDING,
+        ),
         ("run good --build b --out o", "b: cannot be read", remedies.BUILD),
         ("run good --build bad.toml --out o", "bad.toml: is not TOML (", remedies.BUILD),
         ("run good --build good/recording.toml --perception p --out o", "p: cannot", remedies.MODEL),

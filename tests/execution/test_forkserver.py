@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 import signal
@@ -154,3 +155,14 @@ def test_a_caller_with_many_open_files_can_start_children():
         "print(in_child(actions.double, 2))"
     )
     assert run_python(code) == "4\n"
+
+
+def test_what_children_have_before_they_start_is_there():
+    """A module of another name would be missed by nobody: each child would load it itself."""
+    files = [path for path in (ROOT / "resim").rglob("*.py") if "\nPRELOADED = (" in path.read_text()]
+    names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files]
+    needed = {name: importlib.import_module(name).PRELOADED for name in names}
+    assert len(needed) > 3
+    for each in needed.values():
+        for name in each:
+            importlib.import_module(name)

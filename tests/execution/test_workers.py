@@ -182,12 +182,11 @@ def test_what_a_process_started_holds_nothing_up_and_ends_with_it(tmp_path: Path
 
 @pytest.mark.parametrize("how", ["session", "orphan"])
 def test_a_process_that_was_let_go_is_ended_and_is_the_functions_failure(tmp_path: Path, how: str) -> None:
-    note = tmp_path / "number"
-    tasks = [(how, str(note)), (how, str(note))]
-    for _, found in run_all(let_go, tasks, workers=1, time_limit=60.0):
+    tasks = [(how, str(tmp_path / number)) for number in "12"]
+    for k, found in run_all(let_go, tasks, workers=1, time_limit=60.0):
         why = "code that this task ran left processes behind that outlive it (sleep)"
         assert found == Failure(why, crashed=False, of_function=True)
-        assert is_gone(int(note.read_text()))
+        assert is_gone(int(Path(tasks[k][1]).read_text()))
 
 
 @pytest.mark.parametrize("how", ["session, and waits", "orphan, and waits"])

@@ -116,6 +116,11 @@ TABLES = {
     "all rows long": (f"{HEADER}\n0.2,b,1,0,0,2,4,2,car,7\n", ["not a readable CSV"]),
     "short row": (f"{HEADER}\n{EGO}0.2,b,1\n", ["row 4", "is nan"]),
     "binary": ("PAR1\x00\x00\n\x00", ["missing; found"]),
+    "lines in a field": (
+        f"{HEADER},note\n{EGO.replace('car', 'car,')}"
+        '0.2,ego,4,0,0,20,4.7,1.9,car,"x\n0.3,ego,6,0,0,20,4.7,1.9,car,y"\n',
+        ["row 4: a value goes on over the next lines: 'x\\n0.3,ego", "Take its quote"],
+    ),
     "one sample": (f"{HEADER}\n{EGO.splitlines()[0]}\n", ["no object has two samples"]),
 }  # fmt: skip
 

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -354,6 +355,23 @@ print(hashlib.sha256(b"".join(np.ascontiguousarray(c).tobytes() for c in columns
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert fresh.stdout.split() == [hashlib.sha256(b"".join(bytes_of(run))).hexdigest()]
+
+
+def test_threads_drive_one_after_the_other(
+    described: Described, network: RoadNetwork, net: SumoNet, build: Builds
+) -> None:
+    cases = [Case(described(name), network, build("idm"), Sumo()) for name in ("cut_in_brake", "overtake")]
+    alone = [bytes_of(case.drive()) for case in cases]
+    with ThreadPoolExecutor(3) as pool:
+        drives = list(pool.map(lambda case: bytes_of(case.drive()), 4 * cases))
+    assert drives == 4 * alone
+
+
+def test_a_function_that_drives_another_case_has_failed(drive: Drive, function: Make, member: Member) -> None:
+    body = "from resim.simulation.sumo.session import held_session\n"
+    body += "with held_session(None, 0.04): pass"
+    run = drive(function(body), member("e", 300.0, 20.0))
+    assert "a drive is being simulated in this thread" in run.failure
 
 
 def test_runs_do_not_share_their_function(drive: Drive, function: Make, member: Member) -> None:

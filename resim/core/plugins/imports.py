@@ -62,14 +62,14 @@ def own_sources(path: Path, modules: Iterable[str], also: Iterable[str] = ()) ->
     """Give the files of `modules`, and of all that they import from their folders, by name; the hash is of these.
 
     path: the file that names them. Beside it is looked first; a module that is not there is taken from where it is
-    installed, with what it imports of its own package. also: names of files that may import something, too. What is
-    imported under a name that is computed is not found.
+    installed, or from a folder above the file, with what it imports of its own package. also: names of files that may
+    import something, too. What is imported under a name that is computed is not found.
     """
     found: dict[str, bytes] = {}
     homes = [UserModules(path.parent)]
     todo = list(modules)
     for module in todo:
-        if not homes[0].files(module) and (home := installed_home(module)) is not None:
+        if not homes[0].files(module) and (home := home_of(module, path.parent)) is not None:
             homes.append(home)
     for name in also:
         todo += _imports(_bytes(path.parent / name), _package(name))
@@ -92,7 +92,8 @@ def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[s
 
     Raises InputError for one that is not there.
     """
-    folders = [path.parent, *(h.folder for h in map(installed_home, modules) if h is not None)]
+    homes = (home_of(module, path.parent) for module in modules)
+    folders = [path.parent, *(home.folder for home in homes if home is not None)]
     out = {}
     for name in names:
         remedy = "Name files relative to this file's folder, with / between folders."
@@ -107,15 +108,21 @@ def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[s
     return out
 
 
-def installed_home(module: str) -> UserModules | None:
-    """Where an installed module lies with what is its own; None for one that is built in, or is not there."""
+def home_of(module: str, folder: Path) -> UserModules | None:
+    """Where a module that is not in `folder` lies with what is its own: where it is installed, else in a folder above.
+
+    None for one that is built in, or is not there.
+    """
     top = module.partition(".")[0]
     try:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError, AttributeError):
         return None
-    if spec is None or top in _SHARED:
+    if top in _SHARED:
         return None
+    if spec is None:
+        above = (UserModules(parent, top) for parent in folder.absolute().parents)
+        return next((home for home in above if home.files(module)), None)
     if spec.submodule_search_locations:
         return UserModules(Path(next(iter(spec.submodule_search_locations))).parent, top)
     if spec.origin is None or not spec.has_location:

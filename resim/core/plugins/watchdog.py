@@ -58,9 +58,39 @@ class _Overrun(BaseException):
     """Past the time limit; no `except Exception` of the function stops it."""
 
 
+_MOST = 10.0
+"""Times the limit that a call may take where others have the processor."""
+
+
+class _Waiting:
+    """How long this thread has been ready to run while others had the processor: nobody's fault who is called.
+
+    Linux tells (`/proc/thread-self/schedstat`); elsewhere it is 0.
+    """
+
+    def __init__(self) -> None:
+        self._file = -1
+        with contextlib.suppress(OSError):
+            self._file = os.open("/proc/thread-self/schedstat", os.O_RDONLY | os.O_CLOEXEC)
+
+    def time(self) -> float:
+        """Give it [s], since the thread began."""
+        try:
+            return 1e-9 * int(os.pread(self._file, 100, 0).split()[1])
+        except (OSError, ValueError, IndexError):  # there is none, or the function closed it
+            return 0.0
+
+    def close(self) -> None:
+        """Give the file back."""
+        with contextlib.suppress(OSError):
+            os.close(self._file)
+
+
 class Watchdog:
     """Context in which calls raise FunctionError for an exception or an overrun in what is called.
 
+    A call's time is wall clock less what it waited for a processor, so that answers do not depend on what else the
+    machine does; in all it has `_MOST` times its limit.
     In the main thread a call that does not return is interrupted by an interval timer (as far as it runs
     Python code); elsewhere an overrun is only found when the call returns, or by who reads `board`. A copy of the
     process that the function forked ends where it returns. The working directory is restored at the end.
@@ -73,8 +103,10 @@ class Watchdog:
         self._previous: Any = None
         self._process = os.getpid()
         self._home = contextlib.chdir(".")
+        self._limit = self._begin = self._waited = 0.0
 
     def __enter__(self) -> Watchdog:
+        self._waiting = _Waiting()
         self._home.__enter__()
         if self._timed:
             self._previous = signal.signal(signal.SIGALRM, self._ring)
@@ -86,11 +118,21 @@ class Watchdog:
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, self._previous)
+        self._waiting.close()
         self._home.__exit__(kind, e, tb)
 
     def _ring(self, number: int, frame: FrameType | None) -> None:
         if self._inside:
-            raise _Overrun
+            if (left := self._left()) <= 0.0:
+                raise _Overrun
+            signal.setitimer(signal.ITIMER_REAL, left, self._limit)
+            board[0] = time.monotonic() + left
+
+    def _left(self) -> float:
+        """How much longer [s] the call that is under way may take."""
+        taken = time.monotonic() - self._begin
+        own = taken - (self._waiting.time() - self._waited)
+        return min(self._limit - own, _MOST * self._limit - taken)
 
     def load(self, limit: float, digest: str, what: Callable[..., Any]) -> Any:
         """Call as `call` does what loads the code of this hash: a process does that once, whatever it loaded before."""
@@ -102,18 +144,18 @@ class Watchdog:
             board[2] = before
 
     def call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
-        """Call within `limit` [s] of wall clock and give the answer."""
+        """Call within `limit` [s] and give the answer."""
         board[2] += 1.0
         return self._call(limit, what, *arguments)
 
     def _call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         if broken and (known := broken.get(int(board[2]))) is not None:
             raise FunctionError(known)
-        begin = time.monotonic()
+        self._limit, self._waited, self._begin = limit, self._waiting.time(), time.monotonic()
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
         board[1] = limit
-        board[0] = begin + limit
+        board[0] = self._begin + limit
         failure, frames = "", tuple[_Frame, ...]()
         try:
             self._inside = True
@@ -135,7 +177,7 @@ class Watchdog:
             board[0] = 0.0
         if failure:
             raise FunctionError(failure, frames)
-        if time.monotonic() - begin > limit:
+        if time.monotonic() - self._begin > limit and self._left() < 0.0:
             raise FunctionError(f"took longer than {limit:g} s to answer")
         return answer
 

@@ -11,6 +11,7 @@ from resim.report.assessment.figures import amount_words, drive_figure, risk_fig
 from resim.report.assessment.marks import RISK, TIMES, block_color
 from resim.report.document import document
 from resim.report.markup import Markup, html, join
+from resim.report.player import of_assessment, player, player_scripts, player_styles
 from resim.report.plots import sample, to_html
 from resim.report.tables import NONE, table
 from resim.resimulation import ResimulationAssessment
@@ -48,11 +49,24 @@ def write_assessment_page(assessed: ResimulationAssessment, path: Path) -> None:
     body = html(
         "<main>\n"
         '<header><p class="kind">Assessment</p><h1>{}</h1></header>\n'
+        "{}"
         '<section id="assessment">{}</section></main>',
         assessed.name,
+        _played(assessed),
         section(assessed),
     )
-    path.write_text(document(f"{assessed.name} · assessment", body), encoding="utf-8", newline="\n")
+    title = f"{assessed.name} · assessment"
+    page = document(title, body, css=player_styles(), scripts=player_scripts())
+    path.write_text(page, encoding="utf-8", newline="\n")
+
+
+def _played(assessed: ResimulationAssessment) -> Markup:
+    """The player of what was assessed."""
+    if not assessed.blocks:
+        return Markup()
+    return html(
+        '<section id="watch"><h2>The drive, played</h2>\n{}</section>\n', player([of_assessment(assessed)])
+    )
 
 
 def _notes(assessed: ResimulationAssessment) -> Markup:
@@ -98,7 +112,7 @@ def _cell(verdict: Verdict) -> str:
     words = ""
     if verdict.value is not None and verdict.t is not None:
         words = f"{amount_words(verdict.value, verdict.unit, verdict.measure)} at {verdict.t:.1f} s"
-        words += f", {verdict.object}" if verdict.object else ""
+        words += f", object {verdict.object}" if verdict.object else ""
     reason = "" if verdict.reason == "kept" else html('<br><span class="note">{}</span>', verdict.reason)
     return html("{}{}{}{}", _badge(verdict.outcome), Markup("<br>") if words else "", words, reason)
 
@@ -137,7 +151,7 @@ def _worst(assessed: ResimulationAssessment) -> Markup:
 def _worst_cell(worst: Worst | None) -> Markup:
     if worst is None:
         return NONE
-    whom = f", {worst.object}" if worst.object else ""
+    whom = f", object {worst.object}" if worst.object else ""
     return html(
         '{} <span class="note">at {:.1f} s{}</span>',
         amount_words(worst.value, worst.unit, worst.name),

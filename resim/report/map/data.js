@@ -1,5 +1,5 @@
 // The map as objects: lines in metres from MAP.origin, lanes with what is known of them.
-const MAP = JSON.parse(document.getElementById("map-data").textContent);
+let MAP, LINES, ROADS, LANES, MARKS, JUNCTIONS, GAPS, WHOLE;
 
 class Line {
   constructor(steps) {
@@ -78,33 +78,37 @@ function around(boxes) {
   return all;
 }
 
-const LINES = MAP.lines.map(steps => new Line(steps));
-const ROADS = MAP.roads.map(road => ({ ...road, line: new Line(road.line), lanes: [], parts: [], outline: [] }));
-const LANES = [];
-MAP.lanes.forEach(([r, section, id, type, way, length, least, most, limit], k) => {
-  const road = ROADS[r], line = LINES[k];
-  const sides = (road.outline[section] = road.outline[section] || { id: -1, outer: line }); // the rightmost comes first
-  sides.inner = line;
-  if (id === 0) { road.parts.push({ road, section, line }); return; }
-  const error = MAP.errors && MAP.errors[k];
-  const inner = LINES[id < 0 ? k + 1 : k - 1];
-  const lane = {
-    road, section, id, way, limit, inner, outer: line, type: MAP.types[type], centre: new Line(MAP.centres[k]),
-    length: length / 100, least: least / 100, most: most / 100, box: around([inner.box, line.box]),
-    error: error && { worst: error[0], mean: error[1], limit: error[2], s: error[3], x: error[4] - MAP.origin[0],
-      y: error[5] - MAP.origin[1], sumo: error[6], remark: error[7] },
-  };
-  road.lanes.push(lane);
-  LANES.push(lane);
-});
-for (const road of ROADS) road.box = around([road.line.box, ...road.lanes.map(lane => lane.box)]);
+function setMap(map) { // takes what `map_data` gives
+  MAP = map;
+  LINES = MAP.lines.map(steps => new Line(steps));
+  ROADS = MAP.roads.map(road => ({ ...road, line: new Line(road.line), lanes: [], parts: [], outline: [] }));
+  LANES = [];
+  MAP.lanes.forEach(([r, section, id, type, way, length, least, most, limit], k) => {
+    const road = ROADS[r], line = LINES[k];
+    const sides = (road.outline[section] = road.outline[section] || { id: -1, outer: line }); // the rightmost comes first
+    sides.inner = line;
+    if (id === 0) { road.parts.push({ road, section, line }); return; }
+    const error = MAP.errors && MAP.errors[k];
+    const inner = LINES[id < 0 ? k + 1 : k - 1];
+    const lane = {
+      road, section, id, way, limit, inner, outer: line, type: MAP.types[type], centre: new Line(MAP.centres[k]),
+      length: length / 100, least: least / 100, most: most / 100, box: around([inner.box, line.box]),
+      error: error && { worst: error[0], mean: error[1], limit: error[2], s: error[3], x: error[4] - MAP.origin[0],
+        y: error[5] - MAP.origin[1], sumo: error[6], remark: error[7] },
+    };
+    road.lanes.push(lane);
+    LANES.push(lane);
+  });
+  for (const road of ROADS) road.box = around([road.line.box, ...road.lanes.map(lane => lane.box)]);
 
-const MARKS = MAP.marks.map(([k, first, last, kind, color, width]) => ({ line: LINES[k], first, last, kind, color, width: width / 100 }));
-const JUNCTIONS = MAP.junctions.map(junction => {
-  const rings = junction.rings.map(steps => new Line(steps));
-  return { ...junction, rings, box: around(rings.map(ring => ring.box)) };
-});
-const GAPS = MAP.gaps.map(([from, to, gap, x, y]) => ({ from, to, gap, x: x - MAP.origin[0], y: y - MAP.origin[1] }));
-const WHOLE = around([...ROADS.map(road => road.box), ...JUNCTIONS.map(junction => junction.box)]);
+  MARKS = MAP.marks.map(([k, first, last, kind, color, width]) => ({ line: LINES[k], first, last, kind, color, width: width / 100 }));
+  JUNCTIONS = MAP.junctions.map(junction => {
+    const rings = junction.rings.map(steps => new Line(steps));
+    return { ...junction, rings, box: around(rings.map(ring => ring.box)) };
+  });
+  GAPS = MAP.gaps.map(([from, to, gap, x, y]) => ({ from, to, gap, x: x - MAP.origin[0], y: y - MAP.origin[1] }));
+  WHOLE = around([...ROADS.map(road => road.box), ...JUNCTIONS.map(junction => junction.box)]);
+}
+
 const missing = lane => lane.error && lane.error.worst === null;
 const inexact = lane => lane.error && (lane.error.worst === null || lane.error.worst > lane.error.limit);

@@ -134,13 +134,14 @@ class MapData:
 
 def to_script(picture: Picture) -> Markup:
     """Give the data as JSON that can stand within a script element, whatever the map's names are."""
-    data = _data(picture)
+    data = map_data(picture)
     return script_data(
         json.dumps(data, default=vars, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     )
 
 
-def _data(picture: Picture) -> MapData:
+def map_data(picture: Picture) -> MapData:
+    """Give all that the script draws of a map."""
     names = list(picture.types)
     conversion = picture.conversion
     return MapData(

@@ -1,8 +1,8 @@
-// The picture as a whole: grid, coordinates, scale bar, north, and the order in which all is drawn.
+// What is around and below the lanes: grid, coordinates, scale bar, north; and the ground, which all is drawn on.
 function gridStep(scale) { return nice(95 / scale); }
 
 function drawGrid() {
-  pen.strokeStyle = "#e3e6ea";
+  pen.strokeStyle = LOOK.grid;
   pen.lineWidth = 1;
   pen.beginPath();
   for (const [px] of ticksX()) { pen.moveTo(Math.round(px) + 0.5, 0); pen.lineTo(Math.round(px) + 0.5, view.height); }
@@ -22,12 +22,12 @@ const ticksY = () => ticks(fromY(view.height), fromY(0), sy(), MAP.origin[1], to
 function haloed(text, x, y, align, size = 11) {
   pen.font = `${size}px ${FONT}`;
   pen.textAlign = align; pen.textBaseline = "middle"; pen.lineJoin = "round";
-  pen.strokeStyle = "rgba(255,255,255,.9)"; pen.lineWidth = 3.5; pen.strokeText(text, x, y);
-  pen.fillStyle = "#46505c"; pen.fillText(text, x, y);
+  pen.strokeStyle = LOOK.halo; pen.lineWidth = 3.5; pen.strokeText(text, x, y);
+  pen.fillStyle = LOOK.text; pen.fillText(text, x, y);
 }
 
 function drawAxes() {
-  pen.fillStyle = "rgba(255,255,255,.82)";
+  pen.fillStyle = LOOK.band;
   pen.fillRect(0, view.height - 19, view.width, 19);
   for (const [px, text] of ticksX()) if (px > 66 && px < view.width - 52) haloed(text, px, view.height - 9, "center");
   for (const [py, text] of ticksY()) if (py > 24 && py < view.height - (view.stretch === 1 ? 66 : 150)) haloed(text, 5, py, "left");
@@ -48,7 +48,7 @@ function scaleBar() {
 }
 
 function bar(points) {
-  for (const [color, width] of [["rgba(255,255,255,.9)", 5], [INK, 2]]) {
+  for (const [color, width] of [[LOOK.halo, 5], [LOOK.ink, 2]]) {
     pen.beginPath();
     points.forEach((p, k) => (k ? pen.lineTo(...p) : pen.moveTo(...p)));
     pen.strokeStyle = color; pen.lineWidth = width; pen.stroke();
@@ -59,44 +59,17 @@ function north() {
   const x = view.width - 18, y = 34;
   pen.beginPath();
   pen.moveTo(x, y - 14); pen.lineTo(x + 6, y + 6); pen.lineTo(x, y + 2); pen.lineTo(x - 6, y + 6); pen.closePath();
-  pen.strokeStyle = "rgba(255,255,255,.9)"; pen.lineWidth = 4; pen.stroke();
-  pen.fillStyle = INK; pen.fill();
+  pen.strokeStyle = LOOK.halo; pen.lineWidth = 4; pen.stroke();
+  pen.fillStyle = LOOK.ink; pen.fill();
   haloed("N", x, y - 22, "center", 11);
 }
 
-function drawChosen(chosen, width) {
-  if (!chosen) return;
-  for (const [color, size] of [["rgba(255,255,255,.95)", width + 2.5], ["#0b0f14", width]]) {
-    pen.beginPath();
-    for (const lane of chosen.outline || chosen.lanes || []) ring(lane);
-    for (const line of chosen.rings || []) { trace(line); pen.closePath(); }
-    pen.strokeStyle = color; pen.lineWidth = size; pen.stroke();
-  }
-}
-
-function draw() {
-  const dots = window.devicePixelRatio || 1;
-  pen.setTransform(dots, 0, 0, dots, 0, 0);
-  pen.fillStyle = PAPER;
+function drawGround(bounds, shown) { // paper, grid, and the lanes that are shown
+  pen.fillStyle = LOOK.paper;
   pen.fillRect(0, 0, view.width, view.height);
-  const bounds = window_(4), shown = new Set(LANES.filter(lane => meets(lane.box, bounds)));
   drawGrid();
   drawJunctions(bounds);
   drawLanes(shown);
-  if (across() > 1.7) strokeLines(LINES.filter(line => meets(line.box, bounds)), "rgba(52,62,74,.35)", 0.7);
+  if (across() > 1.7) strokeLines(LINES.filter(line => meets(line.box, bounds)), LOOK.border, 0.7);
   if (across() > 1.8) drawMarks(bounds);
-  if (across() > 2) drawReference(bounds);
-  drawChosen(view.chosen, 2.2);
-  drawChosen(view.under, 1.5);
-  taken = [[0, view.height - 58, 170, view.height], [0, view.height - 20, view.width, view.height], [view.width - 34, 0, view.width, 46]];
-  taken.push(...ticksY().map(([py, text]) => [0, py - 8, 8 + 7 * text.length, py + 8]));
-  markers(bounds);
-  junctionLabels(bounds);
-  roadLabels(bounds);
-  const top = [...shown].sort((a, b) => (a.road.junction === null ? 0 : 1) - (b.road.junction === null ? 0 : 1));
-  laneLabels(top);
-  arrows(top);
-  drawAxes();
-  scaleBar();
-  north();
 }

@@ -1,11 +1,6 @@
-// Pointer, wheel, keys, buttons, search, table rows; and the start.
-const pointers = new Map();
-let pressed = null, kept = false;
-
-function spot(event) {
-  const box = canvas.getBoundingClientRect();
-  return [event.clientX - box.left, event.clientY - box.top];
-}
+// What pointing does, keys, buttons, search, table rows; and the start.
+setMap(JSON.parse(document.getElementById("map-data").textContent));
+let kept = false;
 
 function keep(on) {
   kept = on;
@@ -13,55 +8,22 @@ function keep(on) {
   if (!on) details.hidden = true;
 }
 
-canvas.addEventListener("pointerdown", event => {
-  pointers.set(event.pointerId, spot(event));
-  canvas.setPointerCapture(event.pointerId);
-  pressed = pointers.size === 1 ? spot(event) : null;
-});
-
-canvas.addEventListener("pointermove", event => {
-  const now = spot(event), before = pointers.get(event.pointerId);
-  if (!before) { if (!kept) inspect(...now); return; }
-  if (pressed && Math.hypot(now[0] - pressed[0], now[1] - pressed[1]) < 5) return;
-  pressed = null;
-  canvas.classList.add("moving");
-  if (!kept) details.hidden = true;
-  const other = [...pointers].find(([id]) => id !== event.pointerId);
-  if (!other) move(now[0] - before[0], now[1] - before[1]);
-  else {
-    const far = p => Math.hypot(p[0] - other[1][0], p[1] - other[1][1]);
-    move((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
-    zoom(far(now) / Math.max(far(before), 1), (now[0] + other[1][0]) / 2, (now[1] + other[1][1]) / 2);
-  }
-  pointers.set(event.pointerId, now);
-});
-
-for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, event => {
-  pointers.delete(event.pointerId);
-  canvas.classList.remove("moving");
-  if (name === "pointerup" && pressed) {
+listen({
+  hover: (px, py) => { if (!kept) inspect(px, py); },
+  moving: () => { if (!kept) details.hidden = true; },
+  tap: (px, py) => {
     keep(false);
-    const found = inspect(...pressed);
+    const found = inspect(px, py);
     view.chosen = found && found.outer ? { lanes: [found] } : null;
     keep(Boolean(found));
     redraw();
-  }
-  pressed = null;
+  },
+  leave: () => {
+    if (!kept) details.hidden = true;
+    if (view.under) { view.under = null; redraw(); }
+  },
+  wheel: () => { if (kept) keep(false); return true; },
 });
-
-canvas.addEventListener("pointerleave", () => {
-  if (!kept) details.hidden = true;
-  if (view.under) { view.under = null; redraw(); }
-});
-
-canvas.addEventListener("dblclick", event => zoom(2, ...spot(event)));
-
-canvas.addEventListener("wheel", event => {
-  event.preventDefault();
-  if (kept) keep(false);
-  const lines = event.deltaMode === 1 ? 18 : event.deltaMode === 2 ? 300 : 1;
-  zoom(Math.exp(-0.0016 * Math.max(-400, Math.min(400, event.deltaY * lines))), ...spot(event));
-}, { passive: false });
 
 const KEYS = {
   ArrowLeft: () => move(80, 0), ArrowRight: () => move(-80, 0), ArrowUp: () => move(0, 80), ArrowDown: () => move(0, -80),
@@ -117,13 +79,9 @@ if (ROADS.length + JUNCTIONS.length < 3000)
   ids.append(...[...ROADS.map(r => `road ${r.id}`), ...JUNCTIONS.map(j => `junction ${j.id}`)].map(value => Object.assign(document.createElement("option"), { value })));
 
 function resize() {
-  const w = stage.clientWidth, h = stage.clientHeight, dots = window.devicePixelRatio || 1;
-  if (!w || !h) return;
-  const first = !view.width, wider = view.width ? w / view.width : 1;
-  [view.width, view.height] = [w, h];
-  canvas.width = Math.round(w * dots);
-  canvas.height = Math.round(h * dots);
-  if (first) readAddress(); else if (!view.moved) fit(WHOLE); else view.scale *= wider;
+  const wider = sized();
+  if (!wider) return;
+  if (!wider.before) readAddress(); else if (!view.moved) fit(WHOLE); else view.scale *= view.width / wider.before;
   draw();
 }
 new ResizeObserver(resize).observe(stage);

@@ -1,16 +1,5 @@
 // Ids, arrows and markers: drawn where there is room on the screen, what matters more first.
-const FONT = 'Inter, "Segoe UI", system-ui, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif';
-let taken = [];
-
-function free(x, y, w, h, pad) { // takes the room, if it is free and in view
-  const box = [x - w / 2 - pad, y - h / 2 - pad, x + w / 2 + pad, y + h / 2 + pad];
-  if (box[0] < 2 || box[1] < 2 || box[2] > view.width - 2 || box[3] > view.height - 2) return false;
-  if (taken.some(other => meets(box, other))) return false;
-  taken.push(box);
-  return true;
-}
-
-function pill(text, x, y, { fill = "#fff", edge = "#5b6673", ink = INK, size = 11, pad = 4 } = {}) {
+function pill(text, x, y, { fill = "#fff", edge = "#5b6673", ink = LOOK.ink, size = 11, pad = 4 } = {}) {
   pen.font = `600 ${size}px ${FONT}`;
   const w = pen.measureText(text).width + 9, h = size + 5;
   if (!free(x, y, w, h, pad)) return false;
@@ -28,12 +17,9 @@ function bare(text, x, y, size) {
   if (!free(x, y, pen.measureText(text).width, size, 1.5)) return false;
   pen.textAlign = "center"; pen.textBaseline = "middle"; pen.lineJoin = "round";
   pen.strokeStyle = "rgba(255,255,255,.85)"; pen.lineWidth = 3; pen.strokeText(text, x, y);
-  pen.fillStyle = INK; pen.fillText(text, x, y + 0.5);
+  pen.fillStyle = LOOK.ink; pen.fillText(text, x, y + 0.5);
   return true;
 }
-
-const short = text => (text.length > 18 ? text.slice(0, 17) + "…" : text);
-const minus = number => String(number).replace("-", "−");
 
 function longest(line) { // the longest stretch in view
   return seen(line).reduce((best, run) => (run[1] - run[0] > best[1] - best[0] ? run : best), [0, 0]);

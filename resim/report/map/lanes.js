@@ -1,5 +1,5 @@
 // Lanes, borders, road marks, reference lines and junctions.
-const PAPER = "#fbfbfa", INK = "#1d2733", REFERENCE = "#0b5fa5";
+const REFERENCE = "#0b5fa5";
 const MISSING = "#c51b8a", MISSING_OTHER = "#e6a6cf";
 const PAINT = { standard: "#ffffff", white: "#ffffff", yellow: "#f2c230", blue: "#3f7fd0", red: "#d0463b", green: "#4a9a56", orange: "#ef8b2c", violet: "#8e5bb5" };
 
@@ -27,8 +27,10 @@ function ring(lane) { // all rings turn the same way, so that overlaps do not ca
   pen.closePath();
 }
 
-const STOPS = MAP.scale.map(([at, color]) => [Math.log10(at), [1, 3, 5].map(k => parseInt(color.slice(k, k + 2), 16))]);
+let STOPS = null;
+const stops = () => MAP.scale.map(([at, color]) => [Math.log10(at), [1, 3, 5].map(k => parseInt(color.slice(k, k + 2), 16))]);
 function errorColor(error) {
+  STOPS = STOPS || stops();
   const at = Math.min(Math.max(Math.log10(Math.max(error, 1e-12)), STOPS[0][0]), STOPS[STOPS.length - 1][0]);
   const k = Math.max(STOPS.findIndex(stop => stop[0] >= at), 1), [low, a] = STOPS[k - 1], [high, b] = STOPS[k];
   const share = Math.round((8 * (at - low)) / (high - low)) / 8; // few colours: lanes of one are filled at once
@@ -47,6 +49,7 @@ function hatched(color) {
 const HATCH = { [MISSING]: hatched(MISSING), [MISSING_OTHER]: hatched(MISSING_OTHER) };
 
 function laneColor(lane) {
+  if (LOOK.lane) return LOOK.lane(lane);
   if (view.mode === "types" || !lane.error) return lane.type.color;
   if (missing(lane)) return lane.type.drivable ? MISSING : MISSING_OTHER;
   return errorColor(lane.error.worst);
@@ -58,7 +61,7 @@ function order(lane) { // what is drawn later lies on top
   return inexact(lane) ? 1e3 + lane.error.worst : lane.type.drivable ? 1 + lane.error.worst : lane.error.worst;
 }
 
-const sorted = {};
+let sorted = {};
 function lanesInOrder() {
   if (!sorted[view.mode])
     sorted[view.mode] = [...LANES].sort((a, b) => order(a) - order(b) || (laneColor(a) < laneColor(b) ? -1 : 1));
@@ -117,7 +120,7 @@ function strokeMark(line, from, to, kind, color, width) {
     tracePart(line, start, end);
     pen.setLineDash(dashes(kind));
     pen.lineDashOffset = (start - from) * view.scale;
-    pen.strokeStyle = "rgba(60,70,82,.45)";
+    pen.strokeStyle = LOOK.markEdge;
     pen.lineWidth = width + 1.1;
     if (kind !== "curb") pen.stroke();
     pen.strokeStyle = color;
@@ -129,6 +132,7 @@ function strokeMark(line, from, to, kind, color, width) {
 
 function drawMarks(bounds) {
   pen.lineCap = "butt";
+  pen.globalAlpha = LOOK.marks;
   for (const mark of MARKS) {
     if (!meets(mark.line.box, bounds)) continue;
     const from = mark.line.along[mark.first], to = mark.line.along[mark.last];
@@ -142,6 +146,7 @@ function drawMarks(bounds) {
       strokeMark(line, line.along[mark.first], line.along[mark.last], kind, color, Math.min(width, 0.12 * across()));
     });
   }
+  pen.globalAlpha = 1;
 }
 
 function drawReference(bounds) { // dotted, so that a road mark below is seen
@@ -166,9 +171,9 @@ function drawJunctions(bounds) {
   pen.beginPath();
   for (const junction of JUNCTIONS)
     if (meets(junction.box, bounds)) for (const line of junction.rings) { trace(line); pen.closePath(); }
-  pen.fillStyle = "#ece4f5";
+  pen.fillStyle = LOOK.junction;
   pen.fill();
-  pen.strokeStyle = "#8e6bb8";
+  pen.strokeStyle = LOOK.junctionEdge;
   pen.lineWidth = 1;
   pen.stroke();
 }

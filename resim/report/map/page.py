@@ -15,7 +15,9 @@ from resim.road.flaws import Flaw
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo import EXACT, VARIED, Conversion
 
-SCRIPTS = ("data.js", "view.js", "lanes.js", "labels.js", "frame.js", "inspect.js", "input.js")
+DRAWING = ("look.js", "data.js", "view.js", "lanes.js", "frame.js", "pointer.js")
+"""What draws a map and moves the view: the player's page has it, too."""
+SCRIPTS = (*DRAWING, "labels.js", "picture.js", "address.js", "inspect.js", "input.js")
 
 
 def write_map_page(

@@ -2,6 +2,7 @@
 # ruff: noqa: F401  each file adds its panel to the registry
 # isort: skip_file
 
+import resim.report.panels.player
 import resim.report.panels.road
 import resim.report.panels.steps
 import resim.report.panels.errors

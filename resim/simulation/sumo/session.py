@@ -12,6 +12,7 @@ import math
 import os
 import sys
 import tempfile
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -53,7 +54,7 @@ _STEP_CALLS = ("moveToXY", "setSpeed", "getPosition", "getAngle", "getSpeed")
 class Session:
     """A SUMO simulation of one net, kept loaded: `reset` goes back to its start for the next run.
 
-    libsumo holds one simulation in a process. `open_session` gives the one there is.
+    libsumo holds one simulation in a process. `held_session` gives the one there is.
     """
 
     def __init__(self, net: Path, step: float, *, gui: bool = False) -> None:
@@ -156,7 +157,34 @@ def from_sumo(
     return front_x - 0.5 * length * np.cos(heading), front_y - 0.5 * length * np.sin(heading), heading
 
 
+class _Turn:
+    """Whose turn it is: one thread after the other drives, as there is one simulation in a process."""
+
+    def __init__(self) -> None:
+        self.lock, self.thread = threading.Lock(), 0
+
+
+_TURN = _Turn()
+os.register_at_fork(after_in_child=_TURN.__init__)  # type: ignore[misc]
 _open: Session | None = None
+
+
+@contextlib.contextmanager
+def held_session(net: Path, step: float, *, gui: bool = False) -> Iterator[Session]:
+    """Give the session (`open_session`) to this thread alone, once those are done that had it before.
+
+    Raises ResimError within a drive of this thread: code under test cannot drive another one meanwhile.
+    """
+    if _TURN.thread == threading.get_ident():
+        raise ResimError(
+            "a drive is being simulated in this thread: wait for its end, or use another process"
+        )
+    with _TURN.lock:
+        _TURN.thread = threading.get_ident()
+        try:
+            yield open_session(net, step, gui=gui)
+        finally:
+            _TURN.thread = 0
 
 
 def open_session(net: Path, step: float, *, gui: bool = False) -> Session:

@@ -1,0 +1,50 @@
+"""`resim play`: see a drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from resim.cli.app import app
+from resim.cli.terminal import say
+
+
+@app.command()
+def play(
+    drives: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DRIVE...", help="Recording folders, folders that `resim run` wrote, or JSCEN files."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="HTML file to write; default: play.html in the current folder."),
+    ] = None,
+    assess: Annotated[
+        bool, typer.Option("--assess", help="Assess recordings, for curves of risk and TTC; takes longer.")
+    ] = False,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Film the first drive, too: .mp4 or .gif; needs chromium and playwright."
+        ),
+    ] = None,
+) -> None:
+    """Write a page that plays drives: from above, with curves and marks.
+
+    A recording is shown with all its findings, also those that `resim run` refuses.
+    """
+    from resim.jobs.play import play as job
+
+    target = out or Path("play.html")
+    played = job(drives, target, assess=assess, video=video)
+    for drive in played:
+        objects = {name for layer in drive.layers for name in layer.tracks.ids.tolist()} - {drive.ego}
+        layers = ", ".join(layer.name for layer in drive.layers)
+        say(f"{drive.name}: {layers}; {len(objects)} traffic objects, {len(drive.marks)} marks")
+    say(f"player: {target} ({target.stat().st_size / 1e6:.2f} MB)")
+    if video is not None:
+        say(f"video: {video} ({video.stat().st_size / 1e6:.2f} MB)")

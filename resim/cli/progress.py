@@ -1,0 +1,86 @@
+"""How far a command is: a bar on a terminal, elsewhere a line now and then; to standard error."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from resim.cli.terminal import say, visible
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+EVERY = 10.0
+"""s between two lines where there is no terminal."""
+
+
+class Progress:
+    """Context in which a command tells how far it is.
+
+    Attributes:
+        unit: What it counts, such as "runs".
+        done: How many are done.
+    """
+
+    def __init__(self, unit: str, total: int | None = None) -> None:
+        """total: how many there are, None for what is not known yet."""
+        self.unit, self._total, self.done, self._first = unit, total, 0, 0
+        self._begin = self._told = time.monotonic()
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Progress:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        console = Console(stderr=True)
+        if console.is_terminal:
+            self._bar = Bar(
+                TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(),
+                TextColumn("{task.fields[rate]}"), TimeRemainingColumn(), console=console, transient=True,
+            )  # fmt: skip
+            self._bar.start()
+            self._bar.add_task("", total=self._total, rate="")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, e: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def expect(self, total: int) -> None:
+        """Note how many there are."""
+        self._total = total
+        self._show("")
+
+    def skip(self, by: int = 1) -> None:
+        """Note that so many were done before."""
+        self._first += by
+        self.step("", by=by)
+
+    def step(self, doing: str, *, by: int = 1) -> None:
+        """Go on by so many; doing: what was done last, or is being done."""
+        self.done += by
+        self._show(doing)
+
+    def _show(self, doing: str) -> None:
+        if self._bar is not None:
+            rate = (self.done - self._first) / max(time.monotonic() - self._begin, 1e-3)
+            self._bar.update(
+                self._bar.task_ids[0], description=visible(doing)[:24], completed=self.done, total=self._total,
+                rate=f"{rate:.1f}/s" if rate > 0.1 else "",
+            )  # fmt: skip
+        elif (now := time.monotonic()) >= self._told + EVERY:
+            self._told = now
+            of = "" if self._total is None else f" of {self._total}"
+            say(f"{self.done}{of} {self.unit}{self._left(now)}{f': {doing}' * bool(doing)}", err=True)
+
+    def _left(self, now: float) -> str:
+        """How long it may take, in words; nothing where that cannot be told."""
+        done = self.done - self._first
+        if self._total is None or not 0 < done < self._total - self._first:
+            return ""
+        left = (now - self._begin) / done * (self._total - self.done)
+        return f", about {left:.0f} s left" if left < 100.0 else f", about {left / 60.0:.0f} min left"

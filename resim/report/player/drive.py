@@ -1,0 +1,148 @@
+"""What the player shows of a drive: layers above each other, curves, and marks on the time line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from resim.core.geometry import Bools, Floats
+from resim.core.tracks import Tracks
+from resim.metrics.assessment_report import REASONS, DriveAssessment
+from resim.metrics.drive import Plans
+from resim.metrics.measures import State
+from resim.road.opendrive import RoadNetwork
+
+MarkKind = Literal["finding", "criterion", "decision", "reaction", "collision", "end"]
+WINDOW = 0.4
+"""s of speeds whose slope is the acceleration where no spline describes the drive."""
+RATE = 10.0
+"""Values a second [Hz] of a curve of accelerations."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something that happened from start to end [s]. source: of which layer, "" for all; object: whose id, or ""."""
+
+    kind: MarkKind
+    start: float
+    end: float
+    source: str
+    object: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Danger:
+    """Over times t (S,) [s]: accident risk, 0 to 1, and least TTC [s], NaN where there is none; "": of nobody.
+
+    unknown: (S,) whether the risk, or the TTC of anybody, could not be computed: then nobody may be called safe.
+    """
+
+    t: Floats
+    risk: Floats
+    risk_of: tuple[str, ...]
+    ttc: Floats
+    ttc_of: tuple[str, ...]
+    unknown: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Acceleration:
+    """The EGO's acceleration a (S,) [m/s²] at times t (S,) [s], NaN where it is not known; whether splines give it."""
+
+    t: Floats
+    a: Floats
+    of_splines: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One source of a drive: who was where, the plans that the EGO made, and curves; shown: from the start on.
+
+    plans: when [s] each was made, and t, x, y, v (K, 4).
+    """
+
+    name: str
+    title: str
+    tracks: Tracks
+    plans: Plans = ()
+    danger: Danger | None = None
+    acceleration: Acceleration | None = None
+    shown: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedDrive:
+    """A drive as the player shows it. layers: in the order of their switches; notes: what to know of them."""
+
+    name: str
+    ego: str
+    network: RoadNetwork
+    layers: tuple[Layer, ...]
+    marks: tuple[Mark, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+
+
+def differenced(tracks: Tracks, ego: str) -> Acceleration | None:
+    """Give the slope of the EGO's speed over WINDOW; None where it is not there twice."""
+    if ego not in tracks.ids:
+        return None
+    row = tracks.index(ego)
+    own = tracks.valid[row]
+    t, v = tracks.t[own], tracks.v[row, own]
+    if len(t) < 2:
+        return None
+    at = grid(float(t[0]), float(t[-1]))
+    before, after = np.maximum(at - 0.5 * WINDOW, t[0]), np.minimum(at + 0.5 * WINDOW, t[-1])
+    known = after > before
+    slope = np.full(len(at), np.nan)
+    slope[known] = (np.interp(after, t, v) - np.interp(before, t, v))[known] / (after - before)[known]
+    return Acceleration(at, slope, of_splines=False)
+
+
+def grid(start: float, end: float) -> Floats:
+    """Give RATE times [s] a second."""
+    return np.asarray(start + np.arange(0.0, end - start + 1e-9, 1.0 / RATE))
+
+
+def danger(found: DriveAssessment) -> Danger:
+    """Give the curves of an assessment, and who is critical when."""
+    t = np.array(found.t, dtype=float)
+    risk = np.array([np.nan if r is None else r for r in found.risk.r_ind], dtype=float)
+    _, risk_of = _extreme(found.risk.r_to, len(t), largest=True)
+    ttc, ttc_of = _extreme(found.measures.get("TTC", {}), len(t), largest=False)
+    risk_of = tuple(name if r > 0.0 else "" for name, r in zip(risk_of, risk, strict=True))
+    reasons = found.reasons.get("TTC", {}).values()
+    lost = np.array(
+        [REASONS[State.NOT_COMPUTED] in scene for scene in zip(*reasons, strict=True)], dtype=bool
+    )
+    unknown = np.isnan(risk) | (lost if len(lost) else False)
+    return Danger(t, risk, risk_of, ttc, ttc_of, unknown)
+
+
+def _extreme(
+    by_object: Mapping[str, tuple[float | None, ...]], count: int, *, largest: bool
+) -> tuple[Floats, tuple[str, ...]]:
+    """The largest or least value (S,) over objects, NaN where there is none, and whose it is, "" where nobody's."""
+    ids = list(by_object)
+    none = -np.inf if largest else np.inf
+    values = np.array([[none if v is None else v for v in by_object[i]] for i in ids], dtype=float)
+    if not ids:
+        return np.full(count, np.nan), ("",) * count
+    k = values.argmax(axis=0) if largest else values.argmin(axis=0)
+    value = values[k, np.arange(count)]
+    known = np.isfinite(value)
+    names = tuple(ids[n] if there else "" for n, there in zip(k.tolist(), known.tolist(), strict=True))
+    return np.where(known, value, np.nan), names
+
+
+def thinned(layer: Layer, most: int) -> Layer:
+    """Give a layer with at most so many samples of objects, by leaving out times evenly."""
+    count = int(layer.tracks.valid.sum())
+    step = -(-count // most)
+    if step < 2:
+        return layer
+    return replace(layer, tracks=layer.tracks.samples(np.arange(0, len(layer.tracks.t), step)))

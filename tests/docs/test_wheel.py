@@ -1,0 +1,64 @@
+"""The wheel holds all that the command needs, and nothing of another name; `resim demo` works from it alone."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+NAME = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["name"]
+
+
+@pytest.fixture(scope="module")
+def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    words = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, ROOT]
+    subprocess.run([sys.executable, "-m", "pip", *map(str, words)], check=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        file.extractall(folder / "unpacked")
+    return folder / "unpacked"
+
+
+def test_its_names_are_its_own(unpacked: Path) -> None:
+    assert {path.name for path in unpacked.iterdir()} == {
+        "resim",
+        f"{NAME.replace('-', '_')}-0.1.0.dist-info",
+    }
+    assert (unpacked / "resim" / "py.typed").is_file()
+    assert not list((unpacked / "resim" / "shipped").rglob("__pycache__"))
+
+
+def test_the_demo_works_from_it_alone(unpacked: Path, tmp_path: Path) -> None:
+    """Also where no `adfunc` is installed: that of the example is taken."""
+    code = (
+        f"import sys; sys.path[:] = [{str(unpacked)!r}] + [p for p in sys.path if p != {str(ROOT)!r}]\n"
+        "import resim; print(resim.__file__); sys.argv = ['resim', 'demo']; from resim.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=240.0, check=False,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(str(unpacked))
+    assert "resim-demo/result/report.html" in done.stdout
+    assert (tmp_path / "resim-demo" / "result" / "report.html").stat().st_size > 10_000
+    again = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert (again.returncode, "resim-demo: exists and is not empty" in again.stderr) == (2, True)
+
+
+def test_no_page_installs_what_somebody_else_calls_resim() -> None:
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.*")]
+    texts = {page: page.read_text() for page in pages if page.suffix in (".md", ".yml", ".ipynb", ".toml")}
+    found = [f"{page}: {line}" for page, text in texts.items() for line in text.splitlines()
+             if re.search(r"pip install[^`]*\bresim\b(?!-drive)(?!/)", line) and "./resim" not in line]  # fmt: skip
+    assert not found
