@@ -3,7 +3,7 @@
     python tools/check_real.py ../shared/data [--only NAME]
 
 NGSIM through the CommonRoad reader (the vehicle that is there longest is EGO), once more through the highD
-reader, and Mcity through tools/import_mcity.py.
+reader, and Mcity through its reader.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from import_mcity import import_trial, trials
 from validate_real import NGSIM, candidates
 
 from resim.core.errors import ResimError
 from resim.recordings import Alignment, RecordingTables, read_commonroad, read_highd, read_tables
 from resim.recordings.checks import examine
+from resim.recordings.formats.mcity import import_trial, trials
 from resim.road.opendrive import load
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

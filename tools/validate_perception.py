@@ -18,13 +18,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from import_mcity import import_trial
 
 from resim.core.tracks import Tracks
 from resim.perception.model import PerceptionModel, write_model
 from resim.perception.training import train
 from resim.perception.validation import Report, judge
 from resim.recordings import Recording
+from resim.recordings.formats.mcity import import_trial
 from resim.road.opendrive import load
 
 NEAR = 6.0  # m

@@ -5,7 +5,7 @@
 
 Every vehicle of NGSIM (four US-101 scenarios, Lankershim) that is there for at least 5 s can be EGO; the
 first and the last in file order of those that are there longest are taken. Mcity trials are imported with
-tools/import_mcity.py.
+resim.recordings.formats.mcity.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from import_mcity import import_trial, trials
 from lxml import etree
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
 from resim.recordings import Recording, read_commonroad
+from resim.recordings.formats.mcity import import_trial, trials
 from resim.resimulation import ResimulationOptions, resimulate
 from resim.road.opendrive import load
 from resim.scenario.fit import fit_trace

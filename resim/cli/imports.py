@@ -17,7 +17,7 @@ from resim.cli.inputs import A_MAP
 from resim.cli.terminal import say
 
 if TYPE_CHECKING:
-    from resim.recordings import Recording
+    from resim.recordings import Recording, RecordingTables
     from resim.recordings.formats.registry import FormatOption, RecordingFormat
 
 
@@ -56,35 +56,82 @@ def _commands() -> MutableMapping[str, Any]:
     made = typer.Typer(rich_markup_mode=None)
     for form in FORMATS:
         made.command(form.name, help=f"Import from {form.source}.")(_command(form))
+    made.command("guess")(guess)
     return typer.main.get_group(made).commands
+
+
+def guess(
+    file: Annotated[Path, typer.Argument(help="CSV or Parquet table of the ground truth.")],
+    out: Annotated[Path, typer.Option(help="Mapping (TOML) to write.")],
+    sensor: Annotated[
+        Path | None, typer.Option("--sd", metavar="FILE", help="CSV or Parquet table of the sensor data.")
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", callback=A_MAP, help="OpenDRIVE map: tells mirrored axes and zones."),
+    ] = None,
+) -> None:
+    """Write a first mapping of a table for `resim import table`, as far as the data tell, with the reason of each line.
+
+    What they do not tell is a line that says FILL IN.
+    """
+    from resim.core.errors import InputError
+    from resim.recordings.mapped.guess import fill_ins
+    from resim.recordings.mapped.guess import guess as guessed
+    from resim.road.opendrive import load
+
+    if out.exists():
+        raise InputError(out, "exists already", "Remove it or name another file.")
+    text = guessed(file, out, sensor=sensor, network=None if map_file is None else load(map_file))
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as e:
+        raise InputError(out, f"cannot be written ({e.strerror})", "Name a file that you may write.") from e
+    left = fill_ins(text)
+    say(f"{out}: written; {len(left)} lines to fill in, or to take out" if left else f"{out}: written")
+    for line in left:
+        say(f"  {line}")
 
 
 def _command(form: RecordingFormat) -> Callable[..., None]:
     """The function behind a command: it takes the format's file, what every import takes, and the format's options."""
 
-    def convert(map_file: Map, ego: Ego, out: Out, start: Start = None, end: End = None, **own: Any) -> None:
+    def convert(
+        *, map_file: Map, ego: Ego, out: Out, start: Start = None, end: End = None, **own: Any
+    ) -> None:
         file = own.pop(form.file)
         _write(form.reader(file, map=map_file, ego=ego, start=start, end=end, **own), out)
 
     *common, _ = inspect.signature(convert, eval_str=True).parameters.values()
     file = Annotated[Path, typer.Argument(help=form.file_help)]
     first = Parameter(form.file, Parameter.POSITIONAL_OR_KEYWORD, annotation=file)
-    parameters = [first, *common, *map(_parameter, form.options)]
+    free = {"map_file": "map", "ego": "ego"}
+    shared = [p.replace(default=None) if free.get(p.name) in form.works_out else p for p in common]
+    parameters = [
+        first,
+        *(p.replace(kind=Parameter.KEYWORD_ONLY) for p in shared),
+        *map(_parameter, form.options),
+    ]
     convert.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     convert.__annotations__ = {p.name: p.annotation for p in parameters}
     return convert
 
 
 def _parameter(option: FormatOption) -> Parameter:
-    default = typer.Option(None, help=option.help, metavar=option.metavar)
-    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=option.type | None)
+    default = typer.Option(... if option.required else None, help=option.help, metavar=option.metavar)
+    kind = option.type if option.required else option.type | None
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-def _write(recording: Recording, out: Path) -> None:
-    from resim.recordings import write_recording
+def _write(found: Recording | RecordingTables, out: Path) -> None:
+    """Write the recording, and print what it holds and where it is from."""
+    from resim.recordings import Recording, RecordingTables, write_tables
     from resim.road.opendrive import load
 
-    load(recording.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
-    write_recording(recording, out)
-    span = recording.gt.t[-1] - recording.gt.t[0]
-    say(f"{out}: {len(recording.gt)} objects over {span:.2f} s, EGO {recording.ego}")
+    tables = RecordingTables.of(found) if isinstance(found, Recording) else found
+    load(tables.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
+    write_tables(tables, out)
+    objects, span = tables.gt["id"].nunique(), tables.gt["t"].max() - tables.gt["t"].min()
+    say(f"{out}: {objects} objects over {span:.2f} s, EGO {tables.settings.ego}")
+    for topic, text in tables.settings.provenance.items():
+        say(f"  {topic}: {text}")

@@ -12,6 +12,7 @@ from resim.core.spec import json_schema, sealed_schema
 from resim.metrics.criteria import CriteriaFile
 from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
+from resim.recordings.mapped.mapping import Mapping as ColumnMapping
 from resim.recordings.settings import Settings
 from resim.resimulation.assessment_report import RecordingAssessment, RunAssessment
 from resim.resimulation.report import RunProvenance, RunReport
@@ -52,6 +53,7 @@ class FileFormat:
 
 FORMATS: Mapping[str, FileFormat] = {
     "recording": FileFormat("recording.toml", Settings),
+    "mapping": FileFormat("*.toml", ColumnMapping),
     "jscen": FileFormat("*.jscen.json", JscenFile),
     "build": FileFormat("*.toml", BuildFile),
     "criteria": FileFormat("*.toml", CriteriaFile),

@@ -134,7 +134,7 @@ def _by_first_time(tracks: Tracks) -> Tracks:
 
 def _sound(frame: pd.DataFrame, path: Path, *, lenient: bool) -> pd.DataFrame:
     """The rows of a recording; refused, or with lenient=True left out, where they are none."""
-    _check_extent(path, frame)
+    check_extent(path, frame)
     if not lenient:
         check_complete(path, frame)
         check_times(path, frame)
@@ -196,7 +196,7 @@ def _repairs(frame: pd.DataFrame) -> pd.DataFrame:
     return out
 
 
-def _check_extent(path: Path, frame: pd.DataFrame) -> None:
+def check_extent(path: Path, frame: pd.DataFrame) -> None:
     """Refuse what would take more memory, or time to fit, than there is. Raises InputError."""
     first, last = float(frame["t"].min()), float(frame["t"].max())
     if last - first > LONGEST:

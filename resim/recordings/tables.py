@@ -99,7 +99,7 @@ def read_table(
     missing columns, values that are no numbers.
     """
     numbers = [c for c in (*required, *optional) if c not in text]
-    frame = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, numbers, text)
+    frame = read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, numbers, text)
     twice = [c for c in (*required, *optional) if list(frame.columns).count(c) > 1]
     if twice:
         problem = f"has more than one column {', '.join(twice)}"
@@ -179,7 +179,8 @@ def _header(path: Path) -> list[str]:
         return next(csv.reader(file))
 
 
-def _read_parquet(path: Path) -> pd.DataFrame:
+def read_parquet(path: Path) -> pd.DataFrame:
+    """Give every column of a Parquet file, rows numbered from 1. Raises InputError."""
     try:
         with duckdb.connect() as db, plain_names([path]) as names:
             frame: pd.DataFrame = db.execute(

@@ -8,10 +8,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pages
+import pandas as pd
 import pytest
 from pages import DOCS, PAGES, ROOT
+from recordings.mapped.strangers import LON_0, convergence, geographic
 
+from resim.core.geometry import to_frame
+from resim.recordings import read_recording
 from resim.recordings.settings import read_settings
 from resim.verification.suite import read_suite
 
@@ -24,6 +29,7 @@ RUN_HERE = {
     "my_pilot.toml",
     "my_measures.py",
     "recording.toml",
+    "mapping.toml",
     "mine.toml",
 }
 RUN_BY_THE_TUTORIAL = {"first.toml", "second.toml", "late.toml", "rows.py"}
@@ -117,6 +123,62 @@ def test_the_example_suite_and_recording_are_read(tmp_path: Path) -> None:
     assert len(read_suite(tmp_path / "mine.toml").folders) == 12
     (tmp_path / "recording.toml").write_text(example(GUIDES / "recordings.md", "recording.toml"))
     assert read_settings(tmp_path / "recording.toml").ego == "ego"
+
+
+def test_a_table_of_ones_own_comes_to_a_report_as_the_guide_says(tmp_path: Path) -> None:
+    """A drive that ships, as a stranger has it: degrees, compass and km/h, and a sensor's list with ids of its own."""
+    drive = read_recording(ROOT / "scenarios" / "cut_in_brake")
+    assert drive.sd is not None
+    truth = drive.gt.to_frame().replace({"id": {"ego": "17", "1": "4"}})
+    lat, lon = geographic(truth["x"].to_numpy(), truth["y"].to_numpy())
+    compass = np.degrees(0.5 * np.pi + convergence(lat, lon, LON_0) - truth["heading"]) % 360.0
+    told = {
+        "time_ms": np.round(1e3 * truth["t"]).astype(int), "track": truth["id"], "lat": lat, "lon": lon,
+        "heading": compass, "speed_kmh": 3.6 * truth["v"], "length": truth["length"], "width": truth["width"],
+        "class": truth["kind"].map({"car": "1", "truck": "2"}),
+    }  # fmt: skip
+    pd.DataFrame(told).to_csv(tmp_path / "truth.csv", index=False)
+    seen = drive.sd.without("ego").to_frame()
+    own = drive.gt.select(["ego"]).at(np.unique(seen["t"])).to_frame().set_index("t")
+    x, y, turn, v = (seen["t"].map(own[c]).to_numpy() for c in ("x", "y", "heading", "v"))
+    dx, dy = to_frame(seen["x"], seen["y"], x, y, turn)
+    apart = (seen["v"] * np.exp(1j * seen["heading"]) - v * np.exp(1j * turn)).to_numpy() * np.exp(-1j * turn)
+    told = {
+        "stamp": seen["t"], "obj": "203", "dx": dx - 2.3, "dy": dy, "yaw": seen["heading"] - turn,
+        "vrel_x": apart.real, "vrel_y": apart.imag,
+    }  # fmt: skip
+    pd.DataFrame(told).to_csv(tmp_path / "objects.csv", index=False)
+    (tmp_path / "mapping.toml").write_text(example(GUIDES / "recordings.md", "mapping.toml"))
+    for name in ("my_pilot.py", "my_pilot.toml"):
+        (tmp_path / name).write_text(example(GUIDES / "function.md", name))
+    road = ROOT / "networks" / "proving_ground.xodr"
+    csv, columns, out = (tmp_path / name for name in ("truth.csv", "mapping.toml", "my_drive"))
+    done("import", "table", csv, "--map", road, "--columns", columns, "--out", out)
+    found = read_recording(out)
+    assert found.sd_gt_id is not None
+    assert found.sd_gt_id.tolist() == ["4"]
+    assert found.gt.select(["17"]).x == pytest.approx(drive.gt.select(["ego"]).x, abs=1e-3)
+    seen_again = found.sd_by_gt()
+    assert seen_again is not None
+    assert seen_again.select(["4"]).x == pytest.approx(drive.sd.select(["1"]).x, abs=1e-2)
+    done("check", out)
+    done(
+        "import",
+        "guess",
+        csv,
+        "--sd",
+        tmp_path / "objects.csv",
+        "--map",
+        road,
+        "--out",
+        tmp_path / "guessed.toml",
+    )
+    guessed = (tmp_path / "guessed.toml").read_text()
+    for line in ('crs = "EPSG:4326"', 'unit = "ms"', 'unit = "km/h"', 'zero = "north", clockwise = true'):
+        assert line in guessed
+    build = tmp_path / "my_pilot.toml"
+    done("run", out, "--build", build, "--out", tmp_path / "mine")
+    assert json.loads((tmp_path / "mine" / "report.json").read_text())["build"]["name"] == "my_pilot"
 
 
 def test_a_suite_is_not_good_for_fields_that_it_does_not_know(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from resim.recordings.checks.bodies import impossible, overlaps, sizes, swapped
 from resim.recordings.checks.clock import in_order
 from resim.recordings.checks.codes import CODES, FindingCode, RankedFinding, worst_first
 from resim.recordings.checks.delay import clocks
+from resim.recordings.checks.ego_detection import ego_detections
 from resim.recordings.checks.headings import headings
 from resim.recordings.checks.identity import broken, jumps, parts_of
 from resim.recordings.checks.matching import misnamed, pairs, strangers
@@ -21,6 +22,7 @@ from resim.recordings.checks.offsets import offsets
 from resim.recordings.checks.place import places
 from resim.recordings.checks.reference import reference_points
 from resim.recordings.checks.samples import duplicates, holes, missing_values, repeated
+from resim.recordings.checks.time_unit import time_unit
 from resim.recordings.checks.tracks import CheckedTable, table_of
 from resim.recordings.checks.units import mirrored, speed_units
 from resim.recordings.tables import GT_ID
@@ -72,7 +74,9 @@ def _source(
     source: Source, frame: pd.DataFrame, gt_id: dict[str, str], ego: str
 ) -> tuple[CheckedTable, list[RankedFinding]]:
     """What the rows of one source show, and its table in SI units."""
-    frame, out = in_order(source, frame)
+    frame, out = time_unit(source, frame)
+    frame, more = in_order(source, frame)
+    out += more
     out += missing_values(source, frame)
     out += duplicates(source, frame)
     out += sizes(source, frame)
@@ -124,7 +128,9 @@ def _both(
     yield from found_clocks
     points = list(reference_points(beside, explained, ego))
     yield from points
-    far = list(strangers(sd, beside, explained, parts_of(known)))
+    own = list(ego_detections(gt, sd, ego))
+    yield from own
+    far = list(strangers(sd, beside, explained, parts_of(known) | {f.finding.object for f in own}))
     yield from far
     told = {f.finding.object for f in (*points, *far)}
     yield from offsets(sd, [p for p in (*beside, *pieces) if p.sd.id not in told], explained)

@@ -124,6 +124,14 @@ CODES: Mapping[str, FindingCode] = {
     "HEADING_CONVENTION": FindingCode(
         "error", "every result that uses heading is wrong", "count the headings anticlockwise from +x, in radians"
     ),
+    "TIME_UNIT": FindingCode(
+        "error", "every speed, acceleration and duration is wrong by as much", "convert the times to seconds"
+    ),
+    "EGO_DETECTION": FindingCode(
+        "error",
+        "the sensor's own detection of the EGO counts as another object, with which the EGO collides throughout",
+        "give it the EGO's id in gt_id",
+    ),
     "MIRRORED_Y": FindingCode(
         "error", "left and right are swapped, and so are lanes", "turn the sign of y and of the heading"
     ),

@@ -63,7 +63,7 @@ CONVENTIONS = tuple(
         ("HEADING_TURNED", "turned by pi", 1.0, np.pi),
         ("HEADING_CONVENTION", "clockwise from north", -1.0, NORTH),
         ("HEADING_CONVENTION", "anticlockwise from north", 1.0, NORTH),
-        ("HEADING_CONVENTION", "clockwise from +x", -1.0, 0.0),
+        ("HEADING_CONVENTION", "clockwise from +x (or y is mirrored)", -1.0, 0.0),
     )
 )
 """As it should be first, then from simple to strange."""

@@ -3,3 +3,5 @@
 
 import resim.recordings.formats.commonroad
 import resim.recordings.formats.highd
+import resim.recordings.formats.mcity
+import resim.recordings.formats.table

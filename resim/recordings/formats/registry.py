@@ -8,6 +8,7 @@ from typing import Any
 
 from resim.core.registry import Registry
 from resim.recordings.recording import Recording
+from resim.recordings.source import RecordingTables
 
 
 @dataclass(frozen=True)
@@ -15,12 +16,14 @@ class FormatOption:
     """An option that one format has beside those of all: `--name`, given to the reader as `name`.
 
     type: str, int, float, bool, Path or a tuple of these; the option's value is None where it is not given.
+    required: whether it has to be given.
     """
 
     name: str
     type: Any
     help: str
     metavar: str | None = None
+    required: bool = False
 
 
 @dataclass(frozen=True)
@@ -30,15 +33,18 @@ class RecordingFormat:
     name: of the command. source: what it reads, in words ("a CommonRoad scenario"). file: the name of the file to
     read, as the command's usage has it; file_help: what that file is.
     reader: called with the file, and by keyword with map (Path), ego (id), start, end ([s] or None) and the format's
-    own options; gives the Recording, or raises InputError naming file, place and value.
+    own options; gives the Recording, or tables with faults in them for `resim check`; raises InputError naming file,
+    place and value.
+    works_out: of map and ego, what the reader finds where the option is not given, which is then None.
     """
 
     name: str
     source: str
     file: str
     file_help: str
-    reader: Callable[..., Recording]
+    reader: Callable[..., Recording | RecordingTables]
     options: tuple[FormatOption, ...] = ()
+    works_out: tuple[str, ...] = ()
 
 
 FORMATS: Registry[RecordingFormat] = Registry("recording format")

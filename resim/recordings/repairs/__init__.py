@@ -11,10 +11,10 @@ import pandas as pd
 from resim.core.finding import Finding, Source
 from resim.recordings import RecordingTables
 from resim.recordings.checks import examine
-from resim.recordings.repairs.clocks import clock_drift, clock_jump, clock_offset
+from resim.recordings.repairs.clocks import clock_drift, clock_jump, clock_offset, time_unit
 from resim.recordings.repairs.frames import SOURCES, Count, counted, frame_of, numbered, with_frame
 from resim.recordings.repairs.gaps import holes, missing_values
-from resim.recordings.repairs.identity import id_reused, id_switch, track_broken
+from resim.recordings.repairs.identity import ego_detection, id_reused, id_switch, track_broken
 from resim.recordings.repairs.motion import heading_disagrees, speed_disagrees
 from resim.recordings.repairs.outliers import outlier, repeated_samples, spikes
 from resim.recordings.repairs.rows import duplicate_samples, time_backwards
@@ -29,6 +29,7 @@ __all__ = ["FILTERS", "JUDGED", "AppliedRepair", "Count", "Filter", "Repaired", 
 Repair = Callable[[RecordingTables, Finding, RepairOptions], RecordingTables]
 
 REPAIRS: dict[str, Repair] = {
+    "TIME_UNIT": time_unit,
     "SPEED_UNIT": speed_unit,
     "HEADING_UNIT": heading,
     "HEADING_TURNED": heading,
@@ -39,6 +40,7 @@ REPAIRS: dict[str, Repair] = {
     "MIRRORED_Y": mirrored_y,
     "CLOCK_DRIFT": clock_drift,
     "CLOCK_OFFSET": clock_offset,
+    "EGO_DETECTION": ego_detection,
     "ID_REUSED": id_reused,
     "ID_SWITCH": id_switch,
     "TRACK_BROKEN": track_broken,

@@ -30,6 +30,12 @@ def clock_jump(tables: RecordingTables, finding: Finding, how: RepairOptions) ->
     return _moved(tables, finding, np.asarray(correction != 0.0), frame["t"].to_numpy(float) + correction)
 
 
+def time_unit(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
+    """Give the source's times in seconds: divided by the unit's factor."""
+    t = frame_of(tables, finding.source)["t"].to_numpy(float) / float(finding.details["factor"])
+    return _moved(tables, finding, np.ones(len(t), dtype=bool), t)
+
+
 def clock_offset(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give the times of the object, or of all, without the delay.
 

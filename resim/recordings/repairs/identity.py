@@ -50,6 +50,14 @@ def id_reused(tables: RecordingTables, finding: Finding, how: RepairOptions) -> 
     return tables
 
 
+def ego_detection(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
+    """Give the sensor's object on the EGO the EGO's id as its GT id."""
+    tables = with_gt_id(tables)
+    frame = frame_of(tables, "sd")
+    rows = rows_of(frame, finding.object)
+    return with_frame(tables, "sd", changed(frame, rows, finding.code, gt_id=str(finding.details["other"])))
+
+
 def id_switch(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:
     """Give both objects their ids back from the switch on."""
     tables = with_gt_id(tables)

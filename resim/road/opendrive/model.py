@@ -222,8 +222,12 @@ class Unread(NamedTuple):
 
 @dataclass(frozen=True)
 class Header:
-    """The header: revision, name and the extent (north, south, east, west) [m] as written, or None."""
+    """The header: revision, name and the extent (north, south, east, west) [m] as written, or None.
+
+    offset: x, y, heading [m m rad] of the map's frame in that of its geoReference.
+    """
 
     revision: tuple[int, int]
     name: str
     extent: tuple[float, float, float, float] | None
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)

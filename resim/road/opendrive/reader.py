@@ -55,7 +55,11 @@ class ModelReader(LaneReader):
         extent = None
         if all(name in header.attrib for name in names):
             extent = tuple(self.number(header, name, "header") for name in names)
-        return Header(revision, header.get("name", ""), cast(Coefficients | None, extent))
+        offset, moved = header.find("offset"), (0.0, 0.0, 0.0)
+        if offset is not None:
+            x, y, turn = (self.number(offset, name, "header offset", 0) for name in ("x", "y", "hdg"))
+            moved = (x, y, turn)
+        return Header(revision, header.get("name", ""), cast(Coefficients | None, extent), moved)
 
     def geo_reference(self) -> str | None:
         """Read the text of <geoReference>, None where there is none."""

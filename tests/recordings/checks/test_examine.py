@@ -150,6 +150,9 @@ PLANTS: tuple[tuple[str, str, str, Change], ...] = (
     ("OFF_MAP", "gt", "3", lambda f: add(f, own(f, "3"), "y", -40.0)),
     ("WRONG_WAY", "gt", "3", returned),
     ("REFERENCE_POINT", "recording", "ego", cornered),
+    ("TIME_UNIT", "gt", "", lambda f: f.assign(t=1e3 * f["t"])),
+    ("TIME_UNIT", "sd", "", lambda f: f.assign(t=1e6 * f["t"], v=3.6 * f["v"])),
+    ("EGO_DETECTION", "sd", "ego", lambda f: put(f, own(f, "ego"), "gt_id", "")),
     ("SPEED_UNIT", "gt", "", lambda f: f.assign(v=3.6 * f["v"])),
     ("SPEED_UNIT", "sd", "2", lambda f: put(f, own(f, "2"), "v", 2.237 * f["v"])),
     ("HEADING_UNIT", "gt", "", degrees),
@@ -203,6 +206,12 @@ CAUSES = {
     "speeds in km/h are not accelerations": ("gt", lambda f: f.assign(v=3.6 * f["v"]), {"SPEED_UNIT"}),
     "a clock jump is no speed fault": ("gt", lambda f: add(f, late(f), "t", 0.3), {"CLOCK_JUMP"}),
     "a mirrored frame is no wrong way": ("gt", lambda f: f.assign(y=-f["y"]), {"MIRRORED_Y"}),
+    "milliseconds are no wrong speeds": ("sd", lambda f: f.assign(t=1e3 * f["t"]), {"TIME_UNIT"}),
+    "its own detection is no overlap": (
+        "sd",
+        lambda f: put(f, own(f, "ego"), "gt_id", "").assign(x=lambda g: g["x"] + 0.5 * own(g, "ego")),
+        {"EGO_DETECTION"},
+    ),
     "a reused id is no gap": ("gt", reused, {"ID_REUSED"}),
     "degrees are no yaw rate": ("gt", degrees, {"HEADING_UNIT"}),
     "a held position is no jump": ("gt", hold, {"REPEATED_SAMPLES"}),
@@ -216,6 +225,34 @@ def test_the_cause_is_told_and_not_its_symptoms(tables: Read, look: Look, case: 
     before = tables("overtake")
     found = look(replace(before, **{table: change(getattr(before, table)).reset_index(drop=True)}))
     assert {f.code for f in found} == codes
+
+
+def test_milliseconds_are_told_where_speeds_came_of_them(tables: Read, look: Look) -> None:
+    before = tables("overtake")
+    (hit,) = [f for f in look(replace(before, gt=before.gt.assign(t=1e3 * before.gt["t"], v=1e-3 * before.gt["v"])))
+              if f.code == "TIME_UNIT"]  # fmt: skip
+    assert (hit.severity, hit.repair, hit.source) == ("error", "", "gt")
+    assert "is t in ms?" in hit.text
+
+
+def test_who_hits_the_ego_is_not_taken_for_it(tables: Read, look: Look) -> None:
+    """It lies on the EGO in all of its samples, of a collision of 2 s: an error, and nothing repairs it away."""
+    before = tables("overtake")
+    assert before.sd is not None
+    hit = before.sd[own(before.sd, "ego") & (before.sd["t"] < 2.0)].assign(
+        id="77", gt_id="", y=lambda f: f["y"] + 1.0
+    )
+    tables_hit = replace(
+        before, sd=pd.concat([before.sd, hit], ignore_index=True).sort_values("t", kind="stable")
+    )
+    (told,) = [f for f in look(tables_hit) if f.code == "EGO_DETECTION"]
+    assert (told.object, told.severity, told.repair) == ("77", "error", "")
+    assert "or who hit it?" in told.text
+    near = hit.assign(y=lambda f: f["y"] + 2.5)
+    beside = replace(
+        before, sd=pd.concat([before.sd, near], ignore_index=True).sort_values("t", kind="stable")
+    )
+    assert "EGO_DETECTION" not in {f.code for f in look(beside)}
 
 
 def test_who_drives_against_his_lane_or_off_the_map_is_compared_all_the_same(

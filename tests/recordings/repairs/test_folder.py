@@ -13,6 +13,7 @@ import pytest
 
 from resim.recordings import RecordingTables, read_recording, read_tables, write_recording, write_tables
 from resim.recordings.checks import examine
+from resim.recordings.formats.mcity import import_trial
 from resim.recordings.repairs import repair
 from resim.road.opendrive import RoadNetwork, load
 
@@ -149,12 +150,7 @@ def mcity() -> RoadNetwork:
 
 
 @pytest.mark.parametrize("trial", ["3", "5"])
-def test_real_recordings_have_fewer_findings_after(
-    mcity: RoadNetwork, trial: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "tools")
-    from import_mcity import import_trial
-
+def test_real_recordings_have_fewer_findings_after(mcity: RoadNetwork, trial: str) -> None:
     before = RecordingTables.of(import_trial(trial, MCITY, mcity))
     result = repair(before, mcity)
     assert len(result.left) < len(examine(before, mcity))

@@ -1,31 +1,18 @@
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 from resim.core.errors import InputError
 from resim.core.geometry import to_frame, wrap_angle
-from resim.recordings import Recording, read_recording
+from resim.recordings import Recording, read_recording, write_recording
+from resim.recordings.formats import mcity
 from resim.road.opendrive import load
 
-TOOL = Path(__file__).parents[2] / "tools" / "import_mcity.py"
 ORIGIN = {"latitude_0": 42.3005934157, "longitude_0": -83.699283188811}
-
-
-@pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("import_mcity", TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 # latitude, longitude, x, y of pyproj 3.7.2 with the geoReference of mcity.xodr
@@ -41,8 +28,8 @@ PROJ = np.array(
 )
 
 
-def test_projection_agrees_with_proj(tool: ModuleType) -> None:
-    x, y = tool.transverse_mercator(PROJ[:, 0], PROJ[:, 1], **ORIGIN)
+def test_projection_agrees_with_proj() -> None:
+    x, y = mcity.transverse_mercator(PROJ[:, 0], PROJ[:, 1], **ORIGIN)
     np.testing.assert_allclose(np.column_stack([x, y]), PROJ[:, 2:], atol=2e-6)
 
 
@@ -51,17 +38,14 @@ EXPECTED = {"3": (1, 160, 2), "4": (1, 97, 0), "5": (3, 171, 1), "11": (2, 595, 
 
 
 @pytest.fixture(scope="module")
-def recordings(tool: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
     data = Path(__file__).parents[2].parent / "shared" / "data" / "mcity"
     if not data.is_dir():
         pytest.skip("the shared data are not on this machine")
     out = tmp_path_factory.mktemp("mcity")
-    argv, sys.argv = sys.argv, [str(TOOL), str(data), str(out)]
-    try:
-        assert tool.main() == 0
-    finally:
-        sys.argv = argv
-    return {trial: read_recording(out / f"mcity_{trial}") for trial in EXPECTED}
+    for trial in EXPECTED:
+        write_recording(mcity.read_mcity(data, trial=trial), out / trial)
+    return {trial: read_recording(out / trial) for trial in EXPECTED}
 
 
 @pytest.mark.parametrize("trial", EXPECTED)
@@ -111,27 +95,27 @@ def test_truth_heading_follows_the_path_and_speed_its_length(recordings: dict[st
     assert len(np.unique(gt.heading[0, : np.argmin(standing)])) == 1
 
 
-def test_refuses_data_that_are_not_there_or_no_frames(tool: ModuleType, data: Path, tmp_path: Path) -> None:
+def test_refuses_data_that_are_not_there_or_no_frames(data: Path, tmp_path: Path) -> None:
     network = load(data / "mcity" / "mcity.xodr")
     with pytest.raises(InputError, match=r"holds no truth \(gts/\*\.json\)"):
-        tool.import_trial("3", tmp_path, network)
+        mcity.import_trial("3", tmp_path, network)
     (tmp_path / "gts").mkdir()
     (tmp_path / "gts" / "gps_data_3.json").write_text(json.dumps([{"time": 1}]))
     with pytest.raises(InputError, match=r"gps_data_3\.json: is not a list of frames"):
-        tool.import_trial("3", tmp_path, network)
+        mcity.import_trial("3", tmp_path, network)
     with pytest.raises(InputError, match=r"holds no trial '7'"):
-        tool.import_trial("7", data / "mcity", network)
+        mcity.import_trial("7", data / "mcity", network)
 
 
 @pytest.mark.parametrize("how", ["ids", "files", "one id"])
 def test_two_tracked_vehicles_are_each_found_in_what_was_perceived(
-    tool: ModuleType, data: Path, tmp_path: Path, how: str
+    data: Path, tmp_path: Path, how: str
 ) -> None:
     """Trials 3 and 5 laid onto one clock, in the ways in which two vehicles may stand in the truth."""
-    mcity = data / "mcity"
+    folder = data / "mcity"
 
     def frames(name: str, later: float = 0.0) -> list[dict]:
-        read = json.loads((mcity / name).read_text())
+        read = json.loads((folder / name).read_text())
         return [{**f, "timestamp": f["timestamp"] + later} for f in read]
 
     one, seen = frames("gts/gps_data_3.json"), frames("dets/detection_3.json")
@@ -150,9 +134,9 @@ def test_two_tracked_vehicles_are_each_found_in_what_was_perceived(
         (tmp_path / "gts" / "run_b.json").write_text(json.dumps(two))
     every = sorted(seen + more, key=lambda f: f["timestamp"])
     (tmp_path / "dets" / "run_17.json").write_text(json.dumps(every))
-    network = load(mcity / "mcity.xodr")
-    assert list(tool.trials(tmp_path)) == ["17"]
-    recording = tool.import_trial("17", tmp_path, network)
+    network = load(folder / "mcity.xodr")
+    assert list(mcity.trials(tmp_path)) == ["17"]
+    recording = mcity.import_trial("17", tmp_path, network)
     assert recording.ego == "vehicle_1"  # there for 28 s, the other for 22 s
     assert recording.gt.ids.tolist() == ["vehicle_1", "vehicle_2"]
     assert recording.sd is not None
@@ -161,3 +145,18 @@ def test_two_tracked_vehicles_are_each_found_in_what_was_perceived(
     assert [len(found) for found in own.values()] == [1, 3]  # as each alone
     assert all(name.startswith("5") for name in own["vehicle_2"])
     assert not own["vehicle_1"][0].startswith("57")
+
+
+def test_a_trial_has_to_be_named_and_its_window_begins_at_zero(data: Path) -> None:
+    folder = data / "mcity"
+    with pytest.raises(InputError, match=r"holds the trials 3, 4, 5, 11. Name one with --trial"):
+        mcity.read_mcity(folder)
+    with pytest.raises(InputError, match=r"trial 3 has no object 'tram' in its truth. It has vehicle"):
+        mcity.read_mcity(folder, trial="3", ego="tram")
+    with pytest.raises(InputError, match=r"lasts 27\.\d+ s, the requested window is 5 to 99 s"):
+        mcity.read_mcity(folder, trial="3", start=5.0, end=99.0)
+    with pytest.raises(InputError, match=r"--length: 0 m is not the size"):
+        mcity.read_mcity(folder, trial="3", length=0.0)
+    whole, part = mcity.read_mcity(folder, trial="3"), mcity.read_mcity(folder, trial="3", start=5.0, end=9.0)
+    assert part.gt.t[[0, -1]] == pytest.approx([0.0, 4.0], abs=0.025)
+    np.testing.assert_array_equal(part.gt.x[0, 0], whole.gt.x[0, np.argmax(whole.gt.t >= 5.0)])

@@ -1,11 +1,9 @@
-"""Make recordings of the Mcity trials (University of Michigan, MIT licence): RTK truth and roadside perception.
+"""The Mcity trials (University of Michigan, MIT licence): RTK truth and roadside perception.
 
-    python tools/import_mcity.py DATA_DIR OUT_DIR
-
-DATA_DIR holds `gts/`, `dets/` and `mcity.xodr`. A trial is what one file of perception saw, and all files of truth
-whose times lie in its; it becomes the folder OUT_DIR/mcity_N, N being the last number in its name. The tracked
-objects are the ground truth, the EGO is the vehicle (else pedestrian) that is tracked longest; the sensor data hold
-all that the roadside sensor perceived, the EGO among it. What was found out about the data, and is applied here:
+The folder of the data holds `gts/`, `dets/` and `mcity.xodr`. A trial is what one file of perception saw, and all files
+of truth whose times lie in its; its name is the last number in the file's. The tracked objects are the ground truth,
+the EGO is the vehicle (else pedestrian) that is tracked longest; the sensor data hold all that the roadside sensor
+perceived, the EGO among it. What was found out about the data, and is applied here:
 
 - `rotation` [rad] points backwards: heading = rotation + pi. For pedestrians it says nothing.
 - `speed` is in km/h: over the matched vehicle it is 3.6 times the truth's.
@@ -15,10 +13,9 @@ all that the roadside sensor perceived, the EGO among it. What was found out abo
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
-import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,45 +23,94 @@ import numpy as np
 import pandas as pd
 from scipy.signal import savgol_filter
 
-from resim.core.errors import InputError, ResimError
+from resim.core.errors import InputError
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Strings, Tracks
-from resim.recordings import Recording, write_recording
-from resim.recordings.recording import sample_rate
+from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
+from resim.recordings.mapped.matching import assigned
+from resim.recordings.recording import Recording, existing_map, sample_rate
 from resim.road.opendrive import RoadNetwork, load
 
 KIND = {"2": "car", "10": "pedestrian"}
 LENGTH, WIDTH = 4.92, 1.86  # m, Lincoln MKZ: the data do not name the vehicle
 PEDESTRIAN_SIZE = 0.5  # m
+MAP = "mcity.xodr"
 GATE = 3.0  # m; a perceived object farther from the truth is another one
 SMOOTHED = {"car": 0.5, "pedestrian": 1.1}  # s, window of the local cubic fit to the truth
 STANDING = 0.3  # m/s; slower, the truth keeps its last heading
 
 
-def main() -> int:
-    """Import every trial; 0 when done, 2 where an input cannot be used."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+def read_mcity(
+    data: Path,
+    *,
+    map: Path | None = None,
+    ego: str | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    trial: str | None = None,
+    length: float | None = None,
+    width: float | None = None,
+) -> Recording:
+    """Give a trial as a recording.
+
+    Args:
+        data: Folder of the data.
+        map: OpenDRIVE file; default: that in the folder.
+        ego: Id of the EGO in the truth; default: the vehicle that is tracked longest.
+        start: First time [s] after the EGO's first sample.
+        end: Last time [s] after the EGO's first sample.
+        trial: Its name; needed where the folder holds more than one.
+        length: Of the vehicles [m], which the data do not tell.
+        width: Of the vehicles [m].
+
+    Returns:
+        The recording.
+
+    Raises:
+        InputError: The folder holds no such trial, or its files cannot be used.
+    """
+    for name, size in (("--length", length), ("--width", width)):
+        if size is not None and not 0.0 < size < 100.0:
+            raise InputError(name, f"{size:g} m is not the size of a vehicle", "Give metres above 0.")
+    if trial is None:
+        known = trials(data)
+        if len(known) > 1:
+            raise InputError(data, f"holds the trials {', '.join(known)}", "Name one with --trial.")
+        trial = next(iter(known))
+    road = data / MAP if map is None else map
+    found = import_trial(
+        trial, data, load(existing_map(road, road)), length=length or LENGTH, width=width or WIDTH, ego=ego
     )
-    parser.add_argument("data_dir", type=Path)
-    parser.add_argument("out_dir", type=Path)
-    parser.add_argument("--length", type=float, default=LENGTH, help=f"of the vehicle [m], else {LENGTH}")
-    parser.add_argument("--width", type=float, default=WIDTH, help=f"of the vehicle [m], else {WIDTH}")
-    args = parser.parse_args()
-    try:
-        network = load(args.data_dir / "mcity.xodr")
-        for trial in trials(args.data_dir):
-            recording = import_trial(trial, args.data_dir, network, length=args.length, width=args.width)
-            write_recording(recording, args.out_dir / recording.name)
-            print(f"{recording.name}: {recording.provenance['outcome']}")
-    except ResimError as e:
-        print(e, file=sys.stderr)
-        return 2
-    return 0
+    return found if start is None and end is None else _cut(data, found, start, end)
+
+
+FORMATS.add(
+    RecordingFormat(
+        name="mcity",
+        source="the Mcity trials",
+        file="folder",
+        file_help="Folder of the data, with gts/, dets/ and mcity.xodr.",
+        reader=read_mcity,
+        options=(
+            FormatOption(
+                "trial", str, "Which trial, such as 3; needed where there are several.", metavar="N"
+            ),
+            FormatOption("length", float, f"Length of the vehicles [m]; default: {LENGTH}.", metavar="M"),
+            FormatOption("width", float, f"Width of the vehicles [m]; default: {WIDTH}.", metavar="M"),
+        ),
+        works_out=("map", "ego"),
+    )
+)
 
 
 def import_trial(
-    trial: str, data_dir: Path, network: RoadNetwork, *, length: float = LENGTH, width: float = WIDTH
+    trial: str,
+    data_dir: Path,
+    network: RoadNetwork,
+    *,
+    length: float = LENGTH,
+    width: float = WIDTH,
+    ego: str | None = None,
 ) -> Recording:
     """Give one trial as a recording; time 0 is the first truth sample of the EGO within both files' times."""
     known = trials(data_dir)
@@ -74,7 +120,10 @@ def import_trial(
     origin = _origin(network)
     truth = _named([_read_frames(path, origin) for path in truth_files])
     seen, swapped = _in_order(_read_frames(seen_file, origin))
-    ego = _ego(truth)
+    ego = _ego(truth) if ego is None else ego
+    if ego not in truth["id"].to_numpy():
+        names = ", ".join(truth["id"].drop_duplicates())
+        raise InputError(data_dir, f"trial {trial} has no object {ego!r} in its truth", f"It has {names}.")
     own = truth.loc[truth["id"] == ego, "t"]
     first, last = own[own >= seen["t"].min()].min(), min(own.max(), seen["t"].max())
     boxes = {"car": (length, width), "pedestrian": (PEDESTRIAN_SIZE, PEDESTRIAN_SIZE)}
@@ -83,7 +132,7 @@ def import_trial(
     gt = Tracks.from_frame(pd.concat(tracks).sort_values("t", kind="stable")).window(first, last)
     sd = Tracks.from_frame(_perceived(seen)).window(first, last)
     gt, sd = (_from_zero(t, first) for t in (gt, sd))
-    gt_id = match(gt, sd)
+    gt_id = assigned(gt, sd, GATE).gt_id
     return Recording(
         name=f"mcity_{trial}", map=network.path.resolve(), ego=ego, gt=gt, sd=sd, sd_gt_id=gt_id,
         gt_rate=sample_rate(truth_files[0], gt.select([ego])), sd_rate=sample_rate(seen_file, sd),
@@ -133,21 +182,20 @@ def transverse_mercator(
     return x, y - project(np.radians(latitude_0), np.zeros(()))[1]
 
 
-def match(gt: Tracks, sd: Tracks) -> Strings:
-    """Give the GT id (N_sd,) of each perceived object, "" for all that are no truth object.
-
-    At each time the nearest perceived object within GATE is taken for a truth object; an id that is so in more than
-    half of the samples that both have gets the identity.
-    """
-    truth = gt.at(sd.t)
-    out = np.full(len(sd), "", dtype=gt.ids.dtype)
-    for n, name in enumerate(gt.ids):
-        distance = np.hypot(sd.x - truth.x[n], sd.y - truth.y[n])
-        distance = np.where(np.isfinite(distance), distance, np.inf)
-        nearest, taken = distance.argmin(axis=0), distance.min(axis=0) <= GATE
-        wins = np.bincount(nearest[taken], minlength=len(sd))
-        out[wins > 0.5 * (sd.valid & truth.valid[n]).sum(axis=1)] = name
-    return out
+def _cut(data: Path, whole: Recording, start: float | None, end: float | None) -> Recording:
+    """The recording from start to end [s], its times from 0 on."""
+    last = float(whole.gt.t[-1])
+    begin, until = 0.0 if start is None else start, last if end is None else end
+    if not 0.0 <= begin < until <= last + 1e-6 or whole.sd is None or whole.sd_gt_id is None:
+        problem = f"lasts {last:g} s, the requested window is {begin:g} to {until:g} s"
+        raise InputError(data, problem, "Choose a start and an end within it.")
+    gt, sd = (_from_zero(tracks.window(begin, until), begin) for tracks in (whole.gt, whole.sd))
+    names = dict(zip(whole.sd.ids.tolist(), whole.sd_gt_id.tolist(), strict=True))
+    window = f"{begin:g} to {until:g} s after the original start"
+    return replace(
+        whole, gt=gt, sd=sd, sd_gt_id=np.array([names[i] for i in sd.ids.tolist()], dtype=str),
+        provenance={**whole.provenance, "window": window},
+    )  # fmt: skip
 
 
 def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
@@ -196,9 +244,9 @@ def _named(files: list[pd.DataFrame]) -> pd.DataFrame:
             rows.assign(kind=kind, id=[f"{number}/{i}/{n}" for i, n in zip(rows["id"], again, strict=True)])
         )
     rows = pd.concat(parts, ignore_index=True)
-    names = {}
-    for kind, word in (("car", "vehicle"), ("pedestrian", "pedestrian")):
-        own = rows.loc[rows["kind"] == kind, "id"].drop_duplicates().tolist()
+    names: dict[str, str] = {}
+    for of, word in (("car", "vehicle"), ("pedestrian", "pedestrian")):
+        own = rows.loc[rows["kind"] == of, "id"].drop_duplicates().tolist()
         names |= {name: word if len(own) == 1 else f"{word}_{k}" for k, name in enumerate(own, start=1)}
     return rows.assign(id=rows["id"].map(names))
 
@@ -298,7 +346,3 @@ def _outcome(network: RoadNetwork, gt: Tracks, sd: Tracks, gt_id: Strings, ego: 
         f"{len(sd)} perceived ids, {int(matched.sum())} of the EGO with {len(error)} samples, "
         f"median error {np.median(error):.2f} m"
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,29 @@
+"""Any CSV or Parquet table: a mapping file says what its columns mean (`resim.recordings.mapped`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
+from resim.recordings.mapped.reader import read_mapped
+
+FORMATS.add(
+    RecordingFormat(
+        name="table",
+        source="any CSV or Parquet table, by a mapping of its columns",
+        file="file",
+        file_help="CSV or Parquet table, one row per time and object.",
+        reader=read_mapped,
+        options=(
+            FormatOption(
+                "columns",
+                Path,
+                "Mapping (TOML): what the columns mean; `resim import guess` writes a first one.",
+                metavar="MAPPING",
+                required=True,
+            ),
+            FormatOption("rate", float, "Frames a second [Hz], where times are in frames.", metavar="HZ"),
+        ),
+        works_out=("ego",),
+    )
+)

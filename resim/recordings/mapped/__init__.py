@@ -1,0 +1,1 @@
+"""Tables of any shape: a mapping file says what their columns mean, and they become a recording."""

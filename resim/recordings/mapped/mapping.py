@@ -1,0 +1,321 @@
+"""The mapping file: what the columns of somebody's tables mean, as TOML."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping as Dict
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic_core import CoreSchema
+
+from resim.core import faults
+from resim.core.errors import InputError
+from resim.core.files import parse_toml, read_file
+from resim.core.spec import Strict
+from resim.recordings.mapped.units import (
+    AccelerationUnit,
+    AngleUnit,
+    LengthUnit,
+    PlaceUnit,
+    ShareUnit,
+    SpeedUnit,
+    TimeUnit,
+    YawRateUnit,
+)
+
+EXAMPLE = "An example stands in docs/formats/mapping.md; `resim import guess FILE` writes a first one."
+
+Kind = Literal["car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown"]
+Reference = Literal[
+    "center", "front", "rear", "rear axle", "front left", "front right", "rear left", "rear right"
+]
+
+
+class Column(Strict):
+    """Where a value stands: the column's name alone, or a table with its unit; or one value for all rows."""
+
+    column: str | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, told: Any) -> Any:
+        """A text is the column's name."""
+        return {"column": told} if isinstance(told, str) else told
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.column is None) == (getattr(self, "value", None) is None):
+            raise ValueError("expected a column, or { value = ... } for one value in all rows")
+        return self
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """A text or the table."""
+        return {"anyOf": [{"type": "string", "minLength": 1}, handler(core)]}
+
+
+class Name(Column):
+    """A column of names, or one name for all rows."""
+
+    value: str | None = Field(default=None, min_length=1)
+
+
+class KindName(Column):
+    """A column of kinds; names: which kind a value of it is, beside the kinds themselves in any case."""
+
+    value: Kind | None = None
+    names: dict[str, Kind] = Field(default_factory=dict)
+
+
+class Time(Column):
+    """A column of times. unit "frames" needs their rate [Hz]; "iso" is ISO 8601, UTC where it names no zone."""
+
+    column: str = Field(min_length=1)
+    unit: TimeUnit = "s"
+    rate: float | None = Field(default=None, gt=0.0, le=1e6)
+
+
+class Place(Column):
+    """A coordinate; without a unit m, of latitude and longitude deg."""
+
+    value: float | None = None
+    unit: PlaceUnit | None = None
+
+
+class Length(Column):
+    """A length."""
+
+    value: float | None = Field(default=None, gt=0.0)
+    unit: LengthUnit = "m"
+
+
+class Angle(Column):
+    """A heading: from where it counts ("x": the table's x axis, "north"), and which way, seen from above."""
+
+    value: float | None = None
+    unit: AngleUnit = "rad"
+    zero: Literal["x", "north"] = "x"
+    clockwise: bool = False
+
+
+class Speed(Column):
+    """A speed. relative: the EGO's velocity is still to be added."""
+
+    value: float | None = None
+    unit: SpeedUnit = "m/s"
+    relative: bool = False
+
+
+class YawRate(Column):
+    """A yaw rate."""
+
+    value: float | None = None
+    unit: YawRateUnit = "rad/s"
+    clockwise: bool = False
+
+
+class Acceleration(Column):
+    """An acceleration along the heading."""
+
+    value: float | None = None
+    unit: AccelerationUnit = "m/s2"
+
+
+class Share(Column):
+    """A probability."""
+
+    value: float | None = Field(default=None, ge=0.0, le=100.0)
+    unit: ShareUnit = "1"
+
+
+Pose = tuple[float, float, float]
+
+
+class TableMapping(Strict):
+    """One table: which file and rows, in which frame, and what its columns mean.
+
+    Attributes:
+        file: Of the table, relative to the mapping; without it the file that the command names.
+        separator: Between values of a CSV.
+        decimal: What stands before the decimals.
+        only: Rows that are read: those with these values in these columns.
+        crs: Coordinate system of x and y (or lat and lon), as pyproj knows it, such as EPSG:4326 or EPSG:25832; they
+            are turned into the map's by its geoReference.
+        frame: What x and y count from, where no crs is given: the map, the EGO or its sensor (x ahead, y to the left).
+        mounting: Pose of the sensor on the EGO, from its box's centre [m m rad]; needed with frame = "sensor".
+        offset: Pose of the table's axes in the map [m m rad], with frame = "map".
+        mirrored: Whether y points to the right, or down.
+        reference: Which point of the box x and y are of.
+        rear_overhang: From the rear axle to the rear bumper [m]; needed with reference = "rear axle".
+        id: The object's name.
+        t: The time.
+        x: Of the position; with a crs easting or longitude.
+        y: Of the position; with a crs northing or latitude.
+        lat: Latitude, in place of y.
+        lon: Longitude, in place of x.
+        heading: Of the object; without it from vx and vy, or from the positions.
+        v: Speed along the heading; without it, and without vx and vy, from the positions.
+        vx: Velocity along the table's x (with a crs to the east), in place of v.
+        vy: Velocity along the table's y (with a crs to the north).
+        length: Of the box; without it assumed by kind.
+        width: Of the box; without it assumed by kind.
+        kind: What the object is; without it unknown.
+        yaw_rate: Of the object.
+        a: Acceleration along the heading.
+        existence: Probability that there is such an object.
+        gt_id: In sd: the same object's id in gt.
+    """
+
+    file: str | None = Field(default=None, min_length=1)
+    separator: str = Field(default=",", min_length=1, max_length=1)
+    decimal: Literal[".", ","] = "."
+    only: dict[str, str] = Field(default_factory=dict)
+    crs: str | None = Field(default=None, min_length=1)
+    frame: Literal["map", "ego", "sensor"] = "map"
+    mounting: Pose | None = None
+    offset: Pose | None = None
+    mirrored: bool = False
+    reference: Reference = "center"
+    rear_overhang: float | None = Field(default=None, ge=0.0, le=10.0)
+    id: Name
+    t: Time
+    x: Place | None = None
+    y: Place | None = None
+    lat: Place | None = None
+    lon: Place | None = None
+    heading: Angle | None = None
+    v: Speed | None = None
+    vx: Speed | None = None
+    vy: Speed | None = None
+    length: Length | None = None
+    width: Length | None = None
+    kind: KindName | None = None
+    yaw_rate: YawRate | None = None
+    a: Acceleration | None = None
+    existence: Share | None = None
+    gt_id: Name | None = None
+
+    @property
+    def places(self) -> tuple[tuple[str, Place], tuple[str, Place]]:
+        """The coordinates to the east (or ahead) and to the north (or to the left), each with its name."""
+        found = [
+            next((name, own) for name in names if (own := getattr(self, name)) is not None)
+            for names in (("x", "lon"), ("y", "lat"))
+        ]
+        return found[0], found[1]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        """What is given goes together."""
+        for problem, wrong in _CONTRADICTIONS.items():
+            if wrong(self):
+                raise ValueError(problem)
+        return self
+
+
+_CONTRADICTIONS: Dict[str, Any] = {
+    "needs x and y, or lat and lon": lambda m: (
+        [m.x is None, m.y is None, m.lat is None, m.lon is None]
+        not in ([False, False, True, True], [True, True, False, False])
+    ),
+    'lat and lon need a crs, such as crs = "EPSG:4326"': lambda m: m.lat is not None and m.crs is None,
+    "crs and frame exclude each other: give one": lambda m: m.crs is not None and m.frame != "map",
+    "crs excludes offset and mirrored": lambda m: m.crs is not None and (m.offset is not None or m.mirrored),
+    'offset goes with frame = "map"': lambda m: m.offset is not None and m.frame != "map",
+    'frame = "sensor" needs mounting = [x, y, heading], from the centre of the EGO\'s box [m m rad]': lambda m: (
+        m.frame == "sensor" and m.mounting is None
+    ),
+    'mounting goes with frame = "sensor"': lambda m: m.mounting is not None and m.frame != "sensor",
+    'reference = "rear axle" needs rear_overhang [m]': lambda m: (
+        m.reference == "rear axle" and m.rear_overhang is None
+    ),
+    'rear_overhang goes with reference = "rear axle"': lambda m: (
+        m.rear_overhang is not None and m.reference != "rear axle"
+    ),
+    "v excludes vx and vy: give one": lambda m: m.v is not None and (m.vx is not None or m.vy is not None),
+    "vx and vy go together; for one that is 0 give { value = 0.0 }": lambda m: (m.vx is None) != (m.vy is None),
+    "relative goes with vx and vy": lambda m: m.v is not None and m.v.relative,
+    "vx and vy are both relative, or none is": lambda m: (
+        m.vx is not None and m.vy is not None and m.vx.relative != m.vy.relative
+    ),
+}  # fmt: skip
+"""What is wrong with a table, and when it is."""
+
+
+class Match(Strict):
+    """Which SD object is which GT object.
+
+    Attributes:
+        by: "column": as the column gt_id of sd says; "id": both have the same ids; "nearest": by assignment of those
+            nearest to each other.
+        gate: Farthest [m] that an SD object may be from its GT, with "nearest".
+    """
+
+    by: Literal["column", "id", "nearest"]
+    gate: float = Field(default=3.0, gt=0.0, le=100.0)
+
+
+def _listed(told: Any) -> Any:
+    """One table is a list of one."""
+    return [told] if isinstance(told, dict) else told
+
+
+_Tables = Annotated[
+    list[TableMapping],
+    BeforeValidator(_listed),
+    Field(json_schema_extra=lambda schema: schema.update(_one_or_many(schema))),
+]
+
+
+def _one_or_many(schema: dict[str, Any]) -> dict[str, Any]:
+    many = {key: schema.pop(key) for key in ("type", "items", "minItems") if key in schema}
+    return {"anyOf": [many["items"], many]}
+
+
+class Mapping(Strict):
+    """What the columns of tables mean.
+
+    Attributes:
+        ego: Id of the EGO in gt; --ego overrides it.
+        gt: The table, or tables, of the ground truth.
+        sd: The table, or tables, of the sensor data.
+        match: Which SD object is which GT object; without it as gt_id says, else by "nearest".
+    """
+
+    ego: str | None = Field(default=None, min_length=1)
+    gt: _Tables = Field(min_length=1)
+    sd: _Tables = Field(default_factory=list)
+    match: Match | None = None
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> Self:
+        if self.match is not None and not self.sd:
+            raise ValueError("match is given, but there is no table sd")
+        if self.match is not None and self.match.by == "column" and any(m.gt_id is None for m in self.sd):
+            raise ValueError('match.by = "column" needs gt_id in sd')
+        if any(m.gt_id is not None for m in self.gt):
+            raise ValueError("gt_id goes in sd")
+        if all(m.frame != "map" for m in self.gt):
+            raise ValueError("the EGO itself needs a table in gt with a crs, or in the map's frame")
+        return self
+
+    @property
+    def matching(self) -> Match:
+        """How SD is matched with GT."""
+        named = bool(self.sd) and all(m.gt_id is not None for m in self.sd)
+        return self.match or Match(by="column" if named else "nearest")
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping file. Raises InputError naming every fault."""
+    told = parse_toml(read_file(path, EXAMPLE), path, EXAMPLE)
+    try:
+        return Mapping.model_validate(told)
+    except ValidationError as e:
+        text = faults.describe(e.errors(), Mapping)
+        for name in ("gt", "sd"):
+            if isinstance(told.get(name), dict):
+                text = re.sub(rf"\b{name}\.0(?=[.:])", name, text)
+        raise InputError(path, text, EXAMPLE) from e

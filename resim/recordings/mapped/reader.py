@@ -1,0 +1,345 @@
+"""A recording of tables that a mapping explains: SI units, the map's frame, centres of boxes; and what was derived."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.files import file_hash, joined
+from resim.core.geometry import Floats
+from resim.core.tracks import KINDS, Tracks
+from resim.recordings.mapped.frames import Placed, centred, place
+from resim.recordings.mapped.mapping import Match, TableMapping, read_mapping
+from resim.recordings.mapped.matching import assigned, distances
+from resim.recordings.mapped.motion import REACH, STANDING, along_velocity, headings, sized, speeds
+from resim.recordings.mapped.rows import Rows, read_rows
+from resim.recordings.recording import existing_map
+from resim.recordings.settings import Settings
+from resim.recordings.source import RecordingTables, check_extent
+from resim.recordings.tables import EXISTENCE, GT_ID, VALUES
+from resim.road.opendrive import RoadNetwork, load
+
+UNIX = 1e6
+"""Time [s] from which on times are those of a calendar, and are counted from the first sample of GT."""
+TICK = 1e-6
+"""Time [s] up to which samples belong to a window."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Timed:
+    """Rows as they stand, with their times t (K,) [s]."""
+
+    rows: Rows
+    t: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Rows in the map's frame, as a recording has them, and what was derived, by topic."""
+
+    path: Path
+    frame: pd.DataFrame
+    notes: tuple[tuple[str, str], ...]
+
+
+def read_mapped(
+    file: Path,
+    *,
+    map: Path,
+    columns: Path,
+    ego: str | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    rate: float | None = None,
+) -> RecordingTables:
+    """Give the recording of a table, and of the tables that its mapping names beside it.
+
+    Args:
+        file: CSV or Parquet that the mapping's tables are in, where they name none.
+        map: OpenDRIVE file.
+        columns: The mapping (see `Mapping`).
+        ego: Id of the EGO in place of the mapping's.
+        start: First time [s] of the recording's clock; default: the EGO's first sample.
+        end: Last time [s]; default: the EGO's last sample.
+        rate: Frames a second [Hz] of times in frames, in place of the mapping's.
+
+    Returns:
+        The tables, faults that `resim check` tells left in; the provenance says what was derived.
+
+    Raises:
+        InputError: A file, column, unit, frame or value cannot be used; the EGO is not there; GT and SD have no common
+            time.
+    """
+    mapping = read_mapping(columns)
+    if (own := ego or mapping.ego) is None:
+        raise InputError(columns, "names no ego, and --ego is missing", 'Give ego = "..." or --ego.')
+    network = load(existing_map(map, map))
+    truth, seen = (
+        [_timed(table, where, file, columns, rate) for table in tables]
+        for where, tables in (("gt", mapping.gt), ("sd", mapping.sd))
+    )
+    origin = _origin(truth)
+    gt = _placed(truth, origin, network, own)
+    sd = _placed(seen, origin, network, own, _ego_track(gt, own))
+    gt, sd, notes = _windowed(gt, sd, own, start, end)
+    told = {"source": ", ".join(dict.fromkeys(t.path.name for t in (*gt, *sd))), "format": "table"}
+    told["mapping"] = f"{columns.name}, SHA-256 {file_hash(columns)[:12]}"
+    if origin:
+        told["original_start"] = f"unix time {origin:.6f} s"
+    told |= notes
+    gt_frame, gt_notes = _together(gt, "gt")
+    sd_frame, sd_notes = _together(sd, "sd") if sd else (None, {})
+    if sd_frame is not None:
+        sd_frame, identity = _matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
+        sd_notes["identity"] = identity
+    return RecordingTables(
+        settings=Settings(name=file.stem, map=str(map), ego=own, provenance={**told, **gt_notes, **sd_notes}),
+        map=network.path.resolve(), gt=gt_frame, sd=sd_frame, plan=None, folder=None,
+        gt_file=gt[0].path, sd_file=sd[0].path if sd else file,
+    )  # fmt: skip
+
+
+def _timed(told: TableMapping, where: str, file: Path, columns: Path, rate: float | None) -> _Timed:
+    """A table's rows with their times."""
+    rows = read_rows(joined(columns, told.file) if told.file else file, told, where)
+    return _Timed(rows, rows.times(rate))
+
+
+def _placed(
+    tables: Sequence[_Timed], origin: float, network: RoadNetwork, ego: str, track: Tracks | None = None
+) -> list[_Table]:
+    """Every table of a source in the map, those in the EGO's frame after those that its track is of."""
+    out: list[_Table] = []
+    for one in sorted(tables, key=lambda one: one.rows.mapping.frame != "map"):
+        told = one.rows.mapping
+        if track is None and (told.frame != "map" or (told.vx is not None and told.vx.relative)):
+            track = _ego_track(out, ego)
+        t = np.round(one.t - origin, 6 if origin else 9)
+        out.append(_table(one.rows, t, network, track))
+    return out
+
+
+def _table(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _Table:
+    """A table's rows in the map's frame; t: (K,) s on the recording's clock."""
+    placed = place(rows, t, network, ego)
+    ids, (kind, unknown) = _ids(rows), _kinds(rows)
+    heading, v, notes = _motion(rows, t, ids, placed)
+    frame = pd.DataFrame(
+        {"t": t, "id": ids, "x": placed.x, "y": placed.y, "heading": heading, "v": v}, index=rows.frame.index
+    )
+    for side in ("length", "width"):
+        given = rows.numbers(side)
+        frame[side] = np.full(len(t), np.nan) if given is None else given
+    frame, assumed = sized(frame.assign(kind=kind))
+    sides = frame["length"].to_numpy(float), frame["width"].to_numpy(float)
+    x, y = centred(rows.mapping, placed.x, placed.y, heading, *sides)
+    frame = frame.assign(x=x, y=y, v=speeds(ids, t, x, y, heading) if v is None else v, **_optional(rows))
+    notes += [(name, text) for name, text in (("sizes", assumed), ("kinds", unknown)) if text]
+    if lost := int((~placed.known).sum()):
+        if lost == len(frame):
+            problem = f"{rows.where} is in the frame of the EGO, which has no sample at any of its times"
+            raise InputError(rows.path, problem, "Compare the clocks of the tables, and the units of t.")
+        notes.append(("left_out", f"{lost} rows at times at which the EGO has no sample"))
+    return _Table(rows.path, frame[placed.known], tuple(notes))
+
+
+def _ids(rows: Rows) -> pd.Series:
+    ids = rows.texts("id")
+    assert ids is not None  # the mapping needs it
+    rows.refuse(ids == "", "id", rows.mapping.id, "a name")
+    return ids
+
+
+def _motion(
+    rows: Rows, t: Floats, ids: pd.Series, placed: Placed
+) -> tuple[Floats, Floats | None, list[tuple[str, str]]]:
+    """Headings [rad] in the map and speeds [m/s], None where they are to follow; and how they were derived."""
+    told, notes = rows.mapping, []
+    velocity = _velocity(rows, placed)
+    raw = rows.numbers("heading")
+    if told.heading is not None and raw is not None:
+        heading = placed.heading(raw, told.heading)
+    elif velocity is not None:
+        heading = along_velocity(ids, t, *velocity)
+        notes.append(("headings", f"along vx and vy, kept below {STANDING:g} m/s"))
+    else:
+        heading = headings(ids, t, placed.x, placed.y)
+        notes.append(("headings", f"along the positions over {2 * REACH:g} s, kept below {STANDING:g} m/s"))
+    if velocity is not None:
+        return heading, velocity[0] * np.cos(heading) + velocity[1] * np.sin(heading), notes
+    if told.v is None:
+        return heading, None, [*notes, ("speeds", f"of the positions over {2 * REACH:g} s")]
+    return heading, rows.numbers("v"), notes
+
+
+def _velocity(rows: Rows, placed: Placed) -> tuple[Floats, Floats] | None:
+    """Velocity (K,), (K,) [m/s] in the map, None where the table has none."""
+    told = rows.mapping
+    vx, vy = rows.numbers("vx"), rows.numbers("vy")
+    if vx is None or vy is None or told.vx is None:
+        return None
+    vy = -vy if told.mirrored else vy
+    c, s = np.cos(placed.turn), np.sin(placed.turn)
+    x, y = c * vx - s * vy, s * vx + c * vy
+    return (x + placed.vx, y + placed.vy) if told.vx.relative else (x, y)
+
+
+def _kinds(rows: Rows) -> tuple[pd.Series, str]:
+    """The kind of each row, and the words of the file that are no kind."""
+    raw, told = rows.texts("kind"), rows.mapping.kind
+    if raw is None or told is None:
+        return pd.Series("unknown", index=rows.frame.index), "none given: unknown"
+    kinds = raw.map(lambda word: told.names.get(word, word.casefold()))
+    strange = raw[~kinds.isin(KINDS)]
+    words = [f"{word!r} ({count} rows)" for word, count in strange.value_counts().head(10).items()]
+    return kinds.where(kinds.isin(KINDS), "unknown"), ", ".join(words) + " taken as unknown" if words else ""
+
+
+def _optional(rows: Rows) -> dict[str, Floats | pd.Series]:
+    """Columns that a recording may have."""
+    out: dict[str, Floats | pd.Series] = {}
+    told = rows.mapping
+    if (rates := rows.numbers("yaw_rate")) is not None and told.yaw_rate is not None:
+        out["yaw_rate"] = -rates if told.yaw_rate.clockwise else rates
+    if (a := rows.numbers("a")) is not None:
+        out["a"] = a
+    if (exists := rows.numbers("existence")) is not None and told.existence is not None:
+        rows.refuse((exists < 0.0) | (exists > 1.0), "existence", told.existence, "0 to 1, or 0 to 100 %")
+        out[EXISTENCE] = exists
+    if (names := rows.texts("gt_id")) is not None:
+        out[GT_ID] = names
+    return out
+
+
+def _ego_track(gt: Sequence[_Table], ego: str) -> Tracks:
+    """The EGO's track, of the rows that lack nothing."""
+    frame = pd.concat([t.frame for t in gt])
+    known = frame["id"].drop_duplicates().tolist()
+    if ego not in known:
+        alike = get_close_matches(ego, known, 1)
+        hint = f"; did you mean {alike[0]!r}?" if alike else ""
+        problem = f"ego {ego!r} was not found in gt{hint}"
+        raise InputError(gt[0].path, problem, f"It has {', '.join(known[:20])}.")
+    own = _complete(frame[frame["id"] == ego])
+    if own.empty:
+        raise InputError(gt[0].path, f"ego {ego!r} has no row with position, heading and speed")
+    return Tracks.from_frame(own)
+
+
+def _complete(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows that lack no value, each time and object once, by time."""
+    whole = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
+    ordered: pd.DataFrame = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
+    return ordered
+
+
+def _origin(gt: Sequence[_Timed]) -> float:
+    """The time [s] that is counted as 0."""
+    first = min(float(one.t.min()) for one in gt)
+    return first if abs(first) > UNIX else 0.0
+
+
+def _windowed(
+    gt: list[_Table], sd: list[_Table], ego: str, start: float | None, end: float | None
+) -> tuple[list[_Table], list[_Table], dict[str, str]]:
+    """The rows while the EGO is there, from start to end [s]; and what was left out."""
+    every = pd.concat([t.frame for t in gt])
+    own = every.loc[every["id"] == ego, "t"]
+    first, last = float(own.min()), float(own.max())
+    _check_common(gt, sd, ego, first, last)
+    begin, until = first if start is None else start, last if end is None else end
+    if not first - TICK <= begin < until <= last + TICK:
+        asked = f"{begin:g} to {until:g} s"
+        problem = f"ego {ego!r} is present from {first:g} to {last:g} s, the requested window is {asked}"
+        raise InputError(gt[0].path, problem, "Choose a start and an end within its span.")
+    out, notes = [], {}
+    for name, tables in (("gt", gt), ("sd", sd)):
+        inside = [t.frame["t"].between(begin - TICK, until + TICK).to_numpy() for t in tables]
+        if lost := sum(int((~keep).sum()) for keep in inside):
+            notes[f"{name}_outside"] = f"{lost} rows before {begin:g} s or after {until:g} s left out"
+        out.append([replace(t, frame=t.frame[keep]) for t, keep in zip(tables, inside, strict=True)])
+    return out[0], out[1], notes
+
+
+def _check_common(gt: list[_Table], sd: list[_Table], ego: str, first: float, last: float) -> None:
+    if not sd:
+        return
+    times = np.concatenate([t.frame["t"].to_numpy(float) for t in sd])
+    if not ((times >= first - TICK) & (times <= last + TICK)).any():
+        problem = (
+            f"sd lasts from {times.min():.9g} to {times.max():.9g} s, the EGO {ego!r} of gt ({gt[0].path.name}) "
+            f"from {first:.9g} to {last:.9g} s: they have no common time"
+        )
+        raise InputError(sd[0].path, problem, "Compare the units and the zero of t in both tables.")
+
+
+def _together(tables: Sequence[_Table], source: str) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The tables of a source as one, by time, and its notes."""
+    frame = tables[0].frame if len(tables) == 1 else pd.concat([t.frame for t in tables], ignore_index=True)
+    frame = frame.sort_values("t", kind="stable")
+    frame.index = pd.RangeIndex(2, len(frame) + 2)
+    check_extent(tables[0].path, frame)
+    notes: dict[str, list[str]] = {}
+    for table in tables:
+        for name, text in table.notes:
+            own = f"{table.path.name}: {text}" if len(tables) > 1 else text
+            notes.setdefault(f"{source}_{name}", []).append(own)
+    if GT_ID in frame:
+        frame[GT_ID] = frame[GT_ID].fillna("")
+    return frame, {name: "; ".join(texts) for name, texts in notes.items()}
+
+
+def _matched(
+    how: Match, gt: pd.DataFrame, sd: pd.DataFrame, path: Path, ego: str
+) -> tuple[pd.DataFrame, str]:
+    """The SD with the GT id of each object, and what came of it."""
+    truth, seen = Tracks.from_frame(_complete(gt)), _complete(sd)
+    if seen.empty:
+        raise InputError(path, "sd has no row with position, heading and speed", "Correct the mapping.")
+    tracks = Tracks.from_frame(seen)
+    known = set(truth.ids.tolist())
+    if how.by == "nearest":
+        found = assigned(truth, tracks, how.gate)
+        of = dict(zip(tracks.ids.tolist(), found.gt_id.tolist(), strict=True))
+    elif how.by == "id":
+        of = {name: name for name in tracks.ids.tolist() if name in known}
+    else:
+        of = {str(name): str(own) for name, own in sd.groupby("id", sort=False)[GT_ID].first().items()}
+        _check_named(sd, of, known, path)
+    names = np.array([of.get(name, "") for name in tracks.ids.tolist()], dtype=str)
+    text = _outcome(how, tracks, names, distances(truth, tracks, names), ego)
+    return sd.assign(**{GT_ID: sd["id"].map(of).fillna("")}), text
+
+
+def _check_named(sd: pd.DataFrame, of: dict[str, str], known: set[str], path: Path) -> None:
+    strange = sorted({own for own in of.values() if own and own not in known})
+    if strange:
+        problem = f"gt_id {strange[0]!r} was not found in gt" + (
+            f" (and {len(strange) - 1} more)" if len(strange) > 1 else ""
+        )
+        raise InputError(path, problem, f"gt has {', '.join(sorted(known)[:20])}.")
+
+
+def _outcome(how: Match, sd: Tracks, names: np.ndarray, apart: Floats, ego: str) -> str:
+    """How many SD ids have a GT id, how far off they are, and who is left over."""
+    words = {
+        "nearest": f"by assignment of the nearest within {how.gate:g} m, in most samples of an id",
+        "id": "by the same ids",
+        "column": "by gt_id",
+    }[how.by]
+    has = names != ""
+    text = f"{words}: {int(has.sum())} of {len(sd)} ids matched"
+    if np.isfinite(apart).any():
+        text += f", median distance {float(np.nanmedian(apart)):.2f} m"
+    left = sd.ids[~has].tolist()
+    if left:
+        text += f"; {len(left)} left over: {', '.join(left[:10])}" + (", ..." if len(left) > 10 else "")
+    own = sd.ids[names == ego].tolist()
+    detection = f"detected as {', '.join(own[:10])}" if own else "not detected by the sensor"
+    return f"{text}; the EGO is {detection}"

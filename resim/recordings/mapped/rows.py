@@ -1,0 +1,221 @@
+"""The rows of somebody's table: read as they stand, and each column in SI units, with the row that is wrong."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.geometry import Floats
+from resim.recordings.mapped.mapping import Column, Place, TableMapping, Time
+from resim.recordings.mapped.units import DEGREES, FACTORS, LENGTHS, TIMES
+from resim.recordings.tables import BIGGEST, read_parquet
+
+NOTHING = ("", "nan", "na", "n/a", "null", "none")
+"""What stands for a value that is missing, in any case."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a table. path: the file; where: the table in the mapping (gt, sd); frame: by row number in the file."""
+
+    path: Path
+    where: str
+    mapping: TableMapping
+    frame: pd.DataFrame
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def numbers(self, name: str, column: Column | None = None) -> Floats | None:
+        """Give the column of this field in SI units (K,), NaN where missing; None where the mapping has none."""
+        told: Any = column or getattr(self.mapping, name)
+        if told is None:
+            return None
+        return self._raw(name, told) * FACTORS[told.unit]
+
+    def coordinates(self, *, degrees: bool) -> tuple[Floats, Floats]:
+        """Give the positions to the east (ahead) and to the north (left) [m, or degrees] (K,)."""
+        east, north = (self._coordinate(name, own, degrees) for name, own in self.mapping.places)
+        return east, north
+
+    def times(self, rate: float | None) -> Floats:
+        """Give the times (K,) [s]; rate [Hz] of frames, where the mapping has none."""
+        told = self.mapping.t
+        if told.unit == "iso":
+            return self._iso(told)
+        raw = self._raw("t", told)
+        self.refuse(~np.isfinite(raw), "t", told, "a number")
+        if told.unit != "frames":
+            return raw * TIMES[told.unit]
+        if (rate := rate or told.rate) is None:
+            problem = f"{self.where}.t is in frames, and nothing says how many a second"
+            raise InputError(self.path, problem, "Give t = { ..., rate = 25.0 } in the mapping, or --rate.")
+        return raw / rate
+
+    def texts(self, name: str) -> pd.Series | None:
+        """Give the column of this field as text, "" where missing; None where the mapping has none."""
+        told: Any = getattr(self.mapping, name)
+        if told is None:
+            return None
+        if told.value is not None:
+            return pd.Series(told.value, index=self.frame.index, dtype=object)
+        return self._column(name, told.column).map(_text)
+
+    def plain_numbers(self, column: str) -> Floats:
+        """Give a column as it stands (K,), NaN where missing. Raises InputError where it holds no numbers."""
+        return self._raw(column, Place(column=column))
+
+    def words(self, column: str) -> pd.Series:
+        """Give a column as text."""
+        return self._column(column, column).map(_text)
+
+    def refuse(self, bad: Any, name: str, column: Column, expected: str) -> None:
+        """Raise InputError for the first of the bad rows (K,)."""
+        rows = self.frame.index[np.asarray(bad, dtype=bool)]
+        if len(rows):
+            found = self.frame[column.column].loc[rows[0]]
+            more = f" (and {len(rows) - 1} more rows)" if len(rows) > 1 else ""
+            what = f"{column.column} ({self.where}.{name}) is {_text(found)!r}"
+            text = f"row {rows[0]}: {what}, expected {expected}{more}"
+            raise InputError(self.path, text, "Correct the rows, or the unit in the mapping.")
+
+    def _coordinate(self, name: str, told: Place, degrees: bool) -> Floats:
+        units = DEGREES if degrees else LENGTHS
+        unit = told.unit or ("deg" if degrees else "m")
+        if unit not in units:
+            what = "latitude and longitude are angles" if degrees else "coordinates here are lengths"
+            problem = f"{self.where}.{name} is in {unit!r}, but {what}"
+            raise InputError(self.path, problem, f"Units: {', '.join(units)}.")
+        return self._raw(name, told) * units[unit]
+
+    def _raw(self, name: str, told: Any) -> Floats:
+        """The column's numbers as they stand, NaN where missing."""
+        if told.column is None:
+            return np.full(len(self), float(told.value))
+        values = self._column(name, told.column)
+        if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
+            found = values.to_numpy(float, na_value=np.nan)
+            wrong = np.isinf(found)
+        else:
+            parsed = [_number(value, self.mapping.decimal) for value in values]
+            found = np.array([np.nan if p is None else p for p in parsed], dtype=float)
+            wrong = np.array([p is None for p in parsed], dtype=bool)
+        self.refuse(wrong | (np.abs(found) > LARGEST), name, told, "a finite number or nothing")
+        return found
+
+    def _iso(self, told: Time) -> Floats:
+        values = self._column("t", told.column)
+        stamps = pd.to_datetime(values, utc=True, format="ISO8601", errors="coerce")
+        self.refuse(stamps.isna(), "t", told, "a time such as 2024-05-01T12:00:00.040Z")
+        return np.asarray(stamps.dt.as_unit("ns").astype("int64").to_numpy() / 1e9)
+
+    def _column(self, name: str, column: str) -> pd.Series:
+        return column_of(self.path, self.frame, column, f"{self.where}.{name}")
+
+
+LARGEST = max(BIGGEST, 1e19)
+"""Largest number in a column: of Unix times in ns."""
+
+
+def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Series:
+    """Give a column of the table. Raises InputError where there is none, naming the field of the mapping."""
+    names = [str(name) for name in frame.columns]
+    if names.count(column) != 1:
+        what = "has more than one column" if column in names else "has no column"
+        alike = get_close_matches(column.casefold(), [n.casefold() for n in names], 1, cutoff=0.5)
+        meant = [n for n in names if n.casefold() in alike and n != column]
+        hint = f"; did you mean {meant[0]!r}?" if meant and column not in names else ""
+        raise InputError(path, f"{what} {column!r}, which {field} names{hint}", f"It has {', '.join(names)}.")
+    found: pd.Series = frame[column]
+    return found
+
+
+def read_rows(path: Path, mapping: TableMapping, where: str) -> Rows:
+    """Read a table's rows that the mapping wants. Raises InputError."""
+    frame = read_any(path, mapping.separator)
+    for column, value in mapping.only.items():
+        frame = frame[column_of(path, frame, column, f"{where}.only").map(_text) == value]
+        if frame.empty:
+            raise InputError(
+                path, f"no row has {value!r} in {column!r} ({where}.only)", "Correct the mapping."
+            )
+    return Rows(path, where, mapping, frame)
+
+
+def read_any(path: Path, separator: str = ",") -> pd.DataFrame:
+    """Give all columns of a CSV as text, of a Parquet file as they are, by row number in the file."""
+    frame = read_parquet(path) if path.suffix == ".parquet" else _csv(path, separator)
+    if frame.empty:
+        raise InputError(path, "has a header and no rows", "Give a table with one row per time and object.")
+    frame.columns = pd.Index([str(name).strip() for name in frame.columns])
+    return frame
+
+
+def _csv(path: Path, separator: str) -> pd.DataFrame:
+    if not path.is_file():
+        raise InputError(path, "there is no such file", "Check the path, and file in the mapping.")
+    if not path.stat().st_size:
+        raise InputError(path, "is empty (0 bytes)", "Give a table with a header line.")
+    try:
+        with warnings.catch_warnings(), path.open(encoding="utf-8-sig", newline="") as file:
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            header = next(csv.reader(file, delimiter=separator))
+            frame = pd.read_csv(
+                path, sep=separator, encoding="utf-8-sig", index_col=False, skip_blank_lines=False, header=None,
+                skiprows=1, names=range(len(header)), keep_default_na=False, dtype=str, low_memory=False,
+            )  # fmt: skip
+    except (
+        pd.errors.ParserError,
+        pd.errors.EmptyDataError,
+        pd.errors.ParserWarning,
+        UnicodeDecodeError,
+        OSError,
+        csv.Error,
+        StopIteration,
+    ) as e:
+        raise InputError(
+            path, f"is not a readable CSV file ({' '.join(str(e).split())})",
+            "Write UTF-8 text, each row as many fields as the header; separator in the mapping says what is between.",
+        ) from e  # fmt: skip
+    frame.columns = pd.Index(header)
+    frame.index = pd.RangeIndex(2, len(frame) + 2)
+    frame = frame.fillna("")
+    broken = frame.apply(lambda values: values.str.contains("\n", regex=False)).any(axis=1)
+    if broken.any():
+        problem = f"row {frame.index[broken][0]}: a value goes on over the next lines"
+        raise InputError(path, problem, 'Take its quote (") away, or the line breaks within quotes.')
+    told: pd.DataFrame = frame[(frame.apply(lambda values: values.str.strip()) != "").any(axis=1)]
+    return told
+
+
+def _text(value: object) -> str:
+    """A cell as text; whole numbers without a point."""
+    if value is None or value != value:
+        return ""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip()
+
+
+def _number(value: object, decimal: str) -> float | None:
+    """A cell as a number, NaN where it is missing, None where it is neither."""
+    if isinstance(value, bool):
+        return None
+    text = _text(value) if not isinstance(value, str) else value.strip()
+    if text.casefold() in NOTHING:
+        return np.nan
+    if "_" in text or (decimal == "," and "." in text):
+        return None
+    try:
+        found = float(text.replace(decimal, "."))
+    except ValueError:
+        return None
+    return found if np.isfinite(found) else None

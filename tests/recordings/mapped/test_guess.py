@@ -1,0 +1,127 @@
+"""What the guess makes of strangers' tables is what they meant, or says that somebody has to fill it in."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from recordings.mapped.strangers import MAP, Way, drive, same, written
+
+from resim.core.errors import InputError
+from resim.recordings.mapped.guess import fill_ins, guess
+from resim.recordings.mapped.mapping import read_mapping
+from resim.recordings.mapped.reader import read_mapped
+from resim.road.opendrive import load
+
+ROOT = Path(__file__).parents[3]
+DATA = ROOT.parent / "shared" / "data"
+WAYS = {
+    "compass": Way(frame="wgs84", time="iso", speed="km/h", angle="deg", zero="north", clockwise=True),
+    "utm": Way(frame="utm", time="unix", separator=";", decimal=",", speed="mph"),
+    "plain": Way(),
+    "parquet": Way(time="ms", angle="deg", speed="km/h", parquet=True),
+    "clockwise": Way(clockwise=True, time="us"),
+    "cm": Way(speed="cm/s", time="ns", zero="north"),
+}
+
+
+def filled(text: str) -> str:
+    """The kinds, which are numbers in these tables, filled in."""
+    return text.replace('"1" = "unknown", "2" = "unknown"', '"1" = "car", "2" = "truck"')
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_guessed_mapping_gives_the_drive_back(tmp_path: Path, name: str) -> None:
+    truth = drive()
+    path, _ = written(tmp_path, truth, WAYS[name], "gt")
+    out = tmp_path / "mapping.toml"
+    text = guess(path, out, network=load(MAP))
+    out.write_text(filled(text))
+    same(read_mapped(path, map=MAP, columns=out).gt, truth)
+
+
+def test_a_sensors_table_is_guessed_beside_it(tmp_path: Path) -> None:
+    truth = drive()
+    path, _ = written(tmp_path, truth, WAYS["compass"], "gt")
+    seen, _ = written(tmp_path, truth, Way(frame="ego", velocity="xy", time="unix"), "sd")
+    out = tmp_path / "mapping.toml"
+    text = guess(path, out, sensor=seen, network=load(MAP))
+    left = fill_ins(text)
+    assert any(line.startswith("# heading") for line in left)
+    assert any(line.startswith("# vx") and "relative" in line for line in left)
+    for line in left:
+        if line.startswith(("# heading", "# vx", "# vy")):
+            text = text.replace(line, line.removeprefix("# "))
+    out.write_text(filled(text))
+    found = read_mapped(path, map=MAP, columns=out).sd
+    assert found is not None
+    same(found, truth)
+
+
+def test_a_mirrored_y_is_told_by_the_map(tmp_path: Path) -> None:
+    network = load(MAP)
+    x, y = network.to_xy("1", -2, np.linspace(400.0, 440.0, 41), 0.0)
+    table = pd.DataFrame({"time_ms": np.arange(41) * 50, "x": x, "y": -y})
+    table.to_csv(tmp_path / "t.csv", index=False)
+    text = guess(tmp_path / "t.csv", tmp_path / "m.toml", network=network)
+    (tmp_path / "m.toml").write_text(text)
+    assert read_mapping(tmp_path / "m.toml").gt[0].mirrored
+    assert 'id = { value = "ego" }' in text
+    assert '{ column = "time_ms", unit = "ms" }' in text
+
+
+def test_what_the_table_does_not_tell_is_left_to_fill_in(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,x,y,heading,v\n,,,,\nnan,,,,\n0.1,,,,\n")
+    assert "FILL IN: the positions" in guess(tmp_path / "t.csv", tmp_path / "m.toml", network=load(MAP))
+    (tmp_path / "t.csv").write_text("a1,a2\n1,2\n3,4\n")
+    text = guess(tmp_path / "t.csv", tmp_path / "m.toml")
+    assert len(fill_ins(text)) >= 6
+    (tmp_path / "m.toml").write_text(text)
+    with pytest.raises(InputError, match=r"gt\.id: is missing|gt\.t: is missing"):
+        read_mapping(tmp_path / "m.toml")
+
+
+def test_names_and_values_of_a_table_add_no_line(tmp_path: Path) -> None:
+    rows = pd.DataFrame(
+        {"t": [0.0, 0.1], "x": [0.0, 1.0], "y": [0.0, 0.0], "id": ['a"b', 'a"b'], "type": ["]\nego", "x"]}
+    )
+    rows["type"] = ['bus"]', "x\\"]
+    rows.to_csv(tmp_path / "t.csv", index=False)
+    (tmp_path / "m.toml").write_text(guess(tmp_path / "t.csv", tmp_path / "m.toml"))
+    told = read_mapping(tmp_path / "m.toml")
+    assert told.gt[0].kind is not None
+    assert set(told.gt[0].kind.names) == {'bus"]', "x\\"}
+
+
+def test_the_command_writes_it_and_never_over_another(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, drive(), replace(WAYS["compass"]), "gt")
+    words = [sys.executable, "-m", "resim", "import", "guess", str(path), "--map", str(MAP), "--out"]
+    done = subprocess.run(
+        [*words, str(tmp_path / "m.toml")], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert done.returncode == 0, done.stderr
+    assert "1 lines to fill in" in done.stdout
+    again = subprocess.run(
+        [*words, str(tmp_path / "m.toml")], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert (again.returncode, "exists already" in again.stderr) == (2, True)
+
+
+def test_a_real_recording_is_guessed(tmp_path: Path) -> None:
+    """exiD's columns of the published schema: frames, degrees, centres."""
+    csv = DATA / "highd_format" / "us101_22" / "01_tracks.csv"
+    if not csv.is_file():
+        pytest.skip("the shared data are not on this machine")
+    text = guess(csv, tmp_path / "m.toml")
+    assert 'id = "id"' in text
+    assert any(line.startswith("# t =") and "frames" in line for line in fill_ins(text))
+    rated = text.replace("# t =", "t =").replace("# ego =", "ego =")
+    (tmp_path / "m.toml").write_text(rated)
+    road = DATA / "ngsim" / "USA_US101-22_1_T-1.xodr"
+    found = read_mapped(csv, map=road, columns=tmp_path / "m.toml", rate=10.0)
+    assert found.gt["id"].nunique() > 20
