@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from turns import driven, turns
 
 from resim.core.tracks import Tracks
 from resim.recordings import Recording, write_recording
 from resim.road.opendrive import load
 from resim.simulation.function.interface import load_build
-from turns import driven, turns
 
 CROSSING = Path(__file__).parents[3] / "shared/data/xodr/esmini/fabriksgatan.xodr"
 PACE = 7.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from turns import driven, turns
 
 from resim.road.driven_route import Route, driven_route, leaves
 from resim.road.path import lane_path
-from turns import driven, turns
 
 MAPS = (
     "xodr/esmini/fabriksgatan.xodr",
