@@ -1,4 +1,4 @@
-"""How far a command is: a bar on a terminal, elsewhere a line now and then; to standard error."""
+"""How far a command is: a bar on a terminal, elsewhere a line now and then, or for each step; to standard error."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from resim.cli.terminal import say, visible
+from resim.cli.terminal import say, telling, visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -35,7 +35,7 @@ class Progress:
         from rich.progress import Progress as Bar
 
         console = Console(stderr=True)
-        if console.is_terminal:
+        if console.is_terminal and not telling().quiet and not telling().verbose:
             self._bar = Bar(
                 TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(),
                 TextColumn("{task.fields[rate]}"), TimeRemainingColumn(), console=console, transient=True,
@@ -72,7 +72,9 @@ class Progress:
                 self._bar.task_ids[0], description=visible(doing)[:24], completed=self.done, total=self._total,
                 rate=f"{rate:.1f}/s" if rate > 0.1 else "",
             )  # fmt: skip
-        elif (now := time.monotonic()) >= self._told + EVERY:
+        elif not telling().quiet and (
+            (now := time.monotonic()) >= self._told + EVERY or (doing and telling().verbose)
+        ):
             self._told = now
             of = "" if self._total is None else f" of {self._total}"
             say(f"{self.done}{of} {self.unit}{self._left(now)}{f': {doing}' * bool(doing)}", err=True)
