@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from resim.cli.terminal import say, telling, visible
 
@@ -13,6 +15,13 @@ if TYPE_CHECKING:
 
 EVERY = 10.0
 """s between two lines where there is no terminal."""
+
+
+def _screen() -> TextIO:
+    """The standard error, also while that takes the words of code under test."""
+    if sys.stderr.isatty():
+        return os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
+    return sys.stderr
 
 
 class Progress:
@@ -34,7 +43,7 @@ class Progress:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        console = Console(stderr=True)
+        console = Console(file=_screen())
         if console.is_terminal and not telling().quiet and not telling().verbose:
             self._bar = Bar(
                 TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(),
