@@ -84,9 +84,14 @@ class Criterion(BaseModel):
         return np.asarray((value if self.side == "above" else np.abs(value)) - self.limit)
 
     def within(self, t: Floats) -> Bools:
-        """Say which of the scenes at t (S,) [s] lie in the part of the drive that counts."""
+        """Say which of the scenes at t (S,) [s] lie in the part of the drive that counts.
+
+        A scene stands for the time until the next one: a part that begins between two has the one before, as what is
+        found in it may be of the part.
+        """
         end = math.inf if self.end is None else t[0] + self.end
-        return np.asarray((t >= t[0] + self.start - _SAME) & (t <= end + _SAME))
+        until = np.append(t[1:], math.inf)
+        return np.asarray((until > t[0] + self.start + _SAME) & (t <= end + _SAME))
 
     def extent(self, t: Floats) -> float:
         """Give how long [s] the part that counts is, of a drive with scenes at t (S,) [s]."""

@@ -8,13 +8,18 @@ from functools import lru_cache
 from itertools import groupby, pairwise, zip_longest
 
 import numpy as np
+from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.links import LaneKey, lane_graph, ways
 from resim.road.opendrive import RoadNetwork, RoadPositions
 
 _END = 1.0
 """How near [m] to the end of its last road a drive goes beyond a route's end, and does not leave it."""
+
+
+_ALONG = 0.5 * np.pi
+"""By how much [rad] the heading of who drives along a lane is off it at most."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +29,12 @@ class Route:
     Attributes:
         steps: Ids of roads: one at a time outside of junctions; inside, all the connecting roads that lead side by side
             from the road before to the one after.
+        onwards: Whether it leads along the last road in the direction of its s, or against it; of a route that ends
+            inside of a junction that is as the lanes say.
     """
 
     steps: tuple[tuple[str, ...], ...] = ()
+    onwards: bool = True
 
     @property
     def roads(self) -> tuple[str, ...]:
@@ -60,7 +68,20 @@ def driven_route(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) ->
         steps += [*_through(network, before, road, at, np.column_stack([x, y]), inside), (road,)]
         before, inside = road, []
     steps += _through(network, before, None, at, np.column_stack([x, y]), inside)
-    return Route(tuple(steps))
+    return Route(tuple(steps), _onwards(network, at, on))
+
+
+def _onwards(network: RoadNetwork, at: RoadPositions, on: NDArray[np.intp]) -> bool:
+    """Whether a drive with samples on roads went in the direction of s on its last road."""
+    if not len(on):
+        return True
+    last = on[-1]
+    name, s = str(at.road[last]), float(at.s[last])
+    stretch = np.flatnonzero(at.road[on] != name)
+    first = on[stretch[-1] + 1] if len(stretch) else on[0]
+    moved = s - float(at.s[first])
+    road = network.roads[name]
+    return moved > 0.0 if abs(moved) > _END else road.along(int(at.lane[last]), road.section_index(s))
 
 
 @lru_cache(maxsize=16)
@@ -72,12 +93,15 @@ def only_roads(network: RoadNetwork, roads: tuple[str, ...]) -> RoadNetwork:
 def leaves(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> int | None:
     """Give the first of K samples (as of `driven_route`) at which a drive is on a driving lane off its route, or None.
 
-    Who goes on over the end of its last road has not left it; of a route without roads nobody knows.
+    Who goes on over the end of its last road has not left it, wherever he goes then; of a route without roads nobody
+    knows. Where a route comes to a road twice, who turns off as it does later has left it, too.
     """
     if not route.steps:
         return None
     own = only_roads(network, route.roads)
     on = own.to_road(x, y).on_road
+    if len(route.roads) < sum(map(len, route.steps)):
+        on &= _in_order(network, route, x, y, heading)
     off = np.flatnonzero(~on)
     off = off[network.to_road(x[off], y[off]).on_road]
     if not len(off):
@@ -85,6 +109,36 @@ def leaves(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Fl
     first = int(off[0])
     was = np.flatnonzero(on[:first])
     return None if len(was) and _ended(own, route, x, y, heading, (int(was[-1]), first)) else first
+
+
+def _in_order(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> Bools:
+    """Say which samples (K,) are on a step of the route that can come then, until the first that is on none."""
+    there = np.array([_drives_on(only_roads(network, step), x, y, heading) for step in route.steps])
+    known, out = np.zeros(len(there), dtype=bool), np.ones(len(x), dtype=bool)
+    for k in range(len(x)):
+        if not known.any():
+            known[np.flatnonzero(there[:, k])[:1]] = True
+        near = known.copy()  # a step on, one back, and two on where one is passed between samples
+        near[1:] |= known[:-1]
+        near[2:] |= known[:-2]
+        near[:-1] |= known[1:]
+        now = near & there[:, k]
+        if now.any():
+            known = now
+        elif there[:, k].any() and known.any():
+            out[k:] = False
+            break
+    return out
+
+
+def _drives_on(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> Bools:
+    """Say at which samples (K,) a drive goes along a lane of these roads."""
+    at = network.to_road(x, y, heading=heading)
+    along, on = np.zeros(len(x), dtype=bool), at.on_road
+    if on.any():
+        towards = network.lane_heading(at.road[on], at.lane[on], at.s[on])
+        along[on] = np.abs(wrap_angle(towards - heading[on])) < _ALONG
+    return along
 
 
 def _ended(
@@ -95,8 +149,8 @@ def _ended(
     last = own.to_road(x[one : one + 1], y[one : one + 1], heading=heading[one : one + 1])
     name, s = str(last.road[0]), float(last.s[0])
     road = own.roads[name]
-    along = road.along(int(last.lane[0]), road.section_index(s))
-    left = road.length - s if along else s
+    onwards = route.onwards if road.junction is None else road.along(int(last.lane[0]), road.section_index(s))
+    left = road.length - s if onwards else s
     return name in route.steps[-1] and left <= float(np.hypot(x[two] - x[one], y[two] - y[one])) + _END
 
 

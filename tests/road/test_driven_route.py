@@ -133,3 +133,42 @@ def test_parallel_lanes_belong_to_the_route_and_nobody_leaves_an_unknown_one(pro
     assert leaves(proving_ground, Route(), *far, heading[:50]) is None
     off_road = driven_route(proving_ground, x + 1e5, y, heading)
     assert off_road == Route()
+
+
+def one_after_the_other(*drives):
+    return np.concatenate(drives, axis=1)
+
+
+def test_who_turns_round_and_goes_elsewhere_has_left_it(shared_map):
+    """On the last road of the route, by the whole of it or alone."""
+    net, found = shared_map(MAPS[0]), 0
+    every = list(turns(net))
+    for first in every:
+        for second in every:
+            if first[2][0][0] != second[0][0][0] or second[2][0][0] == first[0][0][0]:
+                continue
+            there, back = driven(net, first), driven(net, second)
+            route = driven_route(net, *there)
+            left = leaves(net, route, *one_after_the_other(there, back))
+            assert left is not None
+            assert left >= there.shape[1]
+            on = net.to_road(there[0], there[1], heading=there[2]).road == second[0][0][0]
+            alone = there[:, on]
+            assert leaves(net, driven_route(net, *alone), *one_after_the_other(alone, back)) is not None
+            found += 1
+    assert found
+
+
+def test_who_turns_off_at_the_first_pass_as_the_route_does_at_the_second_has_left_it(shared_map):
+    net, found = shared_map(MAPS[0]), 0
+    every = list(turns(net))
+    for one in every:
+        for other in every:
+            if one[0] != other[0] or one[2][0] == other[2][0]:
+                continue
+            twice = one_after_the_other(driven(net, one), driven(net, other))
+            route = driven_route(net, *twice)
+            assert leaves(net, route, *twice) is None
+            assert leaves(net, route, *driven(net, other)) is not None
+            found += 1
+    assert found

@@ -20,8 +20,6 @@ from resim.core.plugins import integrity, process, watchdog
 from resim.core.plugins.modules import OwnModules
 
 UNKNOWN = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
-_OTHERS = {"__pycache__", "site-packages", "dist-packages", "resim"}
-"""Folders of what Python and installed packages open."""
 _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 """Between the words of a command line."""
 
@@ -129,7 +127,9 @@ class OpenedFiles:
                 continue
             name = Path(place[len(folder) :])
             listed = folder in self._copy and name.as_posix() in self._names
-            if not listed and _OTHERS.isdisjoint(name.parts):
+            ours = folder not in self._copy and _is_systems(place)
+            compiled = name.parent.name == "__pycache__" and name.suffix == ".pyc"
+            if not (listed or ours or compiled):
                 self.found.add(name.as_posix())
 
     def _note_elsewhere(self, file: str, *, writes: bool = False, anew: bool = False) -> None:
@@ -139,11 +139,7 @@ class OpenedFiles:
         """
         place = os.path.realpath(file)
         names = (place, os.path.abspath(file))  # noqa: PTH100
-        if (
-            not watchdog.board[0]
-            or place.startswith(_SYSTEM)
-            or any(n.startswith(self._folders) for n in names)
-        ):
+        if not watchdog.board[0] or _is_systems(place) or any(n.startswith(self._folders) for n in names):
             return
         if anew or not os.path.exists(place):  # noqa: PTH110
             self._written.add(place)
@@ -186,6 +182,14 @@ _SYSTEM = tuple(
     )
 )  # fmt: skip
 """Folders of what Python, installed packages, the system and resim open."""
+_SHARED = "/dev/shm/"
+
+
+def _is_systems(place: str) -> bool:
+    """Whether a file is one that Python, an installed package, the system or resim opens."""
+    return place.startswith(_SYSTEM) and not place.startswith(_SHARED)
+
+
 _watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
 _EVENTS = {
