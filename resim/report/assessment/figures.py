@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners, to_frame
 from resim.metrics.assessment import Assessment
 from resim.report.assessment.marks import NUMBERS, RISK, TIMES, block_color, least, marked
+from resim.report.figure import Figure, Part
+from resim.report.figure import trace as figure_trace
 from resim.report.lanes import Box, lane_traces
 from resim.report.markup import html
 from resim.report.plots import FAINT, clock_words, compact, fade, line, number, style
@@ -28,9 +28,11 @@ OBJECT = "#D55E00"
 PERCENT = 100.0
 
 
-def risk_figure(assessed: ResimulationAssessment) -> go.Figure:
+def risk_figure(assessed: ResimulationAssessment) -> Figure:
     """Draw the accident risk of GT, SD, rGT and rSD over time: linear above, logarithmic below."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
+    figure = Figure.of_panels(
+        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4]
+    )
     largest = max(float(np.nan_to_num(a.risk.r_ind).max()) for a in assessed.blocks.values())
     start = min(float(a.drive.t[0]) for a in assessed.blocks.values())
     for name, a in assessed.blocks.items():
@@ -58,12 +60,12 @@ def _limits(assessed: ResimulationAssessment) -> list[float]:
     return [c.limit for c in every if c.measure == "risk"]
 
 
-def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> go.Figure:
+def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> Figure:
     """Draw marked scenes as strips of road, below criticality and risk over time, the scenes marked in both."""
     scenes = marked(assessment)
     n = len(scenes)
     heights = [STRIP] * n + [PANEL, PANEL]
-    figure = make_subplots(rows=n + 2, cols=1, row_heights=heights, vertical_spacing=0.034)
+    figure = Figure.of_panels(rows=n + 2, cols=1, row_heights=heights, vertical_spacing=0.034)
     shapes = network.lane_shapes(2.0)
     for row, scene in enumerate(scenes, start=1):
         for trace in _strip(assessment, shapes, scene, color):
@@ -82,7 +84,7 @@ def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> go
     return figure
 
 
-def _frame(figure: go.Figure, assessment: Assessment, row: int, scene: int) -> None:
+def _frame(figure: Figure, assessment: Assessment, row: int, scene: int) -> None:
     """A strip's axes, its words, and its mark in the panels below."""
     t, risk = (
         float(assessment.drive.t[scene] - assessment.drive.t[0]),
@@ -109,7 +111,7 @@ def _percent(risk: float) -> str:
     return "0 %" if risk == 0.0 else f"{risk:.2g} %" if risk < PERCENT - 0.5 else "100 %"
 
 
-def _times(figure: go.Figure, assessment: Assessment, row: int) -> None:
+def _times(figure: Figure, assessment: Assessment, row: int) -> None:
     for name, color in TIMES.items():
         value = least(assessment, name)
         trace = line(
@@ -119,18 +121,17 @@ def _times(figure: go.Figure, assessment: Assessment, row: int) -> None:
             name=name,
             hover="t = %{x:.1f} s: %{y:.2f} s",
         )
-        trace.mode = "lines+markers"
-        trace.marker = {"size": 3.5, "color": color}
+        trace.update(mode="lines+markers", marker={"size": 3.5, "color": color})
         figure.add_trace(trace, row=row, col=1)
 
 
-def _area(assessment: Assessment) -> go.Scatter:
+def _area(assessment: Assessment) -> Part:
     trace = line(assessment.drive.t - assessment.drive.t[0], PERCENT * assessment.risk.r_ind, color=RISK, name="risk",
                  hover="t = %{x:.1f} s: %{y:.3g} %")  # fmt: skip
-    return trace.update(fill="tozeroy", fillcolor=fade(RISK, 0.12))
+    return trace | {"fill": "tozeroy", "fillcolor": fade(RISK, 0.12)}
 
 
-def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: str) -> Iterator[go.Scatter]:
+def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: str) -> Iterator[Part]:
     """The road around the EGO, travel to the right; its box and path, and the objects with their risk."""
     drive = assessment.drive
     x, y, heading = (float(column[0, scene]) for column in (drive.own.x, drive.own.y, drive.own.heading))
@@ -162,8 +163,8 @@ def _corners(pose: Floats, size: Floats) -> tuple[Floats, Floats]:
     return ring[:, 0], ring[:, 1]
 
 
-def _box(ring: tuple[Floats, Floats], color: str, name: str) -> go.Scatter:
-    return go.Scatter(
+def _box(ring: tuple[Floats, Floats], color: str, name: str) -> Part:
+    return figure_trace("scatter",
         x=compact(ring[0]), y=compact(ring[1]), mode="lines", fill="toself", fillcolor=fade(color, 0.45), name=name,
         line={"color": color, "width": 1.6}, showlegend=False, hoveron="fills", hoverinfo="name",
         hoverlabel={"namelength": -1},
