@@ -1,4 +1,4 @@
-"""Figures as plotly.js reads them, made without plotly's look at every value, which takes longer than a whole run.
+"""Figures as plotly.js reads them, made without plotly's checks of every value, which take longer than a whole run.
 
 The methods have the names and the meaning of plotly's; what plotly makes of the same calls is the oracle of the tests.
 """
@@ -18,6 +18,8 @@ Part = dict[str, Any]
 
 PLAIN: Part = {"data": {"scatter": [{"type": "scatter"}]}}
 """The template without a look of its own, plotly's "none"."""
+_WHOLE = ("paper_bgcolor", "plot_bgcolor")
+"""Names that have an underscore; in all others it leads into a part."""
 _SMALLEST = ("i1", "i2", "i4")
 
 
@@ -83,6 +85,11 @@ class Figure:
                 }
             )  # fmt: skip
         return figure
+
+    @property
+    def columns(self) -> int:
+        """How many columns of panels it has."""
+        return max(column for _, column in self._panels)
 
     def add_trace(self, added: Part, row: int | None = None, col: int | None = None) -> None:
         """Add a trace to a panel."""
@@ -173,8 +180,9 @@ def _spans(sizes: Sequence[float], gap: float) -> Iterator[list[float]]:
 def _update(part: Part, attributes: Mapping[str, Any]) -> None:
     """Set attributes of a part: those of parts in it one by one, None not at all; title_text is the text of title."""
     for name, value in attributes.items():
-        if name == "title_text":
-            _update(part, {"title": {"text": value}})
+        if "_" in name and name not in _WHOLE:
+            outer, _, inner = name.partition("_")
+            _update(part, {outer: {inner: value}})
         elif isinstance(value, Mapping):
             _update(part.setdefault(name, {}), value)
         elif value is not None:
