@@ -84,6 +84,7 @@ function resize() {
   if (!wider.before) readAddress(); else if (!view.moved) fit(WHOLE); else view.scale *= view.width / wider.before;
   draw();
 }
+followScheme(isDark => { LOOK = isDark ? DARK : LIGHT; if (view.width) draw(); });
 new ResizeObserver(resize).observe(stage);
 window.addEventListener("hashchange", readAddress);
 resize();
