@@ -19,6 +19,8 @@ CONFIG = {"displayModeBar": False, "responsive": True}
 """Zoom by dragging, back by a double click; a bar of buttons would cover the figures."""
 
 
+LEAST_PANEL = 290
+"""Width [px] of a panel beside others, under which its texts overlap: a narrow screen scrolls sideways."""
 FINEST = 1e-4
 """Part of a figure's width that is finer than a pixel."""
 
@@ -137,12 +139,14 @@ def to_html(figure: Figure, name: str) -> Markup:
     Plotly reads tags and entities in the texts of a figure, so that those that are not Markup are escaped here.
     """
     drawn = json.dumps(_escaped(figure.to_dict()), separators=(",", ":"), allow_nan=False)
-    return html(
-        '<div class="plot"><div id="{}" class="plotly-graph-div"></div>'
+    plot = html(
+        '<div class="plot" style="min-width:{}px"><div id="{}" class="plotly-graph-div"></div>'
         '<script type="application/json">{}</script></div>',
+        LEAST_PANEL * figure.columns if figure.columns > 1 else 0,
         name,
         script_data(f'{drawn[:-1]},"config":{json.dumps(CONFIG)}}}'),
     )
+    return html('<div class="wide">{}</div>', plot) if figure.columns > 1 else plot
 
 
 TEXTS = {"name", "text", "hovertext", "hovertemplate", "texttemplate", "ticktext", "ticksuffix", "tickprefix"}
