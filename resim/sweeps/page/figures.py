@@ -68,12 +68,19 @@ def _response(outcome: VaryingOutcome, found: ResponseCurve) -> list[Part]:
     return [band, line]
 
 
-def map_figure(outcome: VaryingOutcome, found: MapEntry, a: SweptParameter, b: SweptParameter) -> Figure:
-    """Draw the share of runs that are good over two parameters, the boundaries and their 95 % bounds."""
-    x, y = _array(found.at_a), _array(found.at_b)
+def map_figure(outcome: VaryingOutcome, found: MapEntry, parameters: Sequence[SweptParameter]) -> Figure:
+    """Draw the share of runs that are good over two parameters, the boundaries and their 95 % bounds.
+
+    parameters: of the sweep; of two, the first is on the x axis over all that was swept, on the map of any outcome.
+    """
+    a, b = (p for p in parameters if p.name in (found.a, found.b))
+    at = {found.a: _array(found.at_a), found.b: _array(found.at_b)}
+    x, y = at[a.name], at[b.name]
     share, low, high = (
         np.array([_array(row) for row in rows]) for rows in (found.share, found.low, found.high)
     )
+    if a.name != found.a:
+        share, low, high = share.T, low.T, high.T
     figure = Figure(
         [figure_trace("heatmap",
             x=compact(x), y=compact(y), z=compact(share), zmin=0.0, zmax=1.0, colorscale=SCALE,
@@ -89,9 +96,15 @@ def map_figure(outcome: VaryingOutcome, found: MapEntry, a: SweptParameter, b: S
         for z, dashed in ((low, True), (high, True), (share, False)):
             figure.add_trace(_contour(x, y, z, level, color, dashed))
     style(figure, 330.0, margin={"l": 56, "r": 8, "t": 8, "b": 48})
-    figure.update_xaxes(title_text=axis_title(a), showgrid=False)
-    figure.update_yaxes(title_text=axis_title(b), showgrid=False)
+    figure.update_xaxes(title_text=axis_title(a), range=_reach(a, x), showgrid=False)
+    figure.update_yaxes(title_text=axis_title(b), range=_reach(b, y), showgrid=False)
     return figure
+
+
+def _reach(parameter: SweptParameter, at: Floats) -> list[float]:
+    """What an axis of a map spans: all that was swept, and the cells around its first and last value."""
+    ends = 0.5 * np.diff(at) if len(at) > 1 else np.ones(1)
+    return [min(parameter.low, float(at[0] - ends[0])), max(parameter.high, float(at[-1] + ends[-1]))]
 
 
 def _contour(x: Floats, y: Floats, z: Floats, level: float, color: str, dashed: bool) -> Part:
