@@ -31,6 +31,7 @@ CONTRASTS = """() => {
     if (element.closest("script, style, noscript, select, option")) continue;
     const svg = element.closest("svg"), color = parts(svg ? shown.fill : shown.color);
     if (svg && element.closest(".hoverlayer")) continue;
+    if (svg) color[3] *= Number(shown.fillOpacity);
     const below = ground(svg ? svg.parentElement : element), on = over(color, below);
     const [low, high] = [light(on), light(below)].sort((a, b) => a - b), ratio = (high + 0.05) / (low + 0.05);
     if (ratio < 4.5) found.push(`${ratio.toFixed(2)} ${shown.color} ${element.tagName} ${element.className} ${node.textContent.trim().slice(0, 40)}`);

@@ -91,9 +91,10 @@
       return;
     }
     draw(current());
-    scheme.addEventListener("change", () => draw(current()));
-    addEventListener("beforeprint", () => draw(LIGHT, true));
-    addEventListener("afterprint", () => draw(current()));
+    let printing = false; // meanwhile paper, which is light, is no change of the scheme
+    scheme.addEventListener("change", () => printing || draw(current()));
+    addEventListener("beforeprint", () => { printing = true; draw(LIGHT, true); });
+    addEventListener("afterprint", () => { printing = false; draw(current()); });
     document.documentElement.dataset.figures = "drawn";
   }
 

@@ -104,6 +104,19 @@ def test_texts_are_legible_and_nothing_is_wider_than_a_phone(
         assert (max(_numbers(ground)) < 60) if dark else (min(_numbers(ground)) > 240)
 
 
+def test_what_is_too_faint_is_found(browser: Any, tmp_path: Path) -> None:
+    figure = style(Figure([trace("scatter", y=[0.0, 1.0])]), 200.0)
+    figure.add_annotation(text="drawn faintly", x=0.0, y=1.0, showarrow=False, font={"color": "rgba(29,39,51,.3)"})
+    body = html(
+        '<main><p style="color:#999">written faintly</p><p style="background:#777">on grey</p>{}</main>',
+        to_html(figure, "f"),
+    )
+    (tmp_path / "page.html").write_text(document("faint", body), encoding="utf-8")
+    with opened(browser, tmp_path / "page.html") as page:
+        found = too_faint(page)
+    assert [next(t for t in ("written", "on grey", "drawn") if t in one) for one in found] == ["written", "on grey", "drawn"]
+
+
 def _numbers(color: str) -> list[float]:
     return [float(part) for part in color[color.index("(") + 1 : -1].split(",")[:3]]
 

@@ -4,11 +4,13 @@ const DARK = { paper: "#14181d", ink: "#e8ecf1", halo: "rgba(16,20,25,.88)", ban
 let LOOK = LIGHT;
 
 function followScheme(put) { // put(dark) now, whenever the reader's scheme changes, and light for paper
-  const scheme = matchMedia("(prefers-color-scheme: dark)"), now = () => put(scheme.matches);
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  let printing = false;
+  const now = () => put(scheme.matches && !printing);
   now();
   scheme.addEventListener("change", now);
-  addEventListener("beforeprint", () => put(false));
-  addEventListener("afterprint", now);
+  addEventListener("beforeprint", () => { printing = true; now(); });
+  addEventListener("afterprint", () => { printing = false; now(); });
 }
 
 const FONT = 'Inter, "Segoe UI", system-ui, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif';
