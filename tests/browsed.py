@@ -15,7 +15,8 @@ CHROMIUM = shutil.which("chromium")
 CONTRASTS = """() => {
   const linear = v => (v /= 255, v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
   const light = c => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]);
-  const parts = text => { const n = text.match(/[\\d.]+/g).map(Number); return [n[0], n[1], n[2], n[3] === undefined ? 1 : n[3]]; };
+  const numbers = text => text.match(/[\\d.]+/g).map(Number);
+  const parts = text => [...numbers(text), 1].slice(0, 4);
   const over = (a, b) => [0, 1, 2].map(k => a[3] * a[k] + (1 - a[3]) * b[k]);
   const paper = parts(getComputedStyle(document.body).backgroundColor);
   function ground(element) {
@@ -27,14 +28,16 @@ CONTRASTS = """() => {
   const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   for (let node = walk.nextNode(); node; node = walk.nextNode()) {
     const element = node.parentElement, shown = getComputedStyle(element);
-    if (!node.textContent.trim() || !element.checkVisibility({ opacityProperty: true, visibilityProperty: true })) continue;
+    const seen = element.checkVisibility({ opacityProperty: true, visibilityProperty: true });
+    if (!seen || !node.textContent.trim()) continue;
     if (element.closest("script, style, noscript, select, option")) continue;
     const svg = element.closest("svg"), color = parts(svg ? shown.fill : shown.color);
     if (svg && element.closest(".hoverlayer")) continue;
     if (svg) color[3] *= Number(shown.fillOpacity);
     const below = ground(svg ? svg.parentElement : element), on = over(color, below);
     const [low, high] = [light(on), light(below)].sort((a, b) => a - b), ratio = (high + 0.05) / (low + 0.05);
-    if (ratio < 4.5) found.push(`${ratio.toFixed(2)} ${shown.color} ${element.tagName} ${element.className} ${node.textContent.trim().slice(0, 40)}`);
+    const words = node.textContent.trim().slice(0, 40);
+    if (ratio < 4.5) found.push(`${ratio.toFixed(2)} ${shown.color} ${element.tagName} ${words}`);
   }
   return [...new Set(found)];
 }"""

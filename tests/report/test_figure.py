@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plotly import graph_objects as go
 from plotly.subplots import make_subplots
+from swept import BIAS, LATENCY, THREE, write_adaptive, write_swept
 
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
@@ -22,13 +22,14 @@ from resim.perception.validation import judge
 from resim.recordings import read_recording
 from resim.report import boxes, model_runs, perception, road, steps
 from resim.report.assessment import figures as assessed_figures
-from resim.report.document import document
 from resim.report.figure import PLAIN, Figure, trace
-from resim.report.markup import html, join
-from resim.report.plots import line, style, to_html
 from resim.report.view import View, view
 from resim.resimulation import AssessmentOptions, PerceptionSetup, assess_resimulation, resimulate
 from resim.simulation.function.interface import load_build
+from resim.sweeps.analysis import analyse
+from resim.sweeps.page import boundary as boundary_page
+from resim.sweeps.page import figures as sweep_figures
+from resim.sweeps.result import read_swept
 
 ROOT = Path(__file__).parents[2]
 MODEL = ROOT / "adfunc" / "perception" / "proving_ground.json"
@@ -67,10 +68,12 @@ def both(make: Callable[[Any], Any]) -> tuple[Any, Any]:
 
 
 ARRAYS: dict[str, Any] = {
-    "empty": np.empty(0), "floats": np.linspace(-1.0, 1.0, 5), "short floats": np.linspace(0.0, 1.0, 4, dtype=np.float32),
+    "empty": np.empty(0), "floats": np.linspace(-1.0, 1.0, 5),
+    "short floats": np.linspace(0.0, 1.0, 4, dtype=np.float32),
     "nan": np.array([1.0, np.nan, -np.inf, 3.0]), "nan list": [1.0, float("nan"), 3.0], "list": [1, 2.5, 3],
     "empty list": [], "small ints": np.array([1, -2, 3]), "ints": np.array([1, 70_000, 3]),
-    "middle ints": np.array([1, -30_000]), "large ints": np.array([1, 2**40]), "unsigned": np.array([1, 200], dtype=np.uint8),
+    "middle ints": np.array([1, -30_000]), "large ints": np.array([1, 2**40]),
+    "unsigned": np.array([1, 200], dtype=np.uint8),
     "strings": ["S", "FIT"], "string array": np.array(["S", "FIT"]), "tuple": (1.0, 2.0),
     "short ints": np.array([3, 4], dtype=np.int16),
 }  # fmt: skip
@@ -88,7 +91,9 @@ def test_arrays_of_more_than_one_dimension(shape: tuple[int, ...]) -> None:
     values = np.arange(float(np.prod(shape))).reshape(shape)
     values = np.where(values == 2.0, np.nan, values)
     z = values if values.ndim == 2 else values[..., 0]
-    ours, theirs = both(lambda f: f([trace("heatmap", z=z, customdata=values, colorscale=[[0.0, "#fff"], [1.0, "red"]])]))
+    ours, theirs = both(
+        lambda f: f([trace("heatmap", z=z, customdata=values, colorscale=[[0.0, "#fff"], [1.0, "red"]])])
+    )
     assert ours["data"] == theirs["data"]
 
 
@@ -103,9 +108,10 @@ def test_panels_lie_where_plotly_lays_them(
     def sizes(count: int) -> list[float] | None:
         return data.draw(st.none() | st.lists(st.floats(0.1, 9.0), min_size=count, max_size=count))
 
+    titles = [f"title {k}" for k in range(rows * cols)] if titled else ()
     how = {
         "row_heights": sizes(rows), "column_widths": sizes(cols), "horizontal_spacing": across, "vertical_spacing": up,
-        "shared_xaxes": x, "shared_yaxes": y, "subplot_titles": [f"title {k}" for k in range(rows * cols)] if titled else (),
+        "shared_xaxes": x, "shared_yaxes": y, "subplot_titles": titles,
     }  # fmt: skip
 
     def make(f: Any) -> Any:
@@ -134,14 +140,18 @@ def _lines(f: Any) -> Any:
     figure.add_vline(x=0.5, line={"color": "red", "width": 1}, row=1, col=1)
     figure.add_hline(y=1.5, line={"dash": "dot"}, row=2, col=2)
     figure.add_vline(x=0.5, row=1, col=2)  # the panel is empty
-    figure.add_shape(type="line", xref="x", yref="paper", x0=1.0, x1=1.0, y0=0.0, y1=1.0, line={"color": "blue"})
+    figure.add_shape(
+        type="line", xref="x", yref="paper", x0=1.0, x1=1.0, y0=0.0, y1=1.0, line={"color": "blue"}
+    )
     return figure
 
 
 def _texts(f: Any) -> Any:
     figure = f.of_panels(1, 2, subplot_titles=["one", "two"], horizontal_spacing=0.1)
     figure.add_trace(trace("scatter", y=[1.0]), row=1, col=2)
-    figure.add_annotation(text="<b>free</b>", x=0.0, y=1.0, xref="paper", yref="paper", font={"size": 9}, showarrow=False)
+    figure.add_annotation(
+        text="<b>free</b>", x=0.0, y=1.0, xref="paper", yref="paper", font={"size": 9}, showarrow=False
+    )
     figure.add_annotation(text="in", x=0.0, y=1.0, xref="x domain", yref="y domain", row=1, col=2)
     figure.add_annotation(text="at", x=0.3, y=1.0, yref="y domain", row=1, col=1)
     figure.update_annotations(xanchor="left", font={"size": 12})
@@ -189,7 +199,9 @@ def _of_the_report(look: View) -> Iterator[tuple[str, Any]]:
         yield f"scenes {name}", assessed_figures.drive_figure(block, look.assessed.network, "#0072B2")
 
 
-def test_the_figures_of_a_report_are_as_plotly_makes_them(look: View, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_figures_of_a_report_are_as_plotly_makes_them(
+    look: View, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mine = {name: ours(figure) for name, figure in _of_the_report(look)}
     for module in (boxes, model_runs, road, steps, assessed_figures):
         monkeypatch.setattr(module, "Figure", Plotly)
@@ -206,3 +218,29 @@ def test_the_figures_of_a_perception_model_are_as_plotly_makes_them(monkeypatch:
     monkeypatch.setattr(perception, "Figure", Plotly)
     for one, make in zip(mine, makers, strict=True):
         assert _rounded(one) == _rounded(theirs(make(found)))
+
+
+def _of_a_sweep(spread: Any, grown: Any) -> Iterator[Any]:
+    (section,) = spread.sections
+    for outcome in section.varying():
+        yield sweep_figures.response_figure([outcome], spread.parameters[0])
+        if outcome.share:
+            yield sweep_figures.map_figure(outcome, outcome.map, spread.parameters)
+    (section,) = grown.sections
+    for pair in ((0, 1), (0, 0)):
+        yield boundary_page._figure(section.boundary, grown.parameters, *pair)
+
+
+def test_the_figures_of_a_sweep_are_as_plotly_makes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_swept(tmp_path / "spread", THREE)
+    fine = (LATENCY.model_copy(update={"width": 0.1}), BIAS.model_copy(update={"width": 0.5}))
+    write_adaptive(tmp_path / "grown", fine)
+    found = [analyse(read_swept(tmp_path / name), name) for name in ("spread", "grown")]
+    mine = [ours(figure) for figure in _of_a_sweep(*found)]
+    for module in (sweep_figures, boundary_page):
+        monkeypatch.setattr(module, "Figure", Plotly)
+    every = [theirs(figure) for figure in _of_a_sweep(*found)]
+    assert {one["type"] for figure in every for one in figure["data"]} == {"scatter", "heatmap", "contour"}
+    assert [_rounded(one) for one in mine] == [_rounded(one) for one in every]

@@ -17,7 +17,6 @@ from swept import THREE, write_adaptive, write_swept
 from resim.jobs.assess import assess
 from resim.jobs.play import play
 from resim.jobs.resimulate import resimulate
-from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.perception.validation import judge
 from resim.recordings import read_recording
@@ -28,7 +27,6 @@ from resim.report.markup import html, join
 from resim.report.perception import write_perception_page
 from resim.report.plots import line, style, to_html
 from resim.report.tables import table
-from resim.resimulation import AssessmentOptions
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.sweeps.analysis import analyse
@@ -64,7 +62,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory, network: RoadNetwork, net: S
     """A page of every kind, of what ships."""
     folder = tmp_path_factory.mktemp("look")
     found = {name: folder / f"{name}.html" for name in NAMES}
-    options = AssessmentOptions(criteria=read_criteria(HIGHWAY))
     resimulate(CORNER, PILOT, criteria=HIGHWAY).write(folder / "run")
     found["run"] = folder / "run" / "report.html"
     assess(ROOT / "scenarios" / "rear_end", criteria=HIGHWAY).write(folder / "assessed")
@@ -106,7 +103,9 @@ def test_texts_are_legible_and_nothing_is_wider_than_a_phone(
 
 def test_what_is_too_faint_is_found(browser: Any, tmp_path: Path) -> None:
     figure = style(Figure([trace("scatter", y=[0.0, 1.0])]), 200.0)
-    figure.add_annotation(text="drawn faintly", x=0.0, y=1.0, showarrow=False, font={"color": "rgba(29,39,51,.3)"})
+    figure.add_annotation(
+        text="drawn faintly", x=0.0, y=1.0, showarrow=False, font={"color": "rgba(29,39,51,.3)"}
+    )
     body = html(
         '<main><p style="color:#999">written faintly</p><p style="background:#777">on grey</p>{}</main>',
         to_html(figure, "f"),
@@ -114,7 +113,11 @@ def test_what_is_too_faint_is_found(browser: Any, tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text(document("faint", body), encoding="utf-8")
     with opened(browser, tmp_path / "page.html") as page:
         found = too_faint(page)
-    assert [next(t for t in ("written", "on grey", "drawn") if t in one) for one in found] == ["written", "on grey", "drawn"]
+    assert [next(t for t in ("written", "on grey", "drawn") if t in one) for one in found] == [
+        "written",
+        "on grey",
+        "drawn",
+    ]
 
 
 def _numbers(color: str) -> list[float]:
@@ -167,13 +170,14 @@ def _canvas(page: Any) -> float:
     return float(np.median(np.asarray(picture)[2:6]))
 
 
+SCALE = [[0.0, "#a1260d"], [1.0, "#0072b2"]]
 KINDS = (
     trace("scatter", x=[0.0, 1.0], y=[1.0, 2.0], mode="lines+markers", line={"color": "#1d2733"}),
     line(np.array([0.0, 1.0, np.nan, 3.0]), np.arange(4.0), color="#0072B2", name="line", hover="%{x}"),
     trace("box", x=["S"], q1=[1.0], median=[2.0], q3=[3.0], lowerfence=[0.0], upperfence=[4.0], mean=[2.0], sd=[1.0]),
-    trace("heatmap", z=np.arange(6.0).reshape(2, 3), colorscale=[[0.0, "#a1260d"], [1.0, "#0072b2"]]),
-    trace("contour", z=np.arange(6.0).reshape(2, 3), contours={"start": 2.0, "end": 2.0, "size": 1.0, "coloring": "none"}),
-    trace("scatter", x=[0.0], y=[0.0], mode="markers", marker={"color": np.array([0.5]), "colorscale": [[0.0, "#fff"], [1.0, "#000"]]}),
+    trace("heatmap", z=np.arange(6.0).reshape(2, 3), colorscale=SCALE),
+    trace("contour", z=np.arange(6.0).reshape(2, 3), contours={"start": 2.0, "end": 2.0, "size": 1.0}),
+    trace("scatter", x=[0.0], y=[0.0], mode="markers", marker={"color": np.array([0.5]), "colorscale": SCALE}),
 )  # fmt: skip
 
 

@@ -44,9 +44,7 @@ def risk_figure(assessed: ResimulationAssessment) -> Figure:
             figure.add_trace(trace, row=row, col=1)
     for limit in _limits(assessed):
         if limit < 3.0 * largest:
-            figure.add_hline(
-                y=limit, line={"color": FAINT, "width": 1, "dash": "dot"}, row=1, col=1
-            )
+            figure.add_hline(y=limit, line={"color": FAINT, "width": 1, "dash": "dot"}, row=1, col=1)
     style(figure, 400.0, margin={"l": 62, "r": 14, "t": 14, "b": 42})
     figure.update_yaxes(title_text="risk", rangemode="tozero", row=1)
     figure.update_yaxes(

@@ -86,7 +86,7 @@ def _verdicts(assessed: ResimulationAssessment) -> Markup:
         cells = [*map(_cell, verdicts), *_seeds(assessed.model, c.name)]
         rows.append([head, html("{}<br>{}{}", c.measure, limit, lasts), *cells])
     whole = [*(_badge(str(a.verdict)) for a in assessed.blocks.values()), *_seeds(assessed.model)]
-    rows.append([Markup("<b>all</b>"), "", *whole])
+    rows.append([Markup("<b>all</b>"), Markup(), *whole])
     title = html("<h3>Criteria: {}</h3>", assessed.criteria.name)
     sources = [*assessed.blocks, *(["rGT+M"] if assessed.model is not None else [])]
     return title + table(["criterion", "fails", *sources], rows, "kpis")
