@@ -11,7 +11,7 @@ class ConstantVelocity:
 
     def reset(self, setup: Setup) -> None:
         """Look up the lane."""
-        self.lane, self.v = Lane(setup.road, setup.start), setup.start.v
+        self.lane, self.v = Lane(setup.road, setup.start, setup.route), setup.start.v
 
     def step(self, perceived: Perceived) -> Command:
         """Hold lane and speed."""

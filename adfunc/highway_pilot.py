@@ -72,7 +72,7 @@ class HighwayPilot:
 
     def reset(self, setup: Setup) -> None:
         """Look up the lane."""
-        self.lane = Lane(setup.road, setup.start)
+        self.lane = Lane(setup.road, setup.start, setup.route)
         self.half_length, self.half_width = 0.5 * setup.length, 0.5 * setup.width
         self.start_speed, self.cycle = max(setup.start.v, 1.0), setup.cycle
         self.smoothing = 1.0 - math.exp(-setup.cycle / 0.3)

@@ -29,7 +29,7 @@ class Idm:
 
     def reset(self, setup: Setup) -> None:
         """Look up the lane."""
-        self.lane = Lane(setup.road, setup.start)
+        self.lane = Lane(setup.road, setup.start, setup.route)
         self.half_length, self.half_width = 0.5 * setup.length, 0.5 * setup.width
         self.start_speed = max(setup.start.v, 1.0)
 

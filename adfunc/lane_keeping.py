@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from resim.road.driven_route import Route, only_roads
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import Path, PathPoint, lane_path
 from resim.simulation.function.interface import EgoState, Perceived
@@ -46,35 +47,38 @@ SMOOTH = 12.0
 
 
 @lru_cache(maxsize=256)
-def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float) -> Path:
-    path = lane_path(road, road_id, lane, s, AHEAD, behind=BEHIND)
+def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float, route: Route) -> Path:
+    path = lane_path(road, road_id, lane, s, AHEAD, behind=BEHIND, route=route)
     ends = (np.interp(path.s + side * 0.5 * SMOOTH, path.s, path.heading) for side in (-1.0, 1.0))
     return replace(path, curvature=-np.subtract(*ends) / SMOOTH)
 
 
 @lru_cache(maxsize=256)
-def _lane_at(road: RoadNetwork, x: float, y: float, heading: float) -> tuple[str, int, float]:
-    at = road.to_road(np.array([x]), np.array([y]), heading=np.array([heading]))
+def _lane_at(road: RoadNetwork, route: Route, x: float, y: float, heading: float) -> tuple[str, int, float]:
+    place, towards = (np.array([x]), np.array([y])), np.array([heading])
+    at = only_roads(road, route.roads).to_road(*place, heading=towards) if route.roads else None
+    if at is None or not at.on_road[0]:
+        at = road.to_road(*place, heading=towards)
     return str(at.road[0]), int(at.lane[0]), float(at.s[0])
 
 
 class Lane:
-    """The lane that the EGO keeps, looked up on the map and followed as the EGO goes along.
+    """The lane that the EGO keeps, looked up on the map and followed as the EGO goes along, where it can on its route.
 
     s, d: m, where the EGO is along it. turn: rad, its heading against the lane.
     """
 
-    def __init__(self, road: RoadNetwork, ego: EgoState) -> None:
-        self._road = road
+    def __init__(self, road: RoadNetwork, ego: EgoState, route: Route) -> None:
+        self._road, self._route = road, route
         self.look_up(ego)
 
     def look_up(self, ego: EgoState) -> None:
         """Take the lane that the EGO is on from now on."""
-        road, lane, s = _lane_at(self._road, ego.x, ego.y, ego.heading)
+        road, lane, s = _lane_at(self._road, self._route, ego.x, ego.y, ego.heading)
         anchor = min(max(ANCHOR * round(s / ANCHOR), 0.0), self._road.roads[road].length)
         if not self._road.has_lane(road, lane, anchor):
             anchor = s
-        self.path = _anchored_path(self._road, road, lane, anchor)
+        self.path = _anchored_path(self._road, road, lane, anchor, self._route)
         self._segments: dict[str, int] = {}
         self._segment = -1
         self.s, self.d, heading, self._segment = self.path.track(ego.x, ego.y)

@@ -13,6 +13,7 @@ from resim.metrics.criteria import reason_words
 from resim.resimulation import fidelity
 from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.assessments import assess_drive
+from resim.resimulation.decision import ego_events
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi, Rms
 from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, StepErrors
 from resim.resimulation.reaction import ego_tracks
@@ -67,7 +68,7 @@ def outcome(
     }
     return DriveOutcome(
         kpis=kpis,
-        events=tuple(maneuvers.events(tracks, network, ego=ego)),
+        events=tuple(ego_events(tracks, network, ego, drive)),
         reaction=maneuvers.reaction_time(tracks, ego=ego),
         risk=_worst(assessment, "risk"),
         comfort={name: _largest(assessment, name, way) for name, way in COMFORT.items()},

@@ -52,6 +52,8 @@ def notes(result: Resimulation) -> Iterator[str]:
         yield from _of(off, source)
         if drive.end in ("collision", "off_road"):
             yield f"{source} ended at t = {drive.truth.t[-1]:.2f} s: {drive.end.replace('_', ' ')}"
+        if drive.left_route is not None:
+            yield f"{source} left the measured route at {drive.left_route:.1f} s"
         if drive.failure:
             yield f"{source}: AD function failed: {drive.failure}"
             yield from (f"{source}: raised at {line}" for line in drive.traceback)
@@ -71,6 +73,8 @@ def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDriv
     for end, what in words.items():
         if count := sum(d.end == end for d in drives):
             yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs {what}"
+    if count := sum(d.left_route is not None for d in drives):
+        yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs left the measured route"
 
 
 def _repaired(recording: Recording) -> Iterator[str]:

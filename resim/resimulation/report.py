@@ -14,6 +14,7 @@ from resim.core.provenance import versions
 from resim.core.spec import EXACT
 from resim.metrics.doubts.unseen import Doubts
 from resim.resimulation import fidelity
+from resim.resimulation.decision import decision as ego_decision
 from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, STEPS, TO_ROWS, Statistics
 from resim.resimulation.perceived import difference, end_error, same_decision
 from resim.resimulation.reaction import ego_tracks
@@ -79,6 +80,7 @@ class SeedReport:
     end_position_error: float | None
     end: End
     failure: str | None
+    left_route: float | None
     collision: bool
     collisions: tuple[Collision, ...]
     outside_validity: int
@@ -101,7 +103,8 @@ class RunReport:
     errors: by step, "ego" or "to", and quantity. sums: whether the steps add up to PIPE (`fidelity.sums`).
     reaction: first braking; reaction_difference: that minus first braking in GT; reaction_spread: how uncertain that
     is. decision: what the EGO did, None where it is not known. collisions: with whom the EGO collided. end: what ended
-    a run; failure: why the function failed in it. end_position_error: distance [m] from the measured EGO at the end.
+    a run; failure: why the function failed in it. left_route: when the EGO left the roads and connections that the
+    measured EGO took, None where it did not. end_position_error: distance [m] from the measured EGO at the end.
     repaired: samples by source and code of the finding. doubts: what GT and SD leave open.
     """
 
@@ -121,6 +124,7 @@ class RunReport:
     collisions: Mapping[str, tuple[Collision, ...]]
     end: Mapping[str, End]
     failure: Mapping[str, str | None]
+    left_route: Mapping[str, float | None]
     end_position_error: Mapping[str, float | None]
     perception: PerceptionReport | None
     warnings: tuple[str, ...]
@@ -134,7 +138,7 @@ def report(result: Resimulation) -> RunReport:
     simulated, driven, ego = result.simulated(), result.driven(), result.ego
     reaction = {b: None if t is None else maneuvers.reaction_time(t, ego=ego) for b, t in driven.items()}
     decision = {
-        b: None if t is None else tuple(maneuvers.decision(t, result.network, ego=ego))
+        b: None if t is None else tuple(ego_decision(t, result.network, ego, simulated.get(b)))
         for b, t in driven.items()
     }
     hits = {name: fidelity.collisions(tracks, ego=ego) for name, tracks in result.tracks().items()}
@@ -155,6 +159,7 @@ def report(result: Resimulation) -> RunReport:
         collisions={name: tuple(Collision(t, i) for t, i in h) for name, h in hits.items()},
         end={name: drive.end for name, drive in simulated.items()},
         failure={name: drive.failure or None for name, drive in simulated.items()},
+        left_route={name: drive.left_route for name, drive in simulated.items()},
         end_position_error={
             name: end_error(drive, result.errors.get(pipeline_step(name)))
             for name, drive in simulated.items()
@@ -189,13 +194,14 @@ def _seed(result: Resimulation, seed: int, measured: float | None) -> SeedReport
     reaction = None if driven is None else maneuvers.reaction_time(driven, ego=ego)
     return SeedReport(
         seed=seed,
-        decision=() if driven is None else tuple(maneuvers.decision(driven, result.network, ego=ego)),
+        decision=() if driven is None else tuple(ego_decision(driven, result.network, ego, drive)),
         reaction=reaction,
         reaction_difference=difference(reaction, measured),
         errors={"PIPE": None if pipe is None else pipe.statistics(EGO_ROW)},
         end_position_error=end_error(drive, pipe),
         end=drive.end,
         failure=drive.failure or None,
+        left_route=drive.left_route,
         collision=bool(drive.collisions),
         collisions=drive.collisions,
         outside_validity=drive.outside,

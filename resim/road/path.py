@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, constant, sealed
+from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
 from resim.road.route import SHORTEST, RouteStretch, follow
 
@@ -206,7 +207,7 @@ def _project_many(search: _ProjectionSearch, x: Floats, y: Floats) -> tuple[Floa
 @lru_cache(maxsize=64)
 def lane_path(
     net: RoadNetwork, road: str, lane: int, s: float, length: float, *,
-    behind: float = 50.0, step: float = 1.0,
+    behind: float = 50.0, step: float = 1.0, route: Route = NO_ROUTE,
 ) -> Path:  # fmt: skip
     """Give the path from (road, lane, s) `length` [m] ahead and `behind` [m] back, see `follow` for the way.
 
@@ -216,20 +217,21 @@ def lane_path(
     """
     if not net.has_lane(road, lane, s) or lane == 0:
         raise InputError(net.path, f"road {road} has no lane {lane} at s={s:.3f} m", "Choose one that exists")
-    ahead, more = _walk(net, (road, lane, s), length, step, ahead=True)
-    back, _ = _walk(net, (road, lane, s), behind, step, ahead=False)
+    ahead, more = _walk(net, (road, lane, s), length, step, route)
+    back, _ = _walk(net, (road, lane, s), behind, step, None)
     table = np.concatenate([back[:0:-1], ahead])
     return sealed(_assemble(table, len(back) - 1, length, behind, step, ends=not more))
 
 
 def _walk(
-    net: RoadNetwork, start: tuple[str, int, float], length: float, step: float, *, ahead: bool
+    net: RoadNetwork, start: tuple[str, int, float], length: float, step: float, route: Route | None
 ) -> tuple[Floats, bool]:
-    """Points (K, 8) from the start (road, lane, s) on, and whether the road reaches `length`."""
+    """Points (K, 8) from the start (road, lane, s) on, and whether the road reaches `length`; back, without a route."""
     road, lane, s = start
+    ahead, route = route is not None, route or NO_ROUTE
     here = _points(net, road, lane, np.array([s]), net.roads[road].section_index(s))
     parts, reached, astray = [here], 0.0, 0
-    for stretch in follow(net, road, lane, s, ahead=ahead) if length > 0.0 else ():
+    for stretch in follow(net, road, lane, s, ahead=ahead, route=route) if length > 0.0 else ():
         rows = _beyond(parts[-1][-1], _sample(net, stretch, step), ahead)
         astray = 0 if len(rows) else astray + 1
         if astray > MOST_ASTRAY:

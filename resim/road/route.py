@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resim.core.geometry import wrap_angle
+from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import Lane, Link, Road, RoadNetwork
 
 LOOK = 40.0
@@ -32,12 +33,15 @@ class RouteStretch:
         return abs(self.s_to - self.s_from)
 
 
-def follow(net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool) -> Iterator[RouteStretch]:
+def follow(
+    net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool, route: Route = NO_ROUTE
+) -> Iterator[RouteStretch]:
     """Give the stretches from (road, lane, s) on in driving direction, or against it, till the road ends.
 
     A link that the file leaves out is taken as to the lane of the same id (mirrored where two roads meet
-    with equal ends). Of several ways the one that turns least over its first 40 m, then the first in the
-    file. Ends at a lane that is not driven on or the other way round. A loop goes on for ever.
+    with equal ends). Of several ways one that is on the route, if there is one; of several still the one that turns
+    least over its first 40 m, then the first in the file. Ends at a lane that is not driven on or the other way round.
+    A loop goes on for ever.
     """
     own = net.roads[road]
     section = own.section_index(min(max(s, 0.0), own.length))
@@ -47,7 +51,7 @@ def follow(net: RoadNetwork, road: str, lane: int, s: float, *, ahead: bool) -> 
         border = _border(own, section, up)
         if abs(border - at) > SHORTEST:
             yield RouteStretch(own.id, section, lane, at, border)
-        following = _next(net, own, section, lane, up)
+        following = _next(net, own, section, lane, up, route if ahead else NO_ROUTE)
         if following is None:
             return
         own, section, lane, up = following
@@ -64,7 +68,7 @@ def _border(road: Road, section: int, up: bool) -> float:
 
 
 def _next(
-    net: RoadNetwork, road: Road, section: int, lane: int, up: bool
+    net: RoadNetwork, road: Road, section: int, lane: int, up: bool, route: Route
 ) -> tuple[Road, int, int, bool] | None:
     index = section + (1 if up else -1)
     here = road.sections[section].lanes[lane]
@@ -81,6 +85,8 @@ def _next(
     good = [way for way in ways if _continues(net, road.along(lane, section) == up, way)]
     if not good:
         return None
+    on_route = route.after(road.id)
+    good = [way for way in good if way[0] in on_route] or good
     if len(good) > 1:
         good.sort(key=lambda way: _turn(net, road, section, lane, up, way))
     name, target, into = good[0]

@@ -16,11 +16,11 @@ from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
+from resim.road.driven_route import leaves
 from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.function.driver import Driver, cycle_steps
 from resim.simulation.function.interface import Command, EgoState, Placement, Setup
-from resim.simulation.guide import Guide
 from resim.simulation.sumo.session import EGO, Session, from_sumo, held_session
 from resim.simulation.traffic import Stage, staged
 from resim.simulation.vehicles.model import VehicleState
@@ -48,7 +48,7 @@ def _drive(case: Case, session: Session) -> SimulatedDrive:
     ):  # fmt: skip
         driver = Driver(build, watchdog)
         try:
-            driver.reset(_setup(case, road, stage.plan, case.step * cycle))
+            driver.reset(_setup(case, road, stage, case.step * cycle))
             loop.run(driver, cycle)
         except FunctionError as e:
             loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}", e.frames)
@@ -79,7 +79,8 @@ def _remedy(opened: OpenedFiles) -> str:
     return f". {remedy}" if remedy else ""
 
 
-def _setup(case: Case, road: RoadNetwork, plan: Guide, cycle: float) -> Setup:
+def _setup(case: Case, road: RoadNetwork, stage: Stage, cycle: float) -> Setup:
+    plan = stage.plan
     step = float(plan.t[1] - plan.t[0])
 
     def recorded(t: float) -> EgoState:
@@ -95,6 +96,7 @@ def _setup(case: Case, road: RoadNetwork, plan: Guide, cycle: float) -> Setup:
         cycle=cycle,
         seed=case.seed,
         recorded=recorded if case.build.needs_truth else None,
+        route=stage.route,
     )
 
 
@@ -226,12 +228,18 @@ class _Loop:
             collisions=tuple(self.collisions),
             end=self.end,
             failure=self.failure,
+            left_route=self.left_route(t, truth),
             traceback=traceback,
             control_error=control_error,
             shown=self.case.perception.shown,
             outside=self.case.perception.outside,
             time=time.perf_counter() - began,
         )
+
+    def left_route(self, t: Floats, truth: Tracks) -> float | None:
+        """Give when [s] the EGO left the measured route."""
+        first = leaves(self.case.network, self.stage.route, truth.x[0], truth.y[0], truth.heading[0])
+        return None if first is None else float(t[first])
 
     def motion(self, kept: slice) -> Floats:
         """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, constant
 from resim.core.tracks import Strings
+from resim.road.driven_route import Route, driven_route
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.function.interface import EgoState
@@ -64,12 +65,13 @@ class Phase:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What every run of one scenario shares: the guided motion, its phases, where the EGO may be."""
+    """What every run of one scenario shares: the guided motion, its phases, where the EGO may be, which way it went."""
 
     members: tuple[ScenarioObject, ...]
     plan: Guide
     phases: tuple[Phase, ...]
     surface: Surface
+    route: Route
 
 
 @lru_cache(maxsize=8)
@@ -77,7 +79,9 @@ def staged(scenario: Scenario, network: RoadNetwork, step: float, lead_in: float
     """Lay out the scenario for its runs at this step [s] with this lead-in [s]; kept for the next run."""
     plan = guide(scenario, network, step=step, lead_in=lead_in)
     members = (scenario.ego, *scenario.objects)
-    return Stage(members, plan, tuple(phases(plan, members)), Surface(network, plan))
+    measured = (c[0, plan.begin :][plan.present[0, plan.begin :]] for c in (plan.x, plan.y, plan.heading))
+    route = driven_route(network, *measured)
+    return Stage(members, plan, tuple(phases(plan, members)), Surface(network, plan), route)
 
 
 def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:

@@ -13,6 +13,7 @@ from adfunc.highway_pilot_mirrored import MirroredHighwayPilot
 from adfunc.idm import Idm
 from adfunc.lane_keeping import Lane, in_corridor
 from resim.recordings.settings import SETTINGS, read_settings
+from resim.road.driven_route import Route
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.interface import (
     AdFunction,
@@ -208,7 +209,7 @@ def test_the_quintic_rests_at_both_ends_and_its_derivatives_are_its_own() -> Non
 
 
 def test_a_lane_locates_objects_along_itself(network: RoadNetwork) -> None:
-    lane = Lane(network, EgoState(300.0, RIGHT, 0.0, 25.0))
+    lane = Lane(network, EgoState(300.0, RIGHT, 0.0, 25.0), Route())
     assert (lane.d, lane.turn) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-9))
     seen = Perceived(
         0.0, EgoState(300.0, RIGHT, 0.0, 25.0), np.array(["far", "left", "back"]), np.array(["car"] * 3),

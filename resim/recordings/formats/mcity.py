@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.signal import savgol_filter
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, wrap_angle
@@ -301,6 +300,8 @@ def _in_order(rows: pd.DataFrame) -> tuple[pd.DataFrame, int]:
 
 def _truth(rows: pd.DataFrame, kind: str, box: tuple[float, float]) -> pd.DataFrame:
     """The track table of one object's truth: positions as measured, heading and speed of a zero-phase local fit."""
+    from scipy.signal import savgol_filter  # it takes a second to load, and every run loads the formats
+
     samples = round(SMOOTHED[kind] / float(rows["t"].diff().median())) // 2 * 2 + 1
 
     def rate(values: pd.Series) -> Floats:

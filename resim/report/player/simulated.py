@@ -102,6 +102,9 @@ def _marks(
     for source, hits in report.collisions.items():
         for hit in hits:
             yield Mark("collision", hit.t, hit.t, source, hit.id, f"collides with {hit.id}")
+    for source, left in report.left_route.items():
+        if left is not None:
+            yield Mark("decision", left, left, source, report.ego, "leaves the measured route")
     last = {layer.name: float(layer.tracks.t[-1]) for layer in layers}
     for source, end in report.end.items():
         if end in ENDS and source in last:

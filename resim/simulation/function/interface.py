@@ -19,6 +19,7 @@ from resim.core.plugins.frozen import FrozenFile, thaw
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.tracks import Strings
+from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
 
 PARTS = remedies.BUILD
@@ -88,7 +89,8 @@ class Setup:
 
     start: the EGO's state at t = 0. goal: x, y [m] where the recorded EGO was last. cycle: s between two
     calls of `step`. recorded: the EGO's measured states at times t, None unless the function declares
-    `needs_truth = True`, as oracles do.
+    `needs_truth = True`, as oracles do. route: the roads and connections that the recorded EGO took; the function is to
+    stay on them, in whichever lane.
     """
 
     road: RoadNetwork
@@ -99,6 +101,7 @@ class Setup:
     cycle: float
     seed: int
     recorded: Callable[[float], EgoState] | None = None
+    route: Route = NO_ROUTE
 
 
 class AdFunction(Protocol):

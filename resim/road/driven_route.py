@@ -1,0 +1,138 @@
+"""The route that a drive took over the roads of a map, and where another drive left it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import groupby, pairwise, zip_longest
+
+import numpy as np
+
+from resim.core.geometry import Floats
+from resim.road.links import LaneKey, lane_graph, ways
+from resim.road.opendrive import RoadNetwork, RoadPositions
+
+_END = 1.0
+"""How near [m] to the end of its last road a drive goes beyond a route's end, and does not leave it."""
+
+
+@dataclass(frozen=True)
+class Route:
+    """Roads in the order in which a drive took them; all lanes of a road belong to it.
+
+    Attributes:
+        steps: Ids of roads: one at a time outside of junctions; inside, all the connecting roads that lead side by side
+            from the road before to the one after.
+    """
+
+    steps: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def roads(self) -> tuple[str, ...]:
+        """Ids of all its roads, each once, in the order in which they are first taken."""
+        return tuple(dict.fromkeys(road for step in self.steps for road in step))
+
+    def after(self, road: str) -> frozenset[str]:
+        """Give the roads that it goes on into from a road: none from its last, nor from a road that is not on it."""
+        return frozenset(name for one, two in pairwise(self.steps) if road in one for name in two)
+
+
+NO_ROUTE = Route()
+"""Of whom nobody knows where he goes."""
+
+
+def driven_route(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> Route:
+    """Give the route of a drive with centre positions x, y (K,) [m] and headings (K,) [rad], in order of time.
+
+    Which connecting road of several on one spot a drive takes, only the road that it comes to tells. Where the map
+    links no lanes from one road to the next, and where the drive begins or ends inside of a junction, they are those
+    that it was on. A position on no driving lane tells nothing.
+    """
+    at = network.to_road(x, y, heading=heading)
+    on = np.flatnonzero(at.on_road)
+    steps: list[tuple[str, ...]] = []
+    before, inside = None, list[int]()
+    for road, group in groupby(on.tolist(), key=lambda k: str(at.road[k])):
+        if network.roads[road].junction is not None:
+            inside += group
+            continue
+        steps += [*_through(network, before, road, at, np.column_stack([x, y]), inside), (road,)]
+        before, inside = road, []
+    steps += _through(network, before, None, at, np.column_stack([x, y]), inside)
+    return Route(tuple(steps))
+
+
+@lru_cache(maxsize=16)
+def only_roads(network: RoadNetwork, roads: tuple[str, ...]) -> RoadNetwork:
+    """Give the map with these of its roads alone; the last ones are kept."""
+    return replace(network, roads={name: network.roads[name] for name in roads})
+
+
+def leaves(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> int | None:
+    """Give the first of K samples (as of `driven_route`) at which a drive is on a driving lane off its route, or None.
+
+    Who goes on over the end of its last road has not left it; of a route without roads nobody knows.
+    """
+    if not route.steps:
+        return None
+    own = only_roads(network, route.roads)
+    on = own.to_road(x, y).on_road
+    off = np.flatnonzero(~on)
+    off = off[network.to_road(x[off], y[off]).on_road]
+    if not len(off):
+        return None
+    first = int(off[0])
+    was = np.flatnonzero(on[:first])
+    return None if len(was) and _ended(own, route, x, y, heading, (int(was[-1]), first)) else first
+
+
+def _ended(
+    own: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats, between: tuple[int, int]
+) -> bool:
+    """Whether the drive came over the end of the route between two samples, the last on it and the first off it."""
+    one, two = between
+    last = own.to_road(x[one : one + 1], y[one : one + 1], heading=heading[one : one + 1])
+    name, s = str(last.road[0]), float(last.s[0])
+    road = own.roads[name]
+    along = road.along(int(last.lane[0]), road.section_index(s))
+    left = road.length - s if along else s
+    return name in route.steps[-1] and left <= float(np.hypot(x[two] - x[one], y[two] - y[one])) + _END
+
+
+def _through(
+    network: RoadNetwork,
+    before: str | None,
+    after: str | None,
+    at: RoadPositions,
+    xy: Floats,
+    inside: list[int],
+) -> Iterator[tuple[str, ...]]:
+    """The steps from a road outside of junctions to the next, None where there is none; inside: samples between."""
+    seen = list(dict.fromkeys(str(at.road[k]) for k in inside))
+    chains = list(_chains(network, before, after)) if before is not None and (after or seen) else []
+    if after is None:
+        chains = [chain for chain in chains if seen[-1] in chain]
+    levels = [tuple(dict.fromkeys(name for name in level if name)) for level in zip_longest(*chains)]
+    yield from levels
+    if (
+        levels and inside
+    ):  # where the drive was off the roads that it must have taken, those that it was on belong to it too
+        held = only_roads(network, Route(tuple(levels)).roads).to_road(*xy[inside].T).on_road
+        seen = list(dict.fromkeys(str(at.road[k]) for k, on in zip(inside, held, strict=True) if not on))
+    yield from ((name,) for name in seen)
+
+
+def _chains(network: RoadNetwork, before: str, after: str | None) -> Iterator[tuple[str, ...]]:
+    """The roads inside of junctions that lead from one road to another, or to any."""
+    graph = _graph(network)
+    inside = {road.id for road in network.roads.values() if road.junction is not None}
+    for start in [key for key in graph if key.road == before]:
+        for way in ways(graph, start, inside):
+            if after in (None, way[-1].road):
+                yield tuple(dict.fromkeys(key.road for key in way[:-1]))
+
+
+@lru_cache(maxsize=4)
+def _graph(network: RoadNetwork) -> Mapping[LaneKey, tuple[LaneKey, ...]]:
+    return lane_graph(network)

@@ -1,0 +1,135 @@
+"""Routes through junctions of maps that others made: oracles are the files' links and shapely's polygons."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from turns import driven, turns
+
+from resim.road.driven_route import Route, driven_route, leaves
+from resim.road.path import lane_path
+
+MAPS = (
+    "xodr/esmini/fabriksgatan.xodr",
+    "xodr/edge_cases/sumo_connections_4arm.xodr",
+    "xodr/esmini/highway_example_with_merge_and_split.xodr",
+    "xodr/edge_cases/od_newmarket.xodr",
+)
+
+
+def outlines(net, roads):
+    shapes = [
+        s
+        for s in net.lane_shapes(0.25)
+        if s.road in roads and net.roads[s.road].sections[s.section].lanes[s.lane].drivable
+    ]
+    return shapely.union_all(
+        [shapely.Polygon(np.vstack([s.left, s.right[::-1]])).buffer(0.0) for s in shapes if len(s.left) > 1]
+    )
+
+
+def straight_on(turn):
+    (before, _), _, (after, _) = turn
+    return before[0], after[0]
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_the_route_of_a_turn_is_the_roads_that_the_file_links(shared_map, name):
+    net = shared_map(name)
+    every = list(turns(net))
+    assert len(every) >= 2
+    for turn in every:
+        x, y, heading = driven(net, turn)
+        route = driven_route(net, x, y, heading)
+        side_by_side = {t[1][0] for t in every if straight_on(t) == straight_on(turn)}
+        first, *inside, last = route.steps
+        assert (first, last) == ((turn[0][0][0],), (turn[2][0][0],))
+        assert set().union(*inside) == side_by_side
+        assert leaves(net, route, x, y, heading) is None
+        assert route.after(first[0]) >= {turn[1][0]}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_who_turns_another_way_leaves_the_route_where_its_lanes_end(shared_map, name):
+    net, others = shared_map(name), 0
+    every = list(turns(net))
+    for turn in every:
+        x, y, heading = driven(net, turn)
+        route = driven_route(net, x, y, heading)
+        surface = outlines(net, route.roads)
+        for other in [t for t in every if t[0] == turn[0] and straight_on(t) != straight_on(turn)]:
+            x, y, heading = driven(net, other)
+            left = leaves(net, route, x, y, heading)
+            assert left is not None, (turn, other)
+            off = np.flatnonzero(~shapely.contains_xy(surface, x, y))[0]
+            assert (
+                left >= off - 2
+            )  # m: where a connecting road of 1 m fans out, a place is ahead of it or on it
+            # where it is later, there was no other road's driving lane under the drive until then
+            assert left <= off + 3 or not net.to_road(x[off:left], y[off:left]).on_road.any()
+            others += 1
+    assert others or "merge" in name  # whose every lane leads one way
+
+
+def test_who_ends_before_inside_or_behind_the_junction(shared_map):
+    net = shared_map(MAPS[0])
+    every = list(turns(net))
+    for turn in every:
+        x, y, heading = driven(net, turn)
+        inside = np.flatnonzero(np.isin(net.to_road(x, y, heading=heading).road, [t[1][0] for t in every]))
+        before, middle = inside[0] - 3, (inside[0] + 2 * inside[-1]) // 3
+        short = driven_route(net, x[:before], y[:before], heading[:before])
+        assert short.steps == ((turn[0][0][0],),)
+        assert leaves(net, short, x, y, heading) is None  # on over the end of the route
+        half = driven_route(net, x[:middle], y[:middle], heading[:middle])
+        assert leaves(net, half, x, y, heading) is None
+        late = driven_route(net, x[middle:], y[middle:], heading[middle:])
+        assert late.steps[-1] == (turn[2][0][0],)
+        assert leaves(net, late, x[middle:], y[middle:], heading[middle:]) is None
+
+
+def test_who_ended_inside_of_a_junction_tells_which_turn_he_took(shared_map):
+    net = shared_map(MAPS[0])
+    every = list(turns(net))
+    found = 0
+    for turn in every:
+        x, y, heading = driven(net, turn)
+        end = np.flatnonzero(net.to_road(x, y, heading=heading).road == turn[1][0])[-1]
+        half = driven_route(net, x[:end], y[:end], heading[:end])
+        for other in [t for t in every if t[0] == turn[0] and straight_on(t) != straight_on(turn)]:
+            xo, yo, ho = driven(net, other)
+            found += leaves(net, half, xo, yo, ho) is not None
+    assert found > 0
+
+
+def test_a_lane_path_turns_off_where_the_route_does(shared_map):
+    net = shared_map(MAPS[0])
+    turned = 0
+    for turn in turns(net):
+        x, y, heading = driven(net, turn)
+        route = driven_route(net, x, y, heading)
+        at = net.to_road(x[:1], y[:1], heading=heading[:1])
+        start = str(at.road[0]), int(at.lane[0]), float(at.s[0])
+        length = float(np.hypot(np.diff(x), np.diff(y)).sum())
+        path = lane_path(net, *start, length, behind=0.0, route=route)
+        _, d = path.project(x, y)
+        assert np.abs(d).max() < 0.2, turn
+        _, off = lane_path(net, *start, length, behind=0.0).project(x, y)
+        turned += np.abs(off).max() > 5.0
+    assert turned  # without a route it goes straight on
+
+
+def test_parallel_lanes_belong_to_the_route_and_nobody_leaves_an_unknown_one(proving_ground):
+    s = np.arange(300.0, 800.0, 5.0)
+    x, y = proving_ground.to_xy("1", -2, s, 0.0)
+    heading = proving_ground.lane_heading("1", -2, s)
+    route = driven_route(proving_ground, x, y, heading)
+    assert route == Route((("1",),))
+    x, y = proving_ground.to_xy("1", -1, s, 0.0)
+    assert leaves(proving_ground, route, x, y, heading) is None
+    far = proving_ground.to_xy("2", -1, s[:50], 0.0)
+    assert leaves(proving_ground, route, *far, heading[:50]) == 0
+    assert leaves(proving_ground, Route(), *far, heading[:50]) is None
+    off_road = driven_route(proving_ground, x + 1e5, y, heading)
+    assert off_road == Route()
