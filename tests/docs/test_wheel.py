@@ -38,7 +38,11 @@ def test_its_names_are_its_own(unpacked: Path) -> None:
 
 def test_what_pages_hold_is_in_it(unpacked: Path) -> None:
     report = Path("resim", "report")
-    held = [*(ROOT / report).rglob("*.js"), *(ROOT / report).rglob("*.css"), *(ROOT / report / "plotly").iterdir()]
+    held = [
+        *(ROOT / report).rglob("*.js"),
+        *(ROOT / report).rglob("*.css"),
+        *(ROOT / report / "plotly").iterdir(),
+    ]
     assert len(held) > 10
     for path in held:
         assert (unpacked / path.relative_to(ROOT)).read_bytes() == path.read_bytes()

@@ -170,6 +170,21 @@ def _canvas(page: Any) -> float:
     return float(np.median(np.asarray(picture)[2:6]))
 
 
+def test_a_figure_that_was_folded_has_its_width_once_it_is_open(browser: Any, tmp_path: Path) -> None:
+    write_swept(tmp_path / "swept", sections=(("cut_in", "pilot-1.0"), ("cut_in", "pilot-1.1")))
+    write_sweep_page(analyse(read_swept(tmp_path / "swept"), "swept"), tmp_path / "page.html")
+    with opened(browser, tmp_path / "page.html", dark=True) as page:
+        page.evaluate("() => { document.getElementById('s-0').open = false; }")
+        page.emulate_media(color_scheme="light")
+        page.wait_for_timeout(1500)
+        for part in ("s-0", "s-1"):
+            page.evaluate(f"() => {{ document.getElementById('{part}').open = true; }}")
+            page.wait_for_timeout(1000)
+            figure = page.locator(f"#{part} figure").first.bounding_box()
+            drawn = page.locator(f"#{part} figure .main-svg").first.bounding_box()
+            assert drawn["width"] == pytest.approx(figure["width"], abs=2.0)
+
+
 SCALE = [[0.0, "#a1260d"], [1.0, "#0072b2"]]
 KINDS = (
     trace("scatter", x=[0.0, 1.0], y=[1.0, 2.0], mode="lines+markers", line={"color": "#1d2733"}),
