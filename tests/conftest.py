@@ -46,6 +46,16 @@ class _TogetherScheduling(LoadFileScheduling):
         return "tests/results" if file.startswith("tests/results/") else file
 
 
+LONG = ("docs", "verification", "sweeps", "execution", "cli", "report", "perception", "results", "metrics")
+"""Folders of tests that take long, so that no worker is left alone with one at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what takes long."""
+    order = {name: n for n, name in enumerate(LONG)}
+    items.sort(key=lambda item: order.get(item.path.relative_to(ROOT / "tests").parts[0], len(LONG)))
+
+
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling | None:
     """Give the scheduler of `--dist loadfile`."""
     return _TogetherScheduling(config, log) if config.getvalue("dist") == "loadfile" else None

@@ -6,21 +6,25 @@ failed.
 
 from __future__ import annotations
 
+import inspect
 import io
 import os
 import signal
 import sys
+from collections.abc import Callable
 from enum import StrEnum
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
 from typer.core import TyperGroup
 
 from resim import __version__
-from resim.cli.terminal import say
+from resim.cli.terminal import Telling, say, told_as
 from resim.core.errors import FunctionError, ResimError, StopError
 from resim.core.files import refuse_undecodable
 from resim.simulation.vehicles.registry import VEHICLES
+
+Job = TypeVar("Job", bound=Callable[..., None])
 
 app = typer.Typer(
     help="Put a measured test drive back into simulation, with the same AD function at the wheel, "
@@ -98,6 +102,37 @@ Vehicle = Annotated[
 
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")]
 """In how many processes a command works."""
+
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors and bad verdicts only.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print each step, and where in resim an error arose.")
+]
+
+
+def command(group: typer.Typer, name: str | None = None, **options: Any) -> Callable[[Job], Job]:
+    """Register a command under a name, with the options that all commands have."""
+
+    def register(job: Job) -> Job:
+        own = inspect.signature(job, eval_str=True).parameters.values()
+        shared = [
+            inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+            for word, kind in (("as_json", AsJson), ("quiet", Quiet), ("verbose", Verbose))
+        ]
+
+        def told(*, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
+            with told_as(Telling(as_json, quiet, verbose)):
+                job(**given)
+
+        parameters = [*(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own), *shared]
+        told.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        told.__annotations__ = {p.name: p.annotation for p in parameters}
+        told.__name__, told.__doc__ = job.__name__, job.__doc__
+        group.command(name, **options)(told)
+        return job
+
+    return register
 
 
 class BadVerdictError(Exception):

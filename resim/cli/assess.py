@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, Deciding, assess_app
+from resim.cli.app import Accept, BadVerdictError, Deciding, assess_app, command
 from resim.cli.inputs import A_DRIVE, CriteriaFile
 from resim.cli.runs import register
-from resim.cli.terminal import say
+from resim.cli.terminal import Telling, give, say, show, telling, told_as
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class PathChoice(StrEnum):
     driven = "driven"
 
 
-@assess_app.command("drive", epilog="Also: resim assess fit-prediction --help")
+@command(assess_app, "drive", epilog="Also: resim assess fit-prediction --help")
 def assess(
     drive: Annotated[
         Path, typer.Argument(callback=A_DRIVE, help="Recording folder, or the folder that `resim run` wrote.")
@@ -92,21 +92,24 @@ def assess(
         )
     asked = _AssessOptions(
         drive, frozen(criteria), mode, path, prediction, road_aware, seed, tuple(accept or ()),
-        deciding(verdict_of, criteria), out, sys.stdout.isatty(),
+        deciding(verdict_of, criteria), out, sys.stdout.isatty(), telling(),
     )  # fmt: skip
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
-    typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all
+    show(done.text)
     if out is not None:
         say("")
         say(f"assessment: {out / 'assessment.html'}")
         register(out)
+    give(out=out, assessment=done.document, problem=done.bad)
     done.end()
 
 
 @dataclass(frozen=True)
 class _AssessOptions:
-    """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
+    """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed; how: it is
+    told.
+    """
 
     drive: Path
     criteria: FrozenFile | None
@@ -119,15 +122,20 @@ class _AssessOptions:
     verdict_of: tuple[str, ...]
     out: Path | None
     terminal: bool
+    how: Telling
 
 
 @dataclass(frozen=True)
 class ChildReport:
-    """What a child process did: what to print, why it is bad ("" where it is not), and whether the function failed."""
+    """What a child process did: what to print, why it is bad ("" where it is not), and whether the function failed.
+
+    document: what `--json` prints, if it is not in a file.
+    """
 
     text: str
     bad: str
     failed: bool
+    document: dict[str, Any] | None = None
 
     def end(self) -> None:
         """Leave with the exit code of what was done, and say why."""
@@ -143,6 +151,7 @@ def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     from resim.metrics.risk import Parameters
     from resim.metrics.risk.prediction import named_prediction
     from resim.resimulation import AssessmentOptions
+    from resim.results import assessment_document
 
     a, folder = task
     how = AssessmentOptions(
@@ -154,12 +163,13 @@ def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     found = result.assessment
     if folder is not None and a.out is not None:
         result.write_files(folder, a.out)
-    with captured(a.terminal) as screen:
+    with told_as(a.how), captured(a.terminal) as screen:
         print_worst(found)
         print_findings(found)
         print_verdicts(found)
         print_notes(found)
-    return ChildReport(screen.getvalue(), result.problem, bool(found.failures))
+    document = assessment_document(found, a.drive) if a.how.json else None
+    return ChildReport(screen.getvalue(), result.problem, bool(found.failures), document)
 
 
 def deciding(sources: Sequence[str] | None, criteria: Path | None) -> tuple[str, ...]:

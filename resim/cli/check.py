@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, app
+from resim.cli.app import BadVerdictError, app, command
 from resim.cli.inputs import RecordingFolder
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,7 @@ MOST_LINES = 5
 """Findings of one code and source that are printed; the rest is counted."""
 
 
-@app.command("check")
+@command(app, "check")
 def check(
     recording: RecordingFolder,
     fix: Annotated[
@@ -55,13 +55,17 @@ def check(
     if fix is None:
         found = job.check(recording)
         _print(found.findings)
+        give(findings=found.findings)
     else:
         gap = job.MAX_GAP if max_gap is None else max_gap
         found = job.repair(recording, fix, max_gap=gap, outliers=outliers or "robust")
         _print(found.findings)
+        give(out=fix, findings=found.findings)
         if found.repaired is not None:
+            give(repaired=found.repaired.done, left=found.repaired.left)
             _print_repaired(found.repaired)
         say(f"{fix}: written")
+    give(map=found.map, flaws=found.flaws)
     _print_map(found)
     if found.errors:
         where = recording if fix is None else fix

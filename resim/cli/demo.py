@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, app
+from resim.cli.app import BadVerdictError, app, command
 from resim.cli.run import run
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 from resim.core.errors import InputError
 
 PARTS = (
@@ -23,7 +23,7 @@ PARTS = (
 """What the example is made of, by its place in the project; the wheel holds it in `resim/shipped`."""
 
 
-@app.command()
+@command(app)
 def demo(
     out: Annotated[Path, typer.Option(help="New folder for the example and its results.")] = Path(
         "resim-demo"
@@ -46,6 +46,7 @@ def demo(
         run(case, build, result, criteria=criteria)
     except BadVerdictError as e:
         say(f"{e} (as it should: a corner case is hard)")
+    give(example=out, result=result)
     say("")
     say("next, for example:")
     say(f"  resim assess {shlex.quote(str(case))} --criteria {shlex.quote(str(criteria))}")

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from resim.cli.app import app
+from resim.cli.app import app, command
 from resim.cli.inputs import A_MAP
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 
 if TYPE_CHECKING:
     from resim.recordings import Recording, RecordingTables
@@ -55,8 +55,8 @@ def _commands() -> MutableMapping[str, Any]:
 
     made = typer.Typer(rich_markup_mode=None)
     for form in FORMATS:
-        made.command(form.name, help=f"Import from {form.source}.")(_command(form))
-    made.command("guess")(guess)
+        command(made, form.name, help=f"Import from {form.source}.")(_command(form))
+    command(made, "guess")(guess)
     return typer.main.get_group(made).commands
 
 
@@ -88,6 +88,7 @@ def guess(
     except OSError as e:
         raise InputError(out, f"cannot be written ({e.strerror})", "Name a file that you may write.") from e
     left = fill_ins(text)
+    give(mapping=out, fill_in=left)
     say(f"{out}: written; {len(left)} lines to fill in, or to take out" if left else f"{out}: written")
     for line in left:
         say(f"  {line}")
@@ -132,6 +133,8 @@ def _write(found: Recording | RecordingTables, out: Path) -> None:
     load(tables.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
     write_tables(tables, out)
     objects, span = tables.gt["id"].nunique(), tables.gt["t"].max() - tables.gt["t"].min()
+    give(recording=out, objects=int(objects), duration=float(span), ego=tables.settings.ego,
+         provenance=tables.settings.provenance)  # fmt: skip
     say(f"{out}: {objects} objects over {span:.2f} s, EGO {tables.settings.ego}")
     for topic, text in tables.settings.provenance.items():
         say(f"  {topic}: {text}")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, BadVerdictError, app
+from resim.cli.app import Accept, BadVerdictError, app, command
 from resim.cli.inputs import A_MAP
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ MapFile = Annotated[
 ]
 
 
-@maps.command("check")
+@command(maps, "check")
 def check(path: MapFile) -> None:
     """Look a map over, convert it, and say where it is wrong or its SUMO net not exact."""
     from resim.jobs.convert import check_map
@@ -38,11 +38,12 @@ def check(path: MapFile) -> None:
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
+    give(map=path, flaws=found.flaws, problems=found.problems)
     if problems := found.problems:
         raise BadVerdictError(f"{path}: {'; '.join(problems)}")
 
 
-@maps.command("convert")
+@command(maps, "convert")
 def convert(
     path: MapFile,
     out: Annotated[Path, typer.Option(help="Folder for the net; an earlier one there is replaced.")],
@@ -55,10 +56,11 @@ def convert(
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
+    give(out=out, flaws=found.flaws, conversion=out / "conversion.json")
     say(f"net, numbers and picture: {out}")
 
 
-@maps.command("plot")
+@command(maps, "plot")
 def plot(
     path: MapFile,
     out: Annotated[
@@ -69,8 +71,10 @@ def plot(
     from resim.jobs.convert import draw_map
 
     target = out or Path(f"{path.stem}.html")
-    if why := draw_map(path, target):
+    why = draw_map(path, target)
+    if why:
         say(f"note: drawn without the errors of its SUMO net: {why}", err=True)
+    give(page=target, missing=why or None)
     say(str(target))
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, Settings, app
+from resim.cli.app import Accept, Settings, app, command
 from resim.cli.inputs import A_MODEL, A_RECORDING
 from resim.cli.progress import Progress
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 
 if TYPE_CHECKING:
     from resim.perception.model import PerceptionModel, Training
@@ -21,7 +21,7 @@ app.add_typer(
 )
 
 
-@perception_app.command("train")
+@command(perception_app, "train")
 def train(
     recordings: Annotated[
         list[Path], typer.Argument(callback=A_RECORDING, help="Recording folders with GT and SD.")
@@ -40,6 +40,7 @@ def train(
     folds = 0 if report is None else min(FOLDS, len(recordings))
     with Progress("stages", len(recordings) + 1 + folds) as progress:
         model = job.train(recordings, out, report=report, accept=accept or [], progress=progress.step)
+    give(model=out, report=None if report is None else str(report))
     print_model(model)
     say("")
     say(f"model: {out}")
@@ -47,7 +48,7 @@ def train(
         say(f"report: {report}")
 
 
-@perception_app.command("show")
+@command(perception_app, "show")
 def show(
     model: Annotated[Path, typer.Argument(callback=A_MODEL, help="Perception model (JSON).")],
     settings: Settings = None,
@@ -55,7 +56,9 @@ def show(
     """Show a perception model: its parameters, and how sure they are."""
     from resim.perception.model import read_model
 
-    print_model(read_model(model, tuple(settings or ())))
+    found = read_model(model, tuple(settings or ()))
+    give(model=found.model_dump(mode="json"))
+    print_model(found)
 
 
 def print_model(model: PerceptionModel) -> None:

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from resim.cli.app import app
-from resim.cli.terminal import say
+from resim.cli.app import app, command
+from resim.cli.terminal import give, say
 
 
-@app.command()
+@command(app)
 def play(
     drives: Annotated[
         list[Path],
@@ -45,6 +45,7 @@ def play(
         objects = {name for layer in drive.layers for name in layer.tracks.ids.tolist()} - {drive.ego}
         layers = ", ".join(layer.name for layer in drive.layers)
         say(f"{drive.name}: {layers}; {len(objects)} traffic objects, {len(drive.marks)} marks")
+    give(player=target, video=video)
     say(f"player: {target} ({target.stat().st_size / 1e6:.2f} MB)")
     if video is not None:
         say(f"video: {video} ({video.stat().st_size / 1e6:.2f} MB)")

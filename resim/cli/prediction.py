@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, assess_app
+from resim.cli.app import Accept, assess_app, command
 from resim.cli.inputs import A_RECORDING
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 
 if TYPE_CHECKING:
     from resim.metrics.risk.fitting import Refit
 
 
-@assess_app.command("fit-prediction")
+@command(assess_app, "fit-prediction")
 def fit_prediction(
     recordings: Annotated[
         list[Path],
@@ -44,6 +44,7 @@ def fit_prediction(
         _print(name, fit)
     for name, why in made.left.items():
         say(f"{name} keeps the published parameters: {why}")
+    give(prediction=out)
     say("")
     say(f"prediction: {out}")
 

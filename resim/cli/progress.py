@@ -1,18 +1,27 @@
-"""How far a command is: a bar on a terminal, elsewhere a line now and then; to standard error."""
+"""How far a command is: a bar on a terminal, elsewhere a line now and then, or for each step; to standard error."""
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
-from resim.cli.terminal import say, visible
+from resim.cli.terminal import say, telling, visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 EVERY = 10.0
 """s between two lines where there is no terminal."""
+
+
+def _screen() -> TextIO:
+    """The standard error, also while that takes the words of code under test."""
+    if sys.stderr.isatty():
+        return os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
+    return sys.stderr
 
 
 class Progress:
@@ -34,8 +43,8 @@ class Progress:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        console = Console(stderr=True)
-        if console.is_terminal:
+        console = Console(file=_screen())
+        if console.is_terminal and not telling().quiet and not telling().verbose:
             self._bar = Bar(
                 TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(),
                 TextColumn("{task.fields[rate]}"), TimeRemainingColumn(), console=console, transient=True,
@@ -72,7 +81,9 @@ class Progress:
                 self._bar.task_ids[0], description=visible(doing)[:24], completed=self.done, total=self._total,
                 rate=f"{rate:.1f}/s" if rate > 0.1 else "",
             )  # fmt: skip
-        elif (now := time.monotonic()) >= self._told + EVERY:
+        elif not telling().quiet and (
+            (now := time.monotonic()) >= self._told + EVERY or (doing and telling().verbose)
+        ):
             self._told = now
             of = "" if self._total is None else f" of {self._total}"
             say(f"{self.done}{of} {self.unit}{self._left(now)}{f': {doing}' * bool(doing)}", err=True)

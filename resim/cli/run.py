@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, Deciding, Settings, Vehicle, app
+from resim.cli.app import Accept, Deciding, Settings, Vehicle, app, command
 from resim.cli.assess import ChildReport, deciding, frozen
 from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
 from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import say
+from resim.cli.terminal import Telling, give, say, show, telling, told_as
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ SEEDS = 20
 """Runs with a perception model, where nobody says how many."""
 
 
-@app.command()
+@command(app)
 def run(
     recording: RecordingFolder,
     build: BuildFile,
@@ -96,13 +96,14 @@ def run(
         recording, freeze_build(build), basis, vehicle, step, lead_in, seed, stop_at_collision, frozen(criteria),
         None if perception is None else freeze_model(perception),
         tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), gui, out,
-        sys.stdout.isatty(),
+        sys.stdout.isatty(), telling(),
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
-    typer.echo(done.text, nl=False)  # noqa: TID251  printed by the child, colours and all
+    show(done.text)
     say("")
     say(f"report: {out / 'report.html'}")
+    give(out=out, report=out / "report.json", assessment=out / "assessment.json", problem=done.bad)
     register(out)
     done.end()
 
@@ -120,7 +121,9 @@ def _terminal_restored() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _RunOptions:
-    """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed."""
+    """What the user asks for, as on the command line. terminal: whether a terminal shows what is printed; how: it is
+    told.
+    """
 
     recording: Path
     build: FrozenFile
@@ -139,6 +142,7 @@ class _RunOptions:
     gui: bool
     out: Path
     terminal: bool
+    how: Telling
 
 
 def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
@@ -157,7 +161,7 @@ def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
         )
     seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
     each = stages(measured, options, perceiving=seen is not None)
-    with Progress("stages", len(each)) as progress:
+    with told_as(a.how), Progress("stages", len(each)) as progress:
 
         def tell(stage: str) -> None:
             progress.step(stage, by=each.index(stage) - progress.done)
@@ -173,7 +177,7 @@ def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
             progress=tell,
         )
     result.write_files(folder, a.out)
-    with captured(a.terminal) as screen:
+    with told_as(a.how), captured(a.terminal) as screen:
         _print(result.resimulation, result.assessment)
     return ChildReport(screen.getvalue(), result.problem, bool(result.resimulation.failure))
 

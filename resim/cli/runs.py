@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import app
+from resim.cli.app import app, command
 from resim.cli.entries import line, print_entry, print_list, summary
-from resim.cli.terminal import say, say_json
+from resim.cli.terminal import give, say
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ runs = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(runs, name="runs")
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 class KindChoice(StrEnum):
@@ -49,7 +47,7 @@ def register(folder: Path) -> None:
         say(f"resim: warning: the results are complete, but could not be added to the catalog: {e}", err=True)
 
 
-@runs.command("list")
+@command(runs, "list")
 def list_results(
     kind: Annotated[KindChoice | None, typer.Option(help="Results of this kind only.")] = None,
     build: Annotated[
@@ -66,7 +64,6 @@ def list_results(
             help="Verdict over all recordings, or of any: PASS, FAIL, INVALID, failed, verified, 'not verified', ..."
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """List results, the newest first, and say which folders are gone or hold something else since."""
     from resim.results.reading import VERDICTS
@@ -76,29 +73,23 @@ def list_results(
     found = _catalog().find(
         kind=None if kind is None else kind.value, build=build, recording=recording, verdict=verdict
     )
-    if as_json:
-        say_json([asdict(summary(e)) for e in found])
-    else:
-        print_list(found)
+    give(results=[summary(e) for e in found])
+    print_list(found)
 
 
-@runs.command()
+@command(runs)
 def show(
     result: Annotated[
         str, typer.Argument(metavar="ID|FOLDER", help="Id of the result, or its first four or more digits.")
     ],
-    as_json: AsJson = False,
 ) -> None:
     """Show all that the catalog holds of a result: what went in, verdicts, where its files lie."""
     entry = _catalog().get(result)
-    if as_json:
-        told = {"inputs": [asdict(i) for i in entry.inputs], "outcomes": [asdict(o) for o in entry.outcomes]}
-        say_json({**asdict(summary(entry)), **told})
-    else:
-        print_entry(entry)
+    give(**asdict(summary(entry)), inputs=entry.inputs, outcomes=entry.outcomes)
+    print_entry(entry)
 
 
-@runs.command()
+@command(runs)
 def add(
     folders: Annotated[
         list[Path],
@@ -115,7 +106,7 @@ def add(
         say(line(entry))
 
 
-@runs.command()
+@command(runs)
 def rm(
     results: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids or folders.")],
     files: Annotated[

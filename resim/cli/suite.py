@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from resim.cli.app import app
+from resim.cli.app import app, command
 from resim.cli.inputs import A_CRITERIA
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import refuse_undecodable
@@ -18,7 +18,7 @@ suites = typer.Typer(help="Suites: recordings that a build is verified on.", no_
 app.add_typer(suites, name="suite")
 
 
-@suites.command("new")
+@command(suites, "new")
 def new(
     folder: Annotated[Path, typer.Argument(help="Folder with recording folders, at any depth.")],
     out: Annotated[Path, typer.Option(help="Suite (TOML) to write.")],
@@ -47,6 +47,7 @@ def new(
     with whole_file(out, None) as path:
         path.write_text(text, encoding="utf-8")
     read_suite(out)
+    give(suite=out, recordings=found)
     say(f"{out}: {len(found)} recordings")
 
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Vehicle, Workers, sweep_app
+from resim.cli.app import Vehicle, Workers, command, sweep_app
 from resim.cli.inputs import A_SWEEP
 from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from resim.sweeps.file import SweepBoundary
 
 
-@sweep_app.command("run")
+@command(sweep_app, "run")
 def sweep(
     file: Annotated[
         Path,
@@ -60,11 +60,13 @@ def sweep(
         return
     with _progress() as listener:
         done = run_sweep(file, out, options, listener=listener)
+    give(out=out, runs=done.runs, failed=done.failed, missing=done.missing)
     if done.missing:
         say(f"{out}: this shard is done; {done.missing} runs of others are missing")
         return
     say(f"{out / 'runs'}: {done.runs} runs, {done.failed} failed")
     if done.manifest is not None:
+        give(manifest=out / "manifest.json")
         for found in done.manifest.found():
             _tell_boundary(found, len(done.manifest.inputs.sweep.build) > 1)
     register(out)
@@ -96,6 +98,8 @@ def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
     from resim.jobs.sweep import estimate
 
     found = estimate(file, out, options)
+    give(runs=found.runs, seconds_a_run=found.each, bytes_a_run=found.size, processes=options.processes,
+         failures=found.failures)  # fmt: skip
     if found.runs == 0:
         say("0 runs")
         return

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, sweep_app
+from resim.cli.app import BadVerdictError, command, sweep_app
 from resim.cli.runs import register
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 
 
-@sweep_app.command("report")
+@command(sweep_app, "report")
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
     out: Annotated[
@@ -31,6 +31,7 @@ def report(
 
     page = folder / "report.html" if out is None else out
     found = report_sweep(folder, page)
+    give(page=page, report=page.with_suffix(".json"))
     for section in found.sections:
         say(f"{section.recording}, {section.build}: {overview_line(section)}")
         told = (
@@ -46,7 +47,7 @@ def report(
     say(f"report: {page}")
 
 
-@sweep_app.command("repeat")
+@command(sweep_app, "repeat")
 def repeat_run(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
     run: Annotated[int, typer.Argument(min=0, help="Number of the run, as in the report and the table.")],
@@ -64,6 +65,8 @@ def repeat_run(
     from resim.jobs.sweep import repeat
 
     found = repeat(folder, run, out, vehicle=vehicle)
+    give(out=out, untraced=found.untraced, versions=found.versions,
+         differ={name: {"sweep": was, "now": now} for name, (was, now) in found.differ.items()})  # fmt: skip
     say(f"no traces: {found.untraced}" if found.untraced else f"report: {out / 'report.html'}")
     if not found.untraced:
         register(out)

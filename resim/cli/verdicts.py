@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from resim.cli.terminal import say, visible
+from resim.cli.terminal import is_text_wanted, say, visible
 
 if TYPE_CHECKING:
     from resim.metrics.assessment import Worst
@@ -48,7 +48,8 @@ class _Plain(Console):
 
 def console() -> Console:
     """Give standard output, 120 wide where it is no terminal; what is in names has no effect."""
-    return _Plain(width=None if sys.stdout.isatty() else 120, markup=False, emoji=False)
+    width = None if sys.stdout.isatty() else 120
+    return _Plain(width=width, markup=False, emoji=False, quiet=not is_text_wanted())
 
 
 def print_worst(found: ResimulationAssessment) -> None:

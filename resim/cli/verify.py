@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app
+from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app, command
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
 from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import say
+from resim.cli.terminal import give, say
 from resim.core.errors import FunctionError, InputError, ResimError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ DrivenBy = Annotated[
 ]
 
 
-@app.command()
+@command(app)
 def verify(
     suite: Annotated[
         Path | None, typer.Argument(callback=A_SUITE, help="Suite (TOML): recordings, criteria, tolerances.")
@@ -109,6 +109,7 @@ def verify(
     print_verification(found.report)
     say("")
     say(f"verification: {out / 'verification.html'}")
+    give(out=out, verification=out / "verification.json")
     register(out)
     _end(found)
 
@@ -132,9 +133,11 @@ def _replay(path: Path, workers: int | None) -> None:
     with _progress() as listener:
         again = replay(path, workers=workers, listener=listener)
     if again.same:
+        give(same=True)
         say(f"{path}: identical bytes, {len(again.verification.report.recordings)} recordings")
         _end(again.verification)
         return
+    give(same=False, differ=again.differ, versions=again.versions)
     if again.versions:
         say(f"made with other versions: {'; '.join(again.versions)}")
     raise BadVerdictError(

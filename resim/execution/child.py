@@ -51,13 +51,14 @@ def memory() -> int:
         return most // (1 << (20 if sys.platform == "darwin" else 10))
 
 
-def main(tasks: int, results: int, board: int, lifeline: int) -> None:
-    """Serve on these open files; the last is closed when nobody waits any more, however the command ended."""
-    for mine in (tasks, results, board, lifeline):
+def main(tasks: int, results: int, board: int, lifeline: int, words: int) -> None:
+    """Serve on these open files; `lifeline` is closed when nobody waits any more, however the command ended."""
+    for mine in (tasks, results, board, lifeline, words):
         os.set_inheritable(mine, False)
-    fork_kept(lifeline, (tasks, results, board))
+    fork_kept(lifeline, (tasks, results, board, words))
     sys.modules["__main__"].__spec__ = importlib.util.find_spec("resim.core.plugins.spawned")
     watchdog.board, watchdog.whose = watchdog.boards(mmap.mmap(board, watchdog.BOARD))
+    watchdog.words = words
     for number in (signal.SIGINT, signal.SIGALRM):
         signal.signal(number, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its children
     try:

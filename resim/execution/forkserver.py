@@ -184,7 +184,7 @@ os.register_at_fork(after_in_child=_SERVER.forget)
 def fork(module: str, files: Sequence[int]) -> ForkedProcess:
     """Start a child that serves on these open files (`resim.execution.child.main`), once `module` is loaded.
 
-    files: its tasks, results, board and lifeline. Raises OSError where no process can be started.
+    files: its tasks, results, board, lifeline and words. Raises OSError where no process can be started.
     """
     with contextlib.ExitStack() as stack:
         try:
@@ -219,7 +219,7 @@ def main() -> None:
         child.main(*files)
 
 
-def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
+def _forked(asked: socket.socket) -> tuple[int, int, int, int, int] | None:
     """Fork a child for each request; return in it, with the open files that it serves on, else None at the end."""
     os.set_inheritable(asked.fileno(), False)
     signal.pthread_sigmask(signal.SIG_SETMASK, ())  # whatever the command was started with
@@ -237,7 +237,7 @@ def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
             _tell_ended(alive)
         if asked.fileno() not in ready:
             continue
-        head, files, *_ = socket.recv_fds(asked, _SIZE.size, 6)
+        head, files, *_ = socket.recv_fds(asked, _SIZE.size, 7)
         if len(head) < _SIZE.size:
             return None  # the command has ended
         *served, told, errors = files
@@ -259,8 +259,8 @@ def _forked(asked: socket.socket) -> tuple[int, int, int, int] | None:
             os.dup2(errors, stream)
         os.close(errors)
         _begin_anew(environment)
-        tasks, results, board, lifeline = served
-        return tasks, results, board, lifeline
+        tasks, results, board, lifeline, words = served
+        return tasks, results, board, lifeline, words
 
 
 def _load(name: str) -> None:

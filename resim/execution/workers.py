@@ -22,7 +22,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from typing import Any, TypeVar
 
 from resim.core.errors import FunctionError, ResimError
-from resim.core.plugins.watchdog import BOARD, boards, unanswered
+from resim.core.plugins.watchdog import BOARD, boards, last_words, unanswered
 from resim.execution import forkserver
 from resim.execution.child import SIZE, Failure
 
@@ -163,14 +163,16 @@ class _Child:
             shared.write(bytes(BOARD))
             shared.flush()
             self.board, self.whose = boards(mmap.mmap(shared.fileno(), BOARD))
+            self._words = mine.enter_context(tempfile.TemporaryFile())
             inner_tasks, self.tasks = _pipe(of_child, mine)
             self.results, inner_results = _pipe(mine, of_child)
             inner_life, _ = _pipe(of_child, mine)
-            inner = (inner_tasks, inner_results, shared.fileno(), inner_life)
+            inner = (inner_tasks, inner_results, shared.fileno(), inner_life, self._words.fileno())
             self.process = forkserver.fork(module, inner)
             self._files = mine.pop_all()
         self.alive = True
         self.blame = ""  # what the function did to the process in the last task
+        self.words = ""  # the last that it wrote to its standard error
         self.killed = False  # in a call of it, and not evidently by it
 
     def is_alive(self) -> bool:
@@ -249,7 +251,7 @@ class _Child:
 
     def _blamed(self, blame: str) -> Failure:
         """Give the failure of the function that did this, and name its file."""
-        self.blame = blame
+        self.blame = blame = blame + (f"; its last words: {self.words}" if self.words else "")
         file = bytes(self.whose).partition(b"\0")[0].decode(errors="replace")
         return Failure(f"the function {f'of {file} ' if file else ''}{blame}", crashed=True, of_function=True)
 
@@ -263,6 +265,7 @@ class _Child:
         if not self.alive:
             return
         self.alive = False
+        self.words = last_words(self._words.fileno())
         self._files.close()  # which its keeper sees
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(2.0 * _PATIENCE)

@@ -18,6 +18,7 @@ from resim.results.folders import (
     whole_folder,
 )
 from resim.results.writing import (
+    assessment_document,
     json_text,
     write_assessment,
     write_conversion,
@@ -36,6 +37,7 @@ __all__ = [
     "SWEEP_REPORT",
     "VERIFICATION",
     "FolderKind",
+    "assessment_document",
     "check_output",
     "explain_os_errors",
     "json_text",

@@ -98,13 +98,17 @@ def write_conversion(found: MapCheck, folder: Path) -> None:
 
 def write_assessment(found: ResimulationAssessment, folder: Path, drive: Path) -> None:
     """Write assessment.json and kpis.parquet. drive: the folder that was assessed, of a recording or a run."""
+    write_json(assessment_document(found, drive), folder / ASSESSMENT.mark)
+    write_parquet(found.kpi_frame(), folder / "kpis.parquet")
+
+
+def assessment_document(found: ResimulationAssessment, drive: Path) -> dict[str, Any]:
+    """Give what assessment.json says, as `write_assessment`."""
     from resim.resimulation.assessment_report import AssessmentInputs, HashedName, report
 
     recording, build, run = _drive_inputs(drive, found.name)
     criteria = None if found.criteria is None else HashedName(found.criteria.name, found.criteria.hash)
-    told = report(found, AssessmentInputs(recording, build, criteria, run))
-    write_json(sealed(to_json(told)), folder / ASSESSMENT.mark)
-    write_parquet(found.kpi_frame(), folder / "kpis.parquet")
+    return sealed(to_json(report(found, AssessmentInputs(recording, build, criteria, run))))
 
 
 def _drive_inputs(drive: Path, name: str) -> tuple[HashedName, HashedBuild | None, str | None]:

@@ -6,6 +6,7 @@ import errno
 import os
 import random
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -76,12 +77,18 @@ def _kill() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def _speak() -> None:
+    print("lost the lane", file=sys.stderr)
+    os.write(2, b"assertion x > 0 failed\n\n")
+    os.abort()
+
+
 def _answer() -> None:
     """Be quick."""
 
 
 IN_FUNCTION = {
-    "leave": _leave, "abort": os.abort, "never return": _never_return, "hear nothing": _hear_nothing,
+    "leave": _leave, "abort": os.abort, "speak": _speak, "never return": _never_return, "hear nothing": _hear_nothing,
     "disarm": _disarm, "copy": _copy, "answer": _answer, "kill": _kill,
 }  # fmt: skip
 

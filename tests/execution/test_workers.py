@@ -110,6 +110,11 @@ def test_what_the_system_refuses_is_worth_another_attempt() -> None:
     [
         ("leave", 3, "ended its process, which ended with code 0"),
         ("abort", 1, "ended its process, which was ended by SIGABRT"),
+        (
+            "speak",
+            1,
+            "ended its process, which was ended by SIGABRT; its last words: lost the lane | assertion x > 0 failed",
+        ),
         ("never return", 1, "did not answer within 0.2 s, and could not be interrupted"),
         ("hear nothing", 1, "did not answer within 0.2 s, and could not be interrupted"),
         ("disarm", 1, "did not answer within 0.2 s, and could not be interrupted"),

@@ -268,6 +268,7 @@ def test_a_name_that_is_markup_runs_nothing(opened: Open, pages: Path) -> None:
     assert page.locator("img").count() == 0
 
 
+@pytest.mark.slow
 def test_a_video_shows_the_drive_as_it_goes(tmp_path: Path) -> None:
     film = tmp_path / "film.gif"
     play([CORNER.parent / "rear_end"], tmp_path / "play.html", video=film)

@@ -35,7 +35,7 @@ def mine(made: Path, tmp_path: Path) -> Path:
 def listed(call: Call, *options: object) -> list[dict[str, object]]:
     code, out, _ = call("runs", "list", "--json", *options)
     assert code == 0
-    found: list[dict[str, object]] = json.loads(out)
+    found: list[dict[str, object]] = json.loads(out)["results"]
     return found
 
 

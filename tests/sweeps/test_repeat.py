@@ -78,7 +78,7 @@ def test_the_command_of_the_report_repeats_the_run(swept: Path, call: Call) -> N
     )
     assert [(seed["reaction"], seed["end_position_error"])] == row.fetchall()
     assert (folder / "report.html").is_file()
-    listed = json.loads(call("runs", "list", "--kind", "run", "--json")[1])
+    listed = json.loads(call("runs", "list", "--kind", "run", "--json")[1])["results"]
     assert str(folder.resolve()) in [entry["folder"] for entry in listed]
 
 

@@ -113,6 +113,15 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return path, folder / "out"
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A sweep of six runs, and its results, made in one go."""
+    path = write(tmp_path_factory.mktemp("whole"))
+    path.write_text(path.read_text().replace("seeds = 1", "seeds = 3"))
+    assert start(path, path.parent / "out").wait() == 0
+    return path, path.parent / "out"
+
+
 def start(path: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "resim", "sweep", str(path), "--out", str(out), *more]
     return subprocess.Popen(
@@ -143,10 +152,8 @@ def test_faults_of_the_function_cost_their_own_runs(undisturbed: tuple[Path, Pat
     assert (found.loc["hang.toml"].end == "function_failed").all()
 
 
-def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
-    path = write(tmp_path)
-    path.write_text(path.read_text().replace("seeds = 1", "seeds = 3"))
-    assert start(path, tmp_path / "whole").wait() == 0
+def test_a_full_disk_loses_nothing(whole: tuple[Path, Path], tmp_path: Path) -> None:
+    path = whole[0]
     command = f"ulimit -f 4; exec {sys.executable} -m resim sweep {path} --out {tmp_path / 'out'} --workers 1"
     stopped = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert stopped.returncode == 2
@@ -154,7 +161,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     assert "resume with --resume: nothing is lost" in stopped.stderr
     assert 1 <= len(list(journal.read(tmp_path / "out" / "journal"))) < 6
     assert start(path, tmp_path / "out", "--resume").wait() == 0
-    assert bytes_of(tmp_path / "out") == bytes_of(tmp_path / "whole")
+    assert bytes_of(tmp_path / "out") == bytes_of(whole[1])
 
 
 def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
@@ -205,12 +212,10 @@ def test_what_is_no_shard_is_told(call: Call, tmp_path: Path, shard: str) -> Non
     assert (code, "Give I/N with I from 1 to N" in error) == (2, True)
 
 
-def test_shards_give_the_same(tmp_path: Path) -> None:
-    path = write(tmp_path)
-    assert start(path, tmp_path / "whole").wait() == 0
+def test_shards_give_the_same(whole: tuple[Path, Path], call: Call, tmp_path: Path) -> None:
     for shard in ("2/2", "1/2"):
-        assert start(path, tmp_path / "parts", "--shard", shard).wait() == 0
-    assert bytes_of(tmp_path / "parts") == bytes_of(tmp_path / "whole")
+        assert call("sweep", whole[0], "--out", tmp_path / "parts", "--shard", shard)[0] == 0
+    assert bytes_of(tmp_path / "parts") == bytes_of(whole[1])
 
 
 def test_a_line_that_was_cut_short_is_done_again(tmp_path: Path) -> None:
@@ -323,6 +328,7 @@ def test_a_run_that_was_done_twice_with_the_same_result_counts_once(
     assert bytes_of(copy) == bytes_of(out)
 
 
+@pytest.mark.slow
 def test_shards_that_begin_together_share_the_folder(tmp_path: Path) -> None:
     path = write(tmp_path)
     shards = [start(path, tmp_path / "out", "--shard", f"{k}/4", "--workers", "1") for k in (1, 2, 3, 4)]

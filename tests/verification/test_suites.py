@@ -140,6 +140,7 @@ def test_the_mirrored_lane_check_is_found_with_scenario_and_second(
     assert verdicts(out)["overtake"] == "same"
 
 
+@pytest.mark.slow
 def test_replay_is_verified_on_the_whole_highway_suite(call: VerifyOptions, tmp_path: Path) -> None:
     out = tmp_path / "out"
     call("verify", HIGHWAY, "--build", REPLAY, "--out", out, "--workers", 2)
@@ -216,6 +217,7 @@ def test_a_result_that_is_not_as_it_was_written_is_made_again(
     assert (out / "verification.json").read_bytes() == found
 
 
+@pytest.mark.slow
 def test_killed_and_repeated_it_gives_the_bytes_of_an_undisturbed_one_with_any_number_of_workers(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
@@ -269,6 +271,7 @@ def reported(
     return {"lost": lost, **{r["name"]: r for r in to_json(found)["recordings"]}}
 
 
+@pytest.mark.slow
 def test_a_report_is_of_the_result_that_links_it_whenever_it_was_stopped(
     suite: WriteSuite, tmp_path: Path
 ) -> None:

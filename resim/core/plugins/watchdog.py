@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sys
 import threading
 import time
 import traceback
@@ -30,6 +31,12 @@ whose: Any = bytearray(256)
 BOARD = 32 + len(whose)
 """Bytes of memory that a child process shares with its supervisor."""
 
+words: int | None = None
+"""Open file that takes what code under test writes to the standard error; None for none.
+
+In a child process its supervisor reads it, so that it can tell the last words of a function that ended the process.
+"""
+
 broken: dict[int, str] = {}
 """Calls that are known to end the process, by number, and how: they are not made again, they fail."""
 
@@ -40,12 +47,27 @@ def boards(shared: Any) -> tuple[Any, Any]:
     return whole[: BOARD - len(whose)].cast("d"), whole[BOARD - len(whose) :]
 
 
+def last_words(file: int) -> str:
+    """Give the end of what code under test wrote to the standard error, by `words`; its last lines as one."""
+    with contextlib.suppress(OSError):
+        size = os.fstat(file).st_size
+        lines = (
+            os.pread(file, 4 * _MOST_WORDS, max(size - 4 * _MOST_WORDS, 0))
+            .decode(errors="replace")
+            .splitlines()
+        )
+        return " | ".join(line.strip() for line in lines if line.strip())[-_MOST_WORDS:]
+    return ""
+
+
 def name_code(path: Path | None) -> None:
     """Note whose code begins to run; None for nobody's yet."""
     told = b"" if path is None else os.fsencode(path.absolute())[: len(whose) - 1]
     whose[:] = told.ljust(len(whose), b"\0")
 
 
+_MOST_WORDS = 300
+"""Characters of last words that are told."""
 _Frame = tuple[str, int, str]
 _MOST_FRAMES = 20
 """Of an exception that are told."""
@@ -86,6 +108,36 @@ class _Waiting:
             os.close(self._file)
 
 
+class _Overheard:
+    """What is written to the standard error within goes to `words`, and at the end to where it was meant for."""
+
+    def __init__(self) -> None:
+        self._before = -1
+
+    def begin(self) -> None:
+        """Overhear, if somebody listens."""
+        if words is not None:
+            with contextlib.suppress(OSError):
+                os.ftruncate(words, 0)
+                os.lseek(words, 0, os.SEEK_SET)
+                sys.stderr.flush()
+                self._before = os.dup(2)
+                os.dup2(words, 2)
+
+    def end(self) -> None:
+        """Hand on what was heard."""
+        if words is None or self._before < 0:
+            return
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.flush()
+        with contextlib.suppress(OSError):
+            os.dup2(self._before, 2)
+            os.close(self._before)
+            at = 0
+            while part := os.pread(words, 1 << 16, at):
+                at += os.write(2, part)
+
+
 class Watchdog:
     """Context in which calls raise FunctionError for an exception or an overrun in what is called.
 
@@ -104,10 +156,12 @@ class Watchdog:
         self._process = os.getpid()
         self._home = contextlib.chdir(".")
         self._limit = self._begin = self._waited = 0.0
+        self._overheard = _Overheard()
 
     def __enter__(self) -> Watchdog:
         self._waiting = _Waiting()
         self._home.__enter__()
+        self._overheard.begin()
         if self._timed:
             self._previous = signal.signal(signal.SIGALRM, self._ring)
         return self
@@ -118,6 +172,7 @@ class Watchdog:
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, self._previous)
+        self._overheard.end()
         self._waiting.close()
         self._home.__exit__(kind, e, tb)
 
