@@ -23,7 +23,8 @@ BUNDLE = "plotly-cartesian.min.js"
 def vendor(version: str, out: Path = OUT) -> None:
     """Write the bundle and the licence of a version into a folder."""
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run(["npm", "pack", "--silent", f"{PACKAGE}@{version}"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        words = ["npm", "pack", "--silent", f"{PACKAGE}@{version}"]
+        subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)
         (packed,) = Path(folder).glob("*.tgz")
         with tarfile.open(packed) as archive:
             bundle, licence = (_member(archive, name) for name in (BUNDLE, "LICENSE"))
