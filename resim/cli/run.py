@@ -277,7 +277,7 @@ def _print_risk(found: ResimulationAssessment) -> None:
     from resim.cli.verdicts import console
 
     peaks = [(name, w) for name, a in found.blocks.items() for w in a.worst() if w.name == "risk"]
-    told = (f"{name} {100.0 * w.value:.3g} % at {w.t:.1f} s" for name, w in peaks)
+    told = (f"{name} {w.value:.3g} at {w.t:.1f} s" for name, w in peaks)
     console().print(f"largest accident risk: {', '.join(told)}", highlight=False)
 
 

@@ -75,6 +75,8 @@ def print_verdicts(found: ResimulationAssessment) -> None:
     """Print criteria against sources; below, why those that did not pass did not."""
     if found.criteria is None:
         return
+    from resim.metrics.criteria import reason_words
+
     table = Table(title=f"criteria {found.criteria.name!r}: verdict, worst value, when, because of whom")
     table.add_column("criterion")
     for name in found.blocks:
@@ -91,8 +93,7 @@ def print_verdicts(found: ResimulationAssessment) -> None:
     for name, a in found.blocks.items():
         for verdict in a.verdicts.values():
             if verdict.outcome != "PASS":
-                what = f"{verdict.measure} " if verdict.outcome == "FAIL" else ""
-                told = f"{name}: {verdict.outcome} {verdict.criterion}: {what}{verdict.reason}"
+                told = f"{name}: {verdict.outcome} {verdict.criterion}: {reason_words(verdict)}"
                 out.print(told, highlight=False)
     for reason in () if found.model is None else found.model.reasons():
         out.print(f"rGT+M: {reason}", highlight=False)
@@ -112,25 +113,19 @@ def print_notes(found: ResimulationAssessment, told: Collection[str] = ()) -> No
 
 
 def _worst(worst: Worst | None) -> str:
-    return (
-        "–" if worst is None else _worst_in_words(worst.name, worst.value, worst.unit, worst.t, worst.object)
-    )
+    from resim.metrics.criteria import worst_words
+
+    return "–" if worst is None else worst_words(worst.value, worst.unit, worst.t, worst.object)
 
 
 def _cell(verdict: Verdict) -> str:
+    from resim.metrics.criteria import worst_words
+
     if verdict.value is None or verdict.t is None:
         return f"{verdict.outcome}: {verdict.reason}"
-    worst = _worst_in_words(verdict.measure, verdict.value, verdict.unit, verdict.t, verdict.object)
-    return f"{verdict.outcome} {worst}"
+    return f"{verdict.outcome} {worst_words(verdict.value, verdict.unit, verdict.t, verdict.object)}"
 
 
 def _seeds(counts: Mapping[Outcome, int]) -> str:
     """How many seeds pass, fail, cannot be judged."""
     return ", ".join(f"{outcome} {count}" for outcome, count in counts.items() if count) + " seeds"
-
-
-def _worst_in_words(name: str, value: float, unit: str, t: float, whom: str) -> str:
-    from resim.metrics.criteria import amount
-
-    size = f"{100.0 * value:.3g} %" if name == "risk" else amount(value, unit)
-    return f"{size} at {t:.1f} s" + (f", object {whom}" if whom else "")

@@ -366,6 +366,16 @@ def amount(value: float, unit: str) -> str:
     return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
 
 
+def worst_words(value: float, unit: str, t: float, whom: str) -> str:
+    """Give a worst value, when [s], and because of which object, "" for none: "0.31 s at 9.2 s, object 1"."""
+    return f"{amount(value, unit)} at {t:.1f} s" + (f", object {whom}" if whom else "")
+
+
+def reason_words(verdict: Verdict) -> str:
+    """Give why a verdict is what it is, with the measure where a limit is broken: "THW below 0.5 s for 1.2 s"."""
+    return f"{verdict.measure} {verdict.reason}" if verdict.outcome == "FAIL" else verdict.reason
+
+
 class HasOutcome(Protocol):
     """A verdict or a KPI."""
 

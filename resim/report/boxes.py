@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
+from resim.report.figure import Figure, Part
+from resim.report.figure import trace as figure_trace
 from resim.report.markup import html
 from resim.report.plots import FAINT, fade, line, style
 from resim.report.steps import SYMBOLS
@@ -29,10 +29,10 @@ def chains(view: View) -> dict[str, tuple[tuple[str, str], ...]]:
     return {basis: chain for basis, chain in known.items() if chain}
 
 
-def box_figure(view: View) -> go.Figure:
+def box_figure(view: View) -> Figure:
     """Draw the error boxes: rows d, Δv, Δheading, a column per step, EGO left and TO right in each."""
     columns = chains(view)
-    figure = make_subplots(
+    figure = Figure.of_panels(
         rows=3, cols=len(columns), shared_yaxes=True, vertical_spacing=0.045, horizontal_spacing=0.02,
         column_widths=[len(chain) for chain in columns.values()],
         subplot_titles=[f"{basis} branch" for basis in columns],
@@ -55,9 +55,7 @@ def box_figure(view: View) -> go.Figure:
     return figure
 
 
-def _box(
-    view: View, basis: str, chain: tuple[tuple[str, str], ...], who: str, quantity: str
-) -> go.Box | None:
+def _box(view: View, basis: str, chain: tuple[tuple[str, str], ...], who: str, quantity: str) -> Part | None:
     found = [(name, view.report.errors[step][who][quantity]) for name, step in chain]
     known = [(name, box) for name, box in found if box is not None]
     if not known:
@@ -67,7 +65,7 @@ def _box(
     parts = {
         key: [box[key] for _, box in known] for key in ("q25", "q50", "q75", "min", "max", "mean", "std")
     }
-    return go.Box(
+    return figure_trace("box",
         x=[name for name, _ in known], q1=parts["q25"], median=parts["q50"], q3=parts["q75"],
         lowerfence=parts["min"], upperfence=parts["max"], mean=parts["mean"], sd=parts["std"], boxmean="sd",
         name="EGO" if who == "ego" else "TO", offsetgroup=who, line={"color": color, "width": 1.5},
@@ -75,9 +73,11 @@ def _box(
     )  # fmt: skip
 
 
-def reaction_figure(view: View) -> go.Figure:
+def reaction_figure(view: View) -> Figure:
     """Draw the EGO's speed in GT, rGT and rSD with the times of reaction, and below the acceleration."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.64, 0.36], vertical_spacing=0.06)
+    figure = Figure.of_panels(
+        rows=2, cols=1, shared_xaxes=True, row_heights=[0.64, 0.36], vertical_spacing=0.06
+    )
     if (lead := view.lead) is not None:
         tracks = view.tracks["GT"]
         trace = line(view.since(tracks.t), tracks.v[tracks.index(lead)], color=view.color(lead, "GT"), width=1.4,
@@ -94,7 +94,7 @@ def reaction_figure(view: View) -> go.Figure:
     return figure
 
 
-def _draw_reaction(figure: go.Figure, view: View, source: str) -> None:
+def _draw_reaction(figure: Figure, view: View, source: str) -> None:
     scenario = view.result.scenarios().get(source)
     if scenario is None or source not in view.tracks:
         return

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
-import plotly.graph_objects as go
 
 from resim.core.geometry import Floats
+from resim.report.figure import Part
+from resim.report.figure import trace as figure_trace
 from resim.report.plots import compact, joined, line
 from resim.road.opendrive import VEHICLE_LANES, LaneShape
 
@@ -21,7 +22,7 @@ Box = tuple[float, float, float, float]
 Lines = tuple[list[Floats], list[Floats]]
 
 
-def lane_traces(shapes: Iterable[LaneShape], coordinates: Coordinates, box: Box) -> Iterator[go.Scatter]:
+def lane_traces(shapes: Iterable[LaneShape], coordinates: Coordinates, box: Box) -> Iterator[Part]:
     """Give driving lanes as areas, and the borders of all lanes as lines, as far as they reach into the box."""
     areas: Lines = ([], [])
     solid: Lines = ([], [])
@@ -34,10 +35,12 @@ def lane_traces(shapes: Iterable[LaneShape], coordinates: Coordinates, box: Box)
         if driven:
             _area(*coordinates(*shape.left.T), *coordinates(*shape.right.T), box, areas)
     x, y = joined(*areas)
-    yield go.Scatter(x=compact(x), y=compact(y), mode="none", fill="toself", fillcolor=LANE, hoverinfo="skip")
+    yield figure_trace(
+        "scatter", x=compact(x), y=compact(y), mode="none", fill="toself", fillcolor=LANE, hoverinfo="skip"
+    )
     for lines, dash in ((solid, "solid"), (broken, "9px,8px")):
         border = line(*joined(*lines), color=MARK, name="lane", width=1.6)
-        border.line.dash = dash
+        border["line"]["dash"] = dash
         yield border
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats
+from resim.report.figure import Figure
 from resim.report.markup import Markup, html, join
 from resim.report.outcome import end_words
 from resim.report.plots import FAINT, dots, fade, joined, line, number, sample, style, to_html
@@ -65,9 +64,11 @@ def _outside(look: View) -> str:
     )
 
 
-def drive_figure(look: View) -> go.Figure:
+def drive_figure(look: View) -> Figure:
     """Draw speed and acceleration over time, a thin line for each seed."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.56, 0.44])
+    figure = Figure.of_panels(
+        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.56, 0.44]
+    )
     own = [drive.truth.select([look.ego]) for drive in look.result.perceived().values()]
     for row, quantity in enumerate(("v", "a"), start=1):
         x, y = joined([look.since(truth.t) for truth in own], [getattr(truth, quantity)[0] for truth in own])
@@ -96,7 +97,7 @@ def _known(look: View, source: str) -> list[tuple[Floats, Floats]]:
     return [(look.since(tracks.t), tracks.v[0]), (look.since(t), spline(t, 1))]
 
 
-def _reactions(figure: go.Figure, look: View) -> None:
+def _reactions(figure: Figure, look: View) -> None:
     """The measured first braking as a line, that of each seed as a dot on the curve of acceleration."""
     at = look.report.reaction["GT"]
     if at is not None:
@@ -112,7 +113,7 @@ def _reactions(figure: go.Figure, look: View) -> None:
         figure.add_trace(marks, row=2, col=1)
 
 
-def seeds_panel(figure: go.Figure, look: View, cell: dict[str, int]) -> None:
+def seeds_panel(figure: Figure, look: View, cell: dict[str, int]) -> None:
     """Draw the pipeline error's distance of the EGO over time: median and range of the seeds, and rGT without model."""
     steps = map(pipeline_step, look.result.perceived())
     pipes = [look.result.errors[step] for step in steps if step in look.result.errors]

@@ -14,15 +14,6 @@ from resim.report.plots import sample
 from resim.report.view import OTHERS, SEEDS, View, view
 from resim.resimulation import Resimulation, ResimulationAssessment
 
-PRINT_WIDTH = 980
-"""Width [px] that figures are laid out for on paper."""
-
-SCRIPT = f"""
-function everyPlot(f) {{ document.querySelectorAll('.plotly-graph-div').forEach(f); }}
-window.addEventListener('beforeprint', () => everyPlot(p => Plotly.relayout(p, {{width: {PRINT_WIDTH}}})));
-window.addEventListener('afterprint', () => everyPlot(p => Plotly.relayout(p, {{width: null, autosize: true}})));
-"""
-
 
 def write_report(result: Resimulation, assessed: ResimulationAssessment, path: Path) -> None:
     """Write the page: one HTML file with all it needs; the same result gives the same bytes."""
@@ -39,7 +30,7 @@ def page(look: View) -> Markup:
     ]
     title = f"{look.result.recording.name} · {look.result.build.label}"
     body = html("<main>\n{}</main>", join(parts, "\n"))
-    return document(title, body, css=player_styles(), scripts=[SCRIPT, *player_scripts()])
+    return document(title, body, css=player_styles(), scripts=player_scripts())
 
 
 def _section(name: str, title: str, body: Markup) -> Markup:

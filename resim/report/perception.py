@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from resim.perception.model import PerceptionModel
 from resim.perception.parameters import fit_in_words, parameters
 from resim.perception.validation import SHARES, Report
 from resim.report.document import document
+from resim.report.figure import Figure
+from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, html, join
 from resim.report.plots import number, sample, style, to_html
 from resim.report.tables import NONE, table
@@ -68,7 +68,7 @@ def _agreement(report: Report) -> Markup:
 Curve = tuple[Sequence[float], Sequence[float]]
 
 
-def _distributions(report: Report) -> go.Figure:
+def _distributions(report: Report) -> Figure:
     """Draw quantiles of both, as distribution functions."""
     share = [100.0 * s for s in SHARES]
     curves = {
@@ -80,7 +80,7 @@ def _distributions(report: Report) -> go.Figure:
     return figure
 
 
-def _autocorrelations(report: Report) -> go.Figure:
+def _autocorrelations(report: Report) -> Figure:
     """Draw the correlation of errors a lag apart, of both."""
 
     def known(values: Sequence[float | None]) -> Curve:
@@ -99,12 +99,12 @@ def _autocorrelations(report: Report) -> go.Figure:
 
 def _panels(
     curves: Mapping[str, tuple[Curve, Curve]], hover: str, height: float, mode: str = "lines"
-) -> go.Figure:
+) -> Figure:
     """Draw a panel for each title on its x axis, with the measured curve and the model's."""
-    figure = make_subplots(rows=1, cols=len(curves), shared_yaxes=True, horizontal_spacing=0.03)
+    figure = Figure.of_panels(rows=1, cols=len(curves), shared_yaxes=True, horizontal_spacing=0.03)
     for column, (title, both) in enumerate(curves.items(), start=1):
         for (x, y), color, who in zip(both, (MEASURED, MODEL), ("measured", "model"), strict=True):
-            trace = go.Scatter(
+            trace = figure_trace("scatter",
                 x=list(x), y=list(y), mode=mode, name=who, line={"color": color, "width": 2}, marker={"size": 6},
                 hovertemplate=hover,
             )  # fmt: skip
@@ -122,14 +122,14 @@ def _dropouts(report: Report) -> Markup:
     return to_html(_dropout_figure(report), "dropouts")
 
 
-def _dropout_figure(report: Report) -> go.Figure:
-    figure = go.Figure()
+def _dropout_figure(report: Report) -> Figure:
+    figure = Figure()
     both = ((report.dropouts_measured, MEASURED, "measured"), (report.dropouts_model, MODEL, "model"))
     for values, color, who in both:
         lengths = np.sort(np.array(values, dtype=float))
         share = 100.0 * np.arange(1, len(lengths) + 1) / max(len(lengths), 1)
         figure.add_trace(
-            go.Scatter(
+            figure_trace("scatter",
                 x=lengths, y=share, mode="lines", line={"color": color, "width": 2, "shape": "hv"}, name=who,
                 hovertemplate="%{y:.0f} % last up to %{x:.2f} s",
             )

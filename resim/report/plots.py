@@ -6,10 +6,10 @@ import json
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.io import to_json
 
 from resim.core.geometry import Floats
+from resim.report.figure import PLAIN, Figure, Part
+from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, escape, html, script_data
 
 INK, GRID, FAINT = "#1d2733", "#e6e9ed", "#5b6673"
@@ -19,6 +19,8 @@ CONFIG = {"displayModeBar": False, "responsive": True}
 """Zoom by dragging, back by a double click; a bar of buttons would cover the figures."""
 
 
+LEAST_PANEL = 290
+"""Width [px] of a panel beside others, under which its texts overlap: a narrow screen scrolls sideways."""
 FINEST = 1e-4
 """Part of a figure's width that is finer than a pixel."""
 
@@ -59,13 +61,13 @@ def line(
     dashed: bool = False,
     hover: str = "",
     t: Floats | None = None,
-) -> go.Scatter:
+) -> Part:
     """Give a line; x, y (K,), NaN breaks it.
 
     hover: its text, a d3 template over x, y, and customdata if times t (K,) [s] are given; none if empty.
     """
     part = known(x + y)
-    return go.Scatter(
+    return figure_trace("scatter",
         x=compact(x[part]), y=compact(y[part]), mode="lines", name=name, showlegend=False,
         customdata=None if t is None else compact(t[part]),
         line={"color": color, "width": width, "dash": DASH if dashed else "solid"},
@@ -80,9 +82,9 @@ def known(values: Floats) -> slice:
     return slice(int(finite[0]), int(finite[-1]) + 1) if len(finite) else slice(0, 0)
 
 
-def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float = 5.0) -> go.Scatter:
+def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float = 5.0) -> Part:
     """Give dots with a white rim; x, y (K,)."""
-    return go.Scatter(
+    return figure_trace("scatter",
         x=compact(x), y=compact(y), mode="markers", name=name, showlegend=False,
         marker={"color": color, "size": size, "line": {"color": "white", "width": 0.8}},
         hovertemplate=html("<b>{}</b><br>{}<extra></extra>", plain(name), hover),
@@ -106,15 +108,15 @@ def joined(xs: list[Floats], ys: list[Floats]) -> tuple[Floats, Floats]:
     return np.concatenate(parts[0]), np.concatenate(parts[1])
 
 
-def style(figure: go.Figure, height: float, **layout: Any) -> go.Figure:
+def style(figure: Figure, height: float, **layout: Any) -> Figure:
     """Give the figure the page's look."""
     figure.update_layout(
-        template="none", height=round(height), paper_bgcolor="white", plot_bgcolor="white",
+        template=PLAIN, height=round(height), paper_bgcolor="white", plot_bgcolor="white",
         font={"family": FONT, "size": 12, "color": INK}, showlegend=False, hovermode="closest",
         hoverlabel={"bgcolor": "white", "font": {"size": 12, "color": INK}},
         margin={"l": 62, "r": 14, "t": 30, "b": 44},
     )  # fmt: skip
-    axis = {
+    axis: Part = {
         "gridcolor": GRID, "gridwidth": 1, "zeroline": False, "linecolor": "#9aa3ad", "linewidth": 1,
         "showline": True, "ticks": "outside", "ticklen": 4, "tickcolor": "#9aa3ad",
         "tickfont": {"size": 11}, "title": {"font": {"size": 12}, "standoff": 8},
@@ -131,18 +133,20 @@ def plain(text: str) -> Markup:
     return escape(text).replace("%{", Markup("&#37;{"))
 
 
-def to_html(figure: go.Figure, name: str) -> Markup:
+def to_html(figure: Figure, name: str) -> Markup:
     """Give the figure as a div of this id and its data, which `resim.report.document` draws.
 
     Plotly reads tags and entities in the texts of a figure, so that those that are not Markup are escaped here.
     """
-    drawn = to_json(_escaped(figure.to_dict()), validate=False)
-    return html(
-        '<div class="plot"><div id="{}" class="plotly-graph-div"></div>'
+    drawn = json.dumps(_escaped(figure.to_dict()), separators=(",", ":"), allow_nan=False)
+    plot = html(
+        '<div class="plot" style="min-width:{}px"><div id="{}" class="plotly-graph-div"></div>'
         '<script type="application/json">{}</script></div>',
+        LEAST_PANEL * figure.columns if figure.columns > 1 else 0,
         name,
         script_data(f'{drawn[:-1]},"config":{json.dumps(CONFIG)}}}'),
     )
+    return html('<div class="wide">{}</div>', plot) if figure.columns > 1 else plot
 
 
 TEXTS = {"name", "text", "hovertext", "hovertemplate", "texttemplate", "ticktext", "ticksuffix", "tickprefix"}
@@ -170,7 +174,7 @@ def sample(text: str, color: str, *, dashed: bool = False) -> Markup:
     )
 
 
-def captioned(figure: go.Figure, name: str, title: str, note: str = "") -> Markup:
+def captioned(figure: Figure, name: str, title: str, note: str = "") -> Markup:
     """Give the figure as `to_html` does, with a title and a note above it."""
     small = html('<span class="note">{}</span>', note) if note else ""
     return html(

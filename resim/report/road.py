@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
+from resim.report.figure import Figure, Part
 from resim.report.lanes import Box, clip, lane_traces
 from resim.report.markup import Markup
 from resim.report.model_runs import seeds_panel
@@ -24,10 +23,10 @@ PLOT_WIDTH = 1120.0
 MARGIN_ALONG, MARGIN_ACROSS, BEYOND = 8.0, 6.0, 40.0
 
 
-def plan_figure(view: View) -> go.Figure:
+def plan_figure(view: View) -> Figure:
     """Draw all traces from above, both axes at one scale, travel to the right (Figs. 5.4, 5.7, 5.8, top)."""
     box = _extent(view)
-    figure = go.Figure()
+    figure = Figure()
     figure.add_traces(list(lane_traces(view.lanes, view.plan, box)))
     figure.add_traces(list(_others(view, box)))
     figure.add_traces(list(_traces(view, lambda tracks, name: view.plan(*_xy(tracks, name)))))
@@ -41,14 +40,14 @@ def plan_figure(view: View) -> go.Figure:
     return figure
 
 
-def lateral_figure(view: View) -> go.Figure:
+def lateral_figure(view: View) -> Figure:
     """Draw the traces with the road laid straight and stretched across: who changed lanes, and where."""
     spots = [view.along(t, i) for t in view.tracks.values() for i in view.shown if i in t.ids]
     ego = [view.along(t, view.ego) for t in view.tracks.values()]
     s, d = _bounds([a for a, _ in ego], 0.0), _bounds([np.clip(b, -14.0, 14.0) for _, b in spots], 1.5)
     low, high = min(d[0], -2.6), max(d[1], 2.6)
     box = (s[0] - MARGIN_ALONG, s[1] + MARGIN_ALONG, low, high)
-    figure = go.Figure()
+    figure = Figure()
     figure.add_traces(list(lane_traces(view.lanes, view.path.project, box)))
     figure.add_traces(list(_traces(view, view.along)))
     style(figure, 300.0)
@@ -57,13 +56,13 @@ def lateral_figure(view: View) -> go.Figure:
     return figure
 
 
-def distance_figure(view: View) -> go.Figure | None:
+def distance_figure(view: View) -> Figure | None:
     """Draw the distance of each basis' re-simulation from the drive over time, with its ribbon; and with a model."""
     steps = [s for s in map(pipeline_step, view.result.simulated()) if s in view.result.errors]
     if not steps:
         return None
     seen = any(pipeline_step(source) in view.result.errors for source in view.result.perceived())
-    figure = make_subplots(rows=1, cols=len(steps) + seen, shared_yaxes=True, horizontal_spacing=0.03)
+    figure = Figure.of_panels(rows=1, cols=len(steps) + seen, shared_yaxes=True, horizontal_spacing=0.03)
     for column, step in enumerate(steps, start=1):
         error_panel(figure, view, step, "d", {"row": 1, "col": column})
         figure.update_xaxes(title_text=f"{step} over {view.clock}", row=1, col=column)
@@ -102,7 +101,7 @@ def _extent(view: View) -> Box:
     return *_bounds(xs, MARGIN_ALONG), *_bounds(ys, MARGIN_ACROSS)
 
 
-def _others(view: View, box: Box) -> Iterator[go.Scatter]:
+def _others(view: View, box: Box) -> Iterator[Part]:
     """The TOs that are not in focus, in grey, as the first source that has them."""
     xs: list[Floats] = []
     ys: list[Floats] = []
@@ -114,7 +113,7 @@ def _others(view: View, box: Box) -> Iterator[go.Scatter]:
         yield line(*joined(xs, ys), color=OTHERS, name="other TOs", width=1.2)
 
 
-def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) -> Iterator[go.Scatter]:
+def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) -> Iterator[Part]:
     for name in reversed(view.shown):
         for source, tracks in view.tracks.items():
             if name not in tracks.ids:
@@ -126,7 +125,7 @@ def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) 
             )  # fmt: skip
 
 
-def _boxes(view: View) -> Iterator[go.Scatter]:
+def _boxes(view: View) -> Iterator[Part]:
     """Outlines of the vehicles where each source ends."""
     for name in reversed(view.shown):
         for source, tracks in view.tracks.items():
@@ -139,6 +138,6 @@ def _boxes(view: View) -> Iterator[go.Scatter]:
             x, y = view.plan(*np.concatenate([corners, corners[:1]]).T)
             color = view.color(name, source)
             outline = line(x, y, color=color, name="", width=1.3, dashed=source.startswith("r"))
-            outline.line.dash = "3px,2px" if source.startswith("r") else "solid"
+            outline["line"]["dash"] = "3px,2px" if source.startswith("r") else "solid"
             outline.update(fill="toself", fillcolor=fade(color, 0.16))
             yield outline

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, unwrap_angle
 from resim.core.tracks import Tracks
+from resim.report.figure import Figure, Part
 from resim.report.markup import Markup, html, join
 from resim.report.plots import FAINT, dots, fade, joined, lighten, line, number, style
 from resim.report.view import OTHERS, View
@@ -17,7 +16,7 @@ from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, StepErrors
 
 SYMBOLS = {"d": "d", "v": "Δv", "heading": "Δheading"}
 COLUMNS = ("d", "v", "heading")
-FROM_ZERO = {"autorangeoptions": {"minallowed": 0.0, "include": [0.0, 0.01]}}
+FROM_ZERO: Part = {"autorangeoptions": {"minallowed": 0.0, "include": [0.0, 0.01]}}
 """Distances are not negative, whatever mean - std is, and what is next to nothing looks like it."""
 LEAST = {"v": 0.01, "heading": 0.001}
 """Errors [m/s, rad] up to which an axis reaches at least, to both sides."""
@@ -43,9 +42,9 @@ BANDS = (
 """Figs. 5.4 (S), 5.7 (FIT) and 5.8 (SIM)."""
 
 
-def band_figure(view: View, band: Band) -> go.Figure:
+def band_figure(view: View, band: Band) -> Figure:
     """Draw one step: above what was and what became of it, below the error over time."""
-    figure = make_subplots(
+    figure = Figure.of_panels(
         rows=2, cols=3, shared_xaxes=True, row_heights=[0.56, 0.44], vertical_spacing=0.07,
         horizontal_spacing=0.09,
     )  # fmt: skip
@@ -70,7 +69,7 @@ def band_figure(view: View, band: Band) -> go.Figure:
     return figure
 
 
-def _draw_source(figure: go.Figure, view: View, source: str) -> None:
+def _draw_source(figure: Figure, view: View, source: str) -> None:
     """One source's place across the road, speed and heading, of EGO and TOs in focus."""
     fit = source.removeprefix("JSCEN ")
     scenario = view.result.scenarios()[fit] if fit != source else None
@@ -116,7 +115,7 @@ def _values(view: View, tracks: Tracks, name: str) -> list[tuple[Floats, str]]:
     return [(view.along(tracks, name)[1], "m"), (tracks.v[n], "m/s"), (heading, "rad")]
 
 
-def _draw_lane(figure: go.Figure, view: View) -> None:
+def _draw_lane(figure: Figure, view: View) -> None:
     """The borders of the EGO's starting lane and its neighbours, where the EGO is."""
     tracks = next(iter(view.tracks.values()))
     s, _ = view.along(tracks, view.ego)
@@ -128,11 +127,11 @@ def _draw_lane(figure: go.Figure, view: View) -> None:
     borders.append(np.where(right > 0.0, -half - right, np.nan))
     for border in borders:
         trace = line(view.since(tracks.t), border, color="#b4bac2", name="lane border", width=1.0)
-        trace.line.dash = "dot"
+        trace["line"]["dash"] = "dot"
         figure.add_trace(trace, row=1, col=1)
 
 
-def error_panel(figure: go.Figure, view: View, step: str, quantity: str, cell: dict[str, int]) -> None:
+def error_panel(figure: Figure, view: View, step: str, quantity: str, cell: dict[str, int]) -> None:
     """Draw a step's error of d, v or heading over time, with mean ± std of EGO and of all TOs as ribbons."""
     errors = view.result.errors[step]
     source = step.rpartition("_")[2] if "_" in step else "SD"
@@ -161,7 +160,7 @@ def error_panel(figure: go.Figure, view: View, step: str, quantity: str, cell: d
 
 
 def _ribbon(
-    figure: go.Figure,
+    figure: Figure,
     view: View,
     errors: StepErrors,
     quantity: str,
@@ -182,7 +181,7 @@ def _ribbon(
     band.update(mode="none", fill="toself", fillcolor=fade(color, 0.17))
     figure.add_trace(band, **cell)
     middle = line(known, np.full(2, mean), color=fade(color, 0.8), name="", width=1.0)
-    middle.line.dash = "dot"
+    middle["line"]["dash"] = "dot"
     figure.add_trace(middle, **cell)
     many = len(errors.ids) - 1
     label = who if who == "EGO" or many == 1 else f"{many} TOs"

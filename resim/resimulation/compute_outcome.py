@@ -9,6 +9,7 @@ import numpy as np
 
 from resim.core.tracks import Tracks
 from resim.metrics.assessment import Assessment
+from resim.metrics.criteria import reason_words
 from resim.resimulation import fidelity
 from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessment
 from resim.resimulation.assessments import assess_drive
@@ -62,7 +63,7 @@ def outcome(
 ) -> DriveOutcome:
     """Give what one drive came to. tracks: with accelerations."""
     kpis = {
-        name: Kpi(v.outcome, _finite(v.value), v.unit, v.t, v.object, v.weight, v.reason)
+        name: Kpi(v.outcome, _finite(v.value), v.unit, v.t, v.object, v.weight, reason_words(v))
         for name, v in assessment.verdicts.items()
     }
     return DriveOutcome(

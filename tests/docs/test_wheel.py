@@ -50,6 +50,22 @@ def test_its_names_are_its_own(unpacked: Path) -> None:
     assert not list((unpacked / "resim" / "shipped").rglob("__pycache__"))
 
 
+def test_what_pages_hold_is_in_it(unpacked: Path) -> None:
+    report = Path("resim", "report")
+    held = [
+        *(ROOT / report).rglob("*.js"),
+        *(ROOT / report).rglob("*.css"),
+        *(ROOT / report / "plotly").iterdir(),
+    ]
+    assert len(held) > 10
+    for path in held:
+        assert (unpacked / path.relative_to(ROOT)).read_bytes() == path.read_bytes()
+    about = next(unpacked.glob("*.dist-info"))
+    assert (about / "licenses" / report / "plotly" / "LICENSE").is_file()
+    needed = re.findall(r"^Requires-Dist: (.*)$", (about / "METADATA").read_text(), re.MULTILINE)
+    assert [line for line in needed if line.startswith("plotly") and "extra ==" not in line] == []
+
+
 def test_the_demo_works_from_it_alone(unpacked: Path, tmp_path: Path) -> None:
     """Also where no `adfunc` is installed: that of the example is taken."""
     code = (

@@ -35,8 +35,17 @@ def test_verdicts_curves_scenes_and_worst_values_stand_on_the_page(collision, tm
     assert [f'id="{name}"' in body for name in ("risk", "scenes-GT", "scenes-SD")] == [True] * 3
     assert "✕ FAIL" in body
     assert "✓ PASS" in body
-    assert re.search(r"1 at 4\.7 s, object 1", body)  # the collision
-    assert "100 %" in body
+    assert re.search(
+        r"collision above 0 for [\d.]+ s<br><span class=\"note\">worst: 1 at 4\.7 s, object 1<", body
+    )
+    assert re.search(
+        r"✕ FAIL</span><br>TTC below 1\.5 s for 1\.6 s<br><span class=\"note\">worst: 0 s at 4\.8 s, object 1<",
+        body,
+    )
+    assert "risk above 0.1 for " in body
+    figures = "".join(re.findall(r'<script type="application/json">(.*?)</script>', body))
+    assert ', risk 1"' in figures
+    assert re.findall(r"risk \[?[\d.]* ?%", body) == []  # a share, as in the criteria
     assert "②" in body or "\\u2461" in body  # before, and the collision: there is nothing after it
     assert not re.findall(r'(?:src|href)="https?:', body)
     assert html(collision, tmp_path) == text

@@ -9,18 +9,19 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
+from hostile import scripts_of
 from lxml import html as parser
-from plotly import graph_objects as go
 
 from resim.report.document import document
+from resim.report.figure import Figure, trace
 from resim.report.markup import Markup, html, join, script_data
-from resim.report.plots import line, to_html
+from resim.report.plots import line, style, to_html
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(2)>"
 
 
 def page() -> str:
-    figure = go.Figure(go.Scatter(x=[0.0, 1.0], y=[1.0, 2.0], name=HOSTILE))
+    figure = style(Figure([trace("scatter", x=[0.0, 1.0], y=[1.0, 2.0], name=HOSTILE)]), 200.0)
     return document(HOSTILE, html("<p>{}</p>", to_html(figure, "drawn")), scripts=["window.mine = 1;"])
 
 
@@ -29,13 +30,15 @@ def test_the_policy_names_every_script_of_the_page_and_nothing_else() -> None:
     (policy,) = parsed.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe" not in policy.partition("style-src")[0]
-    run = [s.text or "" for s in parsed.iter("script") if s.get("type") != "application/json"]
+    run = scripts_of(parsed)
+    assert run[0].count("* plotly.js (cartesian - minified) v4.1.1") == 1
     hashes = {b64encode(sha256(text.encode()).digest()).decode() for text in run}
     assert hashes == set(re.findall(r"'sha256-([^']+)'", policy))
     assert run[-1] == "window.mine = 1;"
 
 
 def test_the_policy_comes_before_anything_that_runs() -> None:
+    assert page().count("<script>") == 2  # what draws, and the page's own
     head = page().partition("<script")[0]
     assert "Content-Security-Policy" in head
     assert document("", Markup(), plots=False).count("script-src 'none'") == 1
@@ -63,8 +66,8 @@ def test_what_is_not_markup_is_escaped_wherever_it_enters() -> None:
 
 def test_only_markup_is_markup_in_a_figure() -> None:
     """Plotly follows tags in these texts, and decodes entities."""
-    figure = go.Figure(
-        line(np.arange(2.0), np.arange(2.0), color="#000000", name='<a href="x">%{y}', hover="%{x}")
+    figure = Figure(
+        [line(np.arange(2.0), np.arange(2.0), color="#000000", name='<a href="x">%{y}', hover="%{x}")]
     )
     figure.update_xaxes(title_text="<b>t")
     figure.add_annotation(text=html("<b>{}</b>", "<i>"))

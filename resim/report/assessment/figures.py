@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from resim.core.geometry import Floats, box_corners, to_frame
 from resim.metrics.assessment import Assessment
 from resim.report.assessment.marks import NUMBERS, RISK, TIMES, block_color, least, marked
+from resim.report.figure import Figure, Part
+from resim.report.figure import trace as figure_trace
 from resim.report.lanes import Box, lane_traces
 from resim.report.markup import html
-from resim.report.plots import FAINT, clock_words, compact, fade, line, number, style
+from resim.report.plots import FAINT, clock_words, compact, fade, line, style
 from resim.report.view import OTHERS
 from resim.resimulation import ResimulationAssessment
 from resim.road.opendrive import LaneShape, RoadNetwork
@@ -25,29 +25,30 @@ LONGEST = 6.0
 STRIP, PANEL = 116.0, 190.0
 """Heights [px]."""
 OBJECT = "#D55E00"
-PERCENT = 100.0
+SMALLEST = 1e-7
+"""Risk below which the logarithmic scale does not tell."""
 
 
-def risk_figure(assessed: ResimulationAssessment) -> go.Figure:
+def risk_figure(assessed: ResimulationAssessment) -> Figure:
     """Draw the accident risk of GT, SD, rGT and rSD over time: linear above, logarithmic below."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
+    figure = Figure.of_panels(
+        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4]
+    )
     largest = max(float(np.nan_to_num(a.risk.r_ind).max()) for a in assessed.blocks.values())
     start = min(float(a.drive.t[0]) for a in assessed.blocks.values())
     for name, a in assessed.blocks.items():
         for row in (1, 2):
-            shown = np.maximum(PERCENT * a.risk.r_ind, 1e-5) if row == 2 else PERCENT * a.risk.r_ind
+            shown = np.maximum(a.risk.r_ind, SMALLEST) if row == 2 else a.risk.r_ind
             trace = line(a.drive.t - start, shown, color=block_color(name), name=name, dashed=name.startswith("r"),
-                         hover="t = %{x:.1f} s: %{y:.3g} %")  # fmt: skip
+                         hover="t = %{x:.1f} s: %{y:.3g}")  # fmt: skip
             figure.add_trace(trace, row=row, col=1)
     for limit in _limits(assessed):
         if limit < 3.0 * largest:
-            figure.add_hline(
-                y=PERCENT * limit, line={"color": FAINT, "width": 1, "dash": "dot"}, row=1, col=1
-            )
+            figure.add_hline(y=limit, line={"color": FAINT, "width": 1, "dash": "dot"}, row=1, col=1)
     style(figure, 400.0, margin={"l": 62, "r": 14, "t": 14, "b": 42})
-    figure.update_yaxes(title_text="risk [%]", rangemode="tozero", row=1)
+    figure.update_yaxes(title_text="risk", rangemode="tozero", row=1)
     figure.update_yaxes(
-        title_text="risk [%]", type="log", range=[-5.0, 2.2], dtick=2, exponentformat="power", row=2
+        title_text="risk", type="log", range=[-7.0, 0.2], dtick=2, exponentformat="power", row=2
     )
     figure.update_xaxes(title_text=clock_words(start), row=2)
     return figure
@@ -58,12 +59,12 @@ def _limits(assessed: ResimulationAssessment) -> list[float]:
     return [c.limit for c in every if c.measure == "risk"]
 
 
-def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> go.Figure:
+def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> Figure:
     """Draw marked scenes as strips of road, below criticality and risk over time, the scenes marked in both."""
     scenes = marked(assessment)
     n = len(scenes)
     heights = [STRIP] * n + [PANEL, PANEL]
-    figure = make_subplots(rows=n + 2, cols=1, row_heights=heights, vertical_spacing=0.034)
+    figure = Figure.of_panels(rows=n + 2, cols=1, row_heights=heights, vertical_spacing=0.034)
     shapes = network.lane_shapes(2.0)
     for row, scene in enumerate(scenes, start=1):
         for trace in _strip(assessment, shapes, scene, color):
@@ -78,22 +79,20 @@ def drive_figure(assessment: Assessment, network: RoadNetwork, color: str) -> go
     figure.update_xaxes(range=span, row=n + 1, col=1, showticklabels=False)
     figure.update_xaxes(range=span, row=n + 2, col=1, title_text=clock_words(start))
     figure.update_yaxes(title_text="time [s]", range=[0.0, LONGEST], row=n + 1, col=1)
-    figure.update_yaxes(title_text="risk [%]", rangemode="tozero", row=n + 2, col=1)
+    figure.update_yaxes(title_text="risk", rangemode="tozero", row=n + 2, col=1)
     return figure
 
 
-def _frame(figure: go.Figure, assessment: Assessment, row: int, scene: int) -> None:
+def _frame(figure: Figure, assessment: Assessment, row: int, scene: int) -> None:
     """A strip's axes, its words, and its mark in the panels below."""
-    t, risk = (
-        float(assessment.drive.t[scene] - assessment.drive.t[0]),
-        PERCENT * float(assessment.risk.r_ind[scene]),
-    )
+    t = float(assessment.drive.t[scene] - assessment.drive.t[0])
+    risk = float(assessment.risk.r_ind[scene])
     bottom = len(marked(assessment)) + 2
     figure.update_xaxes(range=[-BEHIND, AHEAD], showgrid=False, showticklabels=row == bottom - 2, row=row, col=1,
                         ticksuffix=" m")  # fmt: skip
     figure.update_yaxes(range=[-ASIDE, ASIDE], showgrid=False, showticklabels=False, ticks="", row=row, col=1,
                         scaleanchor=f"x{row if row > 1 else ''}", scaleratio=1)  # fmt: skip
-    told = html("<b>{}</b> t = {:.1f} s, risk {}", NUMBERS[row - 1], t, _percent(risk))
+    told = html("<b>{}</b> t = {:.1f} s, risk {}", NUMBERS[row - 1], t, _risk_words(risk))
     figure.add_annotation(text=told, showarrow=False,
                           xref="x domain", yref="y domain", x=0.004, y=0.99, xanchor="left", yanchor="top",
                           bgcolor="rgba(255,255,255,.8)", row=row, col=1)  # fmt: skip
@@ -103,13 +102,13 @@ def _frame(figure: go.Figure, assessment: Assessment, row: int, scene: int) -> N
                           yanchor="top", font={"size": 14}, row=bottom - 1, col=1)  # fmt: skip
 
 
-def _percent(risk: float) -> str:
+def _risk_words(risk: float) -> str:
     if not np.isfinite(risk):
         return "not computed"
-    return "0 %" if risk == 0.0 else f"{risk:.2g} %" if risk < PERCENT - 0.5 else "100 %"
+    return "< 0.0001" if 0.0 < risk < 1e-4 else f"{risk:.2g}"
 
 
-def _times(figure: go.Figure, assessment: Assessment, row: int) -> None:
+def _times(figure: Figure, assessment: Assessment, row: int) -> None:
     for name, color in TIMES.items():
         value = least(assessment, name)
         trace = line(
@@ -119,18 +118,17 @@ def _times(figure: go.Figure, assessment: Assessment, row: int) -> None:
             name=name,
             hover="t = %{x:.1f} s: %{y:.2f} s",
         )
-        trace.mode = "lines+markers"
-        trace.marker = {"size": 3.5, "color": color}
+        trace.update(mode="lines+markers", marker={"size": 3.5, "color": color})
         figure.add_trace(trace, row=row, col=1)
 
 
-def _area(assessment: Assessment) -> go.Scatter:
-    trace = line(assessment.drive.t - assessment.drive.t[0], PERCENT * assessment.risk.r_ind, color=RISK, name="risk",
-                 hover="t = %{x:.1f} s: %{y:.3g} %")  # fmt: skip
-    return trace.update(fill="tozeroy", fillcolor=fade(RISK, 0.12))
+def _area(assessment: Assessment) -> Part:
+    trace = line(assessment.drive.t - assessment.drive.t[0], assessment.risk.r_ind, color=RISK, name="risk",
+                 hover="t = %{x:.1f} s: %{y:.3g}")  # fmt: skip
+    return trace | {"fill": "tozeroy", "fillcolor": fade(RISK, 0.12)}
 
 
-def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: str) -> Iterator[go.Scatter]:
+def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: str) -> Iterator[Part]:
     """The road around the EGO, travel to the right; its box and path, and the objects with their risk."""
     drive = assessment.drive
     x, y, heading = (float(column[0, scene]) for column in (drive.own.x, drive.own.y, drive.own.heading))
@@ -147,11 +145,11 @@ def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: s
     for k, name in enumerate(drive.ids):
         if drive.present[scene, k]:
             state, size = drive.scenes.state[scene, k], drive.scenes.size[scene, k]
-            risk = PERCENT * float(assessment.risk.r_to[scene, k])
+            risk = float(assessment.risk.r_to[scene, k])
             yield _box(
                 place(*_corners(state, size)),
                 OBJECT if risk > 0.0 else OTHERS,
-                f"{name}: risk {_percent(risk)}",
+                f"{name}: risk {_risk_words(risk)}",
             )
     yield _box(place(*_corners(np.array([x, y, heading]), drive.scenes.ego_size[scene])), color, "EGO")
 
@@ -162,19 +160,9 @@ def _corners(pose: Floats, size: Floats) -> tuple[Floats, Floats]:
     return ring[:, 0], ring[:, 1]
 
 
-def _box(ring: tuple[Floats, Floats], color: str, name: str) -> go.Scatter:
-    return go.Scatter(
+def _box(ring: tuple[Floats, Floats], color: str, name: str) -> Part:
+    return figure_trace("scatter",
         x=compact(ring[0]), y=compact(ring[1]), mode="lines", fill="toself", fillcolor=fade(color, 0.45), name=name,
         line={"color": color, "width": 1.6}, showlegend=False, hoveron="fills", hoverinfo="name",
         hoverlabel={"namelength": -1},
     )  # fmt: skip
-
-
-def amount_words(value: float, unit: str, name: str) -> str:
-    """Give a value as the page writes it."""
-    if not np.isfinite(value):
-        return "beyond any"
-    if name == "risk":
-        return _percent(PERCENT * value)
-    digits = 0 if unit == "1" and value == round(value) else 2
-    return number(value, digits) + ("" if unit == "1" else f" {unit}")

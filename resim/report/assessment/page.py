@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from resim.metrics.assessment import Worst
-from resim.metrics.criteria import Verdict
+from resim.metrics.criteria import Verdict, amount, reason_words, worst_words
 from resim.metrics.measures.definition import KINDS
-from resim.report.assessment.figures import amount_words, drive_figure, risk_figure
+from resim.report.assessment.figures import drive_figure, risk_figure
 from resim.report.assessment.marks import RISK, TIMES, block_color
 from resim.report.document import document
 from resim.report.markup import Markup, html, join
@@ -80,13 +80,13 @@ def _verdicts(assessed: ResimulationAssessment) -> Markup:
     rows = []
     for c in assessed.criteria.criteria:
         verdicts = [a.verdicts[c.name] for a in assessed.blocks.values()]
-        limit = f"{c.side} {amount_words(c.limit, verdicts[0].unit, c.measure)}"
+        limit = f"{c.side} {_minus(amount(c.limit, verdicts[0].unit))}"
         lasts = f" for {c.duration:g} s" if c.duration else ""
         head = html('<span title="{}">{}</span>', c.source, c.name)
         cells = [*map(_cell, verdicts), *_seeds(assessed.model, c.name)]
         rows.append([head, html("{}<br>{}{}", c.measure, limit, lasts), *cells])
     whole = [*(_badge(str(a.verdict)) for a in assessed.blocks.values()), *_seeds(assessed.model)]
-    rows.append([Markup("<b>all</b>"), "", *whole])
+    rows.append([Markup("<b>all</b>"), Markup(), *whole])
     title = html("<h3>Criteria: {}</h3>", assessed.criteria.name)
     sources = [*assessed.blocks, *(["rGT+M"] if assessed.model is not None else [])]
     return title + table(["criterion", "fails", *sources], rows, "kpis")
@@ -108,13 +108,21 @@ def _badge(outcome: str) -> Markup:
     return html('<span class="badge {}">{} {}</span>', outcome.lower(), SIGNS[outcome], outcome)
 
 
-def _cell(verdict: Verdict) -> str:
-    words = ""
+def _cell(verdict: Verdict) -> Markup:
+    """The verdict, why, and the worst value, when, and because of which object."""
+    parts = [_badge(verdict.outcome)]
+    if verdict.reason != "kept":
+        failed = verdict.outcome == "FAIL"
+        parts.append(html("{}" if failed else '<span class="note">{}</span>', reason_words(verdict)))
     if verdict.value is not None and verdict.t is not None:
-        words = f"{amount_words(verdict.value, verdict.unit, verdict.measure)} at {verdict.t:.1f} s"
-        words += f", object {verdict.object}" if verdict.object else ""
-    reason = "" if verdict.reason == "kept" else html('<br><span class="note">{}</span>', verdict.reason)
-    return html("{}{}{}{}", _badge(verdict.outcome), Markup("<br>") if words else "", words, reason)
+        words = worst_words(verdict.value, verdict.unit, verdict.t, verdict.object)
+        parts.append(html('<span class="note">worst: {}</span>', _minus(words)))
+    return join(parts, Markup("<br>"))
+
+
+def _minus(words: str) -> str:
+    """Words that begin with a number, with a true minus sign."""
+    return f"−{words[1:]}" if words.startswith("-") else words
 
 
 def _curves(assessed: ResimulationAssessment) -> Markup:
@@ -151,10 +159,5 @@ def _worst(assessed: ResimulationAssessment) -> Markup:
 def _worst_cell(worst: Worst | None) -> Markup:
     if worst is None:
         return NONE
-    whom = f", object {worst.object}" if worst.object else ""
-    return html(
-        '{} <span class="note">at {:.1f} s{}</span>',
-        amount_words(worst.value, worst.unit, worst.name),
-        worst.t,
-        whom,
-    )
+    value, at, when = worst_words(worst.value, worst.unit, worst.t, worst.object).partition(" at ")
+    return html('{} <span class="note">{}{}</span>', _minus(value), at.lstrip(), when)

@@ -84,6 +84,8 @@ function resize() {
   if (!wider.before) readAddress(); else if (!view.moved) fit(WHOLE); else view.scale *= view.width / wider.before;
   draw();
 }
+const DARK_MAP = { ...DARK, border: LIGHT.border, markEdge: LIGHT.markEdge, marks: LIGHT.marks }; // lanes have their colours on either paper
+followScheme(isDark => { LOOK = isDark ? DARK_MAP : LIGHT; if (view.width) draw(); });
 new ResizeObserver(resize).observe(stage);
 window.addEventListener("hashchange", readAddress);
 resize();

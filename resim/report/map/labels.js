@@ -1,5 +1,5 @@
 // Ids, arrows and markers: drawn where there is room on the screen, what matters more first.
-function pill(text, x, y, { fill = "#fff", edge = "#5b6673", ink = LOOK.ink, size = 11, pad = 4 } = {}) {
+function pill(text, x, y, { fill = LOOK.paper, edge = LOOK.text, ink = LOOK.ink, size = 11, pad = 4 } = {}) {
   pen.font = `600 ${size}px ${FONT}`;
   const w = pen.measureText(text).width + 9, h = size + 5;
   if (!free(x, y, w, h, pad)) return false;
@@ -16,8 +16,8 @@ function bare(text, x, y, size) {
   pen.font = `600 ${size}px ${FONT}`;
   if (!free(x, y, pen.measureText(text).width, size, 1.5)) return false;
   pen.textAlign = "center"; pen.textBaseline = "middle"; pen.lineJoin = "round";
-  pen.strokeStyle = "rgba(255,255,255,.85)"; pen.lineWidth = 3; pen.strokeText(text, x, y);
-  pen.fillStyle = LOOK.ink; pen.fillText(text, x, y + 0.5);
+  pen.strokeStyle = "rgba(255,255,255,.85)"; pen.lineWidth = 3; pen.strokeText(text, x, y); // lanes have their colours on either paper
+  pen.fillStyle = LIGHT.ink; pen.fillText(text, x, y + 0.5);
   return true;
 }
 
@@ -56,7 +56,7 @@ function roadLabels(bounds) {
   for (const { road, line, text } of parts) {
     const inside = road.junction !== null;
     along(line, inside ? [0.5, 0.35, 0.65, 0.2, 0.8] : [0.5, 0.3, 0.7], inside ? 46 : sections ? 24 : 16, (x, y) =>
-      pill(text, x, y, { pad: sections ? 2 : 6, edge: inside ? "#8e6bb8" : "#5b6673" }));
+      pill(text, x, y, { pad: sections ? 2 : 6, edge: inside ? LOOK.junctionEdge : LOOK.text }));
   }
 }
 
@@ -113,7 +113,7 @@ function markers(bounds) { // lanes that are not exact, and gaps, at least as la
     if (!meets([m.x, m.y, m.x, m.y], bounds) || !free(x, y, 9, 9, m.lost ? 3 : 0)) continue;
     marker(m, x, y);
     const text = m.gap ? rough(m.gap) : m.lost ? null : rough(m.worst);
-    if (text) pill(text, x + 34, y - 10, { size: 10, pad: 1, edge: "#111" });
+    if (text) pill(text, x + 34, y - 10, { size: 10, pad: 1, edge: LOOK.ink });
   }
 }
 

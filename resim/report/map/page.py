@@ -120,7 +120,11 @@ def _legend(picture: Picture) -> Markup:
     types = join(
         _sample(type_color(name), html("{} <span>{}</span>", name, picture.types[name])) for name in order
     )
-    junction = _sample("#ece4f5", "junction", "#8e6bb8") if picture.network.junctions else ""
+    junction = (
+        Markup('<span class="sample"><i class="junction"></i>junction</span>')
+        if picture.network.junctions
+        else ""
+    )
     keys = (
         html(
             '<span class="sample"><i class="ref"></i>reference line</span>{}'

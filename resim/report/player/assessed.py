@@ -63,5 +63,6 @@ def criterion_marks(source: str, found: DriveAssessment) -> Iterator[Mark]:
     for name, verdict in found.criteria.items():
         if verdict.verdict != "PASS" and verdict.t is not None:
             severity = "error" if verdict.verdict == "FAIL" else "warning"
-            text = f"{severity}: {name}: {verdict.verdict}, {verdict.reason}"
+            what = f"{verdict.measure} " if verdict.verdict == "FAIL" else ""
+            text = f"{severity}: {name}: {verdict.verdict}, {what}{verdict.reason}"
             yield Mark("criterion", verdict.t, verdict.t, source, verdict.object, text)

@@ -11,7 +11,7 @@ function told() { // buttons as the player is
   player.dataset.on = play.on ? "yes" : "no";
 }
 
-const percent = risk => (risk === null ? "–" : risk === 0 ? "0 %" : risk < 0.0001 ? "< 0.01 %" : `${risk >= 0.1 ? Math.round(100 * risk) : Number((100 * risk).toPrecision(2))} %`);
+const riskWords = risk => (risk === null ? "–" : risk > 0 && risk < 0.0001 ? "< 0.0001" : String(Number(risk.toPrecision(2))));
 let said = "";
 
 const clock = get("clock"), slider = get("time");
@@ -23,7 +23,7 @@ function tell() { // the clock, and what holds now, in words
   const parts = visible().filter(layer => layer.ego && layer.ego.there).slice(0, 4).map(layer => `${layer.name} ${speedOf(layer.ego.now.v)}${accelerates(layer)}`);
   const who = critical();
   let words = parts.length ? `EGO: ${parts.join("; ")}` : "the EGO is not there";
-  if (who) words += who.id === null ? ` · ${who.unknown ? "who is critical is not known: not all could be computed" : "nobody is critical"} (${who.layer.name})` : ` · critical: ${short(who.id)} (${who.layer.name}: TTC ${who.ttc === null ? "–" : `${who.ttc.toFixed(2)} s`}, risk ${who.risk === null ? "not computed" : percent(who.risk)}${who.unknown ? ", not all could be computed" : ""})`;
+  if (who) words += who.id === null ? ` · ${who.unknown ? "who is critical is not known: not all could be computed" : "nobody is critical"} (${who.layer.name})` : ` · critical: ${short(who.id)} (${who.layer.name}: TTC ${who.ttc === null ? "–" : `${who.ttc.toFixed(2)} s`}, risk ${who.risk === null ? "not computed" : riskWords(who.risk)}${who.unknown ? ", not all could be computed" : ""})`;
   if (words !== said) get("now").textContent = said = words;
   if (!details.hidden) show();
 }
@@ -94,7 +94,6 @@ function load(number) {
   get("drive").value = String(number);
   Object.assign(get("time"), { min: play.from, max: play.to, step: 0.01 });
   details.hidden = true;
-  setLook();
   fillLayers();
   fillMarks();
   told();
@@ -221,7 +220,15 @@ get("drive").append(...DATA.drives.map((drive, k) => make("option", { value: Str
 get("drive").closest("label").hidden = DATA.drives.length < 2;
 get("speed").append(...SPEEDS.map(speed => make("option", { value: String(speed), textContent: `${speed} ×`, selected: speed === 1 })));
 setInterval(() => { const [ms, count] = share95(); Object.assign(player.dataset, { work: ms.toFixed(2), frames: count }); }, 500);
-MEDIA.addEventListener("change", () => { setLook(); fillLayers(); fillMarks(); told(); sheetOf = ""; redraw(); });
+followScheme(isDark => {
+  LOOK = isDark ? DARK_ROAD : LIGHT_ROAD;
+  if (!play.drive) return;
+  fillLayers();
+  fillMarks();
+  told();
+  sheetOf = "";
+  draw();
+});
 load(0);
 new ResizeObserver(resize).observe(stage);
 window.addEventListener("hashchange", readAddress);

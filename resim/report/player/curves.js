@@ -11,9 +11,8 @@ const lanesOfMarks = () => Object.keys(KINDS).filter(kind => play.drive.marks.so
 function rowsOfCurves() {
   const shown = visible(), rows = [];
   const dangers = shown.filter(layer => layer.danger);
-  const percent = values => values.map(v => (v === null ? null : 100 * v));
   if (dangers.length) {
-    rows.push({ name: "risk", unit: "%", zero: true, lines: dangers.map(l => ({ layer: l, t: l.danger.t, v: percent(l.danger.risk) })) });
+    rows.push({ name: "risk", unit: "", zero: true, lines: dangers.map(l => ({ layer: l, t: l.danger.t, v: l.danger.risk })) });
     rows.push({ name: "TTC", unit: "s", zero: true, most: 8, lines: dangers.map(l => ({ layer: l, t: l.danger.t, v: l.danger.ttc })) });
   }
   rows.push({ name: "speed", unit: "m/s", lines: shown.filter(l => l.ego).map(l => ({ layer: l, t: l.ego.t, v: l.ego.v })) });
@@ -26,7 +25,7 @@ function range(row) {
   for (const { v } of row.lines) for (const value of v) if (value !== null && isFinite(value)) { low = Math.min(low, value); high = Math.max(high, value); }
   if (!(high >= low)) [low, high] = [0, 1];
   if (row.most) high = row.most;
-  const least = row.name === "risk" ? 0.1 : 1;
+  const least = row.name === "risk" ? 0.001 : 1;
   if (high - low < least) high = low + least;
   const pad = row.zero ? 0 : 0.06 * (high - low);
   return [low - pad, high + 0.06 * (high - low)];

@@ -1,12 +1,10 @@
 // What is played: the drive, the time, the layers that are on; who is critical; the loop of frames.
 const player = document.getElementById("player"), alone = player.dataset.alone === "yes";
-const DARK = { paper: "#14181d", ink: "#e8ecf1", halo: "rgba(16,20,25,.88)", band: "rgba(20,24,29,.82)", grid: "#1f262e", text: "#aab4c0", border: "rgba(170,180,195,.3)", junction: "#241f33", junctionEdge: "#5d4a80", markEdge: "rgba(0,0,0,.4)", marks: 0.5, lane: lane => (lane.type.drivable ? "#2c343e" : "#20272f") };
+const DARK_ROAD = { ...DARK, lane: lane => (lane.type.drivable ? "#2c343e" : "#20272f") };
 const LIGHT_ROAD = { ...LIGHT, lane: lane => (lane.type.drivable ? "#d6dade" : "#eceae3") };
 const CRITICAL = ["#c4161c", "#ff6b6b"];
 const play = { drive: null, layers: [], t: 0, from: 0, to: 1, on: false, speed: 1, follow: true, trails: true, labels: true, plans: true, picked: null, measuring: false, ruler: null };
-const dark = () => LOOK === DARK, tone = pair => pair[dark() ? 1 : 0];
-const MEDIA = window.matchMedia("(prefers-color-scheme: dark)");
-const setLook = () => { LOOK = alone && MEDIA.matches ? DARK : LIGHT_ROAD; };
+const dark = () => LOOK === DARK_ROAD, tone = pair => pair[dark() ? 1 : 0];
 
 const visible = () => play.layers.filter(layer => layer.shown);
 

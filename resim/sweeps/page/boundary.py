@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-import plotly.graph_objects as go
 
 from resim.core.geometry import Floats
+from resim.report.figure import Figure, Part
+from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, html, join
 from resim.report.plots import INK, compact, fade, sample, style, to_html
 from resim.report.tables import table
@@ -57,14 +58,14 @@ def _figures(found: BoundaryReport, parameters: Sequence[SweptParameter], k: int
     return join(figures)
 
 
-def _figure(found: BoundaryReport, parameters: Sequence[SweptParameter], i: int, j: int) -> go.Figure:
+def _figure(found: BoundaryReport, parameters: Sequence[SweptParameter], i: int, j: int) -> Figure:
     """Draw points and cells over the i-th and j-th parameter; of one parameter, the share of good seeds upwards."""
     at = np.array([tried.at for tried in found.tried])
     share = np.array([tried.good_seeds for tried in found.tried]) / found.seeds
     cells = np.array(found.cells).reshape(-1, len(parameters), 2)
     x, a = at[:, i], cells[:, i]
     y, b = (share, np.broadcast_to([-0.05, 1.05], a.shape)) if i == j else (at[:, j], cells[:, j])
-    figure = go.Figure([_boxes(a, b), _points(x, y, share)])
+    figure = Figure([_boxes(a, b), _points(x, y, share)])
     style(figure, 400.0, margin={"l": 56, "r": 8, "t": 8, "b": 48})
     figure.update_xaxes(title_text=axis_title(parameters[i]))
     if i == j:
@@ -76,22 +77,22 @@ def _figure(found: BoundaryReport, parameters: Sequence[SweptParameter], i: int,
     return figure
 
 
-def _boxes(a: Floats, b: Floats) -> go.Scatter:
+def _boxes(a: Floats, b: Floats) -> Part:
     """Boxes from ends a, b (C, 2), each once, as one trace."""
     ends = np.unique(np.concatenate([a, b], axis=1), axis=0)
     gap = np.full((len(ends), 1), np.nan)
     x, y = ends[:, [0, 1, 1, 0, 0]], ends[:, [2, 2, 3, 3, 2]]
-    return go.Scatter(
+    return figure_trace("scatter",
         x=compact(np.hstack([x, gap]).ravel()[:-1]), y=compact(np.hstack([y, gap]).ravel()[:-1]), mode="lines",
         line={"color": BAND, "width": 1.2}, fill="toself", fillcolor=fade(BAND, 0.35), hoverinfo="skip",
     )  # fmt: skip
 
 
-def _points(x: Floats, y: Floats, share: Floats) -> go.Scatter:
+def _points(x: Floats, y: Floats, share: Floats) -> Part:
     """Dots (K,), coloured by the share of seeds that are good; those at one place as one, with their mean."""
     places, of, count = np.unique(np.stack([x, y], axis=1), axis=0, return_inverse=True, return_counts=True)
     mean = np.bincount(of.ravel(), weights=share) / count
-    return go.Scatter(
+    return figure_trace("scatter",
         x=compact(places[:, 0]), y=compact(places[:, 1]), mode="markers", customdata=np.stack([mean, count], axis=1),
         marker={
             "color": compact(mean), "colorscale": SCALE, "cmin": 0.0, "cmax": 1.0, "size": 5.5, "colorbar": share_bar(),

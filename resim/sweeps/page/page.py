@@ -144,7 +144,7 @@ def _maps(section: SweepSection, parameters: Sequence[SweptParameter], k: int) -
         return Markup()
     figures = [
         html("<figure><figcaption><b>{}</b> {}</figcaption>", keeps(o, o.limit), _note(m, by_name))
-        + to_html(map_figure(o, m, by_name[m.a], by_name[m.b]), f"map-{k}-{n}")
+        + to_html(map_figure(o, m, parameters), f"map-{k}-{n}")
         + Markup("</figure>")
         for n, (o, m) in enumerate(drawn)
     ]
@@ -154,7 +154,7 @@ def _maps(section: SweepSection, parameters: Sequence[SweptParameter], k: int) -
     )
     return html(
         "<h2>Boundaries <i>share of runs that are good</i></h2>\n"
-        '<div class="panels">{}</div><div class="key-here">{}</div>',
+        '<div class="panels">{}</div><div class="key-here on-scale">{}</div>',
         join(figures),
         key,
     )

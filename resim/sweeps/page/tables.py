@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from resim.report.markup import Markup, html, join
 from resim.report.tables import NONE, decision_words, table
-from resim.sweeps.page.words import axis_title, percent, quantity
+from resim.sweeps.page.words import axis_title, percent, plain, quantity
 from resim.sweeps.report import SobolIndex, SweepSection, SweptParameter, VaryingOutcome, WorstRun
 
 
@@ -21,7 +21,7 @@ def overview(sections: Sequence[SweepSection], *, shares: bool) -> Markup:
         [
             html('<a href="#s-{}">{}</a>', k, title(s)) if len(sections) > 1 else title(s), str(s.runs),
             html("<b>{}</b>", s.failed) if s.failed else "0", _of(s.passed, s, shares), str(s.collisions),
-            _of(s.same_decision, s, shares), NONE if s.largest_risk is None else percent(s.largest_risk),
+            _of(s.same_decision, s, shares), NONE if s.largest_risk is None else plain(s.largest_risk),
             _decisions(s),
         ]
         for k, s in enumerate(sections)
@@ -129,7 +129,7 @@ def worst(section: SweepSection, parameters: Sequence[SweptParameter]) -> Markup
     rows = [
         [
             str(w.run), *(quantity(w.parameters[p.name], "") for p in parameters), str(w.seed),
-            NONE if w.risk is None else percent(w.risk), _what(w),
+            NONE if w.risk is None else plain(w.risk), _what(w),
             NONE if w.decision is None else decision_words([d for d in w.decision.split(", ") if d]),
             html("<code>{}</code>", w.command),
         ]

@@ -55,7 +55,7 @@ def percent(share: float) -> str:
 def overview_line(section: RunCounts) -> str:
     """Say what came of the runs of a section."""
     failed = f", {section.failed} failed" if section.failed else ""
-    risk = "" if section.largest_risk is None else f"; largest risk {percent(section.largest_risk)}"
+    risk = "" if section.largest_risk is None else f"; largest risk {plain(section.largest_risk)}"
     return (
         f"{section.runs} runs{failed}: {section.passed} pass every criterion, {section.collisions} collide, "
         f"{section.same_decision} make the measured decision{risk}"

@@ -47,7 +47,8 @@ def drive(entry: VerifiedRecording, traces: SpeedTraces | None, inputs: Verifica
         _differences(entry),
         _figure(entry, traces),
         Markup("<h4>Ways through the simulation</h4>") + _ways(entry),
-        Markup("<h4>KPIs <i>outcome, worst value and when; ≠: not as in GT</i></h4>") + kpi_table(entry),
+        Markup("<h4>KPIs <i>outcome, worst value, when, because of whom; ≠: not as in GT</i></h4>")
+        + kpi_table(entry),
         Markup("<h4>Errors of each step <i>tolerance in grey; &gt;: beyond it</i></h4>")
         + errors_table(entry, inputs.tolerances),
         _seeds(entry.seeds),

@@ -46,12 +46,12 @@ def kpi_table(entry: VerifiedRecording) -> Markup:
 
 
 def _kpi(found: KpiEntry | None, gt: KpiEntry) -> str:
-    """One drive's KPI: outcome, worst value and when."""
+    """One drive's KPI: outcome, worst value, when, because of whom, and which limit was broken or what is not known."""
     if found is None:
         return NONE
     verdict = found.verdict
     text = _outcome(verdict) + _worst(found)
-    if verdict == "INVALID":
+    if verdict != "PASS":
         text += html(" <i>{}</i>", found.reason)
     return text if verdict == gt.verdict else html('<span class="off">≠ {}</span>', text)
 
@@ -61,11 +61,12 @@ def _outcome(verdict: str) -> Markup:
 
 
 def _worst(found: KpiEntry) -> str:
-    """The worst value and when; nothing where there is none, or where what must not be never was."""
+    """The worst value, when, and because of which object; nothing where there is none, or it was kept to and is 0."""
     never = found.value == 0.0 and found.reason == "kept"
     if never or found.value is None or found.t is None:
         return ""
-    return f" {minus(format(found.value, '.3g'))} at {found.t:.1f} s"
+    whom = f", object {found.object}" if found.object else ""
+    return f" {minus(format(found.value, '.3g'))} at {found.t:.1f} s{whom}"
 
 
 def _over_seeds(kpi: KpiComparison) -> str:
