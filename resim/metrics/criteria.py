@@ -90,7 +90,7 @@ class Criterion(BaseModel):
         found in it may be of the part.
         """
         end = math.inf if self.end is None else t[0] + self.end
-        until = np.append(t[1:], math.inf)
+        until = np.append(t[1:], t[-1] + 4.0 * _SAME)
         return np.asarray((until > t[0] + self.start + _SAME) & (t <= end + _SAME))
 
     def extent(self, t: Floats) -> float:

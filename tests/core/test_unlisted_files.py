@@ -12,6 +12,7 @@ import pytest
 
 from resim.simulation.function.interface import load_build
 
+NAMES = ("resim", "site-packages", "__pycache__")
 WAYS = {
     "open": "open(HERE / 'data').close()",
     "os.open": "os.close(os.open(HERE / 'data', os.O_RDONLY))",
@@ -30,8 +31,10 @@ except OSError: pass""",
     "through a link from elsewhere": "open(HERE.parent / 'link').close()",
     "a link to elsewhere": "open(HERE / 'away').close()",
     "in a linked folder": "open(HERE / 'linked' / 'far').close()",
+    **{f"in a folder called {name}": f"open(HERE / '{name}' / 'data').close()" for name in NAMES},
 }
 SAID = {"a link to elsewhere": "away", "in a linked folder": "linked/far"}
+SAID |= {f"in a folder called {name}": f"{name}/data" for name in NAMES}
 
 
 @pytest.fixture
@@ -45,6 +48,9 @@ def folder(tmp_path: Path) -> Path:
     (here / "away").symlink_to(tmp_path / "there" / "far")
     (here / "linked").symlink_to(tmp_path / "there")
     (tmp_path / "link").symlink_to(here / "data")
+    for name in NAMES:
+        (here / name).mkdir()
+        (here / name / "data").write_text("1")
     return here
 
 

@@ -128,6 +128,16 @@ def test_what_was_not_computed_is_never_pass():
     assert judge(criterion, measure(value, state), T, ["a"]).outcome == "FAIL"
 
 
+@pytest.mark.parametrize("start", [4.0, 4.041, 4.099])
+def test_a_part_that_begins_between_two_scenes_has_the_one_before(start):
+    """A contact between the scenes at 4.0 and 4.1 s stands at 4.0 s, and can lie in the part."""
+    value = np.zeros((50, 1))
+    value[40] = 1.0
+    hit = measure(value, bad="high")
+    assert judge(Criterion(name="hit", measure="x", above=0.5, start=start), hit, T, ["a"]).outcome == "FAIL"
+    assert judge(Criterion(name="hit", measure="x", above=0.5, start=4.1), hit, T, ["a"]).outcome == "PASS"
+
+
 def test_not_defined_anywhere_is_invalid_and_no_conflict_passes():
     criterion = Criterion(name="ttc", measure="TTC", below=1.5)
     nothing = np.full((50, 1), np.nan)
