@@ -15,7 +15,7 @@ import typer
 from resim.cli.app import Accept, BadVerdictError, Deciding, assess_app, command
 from resim.cli.inputs import A_DRIVE, CriteriaFile
 from resim.cli.runs import register
-from resim.cli.terminal import Telling, give, say, show, telling, told_as
+from resim.cli.terminal import Telling, add_to_json, say, show, telling, told_as
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def assess(
         say("")
         say(f"assessment: {out / 'assessment.html'}")
         register(out)
-    give(out=out, assessment=done.document, problem=done.bad)
+    add_to_json(out=out, assessment=done.document, problem=done.bad)
     done.end()
 
 

@@ -11,7 +11,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, app, command
 from resim.cli.inputs import RecordingFolder
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,17 +55,17 @@ def check(
     if fix is None:
         found = job.check(recording)
         _print(found.findings)
-        give(findings=found.findings)
+        add_to_json(findings=found.findings)
     else:
         gap = job.MAX_GAP if max_gap is None else max_gap
         found = job.repair(recording, fix, max_gap=gap, outliers=outliers or "robust")
         _print(found.findings)
-        give(out=fix, findings=found.findings)
+        add_to_json(out=fix, findings=found.findings)
         if found.repaired is not None:
-            give(repaired=found.repaired.done, left=found.repaired.left)
+            add_to_json(repaired=found.repaired.done, left=found.repaired.left)
             _print_repaired(found.repaired)
         say(f"{fix}: written")
-    give(map=found.map, flaws=found.flaws)
+    add_to_json(map=found.map, flaws=found.flaws)
     _print_map(found)
     if found.errors:
         where = recording if fix is None else fix

@@ -11,7 +11,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, app, command
 from resim.cli.run import run
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
 
 PARTS = (
@@ -46,7 +46,7 @@ def demo(
         run(case, build, result, criteria=criteria)
     except BadVerdictError as e:
         say(f"{e} (as it should: a corner case is hard)")
-    give(example=out, result=result)
+    add_to_json(example=out, result=result)
     say("")
     say("next, for example:")
     say(f"  resim assess {shlex.quote(str(case))} --criteria {shlex.quote(str(criteria))}")

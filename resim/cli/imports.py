@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from resim.cli.app import app, command
 from resim.cli.inputs import A_MAP
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
     from resim.recordings import Recording, RecordingTables
@@ -88,7 +88,7 @@ def guess(
     except OSError as e:
         raise InputError(out, f"cannot be written ({e.strerror})", "Name a file that you may write.") from e
     left = fill_ins(text)
-    give(mapping=out, fill_in=left)
+    add_to_json(mapping=out, fill_in=left)
     say(f"{out}: written; {len(left)} lines to fill in, or to take out" if left else f"{out}: written")
     for line in left:
         say(f"  {line}")
@@ -133,7 +133,7 @@ def _write(found: Recording | RecordingTables, out: Path) -> None:
     load(tables.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
     write_tables(tables, out)
     objects, span = tables.gt["id"].nunique(), tables.gt["t"].max() - tables.gt["t"].min()
-    give(recording=out, objects=int(objects), duration=float(span), ego=tables.settings.ego,
+    add_to_json(recording=out, objects=int(objects), duration=float(span), ego=tables.settings.ego,
          provenance=tables.settings.provenance)  # fmt: skip
     say(f"{out}: {objects} objects over {span:.2f} s, EGO {tables.settings.ego}")
     for topic, text in tables.settings.provenance.items():

@@ -9,7 +9,7 @@ import typer
 
 from resim.cli.app import Accept, BadVerdictError, app, command
 from resim.cli.inputs import A_MAP
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +38,7 @@ def check(path: MapFile) -> None:
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
-    give(map=path, flaws=found.flaws, problems=found.problems)
+    add_to_json(map=path, flaws=found.flaws, problems=found.problems)
     if problems := found.problems:
         raise BadVerdictError(f"{path}: {'; '.join(problems)}")
 
@@ -56,7 +56,7 @@ def convert(
     _print_map(found)
     _print_flaws(found.flaws)
     _print_conversion(found.net.conversion)
-    give(out=out, flaws=found.flaws, conversion=out / "conversion.json")
+    add_to_json(out=out, flaws=found.flaws, conversion=out / "conversion.json")
     say(f"net, numbers and picture: {out}")
 
 
@@ -74,7 +74,7 @@ def plot(
     why = draw_map(path, target)
     if why:
         say(f"note: drawn without the errors of its SUMO net: {why}", err=True)
-    give(page=target, missing=why or None)
+    add_to_json(page=target, missing=why or None)
     say(str(target))
 
 

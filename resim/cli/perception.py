@@ -10,7 +10,7 @@ import typer
 from resim.cli.app import Accept, Settings, app, command
 from resim.cli.inputs import A_MODEL, A_RECORDING
 from resim.cli.progress import Progress
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
     from resim.perception.model import PerceptionModel, Training
@@ -40,7 +40,7 @@ def train(
     folds = 0 if report is None else min(FOLDS, len(recordings))
     with Progress("stages", len(recordings) + 1 + folds) as progress:
         model = job.train(recordings, out, report=report, accept=accept or [], progress=progress.step)
-    give(model=out, report=None if report is None else str(report))
+    add_to_json(model=out, report=None if report is None else str(report))
     print_model(model)
     say("")
     say(f"model: {out}")
@@ -57,7 +57,7 @@ def show(
     from resim.perception.model import read_model
 
     found = read_model(model, tuple(settings or ()))
-    give(model=found.model_dump(mode="json"))
+    add_to_json(model=found.model_dump(mode="json"))
     print_model(found)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from resim.cli.app import app, command
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 
 @command(app)
@@ -45,7 +45,7 @@ def play(
         objects = {name for layer in drive.layers for name in layer.tracks.ids.tolist()} - {drive.ego}
         layers = ", ".join(layer.name for layer in drive.layers)
         say(f"{drive.name}: {layers}; {len(objects)} traffic objects, {len(drive.marks)} marks")
-    give(player=target, video=video)
+    add_to_json(player=target, video=video)
     say(f"player: {target} ({target.stat().st_size / 1e6:.2f} MB)")
     if video is not None:
         say(f"video: {video} ({video.stat().st_size / 1e6:.2f} MB)")

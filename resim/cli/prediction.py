@@ -9,7 +9,7 @@ import typer
 
 from resim.cli.app import Accept, assess_app, command
 from resim.cli.inputs import A_RECORDING
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
     from resim.metrics.risk.fitting import Refit
@@ -44,7 +44,7 @@ def fit_prediction(
         _print(name, fit)
     for name, why in made.left.items():
         say(f"{name} keeps the published parameters: {why}")
-    give(prediction=out)
+    add_to_json(prediction=out)
     say("")
     say(f"prediction: {out}")
 

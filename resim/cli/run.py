@@ -17,7 +17,7 @@ from resim.cli.assess import ChildReport, deciding, frozen
 from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
 from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import Telling, give, say, show, telling, told_as
+from resim.cli.terminal import Telling, add_to_json, say, show, telling, told_as
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def run(
     show(done.text)
     say("")
     say(f"report: {out / 'report.html'}")
-    give(out=out, report=out / "report.json", assessment=out / "assessment.json", problem=done.bad)
+    add_to_json(out=out, report=out / "report.json", assessment=out / "assessment.json", problem=done.bad)
     register(out)
     done.end()
 

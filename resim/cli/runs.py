@@ -11,7 +11,7 @@ import typer
 
 from resim.cli.app import app, command
 from resim.cli.entries import line, print_entry, print_list, summary
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def list_results(
     found = _catalog().find(
         kind=None if kind is None else kind.value, build=build, recording=recording, verdict=verdict
     )
-    give(results=[summary(e) for e in found])
+    add_to_json(results=[summary(e) for e in found])
     print_list(found)
 
 
@@ -85,7 +85,7 @@ def show(
 ) -> None:
     """Show all that the catalog holds of a result: what went in, verdicts, where its files lie."""
     entry = _catalog().get(result)
-    give(**asdict(summary(entry)), inputs=entry.inputs, outcomes=entry.outcomes)
+    add_to_json(**asdict(summary(entry)), inputs=entry.inputs, outcomes=entry.outcomes)
     print_entry(entry)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from resim.cli.app import app, command
 from resim.cli.inputs import A_CRITERIA
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import refuse_undecodable
@@ -47,7 +47,7 @@ def new(
     with whole_file(out, None) as path:
         path.write_text(text, encoding="utf-8")
     read_suite(out)
-    give(suite=out, recordings=found)
+    add_to_json(suite=out, recordings=found)
     say(f"{out}: {len(found)} recordings")
 
 

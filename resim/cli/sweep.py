@@ -14,7 +14,7 @@ from resim.cli.app import Vehicle, Workers, command, sweep_app
 from resim.cli.inputs import A_SWEEP
 from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
@@ -60,13 +60,13 @@ def sweep(
         return
     with _progress() as listener:
         done = run_sweep(file, out, options, listener=listener)
-    give(out=out, runs=done.runs, failed=done.failed, missing=done.missing)
+    add_to_json(out=out, runs=done.runs, failed=done.failed, missing=done.missing)
     if done.missing:
         say(f"{out}: this shard is done; {done.missing} runs of others are missing")
         return
     say(f"{out / 'runs'}: {done.runs} runs, {done.failed} failed")
     if done.manifest is not None:
-        give(manifest=out / "manifest.json")
+        add_to_json(manifest=out / "manifest.json")
         for found in done.manifest.found():
             _tell_boundary(found, len(done.manifest.inputs.sweep.build) > 1)
     register(out)
@@ -98,7 +98,7 @@ def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
     from resim.jobs.sweep import estimate
 
     found = estimate(file, out, options)
-    give(runs=found.runs, seconds_a_run=found.each, bytes_a_run=found.size, processes=options.processes,
+    add_to_json(runs=found.runs, seconds_a_run=found.each, bytes_a_run=found.size, processes=options.processes,
          failures=found.failures)  # fmt: skip
     if found.runs == 0:
         say("0 runs")

@@ -9,7 +9,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, command, sweep_app
 from resim.cli.runs import register
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 
 
 @command(sweep_app, "report")
@@ -31,7 +31,7 @@ def report(
 
     page = folder / "report.html" if out is None else out
     found = report_sweep(folder, page)
-    give(page=page, report=page.with_suffix(".json"))
+    add_to_json(page=page, report=page.with_suffix(".json"))
     for section in found.sections:
         say(f"{section.recording}, {section.build}: {overview_line(section)}")
         told = (
@@ -65,7 +65,7 @@ def repeat_run(
     from resim.jobs.sweep import repeat
 
     found = repeat(folder, run, out, vehicle=vehicle)
-    give(out=out, untraced=found.untraced, versions=found.versions,
+    add_to_json(out=out, untraced=found.untraced, versions=found.versions,
          differ={name: {"sweep": was, "now": now} for name, (was, now) in found.differ.items()})  # fmt: skip
     say(f"no traces: {found.untraced}" if found.untraced else f"report: {out / 'report.html'}")
     if not found.untraced:

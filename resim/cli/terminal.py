@@ -87,7 +87,7 @@ def is_text_wanted() -> bool:
     return not (telling().json or telling().quiet)
 
 
-def give(**results: Any) -> None:
+def add_to_json(**results: Any) -> None:
     """Add results to the JSON object, if one is wanted: of a JSON file what it holds, of other files where they lie."""
     if telling().json:
         telling().results.update({name: _plain(value) for name, value in results.items()})

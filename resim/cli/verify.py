@@ -13,7 +13,7 @@ from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app, comm
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
 from resim.cli.progress import Progress
 from resim.cli.runs import register
-from resim.cli.terminal import give, say
+from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError, ResimError
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def verify(
     print_verification(found.report)
     say("")
     say(f"verification: {out / 'verification.html'}")
-    give(out=out, verification=out / "verification.json")
+    add_to_json(out=out, verification=out / "verification.json")
     register(out)
     _end(found)
 
@@ -133,11 +133,11 @@ def _replay(path: Path, workers: int | None) -> None:
     with _progress() as listener:
         again = replay(path, workers=workers, listener=listener)
     if again.same:
-        give(same=True)
+        add_to_json(same=True)
         say(f"{path}: identical bytes, {len(again.verification.report.recordings)} recordings")
         _end(again.verification)
         return
-    give(same=False, differ=again.differ, versions=again.versions)
+    add_to_json(same=False, differ=again.differ, versions=again.versions)
     if again.versions:
         say(f"made with other versions: {'; '.join(again.versions)}")
     raise BadVerdictError(

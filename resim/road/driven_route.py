@@ -90,7 +90,7 @@ def only_roads(network: RoadNetwork, roads: tuple[str, ...]) -> RoadNetwork:
     return replace(network, roads={name: network.roads[name] for name in roads})
 
 
-def leaves(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> int | None:
+def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> int | None:
     """Give the first of K samples (as of `driven_route`) at which a drive is on a driving lane off its route, or None.
 
     Who goes on over the end of its last road has not left it, wherever he goes then; of a route without roads nobody

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, constant, sealed
 from resim.road.driven_route import NO_ROUTE, Route
+from resim.road.lane_following import SHORTEST, RouteStretch, follow
 from resim.road.opendrive import RoadNetwork
-from resim.road.route import SHORTEST, RouteStretch, follow
 
 FAR = 1e4
 FEW, CHUNK = 12, 1024

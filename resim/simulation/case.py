@@ -119,7 +119,7 @@ class SimulatedDrive:
         collisions: With whom the EGO collided, and when.
         end: What ended it.
         failure: Why the function failed, or "".
-        left_route: When [s] the EGO left the measured route (`resim.road.driven_route.leaves`), None where it did not.
+        left_route: When [s] the EGO left the measured route (`resim.road.driven_route`), None where it did not.
         traceback: Where it raised what it failed by, a line for each call, the innermost last.
         control_error: Largest distance [m] between where a vehicle was commanded to be and where the engine had it.
         shown: Objects on all lists that the function was shown.

@@ -16,7 +16,7 @@ from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
-from resim.road.driven_route import leaves
+from resim.road.driven_route import first_off_route
 from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.function.driver import Driver, cycle_steps
@@ -238,7 +238,7 @@ class _Loop:
 
     def left_route(self, t: Floats, truth: Tracks) -> float | None:
         """Give when [s] the EGO left the measured route."""
-        first = leaves(self.case.network, self.stage.route, truth.x[0], truth.y[0], truth.heading[0])
+        first = first_off_route(self.case.network, self.stage.route, truth.x[0], truth.y[0], truth.heading[0])
         return None if first is None else float(t[first])
 
     def motion(self, kept: slice) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from resim.core.plugins.unlisted_files import UNKNOWN
+from resim.core.plugins.unlisted_files import NOT_IN_HASH
 from resim.metrics.criteria import Criteria
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines
@@ -66,7 +66,7 @@ class BuildComparison:
                 for when, result in (("before", self.old), ("now", self.new))
             },
             pairs=self.pairs,
-            notes=tuple(n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNKNOWN)),
+            notes=tuple(n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_IN_HASH)),
         )
 
 

@@ -20,7 +20,7 @@ from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.perception.validation import judge
 from resim.recordings import read_recording
-from resim.report import boxes, model_runs, perception, road, steps
+from resim.report import error_boxes, model_runs, perception, reaction_figure, road, steps
 from resim.report.assessment import figures as assessed_figures
 from resim.report.figure import PLAIN, Figure, trace
 from resim.report.view import View, view
@@ -187,8 +187,8 @@ def look() -> View:
 
 
 def _of_the_report(look: View) -> Iterator[tuple[str, Any]]:
-    yield "boxes", boxes.box_figure(look)
-    yield "reaction", boxes.reaction_figure(look)
+    yield "boxes", error_boxes.box_figure(look)
+    yield "reaction", reaction_figure.reaction_figure(look)
     yield "seeds", model_runs.drive_figure(look)
     yield "plan", road.plan_figure(look)
     yield "lateral", road.lateral_figure(look)
@@ -203,7 +203,7 @@ def test_the_figures_of_a_report_are_as_plotly_makes_them(
     look: View, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine = {name: ours(figure) for name, figure in _of_the_report(look)}
-    for module in (boxes, model_runs, road, steps, assessed_figures):
+    for module in (error_boxes, reaction_figure, model_runs, road, steps, assessed_figures):
         monkeypatch.setattr(module, "Figure", Plotly)
     for name, figure in _of_the_report(look):
         assert _rounded(mine.pop(name)) == _rounded(theirs(figure)), name

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from turns import driven, turns
 
-from resim.road.driven_route import Route, driven_route, leaves
+from resim.road.driven_route import Route, driven_route, first_off_route
 from resim.road.path import lane_path
 
 MAPS = (
@@ -46,7 +46,7 @@ def test_the_route_of_a_turn_is_the_roads_that_the_file_links(shared_map, name):
         first, *inside, last = route.steps
         assert (first, last) == ((turn[0][0][0],), (turn[2][0][0],))
         assert set().union(*inside) == side_by_side
-        assert leaves(net, route, x, y, heading) is None
+        assert first_off_route(net, route, x, y, heading) is None
         assert route.after(first[0]) >= {turn[1][0]}
 
 
@@ -60,7 +60,7 @@ def test_who_turns_another_way_leaves_the_route_where_its_lanes_end(shared_map, 
         surface = outlines(net, route.roads)
         for other in [t for t in every if t[0] == turn[0] and straight_on(t) != straight_on(turn)]:
             x, y, heading = driven(net, other)
-            left = leaves(net, route, x, y, heading)
+            left = first_off_route(net, route, x, y, heading)
             assert left is not None, (turn, other)
             off = np.flatnonzero(~shapely.contains_xy(surface, x, y))[0]
             assert (
@@ -81,12 +81,12 @@ def test_who_ends_before_inside_or_behind_the_junction(shared_map):
         before, middle = inside[0] - 3, (inside[0] + 2 * inside[-1]) // 3
         short = driven_route(net, x[:before], y[:before], heading[:before])
         assert short.steps == ((turn[0][0][0],),)
-        assert leaves(net, short, x, y, heading) is None  # on over the end of the route
+        assert first_off_route(net, short, x, y, heading) is None  # on over the end of the route
         half = driven_route(net, x[:middle], y[:middle], heading[:middle])
-        assert leaves(net, half, x, y, heading) is None
+        assert first_off_route(net, half, x, y, heading) is None
         late = driven_route(net, x[middle:], y[middle:], heading[middle:])
         assert late.steps[-1] == (turn[2][0][0],)
-        assert leaves(net, late, x[middle:], y[middle:], heading[middle:]) is None
+        assert first_off_route(net, late, x[middle:], y[middle:], heading[middle:]) is None
 
 
 def test_who_ended_inside_of_a_junction_tells_which_turn_he_took(shared_map):
@@ -99,7 +99,7 @@ def test_who_ended_inside_of_a_junction_tells_which_turn_he_took(shared_map):
         half = driven_route(net, x[:end], y[:end], heading[:end])
         for other in [t for t in every if t[0] == turn[0] and straight_on(t) != straight_on(turn)]:
             xo, yo, ho = driven(net, other)
-            found += leaves(net, half, xo, yo, ho) is not None
+            found += first_off_route(net, half, xo, yo, ho) is not None
     assert found > 0
 
 
@@ -127,10 +127,10 @@ def test_parallel_lanes_belong_to_the_route_and_nobody_leaves_an_unknown_one(pro
     route = driven_route(proving_ground, x, y, heading)
     assert route == Route((("1",),))
     x, y = proving_ground.to_xy("1", -1, s, 0.0)
-    assert leaves(proving_ground, route, x, y, heading) is None
+    assert first_off_route(proving_ground, route, x, y, heading) is None
     far = proving_ground.to_xy("2", -1, s[:50], 0.0)
-    assert leaves(proving_ground, route, *far, heading[:50]) == 0
-    assert leaves(proving_ground, Route(), *far, heading[:50]) is None
+    assert first_off_route(proving_ground, route, *far, heading[:50]) == 0
+    assert first_off_route(proving_ground, Route(), *far, heading[:50]) is None
     off_road = driven_route(proving_ground, x + 1e5, y, heading)
     assert off_road == Route()
 
@@ -149,12 +149,14 @@ def test_who_turns_round_and_goes_elsewhere_has_left_it(shared_map):
                 continue
             there, back = driven(net, first), driven(net, second)
             route = driven_route(net, *there)
-            left = leaves(net, route, *one_after_the_other(there, back))
+            left = first_off_route(net, route, *one_after_the_other(there, back))
             assert left is not None
             assert left >= there.shape[1]
             on = net.to_road(there[0], there[1], heading=there[2]).road == second[0][0][0]
             alone = there[:, on]
-            assert leaves(net, driven_route(net, *alone), *one_after_the_other(alone, back)) is not None
+            assert (
+                first_off_route(net, driven_route(net, *alone), *one_after_the_other(alone, back)) is not None
+            )
             found += 1
     assert found
 
@@ -168,7 +170,7 @@ def test_who_turns_off_at_the_first_pass_as_the_route_does_at_the_second_has_lef
                 continue
             twice = one_after_the_other(driven(net, one), driven(net, other))
             route = driven_route(net, *twice)
-            assert leaves(net, route, *twice) is None
-            assert leaves(net, route, *driven(net, other)) is not None
+            assert first_off_route(net, route, *twice) is None
+            assert first_off_route(net, route, *driven(net, other)) is not None
             found += 1
     assert found

@@ -19,7 +19,7 @@ from resim.core.files import cache_folder
 from resim.core.plugins import integrity, process, watchdog
 from resim.core.plugins.modules import OwnModules
 
-UNKNOWN = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
+NOT_IN_HASH = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
 _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 """Between the words of a command line."""
 
@@ -150,7 +150,7 @@ class OpenedFiles:
         """Say which files it opened that its hash does not know; "" for none."""
         beside = f"{', '.join(sorted(self.found))} beside {self.path.name}" if self.found else ""
         told = " and ".join(part for part in (beside, ", ".join(sorted(self.elsewhere))) if part)
-        notes = [f"the code opened {told}, {UNKNOWN}"] if told else []
+        notes = [f"the code opened {told}, {NOT_IN_HASH}"] if told else []
         if self.others:
             notes.append(
                 f"the code {' and '.join(sorted(self.others))}: its hash does not know what answers there"

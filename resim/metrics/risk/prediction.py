@@ -1,4 +1,7 @@
-"""How a traffic object may go on: distributions of its inputs over the next second, by kind and state (Eq. 4.2)."""
+"""How a traffic object may go on: distributions of its inputs over the next second, by kind and state (Eq. 4.2).
+
+The numbers of the sets that ship are in prediction.json.
+"""
 
 from __future__ import annotations
 

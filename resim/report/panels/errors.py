@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from resim.report import tables
-from resim.report.boxes import box_figure
+from resim.report.error_boxes import box_figure
 from resim.report.markup import Markup
 from resim.report.panels.registry import PANELS, Panel
 from resim.report.plots import captioned

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from resim.report import tables
-from resim.report.boxes import reaction_figure
 from resim.report.markup import Markup, html, join
 from resim.report.panels.registry import PANELS, Panel
 from resim.report.plots import captioned, number
+from resim.report.reaction_figure import reaction_figure
 from resim.report.view import View
 from resim.scenario.maneuvers import REACTED
 

@@ -13,7 +13,7 @@ from resim.report.markup import Markup, html, join
 from resim.report.player.data import to_script
 from resim.report.player.drive import PlayedDrive, thinned
 
-SCRIPTS = ("unpack.js", "scene.js", "boxes.js", "curves.js", "controls.js")
+SCRIPTS = ("unpack.js", "playback.js", "drawing.js", "curves.js", "controls.js")
 LARGEST = 100_000_000
 """Characters of a page that a browser still opens at once."""
 EMBEDDED = 400_000
