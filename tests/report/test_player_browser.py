@@ -147,7 +147,7 @@ def test_sources_are_switched_one_by_one(opened: Open) -> None:
         assert share(whole, stage(page)) == 0.0, names[k]
     for k in range(4):
         page.keyboard.press(str(k + 1))
-    assert page.inner_text("#now") == "the EGO is not there"
+    page.wait_for_function("document.querySelector('#now').innerText === 'the EGO is not there'")
 
 
 def test_a_box_tells_its_details_and_a_drag_stops_following(opened: Open) -> None:

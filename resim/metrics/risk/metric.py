@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
@@ -149,9 +149,14 @@ def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
     r_to, collision, ttc, ttr = (np.empty((number, objects)) for _ in range(4))
     found = Risk(r_to, np.empty(number), np.empty(number), collision, ttc, ttr)
     kernel(
-        SceneArrays(*map(np.ascontiguousarray, given)),
-        Road(*map(np.ascontiguousarray, lanes)),
+        SceneArrays(*[_as_compiled(part) for part in given]),
+        Road(*[_as_compiled(part) for part in lanes]),
         Sampling(sample, weight, limits, times, p.step, p.mode == "continuous"),
         RiskArrays(found.r_to, found.r_ind, found.r_dep, found.collision, found.ttc, found.ttr),
     )
     return found
+
+
+def _as_compiled(values: ArrayLike) -> NDArray[Any]:
+    """Give an array that the kernel is compiled for: for one that is read-only that takes half a minute once more."""
+    return np.require(values, requirements=["C", "W"])
