@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 from damaged import DIGITS, DRIVE, GROUND, JSCEN, ROOT, convert, places, result_or_clear_error, written
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -154,6 +155,7 @@ def test_random_jscen_are_read_or_refused(data: st.DataObject) -> None:
             assert np.isfinite(scenario.ego.v(scenario.ego.v.x)).all()
 
 
+@pytest.mark.slow
 def test_the_fuzzer_finds_no_failure_in_its_first_inputs() -> None:
     command = [sys.executable, str(ROOT / "tools" / "fuzz.py"), "60", "--seed", "11"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -160,6 +160,7 @@ def test_maneuvers_with_errors_of_their_own() -> None:
     assert both[0] - both[1] > 1.0
 
 
+@pytest.mark.slow
 def test_the_runtime_and_the_generator_mean_the_same() -> None:
     """What the loop's sensor perceives by a known model comes back too."""
     true = KNOWN["drift"]

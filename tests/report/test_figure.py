@@ -210,6 +210,7 @@ def test_the_figures_of_a_report_are_as_plotly_makes_them(
     assert not mine
 
 
+@pytest.mark.slow
 def test_the_figures_of_a_perception_model_are_as_plotly_makes_them(monkeypatch: pytest.MonkeyPatch) -> None:
     drives = [read_recording(ROOT / "scenarios" / name) for name in ("cut_in_brake", "overtake")]
     found = dataclasses.replace(judge(read_model(MODEL), drives, seeds=1), dropouts_measured=(0.2, 0.4))

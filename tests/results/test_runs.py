@@ -201,6 +201,7 @@ def test_links_and_folders_of_others_are_not_deleted(mine: Path) -> None:
         remove_results(mine / "run", RUN)
 
 
+@pytest.mark.slow
 def test_every_command_puts_its_results_in_and_its_bytes_are_the_same_without(
     call: Call, made: Path, tmp_path: Path
 ) -> None:

@@ -199,6 +199,7 @@ def test_killed_so_often_it_is_the_same(sweep: Path, kills: int) -> None:
     assert bytes_of(out) == bytes_of(sweep.with_name("undisturbed"))
 
 
+@pytest.mark.slow
 def test_the_faults_are_told(sweep: Path) -> None:
     found = table(sweep.with_name("undisturbed")).sort_values("function.fault")
     ends = found.set_index("function.fault").end

@@ -63,6 +63,7 @@ def test_replay_is_verified(verdicts: Verdicts) -> None:
     assert set(found.values()) == {("verified", None)}
 
 
+@pytest.mark.slow
 def test_a_function_that_did_not_drive_is_the_cause_itself(verdicts: Verdicts) -> None:
     """Nothing that was recorded tells how the vehicle answers, so that it may be the cause where it is off."""
     found = set(verdicts("idm-1.0.toml", "unknown").values())
