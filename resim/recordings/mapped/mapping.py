@@ -138,7 +138,7 @@ class TableMapping(Strict):
 
     Attributes:
         file: Of the table, relative to the mapping; without it the file that the command names.
-        separator: Between values of a CSV.
+        separator: Between values of a CSV: one ASCII character.
         decimal: What stands before the decimals.
         only: Rows that are read: those with these values in these columns.
         crs: Coordinate system of x and y (or lat and lon), as pyproj knows it, such as EPSG:4326 or EPSG:25832; they
@@ -216,6 +216,9 @@ class TableMapping(Strict):
 
 
 _CONTRADICTIONS: Dict[str, Any] = {
+    "separator is none: expected one printable ASCII character, or a tab, and neither a quote nor a line break": (
+        lambda m: m.separator != "\t" and (not " " <= m.separator <= "~" or m.separator == '"')
+    ),
     "needs x and y, or lat and lon": lambda m: (
         [m.x is None, m.y is None, m.lat is None, m.lon is None]
         not in ([False, False, True, True], [True, True, False, False])
