@@ -8,8 +8,9 @@ import pytest
 
 from resim.core.errors import InputError
 from resim.core.geometry import to_frame, wrap_angle
-from resim.recordings import Recording, read_recording, write_recording
+from resim.recordings import Recording, read_recording, recording_of, write_tables
 from resim.recordings.formats import mcity
+from resim.recordings.formats.mcity_frames import trials
 from resim.road.opendrive import load
 
 ORIGIN = {"latitude_0": 42.3005934157, "longitude_0": -83.699283188811}
@@ -33,8 +34,8 @@ def test_projection_agrees_with_proj() -> None:
     np.testing.assert_allclose(np.column_stack([x, y]), PROJ[:, 2:], atol=2e-6)
 
 
-# trial: ids of the EGO, EGO samples seen, frames in the wrong order
-EXPECTED = {"3": (1, 160, 2), "4": (1, 97, 0), "5": (3, 171, 1), "11": (2, 595, 2)}
+# trial: ids of the EGO, EGO samples seen, frames in the wrong order. Of trial 5 an id of 0.9 x 0.4 m is nobody's.
+EXPECTED = {"3": (1, 161, 2), "4": (1, 98, 0), "5": (2, 167, 1), "11": (2, 596, 2)}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]
         pytest.skip("the shared data are not on this machine")
     out = tmp_path_factory.mktemp("mcity")
     for trial in EXPECTED:
-        write_recording(mcity.read_mcity(data, trial=trial), out / trial)
+        write_tables(mcity.read_mcity(data, trial=trial), out / trial)
     return {trial: read_recording(out / trial) for trial in EXPECTED}
 
 
@@ -135,14 +136,14 @@ def test_two_tracked_vehicles_are_each_found_in_what_was_perceived(
     every = sorted(seen + more, key=lambda f: f["timestamp"])
     (tmp_path / "dets" / "run_17.json").write_text(json.dumps(every))
     network = load(folder / "mcity.xodr")
-    assert list(mcity.trials(tmp_path)) == ["17"]
-    recording = mcity.import_trial("17", tmp_path, network)
+    assert list(trials(tmp_path)) == ["17"]
+    recording = recording_of(mcity.import_trial("17", tmp_path, network))
     assert recording.ego == "vehicle_1"  # there for 28 s, the other for 22 s
     assert recording.gt.ids.tolist() == ["vehicle_1", "vehicle_2"]
     assert recording.sd is not None
     assert recording.sd_gt_id is not None
     own = {n: recording.sd.ids[recording.sd_gt_id == n].tolist() for n in recording.gt.ids.tolist()}
-    assert [len(found) for found in own.values()] == [1, 3]  # as each alone
+    assert [len(found) for found in own.values()] == [1, 3]  # the EGO's of one, and all of another
     assert all(name.startswith("5") for name in own["vehicle_2"])
     assert not own["vehicle_1"][0].startswith("57")
 
@@ -153,10 +154,13 @@ def test_a_trial_has_to_be_named_and_its_window_begins_at_zero(data: Path) -> No
         mcity.read_mcity(folder)
     with pytest.raises(InputError, match=r"trial 3 has no object 'tram' in its truth. It has vehicle"):
         mcity.read_mcity(folder, trial="3", ego="tram")
-    with pytest.raises(InputError, match=r"lasts 27\.\d+ s, the requested window is 5 to 99 s"):
+    with pytest.raises(InputError, match=r"lasts 28 s, the requested window is 5 to 99 s"):
         mcity.read_mcity(folder, trial="3", start=5.0, end=99.0)
     with pytest.raises(InputError, match=r"--length: 0 m is not the size"):
         mcity.read_mcity(folder, trial="3", length=0.0)
-    whole, part = mcity.read_mcity(folder, trial="3"), mcity.read_mcity(folder, trial="3", start=5.0, end=9.0)
+    whole, part = (
+        recording_of(mcity.read_mcity(folder, trial="3", **window))
+        for window in ({}, {"start": 5.0, "end": 9.0})
+    )
     assert part.gt.t[[0, -1]] == pytest.approx([0.0, 4.0], abs=0.025)
     np.testing.assert_array_equal(part.gt.x[0, 0], whole.gt.x[0, np.argmax(whole.gt.t >= 5.0)])
