@@ -137,6 +137,8 @@ LARGEST = max(BIGGEST, 1e19)
 def calendar_seconds(values: pd.Series) -> Floats:
     """Give the Unix times (K,) [s] of ISO 8601 texts or time stamps, UTC without a zone; NaN where there is none."""
     out = np.full(len(values), np.nan)
+    if pd.api.types.is_numeric_dtype(values):  # which pandas takes for nanoseconds
+        return out
     single = values.mask(values.map(_is_many))
     try:
         stamps = pd.to_datetime(single, utc=True, format="ISO8601", errors="coerce")

@@ -244,6 +244,13 @@ def test_refuses(tmp_path: Path, case: str) -> None:
         imported(tmp_path, text.replace(old, new, 1))
 
 
+@pytest.mark.parametrize("rate", [-25.0, 0.0, float("nan"), float("inf")])
+def test_refuses_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
+    _, gt = written(tmp_path, drive(), Way(time="frames"))
+    with pytest.raises(InputError, match=r"--rate: .* Hz is no rate. Give frames a second above 0"):
+        imported(tmp_path, f"[gt]\n{gt.replace(', rate = 10.0', '')}\n", rate=rate)
+
+
 def test_refuses_an_ego_that_is_not_there(tmp_path: Path) -> None:
     _, gt = written(tmp_path, drive(), Way())
     with pytest.raises(
