@@ -221,6 +221,16 @@ def test_a_van_that_is_the_ego_may_be_named_so(judge: Judge) -> None:
     assert judge([ego(), far()], sd, frame='gt_id = "gt_id"\n') == {"GT": "PASS", "SD": "PASS"}
 
 
+def test_no_repair_makes_the_ego_of_who_came_to_it(judge: Judge) -> None:
+    """In the EGO's box for 91 % of its samples, and apart from it at first."""
+    more = rows("9", 300.0 + SPEED * T, -5.25 + np.clip(2.9 - 3.0 * T, 0.5, None), v=SPEED)
+    folder = judge.imported([ego(), far()], [far().assign(id="22"), more])
+    recording = load_checked(folder, accept=tuple(CODES))
+    (found,) = [f for f in recording.findings if f.code == "EGO_DETECTION"]
+    assert (found.object, found.repair) == ("9", "")
+    assert "its own detection, or who hit it?" in found.text
+
+
 @pytest.mark.parametrize("size", [-12.0, 0.0])
 def test_a_size_that_none_can_have_is_not_missing(judge: Judge, size: float) -> None:
     across = rows("1", 400.0, -0.75, length=size, width=2.5, heading=0.5 * np.pi, kind="unknown")
