@@ -27,6 +27,9 @@ from resim.recordings.mapped.units import (
 
 EXAMPLE = "An example stands in docs/formats/mapping.md; `resim import guess FILE` writes a first one."
 
+LEAST_RATE, MOST_RATE = 1e-3, 1e6
+"""Least and largest rate of frames [Hz]."""
+
 Kind = Literal["car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown"]
 Reference = Literal[
     "center", "front", "rear", "rear axle", "front left", "front right", "rear left", "rear right"
@@ -74,7 +77,7 @@ class Time(Column):
 
     column: str = Field(min_length=1)
     unit: TimeUnit = "s"
-    rate: float | None = Field(default=None, gt=0.0, le=1e6)
+    rate: float | None = Field(default=None, ge=LEAST_RATE, le=MOST_RATE)
 
 
 class Place(Column):

@@ -15,7 +15,7 @@ from resim.core.files import file_hash, joined
 from resim.core.geometry import Floats
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.frames import Placed, centred, place
-from resim.recordings.mapped.mapping import Angle, Match, TableMapping, read_mapping
+from resim.recordings.mapped.mapping import LEAST_RATE, MOST_RATE, Angle, Match, TableMapping, read_mapping
 from resim.recordings.mapped.matching import assigned, distances
 from resim.recordings.mapped.motion import (
     REACH,
@@ -36,8 +36,6 @@ from resim.road.opendrive import RoadNetwork, load
 
 UNIX = 1e6
 """Time [s] from which on times are those of a calendar, and are counted from the first sample of GT."""
-MOST_RATE = 1e6
-"""Largest rate of frames [Hz], as in a mapping."""
 TICK = 1e-6
 """Time [s] up to which samples belong to a window."""
 
@@ -87,9 +85,9 @@ def read_mapped(
         InputError: A file, column, unit, frame or value cannot be used; the EGO is not there; GT and SD have no common
             time.
     """
-    if rate is not None and not 0.0 < rate <= MOST_RATE:
+    if rate is not None and not LEAST_RATE <= rate <= MOST_RATE:
         raise InputError(
-            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second above 0, up to {MOST_RATE:g}."
+            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second, {LEAST_RATE:g} to {MOST_RATE:g}."
         )
     mapping = read_mapping(columns)
     if (own := ego or mapping.ego) is None:

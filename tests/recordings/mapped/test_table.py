@@ -244,10 +244,10 @@ def test_refuses(tmp_path: Path, case: str) -> None:
         imported(tmp_path, text.replace(old, new, 1))
 
 
-@pytest.mark.parametrize("rate", [-25.0, 0.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("rate", [-25.0, 0.0, 1e-300, float("nan"), float("inf")])
 def test_refuses_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
     _, gt = written(tmp_path, drive(), Way(time="frames"))
-    with pytest.raises(InputError, match=r"--rate: .* Hz is no rate. Give frames a second above 0"):
+    with pytest.raises(InputError, match=r"--rate: .* Hz is no rate. Give frames a second, 0.001 to"):
         imported(tmp_path, f"[gt]\n{gt.replace(', rate = 10.0', '')}\n", rate=rate)
 
 
