@@ -20,7 +20,8 @@ from validate_real import NGSIM, candidates
 from resim.core.errors import ResimError
 from resim.recordings import Alignment, RecordingTables, read_commonroad, read_highd, read_tables
 from resim.recordings.checks import examine
-from resim.recordings.formats.mcity import import_trial, trials
+from resim.recordings.formats.mcity import import_trial
+from resim.recordings.formats.mcity_frames import trials
 from resim.road.opendrive import load
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -41,7 +42,7 @@ def recordings(data: Path) -> Iterator[RecordingTables]:
     mcity = data / "mcity"
     network = load(mcity / "mcity.xodr")
     for trial in trials(mcity):
-        yield RecordingTables.of(import_trial(trial, mcity, network))
+        yield import_trial(trial, mcity, network)
 
 
 def main() -> None:

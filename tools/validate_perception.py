@@ -23,7 +23,7 @@ from resim.core.tracks import Tracks
 from resim.perception.model import PerceptionModel, write_model
 from resim.perception.training import train
 from resim.perception.validation import Report, judge
-from resim.recordings import Recording
+from resim.recordings import Recording, recording_of
 from resim.recordings.formats.mcity import import_trial
 from resim.road.opendrive import load
 
@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("--model", type=Path)
     asked = parser.parse_args()
     network = load(asked.data_dir / "mcity.xodr")
-    trials = {name: import_trial(name, asked.data_dir, network) for name in ("3", "4", "5")}
+    trials = {name: recording_of(import_trial(name, asked.data_dir, network)) for name in ("3", "4", "5")}
     parts = {name: cut(followed(r)) for name, r in trials.items()}
     begin = time.perf_counter()
     model = train([*parts["3"], *parts["4"]], name="mcity_3_4")

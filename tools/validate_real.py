@@ -19,8 +19,9 @@ from lxml import etree
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
-from resim.recordings import Recording, read_commonroad
-from resim.recordings.formats.mcity import import_trial, trials
+from resim.recordings import Recording, read_commonroad, recording_of
+from resim.recordings.formats.mcity import import_trial
+from resim.recordings.formats.mcity_frames import trials
 from resim.resimulation import ResimulationOptions, resimulate
 from resim.road.opendrive import load
 from resim.scenario.fit import fit_trace
@@ -62,7 +63,8 @@ def recordings(data: Path, count: int) -> list[Recording]:
         xml, road = data / "ngsim" / f"{name}.xml", data / "ngsim" / f"{name}.xodr"
         out += [read_commonroad(xml, map=road, ego=ego) for ego in candidates(xml, count)]
     mcity = data / "mcity"
-    out += [import_trial(trial, mcity, load(mcity / "mcity.xodr")) for trial in trials(mcity)]
+    network = load(mcity / "mcity.xodr")
+    out += [recording_of(import_trial(trial, mcity, network)) for trial in trials(mcity)]
     return out
 
 

@@ -44,8 +44,14 @@ app.add_typer(imports, name="import")
 
 Map = Annotated[Path, typer.Option("--map", callback=A_MAP, help="OpenDRIVE map of the recording.")]
 Ego = Annotated[str, typer.Option(help="Id of the object that becomes the EGO.")]
-Start = Annotated[float | None, typer.Option(help="First time [s]; default: the EGO's first sample.")]
-End = Annotated[float | None, typer.Option(help="Last time [s]; default: the EGO's last sample.")]
+Start = Annotated[
+    float | None,
+    typer.Option(help="First time [s]; default: the EGO's first sample, or that of all rows."),
+]
+End = Annotated[
+    float | None,
+    typer.Option(help="Last time [s]; default: the EGO's last sample, or that of all rows."),
+]
 Out = Annotated[Path, typer.Option(help="Recording folder to write.")]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, Tracks
 from resim.recordings.identity import UNMATCHED, Doubled
+from resim.recordings.own_detection import misnamed_egos, without_names
 from resim.recordings.recording import Recording, sample_rate
 from resim.recordings.settings import Environment, Settings
 from resim.recordings.tables import (
@@ -76,9 +77,13 @@ def recording_of(tables: RecordingTables, *, lenient: bool = False) -> Recording
 
     Raises InputError where a row repeats, a time runs back or a value is missing. With lenient=True rows with
     missing values are dropped, the first of repeated rows stays, and the rest is put in order of time. An
-    object's size and kind are those of its first row either way.
+    object's size and kind are those of its first row either way. An SD object that is named as the EGO and cannot be
+    it by its kind or size (`own_detection`) is nobody of GT.
     """
     settings = tables.settings
+    if tables.sd is not None:
+        strangers = misnamed_egos(tables.sd, tables.gt, settings.ego)
+        tables = replace(tables, sd=without_names(tables.sd, strangers, set(tables.gt["id"])))
     gt_table = _sound(tables.gt, tables.gt_file, lenient=lenient)
     sd_table = None if tables.sd is None else _sound(tables.sd, tables.sd_file, lenient=lenient)
     gt = Tracks.from_frame(gt_table)

@@ -1,15 +1,23 @@
+"""The Mcity trials: units, frames and identities of the data; and what a trial leaves open reaches the judge."""
+
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from recordings.mapped.strangers import MAP, geographic
+from recordings.mapped.test_judged import T, beside, ego, rows, until, verdicts
 
 from resim.core.errors import InputError
 from resim.core.geometry import to_frame, wrap_angle
-from resim.recordings import Recording, read_recording, write_recording
+from resim.recordings import Recording, read_recording, read_tables, recording_of, write_tables
+from resim.recordings.checked import load_checked
+from resim.recordings.checks import CODES
 from resim.recordings.formats import mcity
+from resim.recordings.formats.mcity_frames import trials
 from resim.road.opendrive import load
 
 ORIGIN = {"latitude_0": 42.3005934157, "longitude_0": -83.699283188811}
@@ -33,8 +41,8 @@ def test_projection_agrees_with_proj() -> None:
     np.testing.assert_allclose(np.column_stack([x, y]), PROJ[:, 2:], atol=2e-6)
 
 
-# trial: ids of the EGO, EGO samples seen, frames in the wrong order
-EXPECTED = {"3": (1, 160, 2), "4": (1, 97, 0), "5": (3, 171, 1), "11": (2, 595, 2)}
+# trial: ids of the EGO, EGO samples seen, frames in the wrong order. Of trial 5 an id of 0.9 x 0.4 m is nobody's.
+EXPECTED = {"3": (1, 161, 2), "4": (1, 98, 0), "5": (2, 167, 1), "11": (2, 596, 2)}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +52,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]
         pytest.skip("the shared data are not on this machine")
     out = tmp_path_factory.mktemp("mcity")
     for trial in EXPECTED:
-        write_recording(mcity.read_mcity(data, trial=trial), out / trial)
+        write_tables(mcity.read_mcity(data, trial=trial), out / trial)
     return {trial: read_recording(out / trial) for trial in EXPECTED}
 
 
@@ -135,14 +143,14 @@ def test_two_tracked_vehicles_are_each_found_in_what_was_perceived(
     every = sorted(seen + more, key=lambda f: f["timestamp"])
     (tmp_path / "dets" / "run_17.json").write_text(json.dumps(every))
     network = load(folder / "mcity.xodr")
-    assert list(mcity.trials(tmp_path)) == ["17"]
-    recording = mcity.import_trial("17", tmp_path, network)
+    assert list(trials(tmp_path)) == ["17"]
+    recording = recording_of(mcity.import_trial("17", tmp_path, network))
     assert recording.ego == "vehicle_1"  # there for 28 s, the other for 22 s
     assert recording.gt.ids.tolist() == ["vehicle_1", "vehicle_2"]
     assert recording.sd is not None
     assert recording.sd_gt_id is not None
     own = {n: recording.sd.ids[recording.sd_gt_id == n].tolist() for n in recording.gt.ids.tolist()}
-    assert [len(found) for found in own.values()] == [1, 3]  # as each alone
+    assert [len(found) for found in own.values()] == [1, 3]  # the EGO's of one, and all of another
     assert all(name.startswith("5") for name in own["vehicle_2"])
     assert not own["vehicle_1"][0].startswith("57")
 
@@ -153,10 +161,85 @@ def test_a_trial_has_to_be_named_and_its_window_begins_at_zero(data: Path) -> No
         mcity.read_mcity(folder)
     with pytest.raises(InputError, match=r"trial 3 has no object 'tram' in its truth. It has vehicle"):
         mcity.read_mcity(folder, trial="3", ego="tram")
-    with pytest.raises(InputError, match=r"lasts 27\.\d+ s, the requested window is 5 to 99 s"):
+    with pytest.raises(InputError, match=r"lasts 28 s, the requested window is 5 to 99 s"):
         mcity.read_mcity(folder, trial="3", start=5.0, end=99.0)
     with pytest.raises(InputError, match=r"--length: 0 m is not the size"):
         mcity.read_mcity(folder, trial="3", length=0.0)
-    whole, part = mcity.read_mcity(folder, trial="3"), mcity.read_mcity(folder, trial="3", start=5.0, end=9.0)
+    whole, part = (
+        recording_of(mcity.read_mcity(folder, trial="3", **window))
+        for window in ({}, {"start": 5.0, "end": 9.0})
+    )
     assert part.gt.t[[0, -1]] == pytest.approx([0.0, 4.0], abs=0.025)
     np.testing.assert_array_equal(part.gt.x[0, 0], whole.gt.x[0, np.argmax(whole.gt.t >= 5.0)])
+
+
+def told(tables: list[pd.DataFrame]) -> list[dict]:
+    """Rows as the data's frames have them, with the kind's class."""
+    table = pd.concat(tables)
+    table["lat"], table["lon"] = geographic(table["x"].to_numpy(), table["y"].to_numpy())
+    classes = {"car": "2", "pedestrian": "10", "unknown": "77"}
+    frames: dict[float, list[dict]] = {}
+    for row in table.itertuples():
+        seen = {
+            "rotation": row.heading - np.pi,
+            "speed": 3.6 * row.v,
+            "length": row.length,
+            "width": row.width,
+        }
+        place = {"id": row.id, "lat": row.lat, "lon": row.lon, "classType": classes[row.kind]}
+        frames.setdefault(row.t, []).append(place | seen)
+    return [{"timestamp": 1.7e9 + t, "objs": objects} for t, objects in sorted(frames.items())]
+
+
+def judged(
+    folder: Path, truth: list[pd.DataFrame], seen: list[pd.DataFrame], **window: float
+) -> dict[str, str]:
+    """The verdict of `no collision` for each source of a trial."""
+    for name, tables in (("gts/t1.json", truth), ("dets/d1.json", seen)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(json.dumps(told(tables)))
+    write_tables(
+        mcity.read_mcity(folder, map=MAP, length=4.7, width=1.9, ego="vehicle_1", **window), folder / "rec"
+    )
+    return verdicts(folder / "rec", tuple(CODES))
+
+
+def leader() -> pd.DataFrame:
+    """A slow car, whom the EGO hits at 4.88 s."""
+    return rows("7", 392.0 + 2.0 * T, v=2.0)
+
+
+def test_a_perception_that_goes_on_after_the_truth_makes_the_truth_invalid(tmp_path: Path) -> None:
+    truth = [until(ego(), 4.6), until(leader(), 4.6)]
+    found = judged(tmp_path, truth, [ego().assign(id="e"), leader()])
+    assert found == {"GT": "INVALID", "SD": "FAIL"}
+
+
+def test_a_truth_of_others_that_goes_on_makes_it_invalid_and_a_window_cuts_it(tmp_path: Path) -> None:
+    truth, seen = [until(ego(), 4.6), leader()], [until(ego(), 4.6).assign(id="e"), until(leader(), 4.6)]
+    assert judged(tmp_path, truth, seen)["GT"] == "INVALID"
+    (tmp_path / "rec").rename(tmp_path / "whole")
+    assert judged(tmp_path, truth, seen, start=0.0, end=4.5) == {"GT": "PASS", "SD": "PASS"}
+
+
+def test_sizes_and_classes_stay_as_each_row_has_them(tmp_path: Path) -> None:
+    """A lorry beside the lane that is 12 m long in 45 % of the rows, and a pedestrian in some."""
+    often = np.arange(len(T)) % 20 < 9
+    lorry = rows("1", 400.0, -9.75, heading=0.5 * np.pi, length=np.where(often, 12.0, 4.7), width=2.5)
+    lorry = lorry.assign(kind=np.where(T < 0.3, "pedestrian", "car"))
+    two = [ego(), rows("2", 450.0 + 20.0 * T, -1.75, v=20.0)]
+    found = judged(tmp_path, two, [ego().assign(id="e"), lorry])
+    assert found == {"GT": "PASS", "SD": "FAIL"}
+    sd = read_tables(tmp_path / "rec").sd
+    assert sd is not None
+    own = sd[sd["id"] == "1"]
+    assert own["length"].tolist() == lorry["length"].tolist()
+    assert own["kind"].tolist() == lorry["kind"].tolist()
+    codes = {(f.code, f.object) for f in load_checked(tmp_path / "rec", accept=tuple(CODES)).findings}
+    assert ("SIZE_CHANGES", "1") in codes
+
+
+def test_a_pedestrian_at_the_ego_is_not_the_ego(tmp_path: Path) -> None:
+    person = beside(2.9, 0.9, length=0.5, width=0.5, kind="pedestrian")
+    two = [ego(), rows("2", 450.0 + 20.0 * T, -1.75, v=20.0)]
+    assert judged(tmp_path, two, [person]) == {"GT": "PASS", "SD": "FAIL"}

@@ -16,7 +16,7 @@ from resim.recordings.checks.delay import clocks
 from resim.recordings.checks.ego_detection import ego_detections
 from resim.recordings.checks.headings import headings
 from resim.recordings.checks.identity import broken, jumps, parts_of
-from resim.recordings.checks.matching import misnamed, pairs, strangers
+from resim.recordings.checks.matching import egos_misnamed, misnamed, pairs, strangers
 from resim.recordings.checks.motion import heading, limits, speed
 from resim.recordings.checks.offsets import offsets
 from resim.recordings.checks.place import places
@@ -67,6 +67,8 @@ def examine(tables: RecordingTables, network: RoadNetwork | None) -> tuple[Findi
     if sd is not None:
         sd, more = _motion(sd, network, ego)
         out += more + list(_both(gt, sd, out + more, ego))
+        assert tables.sd is not None
+        out += egos_misnamed(tables.sd, tables.gt, ego)
     return worst_first(_causes(out))
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from resim.core.geometry import Bools, Boxes, boxes_overlap
 from resim.recordings.checks.bodies import DEEP, LONG
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.matching import beside
 from resim.recordings.checks.tracks import CheckedTable, Track
+from resim.recordings.own_detection import elsewhere, other_shape
 
 THROUGHOUT = 0.9
 """Share of an object's samples in which its box is in the EGO's."""
@@ -37,12 +39,20 @@ def ego_detections(gt: CheckedTable, sd: CheckedTable, ego: str) -> Iterator[Ran
         far = float(np.median(apart))
         steady = 1.4826 * float(np.median(np.abs(apart - far))) < STEADY
         sure = far < ITSELF and steady and lasts > LASTS * float(own[0].t[-1] - own[0].t[0])
+        sizes = [(k.length, k.width) for k in (pieces[0], own[0])]
+        off = pair.along + 1j * pair.across
+        sure = sure and not (other_shape(*map(_row, (pieces[0], own[0]))) or elsewhere(pair.t, off, *sizes))
         text = f"lies on the EGO {ego!r} throughout, {far:.2f} m off in the median, and names no GT object"
         text += ": it is the EGO's own detection" if sure else ": its own detection, or who hit it?"
         yield found(
             "EGO_DETECTION", "sd", name, (float(pair.t[0]), float(pair.t[-1])), lasts, "s", text, limit=LONG,
             repair=None if sure else "", own=True, other=ego, details={"other": ego},
         )  # fmt: skip
+
+
+def _row(track: Track) -> pd.DataFrame:
+    """Kind and size of a track, as `other_shape` takes them."""
+    return pd.DataFrame({"kind": [track.kind], "length": [track.length], "width": [track.width]})
 
 
 def _inside(track: Track, ego: Track) -> Bools:

@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from resim.core.geometry import Floats
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.tracks import CheckedTable, Track
+from resim.recordings.own_detection import misnamed_egos
 
 MISTAKEN = 0.3
 """Part of its distance from the object that it names at which an SD object lies on another."""
@@ -69,6 +71,17 @@ def misnamed(gt: CheckedTable, known: list[MatchedTrack]) -> tuple[list[MatchedT
             found("SD_WITHOUT_GT", "sd", pair.sd.id, span, far, "m", text, limit=NEAREST, severity="error")
         )
     return right, out
+
+
+def egos_misnamed(sd: pd.DataFrame, gt: pd.DataFrame, ego: str) -> Iterator[RankedFinding]:
+    """Give SD objects that are named as the EGO and are of another kind or size: they are judged as road users."""
+    for name, why in misnamed_egos(sd, gt, ego).items():
+        t = sd.loc[sd["id"] == name, "t"]
+        text = f"is named {ego!r} of the ground truth, the EGO, and is {why}: it is judged as a road user"
+        span = (float(t.min()), float(t.max()))
+        yield found(
+            "SD_WITHOUT_GT", "sd", name, span, len(t), "samples", text, limit=1.0, severity="error", own=True
+        )
 
 
 def strangers(

@@ -9,25 +9,31 @@ perceived, the EGO among it. What was found out about the data, and is applied h
 - `speed` is in km/h: over the matched vehicle it is 3.6 times the truth's.
 - Some perceived frames stand in the file in the wrong order; their times are right.
 - The truth is a point of unknown place on the vehicle; it is taken for the centre of the box.
+
+Nothing is cut but by start and end: rows before the EGO's first sample, and after its last, show that the drive lasted
+longer than its truth.
 """
 
 from __future__ import annotations
 
-import json
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, wrap_angle
-from resim.core.tracks import Strings, Tracks
+from resim.core.tracks import Tracks
+from resim.recordings.formats.mcity_frames import MOTION, PLACE, SIZE, read_objects, trials
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
 from resim.recordings.mapped.matching import assigned
-from resim.recordings.recording import Recording, existing_map, sample_rate
+from resim.recordings.recording import existing_map, sample_rate
+from resim.recordings.settings import Settings
+from resim.recordings.source import RecordingTables
+from resim.recordings.tables import GT_ID, VALUES
 from resim.road.opendrive import RoadNetwork, load
 
 KIND = {"2": "car", "10": "pedestrian"}
@@ -37,6 +43,8 @@ MAP = "mcity.xodr"
 GATE = 3.0  # m; a perceived object farther from the truth is another one
 SMOOTHED = {"car": 0.5, "pedestrian": 1.1}  # s, window of the local cubic fit to the truth
 STANDING = 0.3  # m/s; slower, the truth keeps its last heading
+FITTED = 5  # samples of the shortest local cubic; fewer have differences
+TICK = 1e-6  # s, up to which samples belong to a window
 
 
 def read_mcity(
@@ -49,21 +57,21 @@ def read_mcity(
     trial: str | None = None,
     length: float | None = None,
     width: float | None = None,
-) -> Recording:
-    """Give a trial as a recording.
+) -> RecordingTables:
+    """Give the tables of a trial.
 
     Args:
         data: Folder of the data.
         map: OpenDRIVE file; default: that in the folder.
         ego: Id of the EGO in the truth; default: the vehicle that is tracked longest.
-        start: First time [s] after the EGO's first sample.
-        end: Last time [s] after the EGO's first sample.
+        start: First time [s] after the EGO's first sample; default: that of all rows.
+        end: Last time [s] after the EGO's first sample; default: that of all rows.
         trial: Its name; needed where the folder holds more than one.
         length: Of the vehicles [m], which the data do not tell.
         width: Of the vehicles [m].
 
     Returns:
-        The recording.
+        The tables, faults that `resim check` tells left in.
 
     Raises:
         InputError: The folder holds no such trial, or its files cannot be used.
@@ -110,43 +118,101 @@ def import_trial(
     length: float = LENGTH,
     width: float = WIDTH,
     ego: str | None = None,
-) -> Recording:
-    """Give one trial as a recording; time 0 is the first truth sample of the EGO within both files' times."""
+) -> RecordingTables:
+    """Give a trial's tables, times [s] from the EGO's first sample on, where it lies on the map.
+
+    length, width: of the vehicle [m]; a pedestrian has PEDESTRIAN_SIZE. ego: id in the truth; default: the vehicle
+    (else pedestrian) that is tracked longest. Raises InputError for files that hold no such trial, or no frames as
+    described above.
+    """
     known = trials(data_dir)
     if trial not in known:
         raise InputError(data_dir, f"holds no trial {trial!r}", f"It has {', '.join(known) or 'none'}.")
     seen_file, truth_files = known[trial]
     origin = _origin(network)
-    truth = _named([_read_frames(path, origin) for path in truth_files])
-    seen, swapped = _in_order(_read_frames(seen_file, origin))
+    truth = _named([_read(path, origin, PLACE).assign(file=path.name) for path in truth_files])
+    seen = _read(seen_file, origin, (*PLACE, *MOTION, *SIZE))
     ego = _ego(truth) if ego is None else ego
     if ego not in truth["id"].to_numpy():
         names = ", ".join(truth["id"].drop_duplicates())
         raise InputError(data_dir, f"trial {trial} has no object {ego!r} in its truth", f"It has {names}.")
-    own = truth.loc[truth["id"] == ego, "t"]
-    first, last = own[own >= seen["t"].min()].min(), min(own.max(), seen["t"].max())
+    first = float(truth.loc[truth["id"] == ego, "t"].min())
     boxes = {"car": (length, width), "pedestrian": (PEDESTRIAN_SIZE, PEDESTRIAN_SIZE)}
     kinds = truth.groupby("id", sort=False)["kind"].first()
     tracks = [_truth(rows, kinds[name], boxes[kinds[name]]) for name, rows in truth.groupby("id", sort=False)]
-    gt = Tracks.from_frame(pd.concat(tracks).sort_values("t", kind="stable")).window(first, last)
-    sd = Tracks.from_frame(_perceived(seen)).window(first, last)
-    gt, sd = (_from_zero(t, first) for t in (gt, sd))
-    gt_id = assigned(gt, sd, GATE).gt_id
-    return Recording(
-        name=f"mcity_{trial}", map=network.path.resolve(), ego=ego, gt=gt, sd=sd, sd_gt_id=gt_id,
-        gt_rate=sample_rate(truth_files[0], gt.select([ego])), sd_rate=sample_rate(seen_file, sd),
-        provenance={
-            "source": f"Mcity trial {trial}, University of Michigan, MIT licence: "
-            + ", ".join(path.relative_to(data_dir).as_posix() for path in (*truth_files, seen_file)),
-            "original_start": f"unix time {first:.6f} s",
-            "projection": network.geo_reference or "",
-            "ego_size": "assumed {:g} x {:g} m, the truth being its centre".format(*boxes[kinds[ego]]),
-            "heading_and_speed_of_truth": f"local cubic over {SMOOTHED[kinds[ego]]} s of the positions",
-            "identity": f"of the perceived, the nearest to the truth within {GATE} m, by majority per id",
-            "frames_put_in_order": str(swapped),
-            "outcome": _outcome(network, gt, sd, gt_id, ego),
-        },
+    gt, sd = (_from_zero(frame, first) for frame in (pd.concat(tracks), _perceived(seen)))
+    whole, perceived = _complete(gt), _complete(sd)
+    if not (whole["id"] == ego).any():
+        problem = (
+            f"{_where(truth, ego)} has no row with a position and a heading: it never moves, or is nowhere"
+        )
+        raise InputError(truth_files[0].parent, problem, "Name another one with --ego.")
+    found = assigned(whole, perceived, GATE, ego) if len(perceived) else None
+    of = {} if found is None else dict(zip(dict.fromkeys(perceived["id"]), found.gt_id.tolist(), strict=True))
+    sd = sd.assign(**{GT_ID: sd["id"].map(of).fillna("")})
+    told = {
+        "source": f"Mcity trial {trial}, University of Michigan, MIT licence: "
+        + ", ".join(path.relative_to(data_dir).as_posix() for path in (*truth_files, seen_file)),
+        "original_start": f"unix time {first:.6f} s",
+        "projection": network.geo_reference or "",
+        "ego_size": "assumed {:g} x {:g} m, the truth being its centre".format(*boxes[kinds[ego]]),
+        "heading_and_speed_of_truth": f"local cubic over {SMOOTHED[kinds[ego]]} s of the positions",
+        "identity": f"of the perceived, the nearest to the truth within {GATE} m, by majority per id; the EGO's own "
+        "detection by kind, size and all its samples",
+        "frames_put_in_order": str(seen.loc[seen["late"], "t"].nunique()),
+        "outcome": _outcome(network, whole, perceived, of, ego),
+    }
+    told |= dict(_notes(gt, sd, truth, ego, {} if found is None else dict(found.not_ego)))
+    own = Tracks.from_frame(whole[whole["id"] == ego])
+    sd_rate = sample_rate(seen_file, Tracks.from_frame(perceived)) if len(perceived) else None
+    return RecordingTables(
+        settings=Settings(
+            name=f"mcity_{trial}", map=str(network.path.resolve()), ego=ego, provenance=told,
+            gt_rate=sample_rate(truth_files[0], own), sd_rate=sd_rate,
+        ),
+        map=network.path.resolve(), gt=gt, sd=sd, plan=None, folder=None, gt_file=truth_files[0], sd_file=seen_file,
     )  # fmt: skip
+
+
+def _complete(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows that lack no value, each time and object once."""
+    whole = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
+    once: pd.DataFrame = whole.drop_duplicates(["t", "id"])
+    return once
+
+
+def _where(truth: pd.DataFrame, name: str) -> str:
+    """An object of the truth, with its file and its id there."""
+    row = truth[truth["id"] == name].iloc[0]
+    return f"{name} ({row['file']}, id {row['original']})"
+
+
+def _notes(
+    gt: pd.DataFrame, sd: pd.DataFrame, truth: pd.DataFrame, ego: str, not_ego: dict[str, str]
+) -> Iterator[tuple[str, str]]:
+    """What somebody has to know: who has no heading, who is not the EGO, and what goes on without the EGO."""
+    lost = gt.groupby("id", sort=False)["heading"].apply(lambda h: bool(h.isna().all()))
+    if names := lost.index[lost.to_numpy()].tolist():
+        yield (
+            "headings_missing",
+            ", ".join(_where(truth, name) for name in names[:10])
+            + ": stands from first to last, so that nobody knows its heading; criteria that it can break are INVALID. "
+            "Write its heading into gt.csv where it is known",
+        )
+    strange = truth.loc[~truth["classType"].isin(list(KIND)), "classType"].unique().tolist()
+    if strange:
+        yield "kinds", f"classes {', '.join(map(repr, strange[:10]))} of the truth taken as car"
+    if not_ego:
+        yield "not_the_ego", ", ".join(f"{name} ({why})" for name, why in list(not_ego.items())[:10])
+    own = gt.loc[gt["id"] == ego, "t"]
+    first, last = float(own.min()) - TICK, float(own.max()) + TICK
+    for name, frame in (("gt", gt), ("sd", sd)):
+        if beyond := int((~frame["t"].between(first, last)).sum()):
+            yield (
+                f"{name}_without_ego",
+                f"{beyond} rows before 0 s or after {last:.6g} s, where the EGO has none: kept, as they show that the "
+                "drive lasted longer; --start and --end cut it",
+            )
 
 
 def transverse_mercator(
@@ -181,56 +247,24 @@ def transverse_mercator(
     return x, y - project(np.radians(latitude_0), np.zeros(()))[1]
 
 
-def _cut(data: Path, whole: Recording, start: float | None, end: float | None) -> Recording:
-    """The recording from start to end [s], its times from 0 on."""
-    last = float(whole.gt.t[-1])
+def _cut(data: Path, whole: RecordingTables, start: float | None, end: float | None) -> RecordingTables:
+    """The tables from start to end [s], their times from start on."""
+    own = whole.gt.loc[whole.gt["id"] == whole.settings.ego, "t"]
+    last = float(own.max())
     begin, until = 0.0 if start is None else start, last if end is None else end
-    if not 0.0 <= begin < until <= last + 1e-6 or whole.sd is None or whole.sd_gt_id is None:
+    if not 0.0 <= begin < until <= last + TICK or whole.sd is None:
         problem = f"lasts {last:g} s, the requested window is {begin:g} to {until:g} s"
         raise InputError(data, problem, "Choose a start and an end within it.")
-    gt, sd = (_from_zero(tracks.window(begin, until), begin) for tracks in (whole.gt, whole.sd))
-    names = dict(zip(whole.sd.ids.tolist(), whole.sd_gt_id.tolist(), strict=True))
+    low, high = -np.inf if start is None else start, np.inf if end is None else end
+    gt, sd = (
+        _from_zero(frame[frame["t"].between(low - TICK, high + TICK)], begin)
+        for frame in (whole.gt, whole.sd)
+    )
+    if sd.empty:
+        raise InputError(data, f"has no sensor data from {begin:g} to {until:g} s", "Choose another window.")
     window = f"{begin:g} to {until:g} s after the original start"
-    return replace(
-        whole, gt=gt, sd=sd, sd_gt_id=np.array([names[i] for i in sd.ids.tolist()], dtype=str),
-        provenance={**whole.provenance, "window": window},
-    )  # fmt: skip
-
-
-def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
-    """Give each trial's perception file and the truth files whose times lie mostly in its, by the trial's number."""
-    spans = {
-        path: _span(path) for folder in ("gts", "dets") for path in sorted((data_dir / folder).glob("*.json"))
-    }
-    found: dict[Path, list[Path]] = {}
-    for truth, (begins, ends) in spans.items():
-        if truth.parent.name != "gts":
-            continue
-        shared = {
-            seen: min(ends, last) - max(begins, first)
-            for seen, (first, last) in spans.items()
-            if seen.parent.name == "dets"
-        }
-        best = max(shared, key=lambda seen: shared[seen], default=None)
-        if best is not None and shared[best] > 0.5 * (ends - begins):
-            found.setdefault(best, []).append(truth)
-    if not found:
-        raise InputError(data_dir, "holds no truth (gts/*.json) at the time of a perception (dets/*.json)")
-    named = {
-        (re.findall(r"\d+", seen.stem) or [seen.stem])[-1]: (seen, tuple(files))
-        for seen, files in found.items()
-    }
-    if len(named) < len(found):
-        named = {seen.stem: (seen, tuple(files)) for seen, files in found.items()}
-    return dict(sorted(named.items(), key=lambda item: (len(item[0]), item[0])))
-
-
-def _span(path: Path) -> tuple[float, float]:
-    """First and last time [s] of a file's frames."""
-    times = [float(frame["timestamp"]) for frame in _frames(path)]
-    if not times:
-        raise InputError(path, "holds no frames")
-    return min(times), max(times)
+    told = {**whole.settings.provenance, "window": window}
+    return replace(whole, gt=gt, sd=sd, settings=whole.settings.model_copy(update={"provenance": told}))
 
 
 def _named(files: list[pd.DataFrame]) -> pd.DataFrame:
@@ -240,7 +274,11 @@ def _named(files: list[pd.DataFrame]) -> pd.DataFrame:
         again = rows.groupby(["t", "id"]).cumcount()  # two in one frame under one id
         kind = rows["classType"].map(KIND).fillna("car")
         parts.append(
-            rows.assign(kind=kind, id=[f"{number}/{i}/{n}" for i, n in zip(rows["id"], again, strict=True)])
+            rows.assign(
+                kind=kind,
+                original=rows["id"],
+                id=[f"{number}/{i}/{n}" for i, n in zip(rows["id"], again, strict=True)],
+            )
         )
     rows = pd.concat(parts, ignore_index=True)
     names: dict[str, str] = {}
@@ -266,84 +304,67 @@ def _origin(network: RoadNetwork) -> tuple[float, float]:
     return float(found[0][1]), float(found[1][1])
 
 
-def _frames(path: Path) -> list[dict[str, Any]]:
-    try:
-        frames: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-        if not all(isinstance(f["timestamp"], (int, float)) and isinstance(f["objs"], list) for f in frames):
-            raise TypeError("timestamp is no number, or objs no list")
-    except OSError as e:
-        raise InputError(path, f"cannot be read ({e.strerror})", "Name the folder of the Mcity data.") from e
-    except (ValueError, KeyError, TypeError) as e:
-        raise InputError(path, f"is not a list of frames with timestamp and objs ({e!r})") from e
-    return frames
-
-
-def _read_frames(path: Path, origin: tuple[float, float]) -> pd.DataFrame:
-    """One row per frame and object, in the order of the file: t [s, unix], x, y [m], and the file's fields."""
-    frames = _frames(path)
-    try:
-        rows = pd.DataFrame([o | {"t": f["timestamp"]} for f in frames for o in f["objs"]])
-        latitude, longitude = rows["lat"].to_numpy(float), rows["lon"].to_numpy(float)
-    except (ValueError, KeyError, TypeError) as e:
-        raise InputError(path, f"is not a list of frames with timestamp and objs ({e!r})") from e
-    rows["x"], rows["y"] = transverse_mercator(
-        latitude, longitude, latitude_0=origin[0], longitude_0=origin[1]
+def _read(path: Path, origin: tuple[float, float], numbers: tuple[str, ...]) -> pd.DataFrame:
+    """The objects of a file, with x, y [m] in the map."""
+    rows = read_objects(path, numbers)
+    x, y = transverse_mercator(
+        rows["lat"].to_numpy(float), rows["lon"].to_numpy(float), latitude_0=origin[0], longitude_0=origin[1]
     )
-    rows["id"], rows["classType"] = rows["id"].astype(str), rows["classType"].astype(str)
-    return rows
-
-
-def _in_order(rows: pd.DataFrame) -> tuple[pd.DataFrame, int]:
-    """The rows by time, and how many frames stood before an earlier one."""
-    return rows.sort_values("t", kind="stable"), int((rows["t"].diff() < 0.0).sum())
+    return rows.assign(x=x, y=y)
 
 
 def _truth(rows: pd.DataFrame, kind: str, box: tuple[float, float]) -> pd.DataFrame:
     """The track table of one object's truth: positions as measured, heading and speed of a zero-phase local fit."""
+    known = np.isfinite(rows[["x", "y"]].to_numpy(float)).all(axis=1)
+    t, first, places = np.unique(rows["t"].to_numpy(float)[known], return_index=True, return_inverse=True)
+    vx, vy = (_rate(t, rows[c].to_numpy(float)[known][first], SMOOTHED[kind]) for c in ("x", "y"))
+    fast = np.hypot(vx, vy)
+    course = pd.Series(np.where(fast > STANDING, np.arctan2(vy, vx), np.nan)).ffill().bfill().to_numpy()
+    heading, v = (np.full(len(rows), np.nan) for _ in range(2))
+    heading[known], v[known] = course[places], fast[places]
+    return rows[["t", "id", "x", "y"]].assign(heading=heading, v=v, length=box[0], width=box[1], kind=kind)
+
+
+def _rate(t: Floats, values: Floats, over: float) -> Floats:
+    """The derivative (K,) of a local cubic over so many seconds; differences of a few samples, NaN of one alone."""
     from scipy.signal import savgol_filter  # it takes a second to load, and every run loads the formats
 
-    samples = round(SMOOTHED[kind] / float(rows["t"].diff().median())) // 2 * 2 + 1
-
-    def rate(values: pd.Series) -> Floats:
-        smoothed: Floats = savgol_filter(values - values.iloc[0], samples, 3, deriv=1)
-        return smoothed
-
-    step = rate(rows["t"])
-    vx, vy = rate(rows["x"]) / step, rate(rows["y"]) / step
-    v = np.hypot(vx, vy)
-    heading = pd.Series(np.where(v > STANDING, np.arctan2(vy, vx), np.nan)).ffill().bfill()
-    return rows[["t", "id", "x", "y"]].assign(
-        heading=heading.to_numpy(), v=v, length=box[0], width=box[1], kind=kind
-    )
+    if len(t) < 2:
+        return np.full(len(t), np.nan)
+    if len(t) < FITTED:
+        return np.asarray(np.gradient(values, t))
+    most = (len(t) - 1) // 2 * 2 + 1
+    samples = min(max(round(over / float(np.median(np.diff(t)))) // 2 * 2 + 1, FITTED), most)
+    change, step = (savgol_filter(z - z[0], samples, 3, deriv=1) for z in (values, t))
+    return np.asarray(change / np.where(step > 0.0, step, np.nan))
 
 
 def _perceived(rows: pd.DataFrame) -> pd.DataFrame:
-    """The track table of the perceived; an id's size is the median of its samples, its class its commonest."""
-    out = rows[["t", "id", "x", "y"]].assign(
-        heading=wrap_angle(rows["rotation"].astype(float) + np.pi), v=rows["speed"].astype(float) / 3.6
-    )
-    by_id = rows.groupby("id")
-    for size in ("length", "width"):
-        out[size] = rows["id"].map(rows[size].astype(float).groupby(rows["id"]).median())
-    commonest = by_id["classType"].agg(lambda c: c.mode().iloc[0])
-    return out.assign(kind=rows["id"].map(commonest.map(KIND).fillna("unknown")))
+    """The track table of the perceived, sizes and classes as each row has them."""
+    return rows[["t", "id", "x", "y"]].assign(
+        heading=wrap_angle(rows["rotation"].to_numpy(float) + np.pi), v=rows["speed"] / 3.6,
+        length=rows["length"], width=rows["width"], kind=rows["classType"].map(KIND).fillna("unknown"),
+    )  # fmt: skip
 
 
-def _from_zero(tracks: Tracks, first: float) -> Tracks:
-    frame = tracks.to_frame()
-    return Tracks.from_frame(frame.assign(t=np.round(frame["t"] - first, 6)))
+def _from_zero(frame: pd.DataFrame, first: float) -> pd.DataFrame:
+    """The rows by time, from the first time [s] on."""
+    frame = frame.assign(t=np.round(frame["t"] - first, 6)).sort_values("t", kind="stable")
+    frame.index = pd.RangeIndex(2, len(frame) + 2)
+    return frame
 
 
-def _outcome(network: RoadNetwork, gt: Tracks, sd: Tracks, gt_id: Strings, ego: str) -> str:
+def _outcome(network: RoadNetwork, gt: pd.DataFrame, sd: pd.DataFrame, of: dict[str, str], ego: str) -> str:
     """What the trial holds, how far the perceived EGO is off, and how much of the drive is beyond the lanes."""
-    matched = gt_id == ego
-    gt = gt.select([ego])
-    truth = gt.at(sd.t)
-    error = np.hypot(sd.x - truth.x, sd.y - truth.y)[matched]
-    error = error[np.isfinite(error)]
-    off = int((~network.to_road(gt.x[gt.valid], gt.y[gt.valid], heading=gt.heading[gt.valid]).on_road).sum())
-    return (
-        f"{gt.t[-1]:.1f} s, {int(gt.valid.sum())} truth samples, {off} of them on no driving lane; "
-        f"{len(sd)} perceived ids, {int(matched.sum())} of the EGO with {len(error)} samples, "
-        f"median error {np.median(error):.2f} m"
-    )
+    own = Tracks.from_frame(gt[gt["id"] == ego])
+    x, y, heading = own.x[0], own.y[0], own.heading[0]
+    off = int((~network.to_road(x, y, heading=heading).on_road).sum())
+    text = f"{own.t[-1]:.1f} s, {len(x)} truth samples, {off} of them on no driving lane; {len(of)} perceived ids"
+    names = [name for name, truth in of.items() if truth == ego]
+    if not names:
+        return f"{text}, none of the EGO"
+    rows = sd[sd["id"].isin(names)]
+    times, places = np.unique(rows["t"].to_numpy(float), return_inverse=True)
+    truth = own.at(times)
+    error = np.hypot(rows["x"] - truth.x[0, places], rows["y"] - truth.y[0, places]).dropna()
+    return f"{text}, {len(names)} of the EGO with {len(error)} samples, median error {error.median():.2f} m"

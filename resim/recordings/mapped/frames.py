@@ -56,8 +56,12 @@ class Placed:
 
     def heading(self, raw: Floats, told: Angle) -> Floats:
         """Give headings [rad] in the map of those in the table."""
+        return wrap_angle(self.turned(raw, told))
+
+    def turned(self, raw: Floats, told: Angle) -> Floats:
+        """Give the same, with the turns that the table's count."""
         zero = self.north if told.zero == "north" else self.turn
-        return wrap_angle((-raw if told.clockwise else raw) + zero)
+        return (-raw if told.clockwise else raw) + zero
 
 
 def place(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> Placed:

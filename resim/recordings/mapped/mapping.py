@@ -27,6 +27,9 @@ from resim.recordings.mapped.units import (
 
 EXAMPLE = "An example stands in docs/formats/mapping.md; `resim import guess FILE` writes a first one."
 
+LEAST_RATE, MOST_RATE = 1e-3, 1e6
+"""Least and largest rate of frames [Hz]."""
+
 Kind = Literal["car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown"]
 Reference = Literal[
     "center", "front", "rear", "rear axle", "front left", "front right", "rear left", "rear right"
@@ -74,7 +77,7 @@ class Time(Column):
 
     column: str = Field(min_length=1)
     unit: TimeUnit = "s"
-    rate: float | None = Field(default=None, gt=0.0, le=1e6)
+    rate: float | None = Field(default=None, ge=LEAST_RATE, le=MOST_RATE)
 
 
 class Place(Column):
@@ -138,7 +141,7 @@ class TableMapping(Strict):
 
     Attributes:
         file: Of the table, relative to the mapping; without it the file that the command names.
-        separator: Between values of a CSV.
+        separator: Between values of a CSV: one ASCII character.
         decimal: What stands before the decimals.
         only: Rows that are read: those with these values in these columns.
         crs: Coordinate system of x and y (or lat and lon), as pyproj knows it, such as EPSG:4326 or EPSG:25832; they
@@ -216,6 +219,9 @@ class TableMapping(Strict):
 
 
 _CONTRADICTIONS: Dict[str, Any] = {
+    "separator is none: expected one printable ASCII character, or a tab, and neither a quote nor a line break": (
+        lambda m: m.separator != "\t" and (not " " <= m.separator <= "~" or m.separator == '"')
+    ),
     "needs x and y, or lat and lon": lambda m: (
         [m.x is None, m.y is None, m.lat is None, m.lon is None]
         not in ([False, False, True, True], [True, True, False, False])

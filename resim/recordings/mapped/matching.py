@@ -1,14 +1,21 @@
-"""Which SD object is which GT object: by assignment of those that are nearest to each other, in most of the samples."""
+"""Which SD object is which GT object: by assignment of those that are nearest to each other, in most of the samples.
+
+The EGO only has what can be the sensor's own detection of it (`resim.recordings.own_detection`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, Tracks
+from resim.recordings.own_detection import elsewhere, other_shape
 
 BEYOND = 1e6
 """What a pair beyond the gate costs [m]: no pair within it is given up for one."""
@@ -19,34 +26,75 @@ class Assignment:
     """SD objects and their GT.
 
     gt_id: (N_sd,) "" where it has none. distance: (N_sd,) median distance [m] from it, NaN where there is none.
+    not_ego: why SD objects that are mostly within the gate of the EGO are not its detection, by their ids.
     """
 
     gt_id: Strings
     distance: Floats
+    not_ego: Mapping[str, str] = field(default_factory=dict)
 
 
-def assigned(gt: Tracks, sd: Tracks, gate: float) -> Assignment:
+def assigned(gt: pd.DataFrame, sd: pd.DataFrame, gate: float, ego: str) -> Assignment:
     """Give the GT id of each SD object.
 
     At each SD time SD objects are assigned to the GT objects interpolated there, pairs farther than gate [m] left out,
     so that the sum of distances is least. An SD object has the GT object that it is assigned to in more than half of
-    the samples that both have.
+    the samples that both have; the EGO only if it can be the EGO's own detection, throughout.
+
+    gt, sd: track tables, each time and object once, no value missing but sizes and kinds of their own in each row.
     """
-    truth = gt.at(sd.t, max_gap=_max_gap(gt))
-    wins = np.zeros((len(sd), len(gt)), dtype=int)
-    for k in range(len(sd.t)):
-        own, known = np.flatnonzero(sd.valid[:, k]), np.flatnonzero(truth.valid[:, k])
+    whole, seen = Tracks.from_frame(gt), Tracks.from_frame(sd)
+    truth = whole.at(seen.t, max_gap=_max_gap(whole))
+    not_ego = _not_ego(truth, seen, gt[gt["id"] == ego], sd, ego)
+    never = np.zeros((len(seen), len(truth)), dtype=bool)
+    if ego in truth.ids:
+        never[np.isin(seen.ids, list(not_ego)), truth.index(ego)] = True
+    wins = np.zeros((len(seen), len(truth)), dtype=int)
+    for k in range(len(seen.t)):
+        own, known = np.flatnonzero(seen.valid[:, k]), np.flatnonzero(truth.valid[:, k])
         if len(own) and len(known):
-            i, j = _pairs(sd, truth, own, known, k, gate)
+            i, j = _pairs(seen, truth, own, known, k, gate, never)
             wins[i, j] += 1
-    both = sd.valid.astype(int) @ truth.valid.T.astype(int)
+    both = seen.valid.astype(int) @ truth.valid.T.astype(int)
     most = wins.argmax(axis=1)
-    rows = np.arange(len(sd))
+    rows = np.arange(len(seen))
     sure = wins[rows, most] > 0.5 * both[rows, most]
-    gt_id = np.where(sure, gt.ids[most], "").astype(gt.ids.dtype)
-    apart = np.hypot(sd.x - truth.x[most], sd.y - truth.y[most])
+    gt_id = np.where(sure, truth.ids[most], "").astype(truth.ids.dtype)
+    apart = np.hypot(seen.x - truth.x[most], seen.y - truth.y[most])
     distance = np.array([_median(apart[n]) if sure[n] else np.nan for n in rows])
-    return Assignment(gt_id, distance)
+    near = _near_ego(truth, seen, ego, gate)
+    return Assignment(gt_id, distance, {name: why for name, why in not_ego.items() if name in near})
+
+
+def _not_ego(truth: Tracks, seen: Tracks, own: pd.DataFrame, sd: pd.DataFrame, ego: str) -> dict[str, str]:
+    """Which SD ids are not the EGO's own detection, and why."""
+    if own.empty:
+        return {}
+    track = truth.select([ego])
+    ego_size = (float(own["length"].max()), float(own["width"].max()))
+    out = {}
+    for name, rows in sd.groupby("id", sort=False):
+        size = (float(rows["length"].max()), float(rows["width"].max()))
+        if why := other_shape(rows, own) or elsewhere(*_offsets(seen, str(name), track), size, ego_size):
+            out[str(name)] = why
+    return out
+
+
+def _offsets(seen: Tracks, name: str, ego: Tracks) -> tuple[Floats, NDArray[np.complex128]]:
+    """Times (K,) [s] at which an SD object and the EGO are there, and its place (K,) [m] in the EGO's frame."""
+    n = seen.index(name)
+    both = seen.valid[n] & ego.valid[0]
+    off = (seen.x[n, both] - ego.x[0, both]) + 1j * (seen.y[n, both] - ego.y[0, both])
+    return seen.t[both], off * np.exp(-1j * ego.heading[0, both])
+
+
+def _near_ego(truth: Tracks, seen: Tracks, ego: str, gate: float) -> set[str]:
+    """The SD ids that are within the gate of the EGO in more than half of the samples that both have."""
+    if ego not in truth.ids:
+        return set()
+    n = truth.index(ego)
+    near = (np.hypot(seen.x - truth.x[n], seen.y - truth.y[n]) <= gate).sum(axis=1)
+    return set(seen.ids[near > 0.5 * (seen.valid & truth.valid[n]).sum(axis=1)].tolist())
 
 
 def distances(gt: Tracks, sd: Tracks, gt_id: Strings) -> Floats:
@@ -62,10 +110,11 @@ def distances(gt: Tracks, sd: Tracks, gt_id: Strings) -> Floats:
 
 
 def _pairs(
-    sd: Tracks, truth: Tracks, own: np.ndarray, known: np.ndarray, k: int, gate: float
+    sd: Tracks, truth: Tracks, own: np.ndarray, known: np.ndarray, k: int, gate: float, never: Bools
 ) -> tuple[np.ndarray, np.ndarray]:
-    """SD and GT rows that belong to each other at a time."""
+    """SD and GT rows that belong to each other at a time. never: (N_sd, N_gt) pairs that do not."""
     apart = np.hypot(sd.x[own, k][:, None] - truth.x[known, k], sd.y[own, k][:, None] - truth.y[known, k])
+    apart[never[np.ix_(own, known)]] = np.inf
     i, j = linear_sum_assignment(np.where(apart <= gate, apart, BEYOND))
     near = apart[i, j] <= gate
     return own[i[near]], known[j[near]]

@@ -15,9 +15,18 @@ from resim.core.files import file_hash, joined
 from resim.core.geometry import Floats
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.frames import Placed, centred, place
-from resim.recordings.mapped.mapping import Match, TableMapping, read_mapping
+from resim.recordings.mapped.mapping import LEAST_RATE, MOST_RATE, Angle, Match, TableMapping, read_mapping
 from resim.recordings.mapped.matching import assigned, distances
-from resim.recordings.mapped.motion import REACH, STANDING, along_velocity, headings, sized, speeds
+from resim.recordings.mapped.motion import (
+    REACH,
+    STANDING,
+    TURN,
+    along_velocity,
+    counts_turns,
+    headings,
+    sized,
+    speeds,
+)
 from resim.recordings.mapped.rows import Rows, read_rows
 from resim.recordings.recording import existing_map
 from resim.recordings.settings import Settings
@@ -65,8 +74,8 @@ def read_mapped(
         map: OpenDRIVE file.
         columns: The mapping (see `Mapping`).
         ego: Id of the EGO in place of the mapping's.
-        start: First time [s] of the recording's clock; default: the EGO's first sample.
-        end: Last time [s]; default: the EGO's last sample.
+        start: First time [s] of the recording's clock; default: that of all rows.
+        end: Last time [s]; default: that of all rows.
         rate: Frames a second [Hz] of times in frames, in place of the mapping's.
 
     Returns:
@@ -76,6 +85,10 @@ def read_mapped(
         InputError: A file, column, unit, frame or value cannot be used; the EGO is not there; GT and SD have no common
             time.
     """
+    if rate is not None and not LEAST_RATE <= rate <= MOST_RATE:
+        raise InputError(
+            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second, {LEAST_RATE:g} to {MOST_RATE:g}."
+        )
     mapping = read_mapping(columns)
     if (own := ego or mapping.ego) is None:
         raise InputError(columns, "names no ego, and --ego is missing", 'Give ego = "..." or --ego.')
@@ -145,8 +158,9 @@ def _table(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _
         if lost == len(frame):
             problem = f"{rows.where} is in the frame of the EGO, which has no sample at any of its times"
             raise InputError(rows.path, problem, "Compare the clocks of the tables, and the units of t.")
-        notes.append(("left_out", f"{lost} rows at times at which the EGO has no sample"))
-    return _Table(rows.path, frame[placed.known], tuple(notes))
+        text = f"{lost} rows at times at which the EGO has no sample: kept without a position"
+        notes.append(("without_place", text))
+    return _Table(rows.path, frame, tuple(notes))
 
 
 def _ids(rows: Rows) -> pd.Series:
@@ -165,6 +179,7 @@ def _motion(
     raw = rows.numbers("heading")
     if told.heading is not None and raw is not None:
         heading = placed.heading(raw, told.heading)
+        _check_turns(rows, told.heading, raw, placed, ids, t)
     elif velocity is not None:
         heading = along_velocity(ids, t, *velocity)
         notes.append(("headings", f"along vx and vy, kept below {STANDING:g} m/s"))
@@ -176,6 +191,17 @@ def _motion(
     if told.v is None:
         return heading, None, [*notes, ("speeds", f"of the positions over {2 * REACH:g} s")]
     return heading, rows.numbers("v"), notes
+
+
+def _check_turns(rows: Rows, told: Angle, raw: Floats, placed: Placed, ids: pd.Series, t: Floats) -> None:
+    """Refuse headings in radians beyond a whole turn, but where they count the turns that the positions drive."""
+    beyond = (np.abs(raw) > TURN) & (told.unit != "deg")
+    for name in ids[beyond].unique().tolist():
+        own = (ids == name).to_numpy()
+        if counts_turns(t[own], raw[own], placed.turned(raw, told)[own], placed.x[own], placed.y[own]):
+            beyond &= ~own
+    expected = f'radians from -{TURN:g} to {TURN:g} (in degrees: unit = "deg"), or the turns driven added up'
+    rows.refuse(beyond, "heading", told, expected)
 
 
 def _velocity(rows: Rows, placed: Placed) -> tuple[Floats, Floats] | None:
@@ -248,7 +274,7 @@ def _origin(gt: Sequence[_Timed]) -> float:
 def _windowed(
     gt: list[_Table], sd: list[_Table], ego: str, start: float | None, end: float | None
 ) -> tuple[list[_Table], list[_Table], dict[str, str]]:
-    """The rows while the EGO is there, from start to end [s]; and what was left out."""
+    """The rows from start to end [s], where they are given: nothing else cuts; and what was left out, or is beyond."""
     every = pd.concat([t.frame for t in gt])
     own = every.loc[every["id"] == ego, "t"]
     first, last = float(own.min()), float(own.max())
@@ -258,12 +284,19 @@ def _windowed(
         asked = f"{begin:g} to {until:g} s"
         problem = f"ego {ego!r} is present from {first:g} to {last:g} s, the requested window is {asked}"
         raise InputError(gt[0].path, problem, "Choose a start and an end within its span.")
+    low, high = -np.inf if start is None else start, np.inf if end is None else end
     out, notes = [], {}
     for name, tables in (("gt", gt), ("sd", sd)):
-        inside = [t.frame["t"].between(begin - TICK, until + TICK).to_numpy() for t in tables]
+        inside = [t.frame["t"].between(low - TICK, high + TICK).to_numpy() for t in tables]
         if lost := sum(int((~keep).sum()) for keep in inside):
             notes[f"{name}_outside"] = f"{lost} rows before {begin:g} s or after {until:g} s left out"
-        out.append([replace(t, frame=t.frame[keep]) for t, keep in zip(tables, inside, strict=True)])
+        kept = [replace(t, frame=t.frame[keep]) for t, keep in zip(tables, inside, strict=True)]
+        if beyond := sum(int((~t.frame["t"].between(first - TICK, last + TICK)).sum()) for t in kept):
+            notes[f"{name}_without_ego"] = (
+                f"{beyond} rows before {first:g} s or after {last:g} s, where the EGO has none: kept, as they show "
+                "that the drive lasted longer; --start and --end cut it"
+            )
+        out.append(kept)
     return out[0], out[1], notes
 
 
@@ -305,20 +338,25 @@ def _matched(
     tracks = Tracks.from_frame(seen)
     known = set(truth.ids.tolist())
     if how.by == "nearest":
-        found = assigned(truth, tracks, how.gate)
+        found = assigned(_complete(gt), seen, how.gate, ego)
         of = dict(zip(tracks.ids.tolist(), found.gt_id.tolist(), strict=True))
     elif how.by == "id":
         of = {name: name for name in tracks.ids.tolist() if name in known}
     else:
         of = {str(name): str(own) for name, own in sd.groupby("id", sort=False)[GT_ID].first().items()}
-        _check_named(sd, of, known, path)
+        _check_named(sd, known, path)
     names = np.array([of.get(name, "") for name in tracks.ids.tolist()], dtype=str)
     text = _outcome(how, tracks, names, distances(truth, tracks, names), ego)
+    if how.by == "nearest" and found.not_ego:
+        told = [f"{name} ({why})" for name, why in list(found.not_ego.items())[:10]]
+        text += f"; near the EGO, and not taken for it: {', '.join(told)}"
+    if how.by == "column":  # as the rows say, which may contradict each other
+        return sd, text
     return sd.assign(**{GT_ID: sd["id"].map(of).fillna("")}), text
 
 
-def _check_named(sd: pd.DataFrame, of: dict[str, str], known: set[str], path: Path) -> None:
-    strange = sorted({own for own in of.values() if own and own not in known})
+def _check_named(sd: pd.DataFrame, known: set[str], path: Path) -> None:
+    strange = sorted({own for own in sd[GT_ID].unique().tolist() if own and own not in known})
     if strange:
         problem = f"gt_id {strange[0]!r} was not found in gt" + (
             f" (and {len(strange) - 1} more)" if len(strange) > 1 else ""

@@ -67,7 +67,9 @@ class Rows:
             return None
         if told.value is not None:
             return pd.Series(told.value, index=self.frame.index, dtype=object)
-        return self._column(name, told.column).map(_text)
+        values = self._column(name, told.column)
+        self.refuse(values.map(_is_many), name, told, "one name, not several values")
+        return values.map(_text)
 
     def plain_numbers(self, column: str) -> Floats:
         """Give a column as it stands (K,), NaN where missing. Raises InputError where it holds no numbers."""
@@ -79,13 +81,17 @@ class Rows:
 
     def refuse(self, bad: Any, name: str, column: Column, expected: str) -> None:
         """Raise InputError for the first of the bad rows (K,)."""
-        rows = self.frame.index[np.asarray(bad, dtype=bool)]
-        if len(rows):
-            found = self.frame[column.column].loc[rows[0]]
-            more = f" (and {len(rows) - 1} more rows)" if len(rows) > 1 else ""
-            what = f"{column.column} ({self.where}.{name}) is {_text(found)!r}"
-            text = f"row {rows[0]}: {what}, expected {expected}{more}"
-            raise InputError(self.path, text, "Correct the rows, or the unit in the mapping.")
+        places = np.flatnonzero(np.asarray(bad, dtype=bool))
+        if not len(places):
+            return
+        if column.column is None:
+            what = f"{self.where}.{name} is {getattr(column, 'value', None)!r} in the mapping"
+            raise InputError(self.path, f"{what}, expected {expected}", "Correct the mapping.")
+        row, found = self.frame.index[places[0]], _text(self.frame[column.column].iloc[places[0]])
+        more = f" (and {len(places) - 1} more rows)" if len(places) > 1 else ""
+        told = found if len(found) <= 60 else found[:60] + "..."
+        text = f"row {row}: {column.column} ({self.where}.{name}) is {told!r}, expected {expected}{more}"
+        raise InputError(self.path, text, "Correct the rows, or the unit in the mapping.")
 
     def _coordinate(self, name: str, told: Place, degrees: bool) -> Floats:
         units = DEGREES if degrees else LENGTHS
@@ -113,16 +119,34 @@ class Rows:
 
     def _iso(self, told: Time) -> Floats:
         values = self._column("t", told.column)
-        stamps = pd.to_datetime(values, utc=True, format="ISO8601", errors="coerce")
-        self.refuse(stamps.isna(), "t", told, "a time such as 2024-05-01T12:00:00.040Z")
-        return np.asarray(stamps.dt.as_unit("ns").astype("int64").to_numpy() / 1e9)
+        found = calendar_seconds(values)
+        expected = "a time such as 2024-05-01T12:00:00.040Z, of the years {} to {}".format(*YEARS)
+        self.refuse(~np.isfinite(found), "t", told, expected)
+        return found
 
     def _column(self, name: str, column: str) -> pd.Series:
         return column_of(self.path, self.frame, column, f"{self.where}.{name}")
 
 
+YEARS = (1900, 2200)
+"""Of times of a calendar: nanoseconds since 1970 go from 1678 to 2262."""
 LARGEST = max(BIGGEST, 1e19)
 """Largest number in a column: of Unix times in ns."""
+
+
+def calendar_seconds(values: pd.Series) -> Floats:
+    """Give the Unix times (K,) [s] of ISO 8601 texts or time stamps, UTC without a zone; NaN where there is none."""
+    out = np.full(len(values), np.nan)
+    if pd.api.types.is_numeric_dtype(values):  # which pandas takes for nanoseconds
+        return out
+    single = values.mask(values.map(_is_many))
+    try:
+        stamps = pd.to_datetime(single, utc=True, format="ISO8601", errors="coerce")
+    except (ValueError, TypeError, OverflowError):  # what it cannot coerce, such as intervals
+        return out
+    known = stamps.notna().to_numpy() & stamps.dt.year.between(*YEARS).to_numpy()
+    out[known] = stamps[known].dt.as_unit("ns").astype("int64").to_numpy() / 1e9
+    return out
 
 
 def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Series:
@@ -180,6 +204,8 @@ def _csv(path: Path, separator: str) -> pd.DataFrame:
         OSError,
         csv.Error,
         StopIteration,
+        ValueError,
+        TypeError,
     ) as e:
         raise InputError(
             path, f"is not a readable CSV file ({' '.join(str(e).split())})",
@@ -198,16 +224,23 @@ def _csv(path: Path, separator: str) -> pd.DataFrame:
 
 def _text(value: object) -> str:
     """A cell as text; whole numbers without a point."""
-    if value is None or value != value:
+    if _is_many(value):
+        return " ".join(str(value).split())
+    if pd.isna(value):  # type: ignore[call-overload]
         return ""
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
     return str(value).strip()
 
 
+def _is_many(value: object) -> bool:
+    """Whether a cell holds several values: a list, an array, a structure."""
+    return not pd.api.types.is_scalar(value)
+
+
 def _number(value: object, decimal: str) -> float | None:
     """A cell as a number, NaN where it is missing, None where it is neither."""
-    if isinstance(value, bool):
+    if isinstance(value, bool) or _is_many(value):
         return None
     text = _text(value) if not isinstance(value, str) else value.strip()
     if text.casefold() in NOTHING:

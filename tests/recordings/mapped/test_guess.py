@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pandas as pd
 import pytest
@@ -113,7 +114,7 @@ def test_the_command_writes_it_and_never_over_another(tmp_path: Path) -> None:
 
 
 def test_a_real_recording_is_guessed(tmp_path: Path) -> None:
-    """exiD's columns of the published schema: frames, degrees, centres."""
+    """highD's columns of the published schema: frames, corners of boxes."""
     csv = DATA / "highd_format" / "us101_22" / "01_tracks.csv"
     if not csv.is_file():
         pytest.skip("the shared data are not on this machine")
@@ -125,3 +126,76 @@ def test_a_real_recording_is_guessed(tmp_path: Path) -> None:
     road = DATA / "ngsim" / "USA_US101-22_1_T-1.xodr"
     found = read_mapped(csv, map=road, columns=tmp_path / "m.toml", rate=10.0)
     assert found.gt["id"].nunique() > 20
+
+
+def headings_of(folder: Path, heading: object, *, name: str = "heading") -> list[str]:
+    """What the guess says of the headings of somebody who drives straight on, and of one who stands aside."""
+    t = np.round(np.arange(0.0, 4.0, 0.04), 2)
+    own = pd.DataFrame({"t": t, "id": "ego", "x": 20.0 * t, "y": 0.0, name: 0.0, "v": 20.0})
+    aside = pd.DataFrame({"t": t, "id": "1", "x": 100.0, "y": 9.0, name: heading, "v": 0.0})
+    pd.concat([own, aside]).to_csv(folder / "t.csv", index=False)
+    text = guess(folder / "t.csv", folder / "m.toml")
+    return [line for line in text.splitlines() if line.lstrip("# ").startswith("heading =")]
+
+
+def test_headings_beyond_a_turn_are_no_radians(tmp_path: Path) -> None:
+    (line,) = headings_of(tmp_path, 44.0)
+    assert line.startswith('# heading = { column = "heading", unit = "deg"')
+    assert "FILL IN" in line
+    assert "rad, x" not in line
+    (line,) = headings_of(tmp_path, 44.0, name="heading_rad")
+    assert "FILL IN: numbers up to 44 are no radians" in line
+
+
+def test_conventions_that_fit_equally_are_all_named_and_none_is_taken(tmp_path: Path) -> None:
+    (line,) = headings_of(tmp_path, 0.7)
+    assert line.startswith("# heading = ")
+    assert "FILL IN" in line
+    for other in ("rad, x, clockwise true", "deg, x, clockwise false", "deg, x, clockwise true"):
+        assert other in line
+
+
+@pytest.mark.parametrize("names", ["t,t,x,y", "id,id,x,y", "t,id,x,x", "t,v,v,y"])
+def test_a_column_that_is_there_twice_is_told(tmp_path: Path, names: str) -> None:
+    (tmp_path / "t.csv").write_text(f"{names}\n0,1,2,3\n1,1,2,3\n")
+    with pytest.raises(
+        InputError, match=r"t\.csv: has more than one column '(t|id|x|v)', which gt\.\w+ names"
+    ):
+        guess(tmp_path / "t.csv", tmp_path / "m.toml")
+
+
+def test_a_sensor_that_sees_where_the_truth_drives_may_be_in_the_maps_frame(tmp_path: Path) -> None:
+    t = np.round(np.arange(0.0, 8.0, 0.04), 2)
+    own = pd.DataFrame({"t": t, "id": "ego", "x": 20.0 + 20.0 * t, "y": -5.25})
+    own.to_csv(tmp_path / "gt.csv", index=False)
+    own.assign(id="9", x=120.0).to_csv(tmp_path / "sd.csv", index=False)
+    left = fill_ins(guess(tmp_path / "gt.csv", tmp_path / "m.toml", sensor=tmp_path / "sd.csv"))
+    assert any(line.startswith('# frame = "ego"') and "the map's frame" in line for line in left)
+    own.assign(id="9", x=-30.0, y=30.0).to_csv(tmp_path / "sd.csv", index=False)
+    text = guess(tmp_path / "gt.csv", tmp_path / "m.toml", sensor=tmp_path / "sd.csv")
+    assert '\nframe = "ego"' in text
+
+
+PARQUET = {
+    "ids that are null": "t, NULL::VARCHAR AS id, x, y",
+    "ids that are lists": "t, [1, 2] AS id, x, y",
+    "positions that are lists": "t, id, [x, 2.0] AS x, y",
+    "times that are lists": "[t] AS t, id, x, y",
+    "times of year 1": "TIMESTAMP '0001-01-01' AS t, id, x, y",
+    "times without end": "'infinity'::TIMESTAMP AS t, id, x, y",
+    "times that are intervals": "INTERVAL 3 DAYS AS t, id, x, y",
+}
+
+
+@pytest.mark.parametrize("unit", ["s", "iso"])
+@pytest.mark.parametrize("what", PARQUET)
+def test_values_that_no_cell_should_hold_are_told(tmp_path: Path, what: str, unit: str) -> None:
+    path = tmp_path / "t.parquet"
+    rows = "(SELECT unnest([0.0, 0.1, 0.2]) AS t, 'ego' AS id, 1.0 AS x, 2.0 AS y)"
+    with duckdb.connect() as db:
+        db.execute(f"COPY (SELECT {PARQUET[what]} FROM {rows}) TO '{path}' (FORMAT parquet)")
+    assert fill_ins(guess(path, tmp_path / "g.toml"))
+    mapping = f'ego = "ego"\n[gt]\nid = "id"\nt = {{ column = "t", unit = "{unit}" }}\nx = "x"\ny = "y"\n'
+    (tmp_path / "m.toml").write_text(mapping)
+    with pytest.raises(InputError, match=r"t\.parquet: row 1: (t|id|x) \(gt\.\w+\) is .*, expected"):
+        read_mapped(path, map=MAP, columns=tmp_path / "m.toml")

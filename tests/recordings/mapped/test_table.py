@@ -140,16 +140,18 @@ def test_an_object_list_without_common_ids_is_assigned(tmp_path: Path) -> None:
 
 def test_assignment_gives_up_no_pair_for_a_nearer_one(tmp_path: Path) -> None:
     """Two side by side, both seen 1.8 m to the left: the nearest of one is the other's."""
-    rows = [(0.1 * k, name, 15.0 * 0.1 * k, y) for k in range(20) for name, y in (("ego", 0.0), ("b", 3.0))]
+    places = {"ego": 30.0, "a": 0.0, "b": 3.0}
+    rows = [(0.1 * k, name, 15.0 * 0.1 * k, y) for k in range(20) for name, y in places.items()]
     frame = pd.DataFrame(rows, columns=["t", "id", "x", "y"])
     frame.to_csv(tmp_path / "table.csv", index=False)
-    frame.assign(id=frame["id"].map({"ego": "1", "b": "2"}), y=frame["y"] + 1.8).to_csv(
+    others = frame[frame["id"] != "ego"]
+    others.assign(id=others["id"].map({"a": "1", "b": "2"}), y=others["y"] + 1.8).to_csv(
         tmp_path / "sd.csv", index=False
     )
     one = 'id = "id"\nt = "t"\nx = "x"\ny = "y"\n'
     found = imported(tmp_path, f"[gt]\n{one}[sd]\nfile = 'sd.csv'\n{one}").sd
     assert found is not None
-    assert dict(zip(found["id"], found["gt_id"], strict=True)) == {"1": "ego", "2": "b"}
+    assert dict(zip(found["id"], found["gt_id"], strict=True)) == {"1": "a", "2": "b"}
 
 
 @pytest.mark.parametrize(("by", "column"), [("id", ""), ("column", 'gt_id = "truth"\n')])
@@ -240,6 +242,13 @@ def test_refuses(tmp_path: Path, case: str) -> None:
     assert old in text
     with pytest.raises(InputError, match=message):
         imported(tmp_path, text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize("rate", [-25.0, 0.0, 1e-300, float("nan"), float("inf")])
+def test_refuses_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
+    _, gt = written(tmp_path, drive(), Way(time="frames"))
+    with pytest.raises(InputError, match=r"--rate: .* Hz is no rate. Give frames a second, 0.001 to"):
+        imported(tmp_path, f"[gt]\n{gt.replace(', rate = 10.0', '')}\n", rate=rate)
 
 
 def test_refuses_an_ego_that_is_not_there(tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ def mcity() -> RoadNetwork:
 
 @pytest.mark.parametrize("trial", ["3", "5"])
 def test_real_recordings_have_fewer_findings_after(mcity: RoadNetwork, trial: str) -> None:
-    before = RecordingTables.of(import_trial(trial, MCITY, mcity))
+    before = import_trial(trial, MCITY, mcity)
     result = repair(before, mcity)
     assert len(result.left) < len(examine(before, mcity))
     assert result.left == examine(result.tables, mcity)
