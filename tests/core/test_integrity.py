@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -156,7 +157,10 @@ def test_a_module_that_user_code_loads_is_remembered_as_it_was_loaded(own: Calla
     assert "fidelity.sensor_error" in made(own(f"{lazy}; m.sensor_error = print"))
 
 
-def test_what_any_function_may_do_changes_nothing(own: Callable[..., Path]) -> None:
+def test_what_any_function_may_do_changes_nothing(
+    own: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(multiprocessing.context._default_context, "_actual_context", None)  # of tests before
     path = own("pass", HARMLESS)
     assert made(path, path) == "fine"
 
