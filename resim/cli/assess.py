@@ -96,11 +96,7 @@ def assess(
     )  # fmt: skip
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
-    show(done.text)
-    if out is not None:
-        say("")
-        say(f"assessment: {out / 'assessment.html'}")
-        register(out)
+    done.tell("assessment", out)
     add_to_json(out=out, assessment=done.document, problem=done.bad)
     done.end()
 
@@ -136,6 +132,14 @@ class ChildReport:
     bad: str
     failed: bool
     document: dict[str, Any] | None = None
+
+    def tell(self, name: str, out: Path | None) -> None:
+        """Print it, name the page in the folder of results, if there is one, and put these into the catalog."""
+        show(self.text)
+        if out is not None:
+            say("")
+            say(f"{name}: {out / name}.html")
+            register(out)
 
     def end(self) -> None:
         """Leave with the exit code of what was done, and say why."""

@@ -16,8 +16,7 @@ from resim.cli.app import Accept, Deciding, Settings, Vehicle, app, command
 from resim.cli.assess import ChildReport, deciding, frozen
 from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
 from resim.cli.progress import Progress
-from resim.cli.runs import register
-from resim.cli.terminal import Telling, add_to_json, say, show, telling, told_as
+from resim.cli.terminal import Telling, add_to_json, telling, told_as
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -100,11 +99,8 @@ def run(
     )  # fmt: skip
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, folder))
-    show(done.text)
-    say("")
-    say(f"report: {out / 'report.html'}")
+    done.tell("report", out)
     add_to_json(out=out, report=out / "report.json", assessment=out / "assessment.json", problem=done.bad)
-    register(out)
     done.end()
 
 

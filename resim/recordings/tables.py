@@ -249,3 +249,10 @@ def _refuse(path: Path, frame: pd.DataFrame, bad: ArrayLike, column: str, expect
     others = len(rows) - 1
     more = f" (and {others} more row{'s' if others > 1 else ''})" if others else ""
     raise InputError(path, row_problem(frame, rows[0], f"{column} is {shown}, expected {expected}{more}"))
+
+
+def complete_rows(frame: pd.DataFrame) -> pd.DataFrame:
+    """Give the rows of a track table that lack no value, each time and object once, by time."""
+    whole = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
+    ordered: pd.DataFrame = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
+    return ordered

@@ -1,15 +1,44 @@
-"""The part of a long recording that one EGO drove."""
+"""The part of a long recording that one EGO drove, and what is there beyond it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
+from resim.core.geometry import Floats
 
-_TICK = 1e-6  # s; times closer than this are one
+TICK = 1e-6  # s; times closer than this are one
+
+
+def window_of(
+    own: Floats, source: Path, *, ego: str, start: float | None, end: float | None
+) -> tuple[float, float]:
+    """Give the window [s]: as far as the EGO is there, where no start or end is given. own: its times.
+
+    Raises InputError for a window that is not within them.
+    """
+    first, last = float(own.min()), float(own.max())
+    begin, until = first if start is None else start, last if end is None else end
+    if not first - TICK <= begin < until <= last + TICK:
+        there, asked = f"from {first:g} to {last:g} s", f"{begin:g} to {until:g} s"
+        problem = f"ego {ego!r} is present {there}, the requested window is {asked}"
+        raise InputError(source, problem, "Choose a start and an end within its span.")
+    return begin, until
+
+
+def beyond_ego(times: Iterable[Floats], first: float, last: float) -> str:
+    """Say how many rows, by their times [s], lie before the EGO's first or after its last sample; "" for none."""
+    count = sum(int(((t < first - TICK) | (t > last + TICK)).sum()) for t in times)
+    if not count:
+        return ""
+    return (
+        f"{count} rows before {first:g} s or after {last:g} s, where the EGO has none: kept, as they show that the "
+        "drive lasted longer; --start and --end cut it"
+    )
 
 
 def cut_window(
@@ -24,13 +53,8 @@ def cut_window(
         known = ", ".join(frame["id"].drop_duplicates().head(20))
         raise InputError(source, f"ego {ego!r} was not found; the file has {known}", "Name one of them.")
     own = frame.loc[frame["id"] == ego, "t"].to_numpy()
-    first, last = own.min(), own.max()
-    start, end = first if start is None else start, last if end is None else end
-    if not (first - _TICK <= start < end <= last + _TICK):
-        there, asked = f"from {first:g} to {last:g} s", f"{start:g} to {end:g} s"
-        problem = f"ego {ego!r} is present {there}, the requested window is {asked}"
-        raise InputError(source, problem, "Choose a start and an end within its span.")
-    rows = frame[(frame["t"] >= start - _TICK) & (frame["t"] <= end + _TICK)]
+    start, end = window_of(own, source, ego=ego, start=start, end=end)
+    rows = frame[(frame["t"] >= start - TICK) & (frame["t"] <= end + TICK)]
     times, seen = np.unique(rows["t"]), rows.loc[rows["id"] == ego, "t"]
     if len(gap := np.setdiff1d(times, seen)):
         problem = f"ego {ego!r} is missing at t {gap[0]:g} s ({len(gap)} of {len(times)} times)"

@@ -58,16 +58,16 @@ def driven_route(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) ->
     that it was on. A position on no driving lane tells nothing.
     """
     at = network.to_road(x, y, heading=heading)
-    on = np.flatnonzero(at.on_road)
+    on, places = np.flatnonzero(at.on_road), np.column_stack([x, y])
     steps: list[tuple[str, ...]] = []
     before, inside = None, list[int]()
     for road, group in groupby(on.tolist(), key=lambda k: str(at.road[k])):
         if network.roads[road].junction is not None:
             inside += group
             continue
-        steps += [*_through(network, before, road, at, np.column_stack([x, y]), inside), (road,)]
+        steps += [*_through(network, before, road, at, places, inside), (road,)]
         before, inside = road, []
-    steps += _through(network, before, None, at, np.column_stack([x, y]), inside)
+    steps += _through(network, before, None, at, places, inside)
     return Route(tuple(steps), _onwards(network, at, on))
 
 

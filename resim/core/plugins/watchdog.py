@@ -136,6 +136,7 @@ class _Overheard:
             at = 0
             while part := os.pread(words, 1 << 16, at):
                 at += os.write(2, part)
+            os.ftruncate(words, 0)
 
 
 class Watchdog:

@@ -33,7 +33,8 @@ from resim.recordings.mapped.matching import assigned
 from resim.recordings.recording import existing_map, sample_rate
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
-from resim.recordings.tables import GT_ID, VALUES
+from resim.recordings.tables import GT_ID, complete_rows
+from resim.recordings.window import TICK, beyond_ego
 from resim.road.opendrive import RoadNetwork, load
 
 KIND = {"2": "car", "10": "pedestrian"}
@@ -44,7 +45,6 @@ GATE = 3.0  # m; a perceived object farther from the truth is another one
 SMOOTHED = {"car": 0.5, "pedestrian": 1.1}  # s, window of the local cubic fit to the truth
 STANDING = 0.3  # m/s; slower, the truth keeps its last heading
 FITTED = 5  # samples of the shortest local cubic; fewer have differences
-TICK = 1e-6  # s, up to which samples belong to a window
 
 
 def read_mcity(
@@ -141,7 +141,7 @@ def import_trial(
     kinds = truth.groupby("id", sort=False)["kind"].first()
     tracks = [_truth(rows, kinds[name], boxes[kinds[name]]) for name, rows in truth.groupby("id", sort=False)]
     gt, sd = (_from_zero(frame, first) for frame in (pd.concat(tracks), _perceived(seen)))
-    whole, perceived = _complete(gt), _complete(sd)
+    whole, perceived = complete_rows(gt), complete_rows(sd)
     if not (whole["id"] == ego).any():
         problem = (
             f"{_where(truth, ego)} has no row with a position and a heading: it never moves, or is nowhere"
@@ -174,13 +174,6 @@ def import_trial(
     )  # fmt: skip
 
 
-def _complete(frame: pd.DataFrame) -> pd.DataFrame:
-    """The rows that lack no value, each time and object once."""
-    whole = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
-    once: pd.DataFrame = whole.drop_duplicates(["t", "id"])
-    return once
-
-
 def _where(truth: pd.DataFrame, name: str) -> str:
     """An object of the truth, with its file and its id there."""
     row = truth[truth["id"] == name].iloc[0]
@@ -205,14 +198,9 @@ def _notes(
     if not_ego:
         yield "not_the_ego", ", ".join(f"{name} ({why})" for name, why in list(not_ego.items())[:10])
     own = gt.loc[gt["id"] == ego, "t"]
-    first, last = float(own.min()) - TICK, float(own.max()) + TICK
     for name, frame in (("gt", gt), ("sd", sd)):
-        if beyond := int((~frame["t"].between(first, last)).sum()):
-            yield (
-                f"{name}_without_ego",
-                f"{beyond} rows before 0 s or after {last:.6g} s, where the EGO has none: kept, as they show that the "
-                "drive lasted longer; --start and --end cut it",
-            )
+        if beyond := beyond_ego([frame["t"].to_numpy(float)], float(own.min()), float(own.max())):
+            yield f"{name}_without_ego", beyond
 
 
 def transverse_mercator(

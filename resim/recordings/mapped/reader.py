@@ -31,13 +31,12 @@ from resim.recordings.mapped.rows import Rows, read_rows
 from resim.recordings.recording import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
-from resim.recordings.tables import EXISTENCE, GT_ID, VALUES
+from resim.recordings.tables import EXISTENCE, GT_ID, complete_rows
+from resim.recordings.window import TICK, beyond_ego, window_of
 from resim.road.opendrive import RoadNetwork, load
 
 UNIX = 1e6
 """Time [s] from which on times are those of a calendar, and are counted from the first sample of GT."""
-TICK = 1e-6
-"""Time [s] up to which samples belong to a window."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,17 +251,10 @@ def _ego_track(gt: Sequence[_Table], ego: str) -> Tracks:
         hint = f"; did you mean {alike[0]!r}?" if alike else ""
         problem = f"ego {ego!r} was not found in gt{hint}"
         raise InputError(gt[0].path, problem, f"It has {', '.join(known[:20])}.")
-    own = _complete(frame[frame["id"] == ego])
+    own = complete_rows(frame[frame["id"] == ego])
     if own.empty:
         raise InputError(gt[0].path, f"ego {ego!r} has no row with position, heading and speed")
     return Tracks.from_frame(own)
-
-
-def _complete(frame: pd.DataFrame) -> pd.DataFrame:
-    """The rows that lack no value, each time and object once, by time."""
-    whole = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]
-    ordered: pd.DataFrame = whole.drop_duplicates(["t", "id"]).sort_values("t", kind="stable")
-    return ordered
 
 
 def _origin(gt: Sequence[_Timed]) -> float:
@@ -276,14 +268,10 @@ def _windowed(
 ) -> tuple[list[_Table], list[_Table], dict[str, str]]:
     """The rows from start to end [s], where they are given: nothing else cuts; and what was left out, or is beyond."""
     every = pd.concat([t.frame for t in gt])
-    own = every.loc[every["id"] == ego, "t"]
+    own = every.loc[every["id"] == ego, "t"].to_numpy(float)
     first, last = float(own.min()), float(own.max())
     _check_common(gt, sd, ego, first, last)
-    begin, until = first if start is None else start, last if end is None else end
-    if not first - TICK <= begin < until <= last + TICK:
-        asked = f"{begin:g} to {until:g} s"
-        problem = f"ego {ego!r} is present from {first:g} to {last:g} s, the requested window is {asked}"
-        raise InputError(gt[0].path, problem, "Choose a start and an end within its span.")
+    begin, until = window_of(own, gt[0].path, ego=ego, start=start, end=end)
     low, high = -np.inf if start is None else start, np.inf if end is None else end
     out, notes = [], {}
     for name, tables in (("gt", gt), ("sd", sd)):
@@ -291,11 +279,8 @@ def _windowed(
         if lost := sum(int((~keep).sum()) for keep in inside):
             notes[f"{name}_outside"] = f"{lost} rows before {begin:g} s or after {until:g} s left out"
         kept = [replace(t, frame=t.frame[keep]) for t, keep in zip(tables, inside, strict=True)]
-        if beyond := sum(int((~t.frame["t"].between(first - TICK, last + TICK)).sum()) for t in kept):
-            notes[f"{name}_without_ego"] = (
-                f"{beyond} rows before {first:g} s or after {last:g} s, where the EGO has none: kept, as they show "
-                "that the drive lasted longer; --start and --end cut it"
-            )
+        if beyond := beyond_ego((t.frame["t"].to_numpy(float) for t in kept), first, last):
+            notes[f"{name}_without_ego"] = beyond
         out.append(kept)
     return out[0], out[1], notes
 
@@ -332,13 +317,13 @@ def _matched(
     how: Match, gt: pd.DataFrame, sd: pd.DataFrame, path: Path, ego: str
 ) -> tuple[pd.DataFrame, str]:
     """The SD with the GT id of each object, and what came of it."""
-    truth, seen = Tracks.from_frame(_complete(gt)), _complete(sd)
+    truth, seen = Tracks.from_frame(complete_rows(gt)), complete_rows(sd)
     if seen.empty:
         raise InputError(path, "sd has no row with position, heading and speed", "Correct the mapping.")
     tracks = Tracks.from_frame(seen)
     known = set(truth.ids.tolist())
     if how.by == "nearest":
-        found = assigned(_complete(gt), seen, how.gate, ego)
+        found = assigned(complete_rows(gt), seen, how.gate, ego)
         of = dict(zip(tracks.ids.tolist(), found.gt_id.tolist(), strict=True))
     elif how.by == "id":
         of = {name: name for name in tracks.ids.tolist() if name in known}
