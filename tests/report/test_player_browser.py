@@ -1,5 +1,6 @@
 """The player in Chromium: it plays, steps, switches, measures and fits a phone."""
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -147,7 +148,7 @@ def test_sources_are_switched_one_by_one(opened: Open) -> None:
         assert share(whole, stage(page)) == 0.0, names[k]
     for k in range(4):
         page.keyboard.press(str(k + 1))
-    page.wait_for_function("document.querySelector('#now').innerText === 'the EGO is not there'")
+    page.locator("#now", has_text=re.compile(r"^the EGO is not there$")).wait_for()
 
 
 def test_a_box_tells_its_details_and_a_drag_stops_following(opened: Open) -> None:

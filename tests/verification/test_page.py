@@ -299,7 +299,7 @@ def test_a_suite_of_a_hundred_stays_small(measured, write):
     found["recordings"] = [{**entry, "name": name} for name in names]
     found["inputs"]["recordings"] = dict.fromkeys(names, found["inputs"]["recordings"]["cut_in_brake"])
     text, _ = write(found, {name: {**speeds, "rGT+M": speeds["rGT+M"] * 4} for name in names})
-    assert len(text.encode()) < 1.1e6
+    assert len(text.encode()) < 1.2e6  # of which 0.66e6 draw the figures
 
 
 @given(arrays(float, st.integers(2, 60), elements=st.floats(-200.0, 200.0)))
