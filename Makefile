@@ -4,6 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
+unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
 
 .PHONY: demo test check docs validate bench clean
 

@@ -91,8 +91,8 @@ def assess(
             "--road-aware", "the published mode does not use the road", "Leave out one of the two."
         )
     asked = _AssessOptions(
-        drive, frozen(criteria), mode, path, prediction, road_aware, seed, tuple(accept or ()),
-        deciding(verdict_of, criteria), out, sys.stdout.isatty(), telling(),
+        drive, None if criteria is None else in_child(_frozen, criteria), mode, path, prediction, road_aware, seed,
+        tuple(accept or ()), deciding(verdict_of, criteria), out, sys.stdout.isatty(), telling(),
     )  # fmt: skip
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
@@ -183,8 +183,8 @@ def deciding(sources: Sequence[str] | None, criteria: Path | None) -> tuple[str,
     return tuple(map(str, sources or ()))
 
 
-def frozen(path: Path | None) -> FrozenFile | None:
-    """Give the criteria that the user asks for as they are now, if any."""
+def _frozen(criteria: Path) -> FrozenFile:
+    """Freeze the criteria, in a child process, which has loaded what it takes."""
     from resim.metrics.criteria import freeze_criteria
 
-    return None if path is None else freeze_criteria(path)
+    return freeze_criteria(criteria)

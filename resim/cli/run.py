@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from resim.cli.app import Accept, Deciding, Settings, Vehicle, app, command
-from resim.cli.assess import ChildReport, deciding, frozen
+from resim.cli.assess import ChildReport, deciding
 from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
 from resim.cli.progress import Progress
 from resim.cli.terminal import Telling, add_to_json, telling, told_as
@@ -84,21 +84,19 @@ def run(
     or in what --verdict-of says; what was measured is told. Ends with 3 where the function failed.
     """
     from resim.execution.workers import in_child
-    from resim.perception.model import freeze_model
     from resim.results import check_output, whole_folder
-    from resim.simulation.function.interface import freeze_build
 
     check_output(out)
     if seeds is not None and perception is None:
         raise InputError("--seeds", f"{seeds} without a model has no effect", "Name one with --perception.")
     asked = _RunOptions(
-        recording, freeze_build(build), basis, vehicle, step, lead_in, seed, stop_at_collision, frozen(criteria),
-        None if perception is None else freeze_model(perception),
+        recording, build, basis, vehicle, step, lead_in, seed, stop_at_collision, criteria, perception,
         tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), gui, out,
         sys.stdout.isatty(), telling(),
     )  # fmt: skip
+    files = in_child(_frozen, asked)
     with whole_folder(out) as folder, _terminal_restored():
-        done = in_child(_resimulate, (asked, folder))
+        done = in_child(_resimulate, (asked, files, folder))
     done.tell("report", out)
     add_to_json(out=out, report=out / "report.json", assessment=out / "assessment.json", problem=done.bad)
     done.end()
@@ -122,15 +120,15 @@ class _RunOptions:
     """
 
     recording: Path
-    build: FrozenFile
+    build: Path
     basis: BasisChoice
     vehicle: str
     step: float
     lead_in: float
     seed: int
     stop_at_collision: bool
-    criteria: FrozenFile | None
-    perception: FrozenFile | None
+    criteria: Path | None
+    perception: Path | None
     settings: tuple[str, ...]
     seeds: int
     accept: tuple[str, ...]
@@ -141,21 +139,42 @@ class _RunOptions:
     how: Telling
 
 
-def _resimulate(task: tuple[_RunOptions, Path]) -> ChildReport:
+class _Files(NamedTuple):
+    """Frozen copies of what the user names."""
+
+    build: FrozenFile
+    criteria: FrozenFile | None
+    perception: FrozenFile | None
+
+
+def _frozen(asked: _RunOptions) -> _Files:
+    """Freeze the files that are asked for, in a child process, which has loaded what it takes."""
+    from resim.metrics.criteria import freeze_criteria
+    from resim.perception.model import freeze_model
+    from resim.simulation.function.interface import freeze_build
+
+    return _Files(
+        freeze_build(asked.build),
+        None if asked.criteria is None else freeze_criteria(asked.criteria),
+        None if asked.perception is None else freeze_model(asked.perception),
+    )
+
+
+def _resimulate(task: tuple[_RunOptions, _Files, Path]) -> ChildReport:
     """Do what is asked for in a child process, and write the results into the folder."""
     from resim.cli.verdicts import captured
     from resim.jobs.given import the_build, the_criteria, the_recording
     from resim.jobs.resimulate import resimulate, stages
 
-    a, folder = task
+    a, files, folder = task
     options = _options(a)
-    build, criteria = the_build(a.build), the_criteria(a.criteria)
+    build, criteria = the_build(files.build), the_criteria(files.criteria)
     measured = the_recording(a.recording, a.accept)
     if a.basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
             f"{a.recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"
         )
-    seen = _perceiving(a.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
+    seen = _perceiving(files.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
     each = stages(measured, options, perceiving=seen is not None)
     with told_as(a.how), Progress("stages", len(each)) as progress:
 

@@ -37,14 +37,22 @@ class KindChoice(StrEnum):
 
 def register(folder: Path) -> None:
     """Put finished results into the user's catalog; where that fails, one line says so and the job stays as it is."""
+    from resim.execution.workers import end_child, in_child
+
+    end_child()  # in which the user's code ran
+    try:
+        in_child(_registered, folder)
+    except ResimError as e:
+        say(f"resim: warning: the results are complete, but could not be added to the catalog: {e}", err=True)
+
+
+def _registered(folder: Path) -> None:
+    """Put the results in a folder into the catalog, in a child process, which has loaded what it takes."""
     from resim.results.catalog import user_catalog
     from resim.results.reading import read_entry
 
-    try:
-        if (catalog := user_catalog()) is not None:
-            catalog.add(read_entry(folder))
-    except ResimError as e:
-        say(f"resim: warning: the results are complete, but could not be added to the catalog: {e}", err=True)
+    if (catalog := user_catalog()) is not None:
+        catalog.add(read_entry(folder))
 
 
 @command(runs, "list")

@@ -57,7 +57,7 @@ def in_child(function: Callable[[Task], Result], task: Task) -> Result:
     try:
         result = supervised(function, task, float("inf"))
     except BaseException:  # as of a signal
-        _end_own()
+        end_child()
         raise
     if isinstance(result, Failure):
         raise (FunctionError if result.of_function else ResimError)(result.reason)
@@ -65,8 +65,8 @@ def in_child(function: Callable[[Task], Result], task: Task) -> Result:
 
 
 @atexit.register
-def _end_own() -> None:
-    """End the child of this thread, if it has one."""
+def end_child() -> None:
+    """End the child of this thread, if it has one: the next task gets a fresh one."""
     if hasattr(_own, "child"):
         _own.child.end()
 

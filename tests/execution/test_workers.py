@@ -27,7 +27,7 @@ from execution.actions import (
 from resim.core.errors import FunctionError
 from resim.execution import workers
 from resim.execution.child import Failure
-from resim.execution.workers import _end_own, in_child, run_all
+from resim.execution.workers import end_child, in_child, run_all
 
 POOL = """import multiprocessing
 import helper
@@ -154,10 +154,10 @@ def test_a_module_that_cannot_be_imported_in_time_is_the_functions_failure(
     write_build: Callable[..., Path], top: str, why: str
 ) -> None:
     file = write_build(top)
-    _end_own()  # one that ran no user's code yet, which would be blamed for the other limit
+    end_child()  # one that ran no user's code yet, which would be blamed for the other limit
     with pytest.raises(FunctionError) as told:
         in_child(load, file)
-    _end_own()
+    end_child()
     assert str(told.value).startswith(f"{file}: factory module ")
     assert why in str(told.value)
     assert "Move what takes long" in str(told.value)
