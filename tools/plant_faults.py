@@ -19,6 +19,7 @@ import traceback
 import warnings
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -554,6 +555,88 @@ def telling(plant: Plant, findings: tuple[Finding, ...], known: tuple[Finding, .
     return out
 
 
+class Beds:
+    """The recordings that ship, their roads, and what is found in them without a plant."""
+
+    def __init__(self) -> None:
+        self.recordings = [read_tables(file.parent) for file in sorted(SCENARIOS.glob("*/recording.toml"))]
+        self.networks = [load(tables.map) for tables in self.recordings]
+        self.known = [examine(t, n) for t, n in zip(self.recordings, self.networks, strict=True)]
+
+    def planted(self, kind: str, rng: np.random.Generator) -> tuple[int, Plant]:
+        """Plant a fault of a kind in a recording that bears it; give which one it is, and the plant."""
+        for _ in range(500):
+            which = int(rng.integers(len(self.recordings)))
+            with suppress(AgainError):
+                return which, KINDS[kind](Bed(self.recordings[which], self.networks[which], rng))
+        raise SystemExit(f"{kind} cannot be planted")
+
+
+class Tally:
+    """What was found of the plants, what beside them, and what repairs left.
+
+    fix: whether each plant is repaired as well. only: whether one kind alone is asked for.
+    """
+
+    def __init__(self, *, fix: bool, only: bool) -> None:
+        self.fix, self.only = fix, only
+        self.rows: dict[str, list[bool]] = defaultdict(list)
+        self.beside: dict[str, list[int]] = defaultdict(list)
+        self.remains: dict[str, Remains] = defaultdict(Remains)
+        self.crashes, self.misses, self.took = 0, list[str](), 0.0
+
+    def look(self, kind: str, plant: Plant, beds: Beds, which: int) -> None:
+        """Examine a recording with a plant, and count."""
+        known, network = beds.known[which], beds.networks[which]
+        begin = time.perf_counter()
+        try:
+            findings = examine(plant.tables, network)
+        except Exception:
+            self.crashes += 1
+            self.rows[kind].append(False)
+            self.misses.append(f"{kind}: {plant.what}: CRASH {traceback.format_exc()}")
+            return
+        self.took += time.perf_counter() - begin
+        found = is_found(plant, findings, known)
+        self.rows[kind].append(found)
+        if self.fix and found:
+            self._repair(kind, plant, beds.recordings[which], network, telling(plant, findings, known))
+        base = {(f.code, f.source, f.object) for f in known}
+        new = [f for f in findings if (f.code, f.source, f.object) not in base]
+        self.beside[kind].append(sum(f.code not in plant.codes for f in new))
+        if not found or (self.only and self.beside[kind][-1]):
+            told = "; ".join(f"{f.code} {f.source} {f.object}: {f.text}" for f in new)
+            self.misses.append(
+                f"{'FOUND' if found else 'MISSED'} {kind}: {plant.what}: found {told or 'nothing'}"
+            )
+
+    def _repair(
+        self, kind: str, plant: Plant, recording: RecordingTables, network: RoadNetwork, hit: list[Finding]
+    ) -> None:
+        gone = self.remains[kind].gone
+        result = self.remains[kind].add(plant.tables, recording, network, hit)
+        if self.remains[kind].gone == gone and any(f.repair for f in hit):
+            told = "; ".join(f"{f.code} {f.source} {f.object}: {f.text}" for f in result.left)
+            self.misses.append(f"LEFT {kind}: {plant.what}: {told}")
+
+    def show(self, kinds: list[str], count: int, seed: int) -> None:
+        """Print the tables."""
+        print("| kind | planted | found | share | findings of another code, mean |\n|---|---|---|---|---|")
+        for kind in kinds:
+            got, all_ = sum(self.rows[kind]), len(self.rows[kind])
+            if all_:
+                mean = np.mean(self.beside[kind] or [0])
+                print(f"| {kind} | {all_} | {got} | {100.0 * got / all_:.1f} % | {mean:.2f} |")
+        got = sum(sum(r) for r in self.rows.values())
+        more = np.mean([k for v in self.beside.values() for k in v])
+        print(f"| **all** | {count} | {got} | {100.0 * got / count:.1f} % | {more:.2f} |")
+        print(f"\n{self.crashes} crashes; {1e3 * self.took / count:.0f} ms an examination; seed {seed}")
+        if self.fix:
+            print(f"\n| kind | {HEAD} |\n|" + "---|" * (HEAD.count("|") + 2))
+            for kind in kinds:
+                print(f"| {kind} | {self.remains[kind].row(kind)} |")
+
+
 def main() -> None:
     warnings.simplefilter("error", RuntimeWarning)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -566,67 +649,15 @@ def main() -> None:
     parser.add_argument("--fix", action="store_true", help="repair each plant as well")
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
-    recordings = [read_tables(file.parent) for file in sorted(SCENARIOS.glob("*/recording.toml"))]
-    networks = [load(tables.map) for tables in recordings]
-    known = [examine(t, n) for t, n in zip(recordings, networks, strict=True)]
+    beds, tally = Beds(), Tally(fix=arguments.fix, only=bool(arguments.only))
     kinds = [arguments.only] if arguments.only else list(KINDS)
-    rows: dict[str, list[bool]] = defaultdict(list)
-    beside: dict[str, list[int]] = defaultdict(list)
-    remains: dict[str, Remains] = defaultdict(Remains)
-    crashes, misses, took = 0, [], 0.0
     for n in range(arguments.count):
         kind = kinds[n % len(kinds)]
-        for _ in range(500):
-            which = int(rng.integers(len(recordings)))
-            try:
-                plant = KINDS[kind](Bed(recordings[which], networks[which], rng))
-                break
-            except AgainError:
-                continue
-        else:
-            raise SystemExit(f"{kind} cannot be planted")
-        begin = time.perf_counter()
-        try:
-            findings = examine(plant.tables, networks[which])
-        except Exception:
-            crashes += 1
-            rows[kind].append(False)
-            misses.append(f"{kind}: {plant.what}: CRASH {traceback.format_exc()}")
-            continue
-        took += time.perf_counter() - begin
-        rows[kind].append(is_found(plant, findings, known[which]))
-        if arguments.fix and rows[kind][-1]:
-            hit = telling(plant, findings, known[which])
-            gone = remains[kind].gone
-            result = remains[kind].add(plant.tables, recordings[which], networks[which], hit)
-            if remains[kind].gone == gone and any(f.repair for f in hit):
-                told = "; ".join(f"{f.code} {f.source} {f.object}: {f.text}" for f in result.left)
-                misses.append(f"LEFT {kind}: {plant.what}: {told}")
-        base = {(f.code, f.source, f.object) for f in known[which]}
-        new = [f for f in findings if (f.code, f.source, f.object) not in base]
-        beside[kind].append(sum(f.code not in plant.codes for f in new))
-        if not rows[kind][-1] or (arguments.only and beside[kind][-1]):
-            told = "; ".join(f"{f.code} {f.source} {f.object}: {f.text}" for f in new)
-            misses.append(
-                f"{'FOUND' if rows[kind][-1] else 'MISSED'} {kind}: {plant.what}: found {told or 'nothing'}"
-            )
-    print("| kind | planted | found | share | findings of another code, mean |\n|---|---|---|---|---|")
-    for kind in kinds:
-        got, all_ = sum(rows[kind]), len(rows[kind])
-        if all_:
-            print(
-                f"| {kind} | {all_} | {got} | {100.0 * got / all_:.1f} % | {np.mean(beside[kind] or [0]):.2f} |"
-            )
-    got = sum(sum(r) for r in rows.values())
-    more = np.mean([k for v in beside.values() for k in v])
-    print(f"| **all** | {arguments.count} | {got} | {100.0 * got / arguments.count:.1f} % | {more:.2f} |")
-    print(f"\n{crashes} crashes; {1e3 * took / arguments.count:.0f} ms an examination; seed {arguments.seed}")
-    if arguments.fix:
-        print(f"\n| kind | {HEAD} |\n|" + "---|" * (HEAD.count("|") + 2))
-        for kind in kinds:
-            print(f"| {kind} | {remains[kind].row(kind)} |")
+        which, plant = beds.planted(kind, rng)
+        tally.look(kind, plant, beds, which)
+    tally.show(kinds, arguments.count, arguments.seed)
     if arguments.misses:
-        print("\n".join(misses))
+        print("\n".join(tally.misses))
 
 
 if __name__ == "__main__":

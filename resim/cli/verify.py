@@ -27,6 +27,33 @@ Seeds = Annotated[
         help="Maximum number of runs with the perception model per recording; with --against: runs of each build.",
     ),
 ]
+Suite = Annotated[
+    Path | None, typer.Argument(callback=A_SUITE, help="Suite (TOML): recordings, criteria, tolerances.")
+]
+BuildOption = Annotated[
+    Path | None, typer.Option(callback=A_BUILD, help="Build file (TOML) of the AD function.")
+]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for the results; an interrupted verification there is resumed.")
+]
+Against = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="BUILD",
+        callback=A_BUILD,
+        help="An older build: compare both instead of measured and simulated.",
+    ),
+]
+Perception = Annotated[
+    Path | None,
+    typer.Option(metavar="MODEL", callback=A_MODEL, help="Perception model (JSON) in place of the suite's."),
+]
+Replay = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Repeat the verification of this verification.json, and compare the bytes."
+    ),
+]
 Vary = Annotated[
     list[str] | None,
     typer.Option(
@@ -43,42 +70,18 @@ DrivenBy = Annotated[
 
 @command(app)
 def verify(
-    suite: Annotated[
-        Path | None, typer.Argument(callback=A_SUITE, help="Suite (TOML): recordings, criteria, tolerances.")
-    ] = None,
-    build: Annotated[
-        Path | None, typer.Option(callback=A_BUILD, help="Build file (TOML) of the AD function.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the results; an interrupted verification there is resumed."),
-    ] = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="BUILD",
-            callback=A_BUILD,
-            help="An older build: compare both instead of measured and simulated.",
-        ),
-    ] = None,
-    perception: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL", callback=A_MODEL, help="Perception model (JSON) in place of the suite's."
-        ),
-    ] = None,
+    suite: Suite = None,
+    build: BuildOption = None,
+    out: Out = None,
+    against: Against = None,
+    perception: Perception = None,
     settings: Settings = None,
     seeds: Seeds = None,
     vary: Vary = None,
     driven_by: DrivenBy = None,
     vehicle: Vehicle = "kinematic",
     workers: Workers = None,
-    replay: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Repeat the verification of this verification.json, and compare the bytes."
-        ),
-    ] = None,
+    replay: Replay = None,
 ) -> None:
     """Cross-verify a build on a suite: does simulation give the measured drives' verdicts?
 

@@ -125,10 +125,7 @@ def import_trial(
     (else pedestrian) that is tracked longest. Raises InputError for files that hold no such trial, or no frames as
     described above.
     """
-    known = trials(data_dir)
-    if trial not in known:
-        raise InputError(data_dir, f"holds no trial {trial!r}", f"It has {', '.join(known) or 'none'}.")
-    seen_file, truth_files = known[trial]
+    seen_file, truth_files = _files(data_dir, trial)
     origin = _origin(network)
     truth = _named([_read(path, origin, PLACE).assign(file=path.name) for path in truth_files])
     seen = _read(seen_file, origin, (*PLACE, *MOTION, *SIZE))
@@ -150,9 +147,9 @@ def import_trial(
     found = assigned(whole, perceived, GATE, ego) if len(perceived) else None
     of = {} if found is None else dict(zip(dict.fromkeys(perceived["id"]), found.gt_id.tolist(), strict=True))
     sd = sd.assign(**{GT_ID: sd["id"].map(of).fillna("")})
+    files = ", ".join(path.relative_to(data_dir).as_posix() for path in (*truth_files, seen_file))
     told = {
-        "source": f"Mcity trial {trial}, University of Michigan, MIT licence: "
-        + ", ".join(path.relative_to(data_dir).as_posix() for path in (*truth_files, seen_file)),
+        "source": f"Mcity trial {trial}, University of Michigan, MIT licence: {files}",
         "original_start": f"unix time {first:.6f} s",
         "projection": network.geo_reference or "",
         "ego_size": "assumed {:g} x {:g} m, the truth being its centre".format(*boxes[kinds[ego]]),
@@ -172,6 +169,14 @@ def import_trial(
         ),
         map=network.path.resolve(), gt=gt, sd=sd, plan=None, folder=None, gt_file=truth_files[0], sd_file=seen_file,
     )  # fmt: skip
+
+
+def _files(data_dir: Path, trial: str) -> tuple[Path, tuple[Path, ...]]:
+    """The files of a trial: what was perceived, and the truth."""
+    known = trials(data_dir)
+    if trial not in known:
+        raise InputError(data_dir, f"holds no trial {trial!r}", f"It has {', '.join(known) or 'none'}.")
+    return known[trial]
 
 
 def _where(truth: pd.DataFrame, name: str) -> str:
