@@ -26,6 +26,10 @@ runs = typer.Typer(
 app.add_typer(runs, name="runs")
 
 
+PRELOADED = ("resim.results.catalog", "resim.results.reading")
+"""What a child imports when it registers results, and has before it starts."""
+
+
 class KindChoice(StrEnum):
     """Kinds of results."""
 

@@ -42,8 +42,9 @@ PRELOADED = (
     "resim.metrics.measures.kernel",
     "resim.metrics.risk.kernel",
     "resim.perception.runtime.kernel",
+    "resim.simulation.sumo.library",
 )
-"""What is compiled is imported where it is called; a child that simulates has it before it starts."""
+"""What takes long to load is imported where it is called; a child that simulates has it before it starts."""
 
 FAR = 10_000.0
 """Distance [m] of an EGO from the roads beyond which there is nothing to simulate."""

@@ -218,8 +218,7 @@ def _load(gui: bool) -> Any:
 
         return traci
     try:
-        with _quiet():
-            import libsumo
+        from resim.simulation.sumo.library import libsumo
     except ImportError as e:
         raise ResimError(
             f"libsumo cannot be loaded: {e}. It needs system libraries: "
@@ -250,17 +249,3 @@ def _start_window(traci: Any, options: list[str]) -> None:
             traci.start([sumolib.checkBinary("sumo-gui"), *options], numRetries=20)
     except traci.exceptions.FatalTraCIError as e:
         raise ResimError(f"--gui: sumo-gui did not start: {e}. Run without --gui.") from e
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Send what libsumo's Arrow prints on standard output at import to nowhere."""
-    sys.stdout.flush()
-    keep = os.dup(1)
-    try:
-        with Path(os.devnull).open("w") as nowhere:
-            os.dup2(nowhere.fileno(), 1)
-            yield
-    finally:
-        os.dup2(keep, 1)
-        os.close(keep)
