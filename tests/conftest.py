@@ -2,16 +2,15 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+from calling import called
 from xdist.scheduler import LoadFileScheduling
 
-from resim import cli
 from resim.core.plugins import integrity
 from resim.recordings import Recording, read_recording
 from resim.road.opendrive import RoadNetwork, load
@@ -62,18 +61,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileSche
 
 
 @pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
+def call(capfd: pytest.CaptureFixture[str]) -> Call:
     """Call `resim` in this process; gives exit code, standard output and standard error."""
 
     def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["resim", *map(str, arguments)])
         capfd.readouterr()
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as e:
-            code = int(e.code or 0)
-        return code, *capfd.readouterr()
+        return called(*arguments), *capfd.readouterr()
 
     return run
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -11,6 +12,18 @@ from pathlib import Path
 
 import pages
 from pages import DOCS, ROOT
+
+IN_ORDER = """
+import json, sys
+from resim import cli
+for sys.argv in json.loads(sys.argv[1]):
+    try:
+        cli.main()
+    except SystemExit as e:
+        if e.code:
+            raise
+"""
+"""A program that runs commands, given as words in JSON, until one is not well."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +48,10 @@ class Extended:
         return done.stdout
 
     def commands(self, name: str) -> str:
-        """Run the page's commands in order; give what they print."""
-        return "".join(self.resim(*words[1:]) for words in pages.commands(DOCS / "extend" / name))
+        """Run the page's commands in order, in one process; see that all is well, and give what they print."""
+        done = self.run("-c", IN_ORDER, json.dumps(pages.commands(DOCS / "extend" / name)))
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
 
     def check(self) -> None:
         """See that the page's tests pass, and that its code is as the project's is to be."""

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from resim.recordings import read_recording
 from resim.recordings.settings import read_settings
 from resim.verification.suite import read_suite
 
+Done = Callable[..., None]
 GUIDES = DOCS / "guides"
 EXTEND = DOCS / "extend"
 RUN_HERE = {
@@ -76,14 +78,18 @@ def steps_table() -> str:
     )
 
 
-def done(*words: object) -> None:
-    """Call `resim` as a user does, and see that all is well."""
-    command = [sys.executable, "-m", "resim", *map(str, words)]
-    called = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert called.returncode == 0, called.stderr
+@pytest.fixture
+def done(call: Callable[..., tuple[int, str, str]]) -> Done:
+    """Call `resim`, and see that all is well."""
+
+    def run(*words: object) -> None:
+        code, _, error = call(*words)
+        assert code == 0, error
+
+    return run
 
 
-def test_the_example_function_plugs_in(tmp_path: Path) -> None:
+def test_the_example_function_plugs_in(done: Done, tmp_path: Path) -> None:
     for name in ("my_pilot.py", "my_pilot.toml"):
         (tmp_path / name).write_text(example(GUIDES / "function.md", name))
     done(
@@ -99,7 +105,7 @@ def test_the_example_function_plugs_in(tmp_path: Path) -> None:
     assert report["decision"]["rGT"] == ["brake"]
 
 
-def test_the_example_measure_is_judged(tmp_path: Path) -> None:
+def test_the_example_measure_is_judged(done: Done, tmp_path: Path) -> None:
     for name in ("my_measures.py", "mine.toml"):
         (tmp_path / name).write_text(example(GUIDES / "measure.md", name))
     done(
@@ -125,7 +131,7 @@ def test_the_example_suite_and_recording_are_read(tmp_path: Path) -> None:
     assert read_settings(tmp_path / "recording.toml").ego == "ego"
 
 
-def test_a_table_of_ones_own_comes_to_a_report_as_the_guide_says(tmp_path: Path) -> None:
+def test_a_table_of_ones_own_comes_to_a_report_as_the_guide_says(done: Done, tmp_path: Path) -> None:
     """A drive that ships, as a stranger has it: degrees, compass and km/h, and a sensor's list with ids of its own."""
     drive = read_recording(ROOT / "scenarios" / "cut_in_brake")
     assert drive.sd is not None

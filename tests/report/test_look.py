@@ -89,8 +89,14 @@ def test_pages_are_small(pages: dict[str, Path], name: str) -> None:
     assert pages[name].stat().st_size < LARGEST
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "dark"),
+    [
+        pytest.param(name, dark, marks=[pytest.mark.slow] if k % 2 == dark else [])
+        for k, name in enumerate(NAMES)
+        for dark in (False, True)
+    ],
+)
 def test_texts_are_legible_and_nothing_is_wider_than_a_phone(
     browser: Any, pages: dict[str, Path], name: str, dark: bool
 ) -> None:

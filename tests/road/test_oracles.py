@@ -29,6 +29,11 @@ SEVERAL_S = {
 PLACES = 1000
 MAPS = OWN | FILES
 every_map = pytest.mark.parametrize("name", MAPS)
+some_maps = pytest.mark.parametrize(
+    "name",
+    [n if n in OWN or k % 2 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(MAPS)],
+)
+"""Our own and each second of the others; `make validate` has them all."""
 
 
 def samples(name):
@@ -48,7 +53,7 @@ def test_every_map_loads(name):
     assert network(MAPS[name]).roads
 
 
-@every_map
+@some_maps
 def test_lanes_agree_with_quadrature(name):
     net = network(MAPS[name])
     rows, truth = [], []
@@ -65,7 +70,7 @@ def test_lanes_agree_with_quadrature(name):
     assert worst < 1e-6, worst  # 1e-4 is asked for
 
 
-@every_map
+@some_maps
 def test_heights_agree_with_the_files_polynomials(name):
     net = network(MAPS[name])
     rng = np.random.default_rng(9)
@@ -101,7 +106,7 @@ def pyxodr_pieces(road, monkeypatch, folder):
     return pytest.fail(f"pyxodr cannot read road {road.id}")
 
 
-@every_map
+@some_maps
 def test_reference_lines_agree_with_pyxodr(name, monkeypatch, tmp_path):
     """With the samples it computes, not its `reference_line`: that one cuts corners between them."""
     pytest.importorskip("pyxodr")

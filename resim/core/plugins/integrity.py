@@ -28,6 +28,7 @@ _OURS = {
     ("resim.core.plugins.watchdog", "board"),
     ("resim.core.plugins.watchdog", "whose"),
     ("resim.core.plugins.watchdog", "broken"),
+    ("resim.core.plugins.watchdog", "words"),
     ("resim.simulation.sumo.session", "_open"),
 }
 """What resim itself sets anew as it runs."""
@@ -76,12 +77,17 @@ _ran: list[Path] = []
 """The user's file whose code ran last."""
 
 
-def begin(path: Path) -> None:
-    """Look before the code of a user's file runs; what is there before the first is right. Raises as `check`."""
+def note() -> None:
+    """Remember what there is, which is right: no user's code ran yet. What is imported later is noted as it comes."""
     if not _modules:
         for name, module in [*sys.modules.items()]:
             if name in _OTHERS or name.partition(".")[0] == "resim":
                 _note(name, module)
+
+
+def begin(path: Path) -> None:
+    """Look before the code of a user's file runs; what is there before the first is right. Raises as `check`."""
+    note()
     check()
     _ran[:] = [path]
 

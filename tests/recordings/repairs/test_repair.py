@@ -137,10 +137,14 @@ def test_a_planted_fault_is_repaired(
 
 
 @pytest.mark.parametrize(
-    ("code", "source", "change", "off"), PLANTS, ids=[f"{n}-{p[0]}-{p[1]}" for n, p in enumerate(PLANTS)]
+    ("code", "source", "change"),
+    [
+        pytest.param(*p[:3], id=f"{n}-{p[0]}-{p[1]}", marks=[pytest.mark.slow] if n % 2 else [])
+        for n, p in enumerate(PLANTS)
+    ],
 )
 def test_what_is_not_marked_is_what_it_was(
-    tables: Read, network: RoadNetwork, code: str, source: str, change: Change, off: tuple[float, ...]
+    tables: Read, network: RoadNetwork, code: str, source: str, change: Change
 ) -> None:
     before = planted(tables("overtake"), source, change)
     kept = {name: getattr(before, name).copy() for name in ("gt", "sd")}
@@ -164,7 +168,7 @@ def test_what_is_not_marked_is_what_it_was(
     assert code in {d.code for d in result.done}
 
 
-@pytest.mark.parametrize(("code", "source", "change"), [p[:3] for p in PLANTS[::3]])
+@pytest.mark.parametrize(("code", "source", "change"), [p[:3] for p in PLANTS[1::4]])
 def test_repairing_again_changes_nothing_and_the_same_comes_again(
     tables: Read, network: RoadNetwork, code: str, source: str, change: Change
 ) -> None:
