@@ -1,4 +1,5 @@
-"""The command line. Results go to standard output, progress and errors to standard error.
+"""The command line, and the options of every command. Results go to standard output, progress and errors to standard
+error.
 
 Exit code 0: done; 1: done, and the verdict is bad; 2: the input or the call is wrong; 3: the function under test
 failed.

@@ -1,4 +1,4 @@
-"""Who is whom: ids are joined to objects, before anything is asked of one.
+"""Who is whom: ids are joined to objects, one after the other or two at one time, before anything is asked of one.
 
 An id can go on as another that begins within GAP where it was going. Which ones do is decided only where it is clear:
 where ends and beginnings pair off, each with the one that is nearest in time, then in place, and nobody is left over.

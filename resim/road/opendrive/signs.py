@@ -1,4 +1,4 @@
-"""Which signals are speed-limit signs, and the speed they show."""
+"""Which signals are speed-limit signs, and the speed they show; where it is in force: `limits`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sobol indices, however they were found."""
+"""What Sobol indices and their intervals are; `sensitivity` finds them of full grids, `chaos` of all other plans."""
 
 from __future__ import annotations
 
