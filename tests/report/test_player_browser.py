@@ -119,9 +119,9 @@ def test_it_goes_by_keys_to_samples_seconds_marks_and_ends(opened: Open) -> None
     page.keyboard.press("b")
     page.wait_for_timeout(80)
     assert 8.0 < time(page) < 9.2  # the last lane change
+    page.keyboard.press("Home")
     page.keyboard.press("Space")
-    page.wait_for_timeout(200)
-    assert page.locator("#player").get_attribute("data-on") == "yes"
+    page.locator("#player[data-on=yes]").wait_for(state="attached")
 
 
 def test_a_link_opens_at_its_moment_and_the_address_follows(opened: Open) -> None:
