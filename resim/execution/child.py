@@ -100,7 +100,7 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
     """The result, or a Failure, whatever is raised: also what a function raises to look interrupted, or to end all."""
     try:
         result = function(task)
-        integrity.check()
+        integrity.check(whole=True)
         _end_strays()
         return result
     except ResimError as e:

@@ -16,7 +16,7 @@ import pytest
 
 import resim.metrics.assessment  # noqa: F401  as in every child
 from resim.core.errors import ResimError
-from resim.core.plugins import process
+from resim.core.plugins import integrity, process
 from resim.simulation.function.interface import Build, load_build
 
 ROOT = Path(__file__).parents[2]
@@ -26,6 +26,11 @@ CHANGES = {
     "a function": ("import resim.metrics.assessment as m; m.judge = print", "resim.metrics.assessment.judge"),
     "its code": ("import resim.metrics.criteria as m; m.judge.__code__ = (lambda *a: 1).__code__", "criteria.judge"),
     "its defaults": ("import resim.metrics.assessment as m; m.assess.__defaults__ = (None,) * 5", "assessment.assess"),
+    "its defaults, of which Python tells nothing": (
+        "import ctypes, resim.metrics.assessment as m; "
+        "ctypes.pythonapi.PyFunction_SetDefaults(ctypes.py_object(m.assess), ctypes.py_object((None,) * 5))",
+        "assessment.assess",
+    ),
     "a method": ("from resim.core.tracks import Tracks; Tracks.at = print", "resim.core.tracks.Tracks.at"),
     "a built-in name": ("import resim.metrics.risk.metric as m; m.max = min", "resim.metrics.risk.metric.max"),
     "a table": (
@@ -106,6 +111,7 @@ def made(*paths: Path) -> str:
                     gap.set()
                     for thread in {*threading.enumerate()} - {threading.current_thread()}:
                         thread.join(10.0)
+            integrity.check(whole=True)  # as at the end of each task
             os.write(its, b"fine")
         except ResimError as e:
             os.write(its, str(e).encode())

@@ -8,12 +8,14 @@ A check, no wall: what runs in a process can hide from it. It finds what code re
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import importlib.abc
 import importlib.machinery
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import chain
 from operator import attrgetter, is_
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -71,6 +73,10 @@ _functions: list[tuple[str, FunctionType]] = []
 _MADE_OF = [attrgetter(part) for part in ("__code__", "__defaults__", "__kwdefaults__")]
 _made: list[list[Any]] = [[] for _ in _MADE_OF]
 """What each function was made of."""
+_seen: list[Any] = []
+"""All named parts as they were at the last look that found nothing: while each is the same object, none has changed."""
+_rewritten: list[str] = []
+"""Events of Python that tell of a function that is made of something else now, since functions were looked into."""
 _found: list[str] = []
 """What user's code changed in this process, for good."""
 _ran: list[Path] = []
@@ -92,10 +98,13 @@ def begin(path: Path) -> None:
     _ran[:] = [path]
 
 
-def check() -> None:
-    """Raise ChangedError where something is not as it was, now or at an earlier look; it names whose code ran last."""
+def check(*, whole: bool = False) -> None:
+    """Raise ChangedError where something is not as it was, now or at an earlier look; it names whose code ran last.
+
+    whole: whether functions are looked into as well of which Python told no change; that takes ten times as long.
+    """
     if not _found:
-        _found.extend(_changed())
+        _found.extend(_changed(whole or bool(_rewritten)))
     if _found:
         raise ChangedError(
             f"{_ran[0]}: the code changed {', '.join(_found[:3])}, by which it is judged. "
@@ -108,18 +117,39 @@ def is_spoiled() -> bool:
     return bool(_found)
 
 
-def _changed() -> Iterator[str]:
-    """Name what is not as it was."""
-    for place in _places:
-        yield from place.changed()
+def _changed(whole: bool) -> Iterator[str]:
+    """Name what is not as it was. whole: whether functions are looked into."""
     for name, modules in _modules.items():
         if not any(sys.modules.get(name, modules[0]) is module for module in modules):
             yield f"sys.modules[{name!r}]"
-    functions = [function for _, function in _functions]
-    for part, made in zip(_MADE_OF, _made, strict=True):
-        if not all(map(is_, map(part, functions), made)):
-            was = zip(_functions, made, strict=True)
-            yield from (name for (name, function), old in was if part(function) is not old)
+    now = _everything()
+    if not _seen or not _same(now, _seen[0]):
+        found = [changed for place in _places for changed in place.changed()]
+        yield from found
+        _seen[:] = [] if found else [now]
+    if whole:
+        _rewritten.clear()
+        functions = [function for _, function in _functions]
+        for part, made in zip(_MADE_OF, _made, strict=True):
+            if not all(map(is_, map(part, functions), made)):
+                was = zip(_functions, made, strict=True)
+                yield from (name for (name, function), old in was if part(function) is not old)
+
+
+def _everything() -> Any:
+    """All named parts, as an array of objects, which it holds."""
+    import numpy as np
+
+    return np.fromiter(chain.from_iterable([place.parts.values() for place in _places]), dtype=object)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two arrays hold the same objects: by where these lie, as what is asked whether it is equal may lie."""
+    return bool(one.size == other.size and _lying(one) == _lying(other))
+
+
+def _lying(objects: Any) -> bytes:
+    return ctypes.string_at(objects.ctypes.data, objects.nbytes)
 
 
 def _note(name: str, module: ModuleType) -> None:
@@ -171,6 +201,11 @@ def _inside(name: str, value: Any) -> Iterator[_Place]:
         )
 
 
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    if event in ("object.__setattr__", "object.__delattr__") and isinstance(arguments[0], FunctionType):
+        _rewritten.append(event)
+
+
 class _Watch(importlib.abc.MetaPathFinder):
     """Remembers modules of resim as they are right after they were loaded, whoever imports them."""
 
@@ -194,3 +229,4 @@ class _Watch(importlib.abc.MetaPathFinder):
 
 
 sys.meta_path.insert(0, _Watch())
+sys.addaudithook(_hear)  # for good: there is no way to take one away

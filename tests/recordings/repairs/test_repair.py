@@ -277,7 +277,7 @@ def test_faults_on_top_of_each_other(tables: Read, network: RoadNetwork) -> None
     assert {"SPEED_UNIT", "CLOCK_JUMP", "GAP"} <= {m for text in after[REPAIRED] for m in text.split()}
 
 
-@settings(deadline=None, max_examples=8)
+@settings(deadline=None, max_examples=4)
 @given(st.data())
 def test_no_table_that_can_be_read_makes_it_fail(
     tables: Read, network: RoadNetwork, data: st.DataObject
