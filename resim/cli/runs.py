@@ -26,7 +26,7 @@ runs = typer.Typer(
 app.add_typer(runs, name="runs")
 
 
-PRELOADED = ("resim.results.catalog", "resim.results.reading")
+PRELOADED = ("resim.recordings", "resim.results.catalog", "resim.results.reading")
 """What a child imports when it registers results, and has before it starts."""
 
 
@@ -41,11 +41,10 @@ class KindChoice(StrEnum):
 
 def register(folder: Path) -> None:
     """Put finished results into the user's catalog; where that fails, one line says so and the job stays as it is."""
-    from resim.execution.workers import end_child, in_child
+    from resim.execution.workers import in_fresh_child
 
-    end_child()  # in which the user's code ran
     try:
-        in_child(_registered, folder)
+        in_fresh_child(_registered, folder)
     except ResimError as e:
         say(f"resim: warning: the results are complete, but could not be added to the catalog: {e}", err=True)
 

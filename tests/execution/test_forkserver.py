@@ -16,7 +16,7 @@ from conftest import ROOT
 from execution import actions
 
 from resim.execution import forkserver
-from resim.execution.workers import end_child, in_child, run_all
+from resim.execution.workers import _end_own, in_child, run_all
 
 
 def answers(function, tasks, workers=1):
@@ -54,7 +54,7 @@ def test_a_server_that_was_killed_is_replaced():
 
 
 def test_a_child_whose_server_was_killed_is_replaced():
-    end_child()
+    _end_own()
     server, _, child = in_child(actions.ancestors, 0)
     os.kill(server, signal.SIGKILL)
     latest = time.monotonic() + 30.0

@@ -22,12 +22,14 @@ from execution.actions import (
     load,
     order,
     start_others,
+    who_and_where,
 )
+from processes import below
 
 from resim.core.errors import FunctionError
 from resim.execution import workers
 from resim.execution.child import Failure
-from resim.execution.workers import end_child, in_child, run_all
+from resim.execution.workers import _end_own, in_child, in_fresh_child, run_all
 
 POOL = """import multiprocessing
 import helper
@@ -142,6 +144,16 @@ def test_who_ends_the_process_outside_of_a_call_is_the_function(name: str, how: 
     assert found.reason.endswith(f"it {how}")
 
 
+def test_a_fresh_child_knows_of_no_task_and_the_other_goes_on() -> None:
+    _end_own()
+    (first, known), (fresh, seen), (again, remembered) = (
+        do(who_and_where, 0) for do in (in_child, in_fresh_child, in_child)
+    )
+    assert (known, seen, remembered) == (False, False, True)
+    assert first == again != fresh
+    assert fresh not in below(os.getpid())
+
+
 @pytest.mark.parametrize(
     ("top", "why"),
     [
@@ -154,10 +166,10 @@ def test_a_module_that_cannot_be_imported_in_time_is_the_functions_failure(
     write_build: Callable[..., Path], top: str, why: str
 ) -> None:
     file = write_build(top)
-    end_child()  # one that ran no user's code yet, which would be blamed for the other limit
+    _end_own()  # one that ran no user's code yet, which would be blamed for the other limit
     with pytest.raises(FunctionError) as told:
         in_child(load, file)
-    end_child()
+    _end_own()
     assert str(told.value).startswith(f"{file}: factory module ")
     assert why in str(told.value)
     assert "Move what takes long" in str(told.value)
