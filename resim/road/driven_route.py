@@ -15,9 +15,11 @@ from resim.road.links import LaneKey, lane_graph, ways
 from resim.road.opendrive import RoadNetwork, RoadPositions
 
 _END = 1.0
-"""How near [m] to the end of its last road a drive goes beyond a route's end, and does not leave it."""
-
-
+"""How near [m] to its last road's end a drive is beyond the end of a route, and how far it goes to have a direction."""
+_ASIDE = 3.5
+"""How far [m] aside of the lanes of the last road, a lane's width, a drive comes over the end of the route."""
+_CORNER, _SAMPLE = 1.5, 5.0
+"""How much longer the way along roads is at most than that of who cuts their corners: a factor, and m."""
 _ALONG = 0.5 * np.pi
 """By how much [rad] the heading of who drives along a lane is off it at most."""
 
@@ -72,16 +74,16 @@ def driven_route(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) ->
 
 
 def _onwards(network: RoadNetwork, at: RoadPositions, on: NDArray[np.intp]) -> bool:
-    """Whether a drive with samples on roads went in the direction of s on its last road."""
+    """Whether a drive with samples on roads went in the direction of s at its end."""
     if not len(on):
         return True
     last = on[-1]
     name, s = str(at.road[last]), float(at.s[last])
-    stretch = np.flatnonzero(at.road[on] != name)
-    first = on[stretch[-1] + 1] if len(stretch) else on[0]
-    moved = s - float(at.s[first])
+    others = np.flatnonzero(at.road[on] != name)
+    stretch = at.s[on[others[-1] + 1 if len(others) else 0 :]]
+    away = np.flatnonzero(np.abs(s - stretch) > _END)
     road = network.roads[name]
-    return moved > 0.0 if abs(moved) > _END else road.along(int(at.lane[last]), road.section_index(s))
+    return bool(s > stretch[away[-1]]) if len(away) else road.along(int(at.lane[last]), road.section_index(s))
 
 
 @lru_cache(maxsize=16)
@@ -94,41 +96,58 @@ def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, he
     """Give the first of K samples (as of `driven_route`) at which a drive is on a driving lane off its route, or None.
 
     Who goes on over the end of its last road has not left it, wherever he goes then; of a route without roads nobody
-    knows. Where a route comes to a road twice, who turns off as it does later has left it, too.
+    knows. Roads are to be taken in their order: who comes to a later one by another way has left it, too.
     """
     if not route.steps:
         return None
     own = only_roads(network, route.roads)
     on = own.to_road(x, y).on_road
-    if len(route.roads) < sum(map(len, route.steps)):
-        on &= _in_order(network, route, x, y, heading)
+    known, out = _taken(network, route, x, y, heading)
+    on[out:] = False
     off = np.flatnonzero(~on)
     off = off[network.to_road(x[off], y[off]).on_road]
     if not len(off):
         return None
     first = int(off[0])
     was = np.flatnonzero(on[:first])
-    return None if len(was) and _ended(own, route, x, y, heading, (int(was[-1]), first)) else first
+    if len(was) and known[-1, was[-1]] and _ended(own, route, x, y, heading, int(was[-1])):
+        return None
+    return first
 
 
-def _in_order(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> Bools:
-    """Say which samples (K,) are on a step of the route that can come then, until the first that is on none."""
+def _taken(
+    network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats
+) -> tuple[NDArray[np.bool_], int]:
+    """Give which steps (S, K) of the route a drive can be on at each sample, and the first sample where there is none.
+
+    From a step it comes to the next, goes back to the one before, and passes those that are no longer than its way
+    since it was on a step.
+    """
+    if len(route.steps) == 1:
+        return np.ones((1, len(x)), dtype=bool), len(x)
     there = np.array([_drives_on(only_roads(network, step), x, y, heading) for step in route.steps])
-    known, out = np.zeros(len(there), dtype=bool), np.ones(len(x), dtype=bool)
+    lengths = [min(network.roads[name].length for name in step) for step in route.steps]
+    ends = np.cumsum(lengths)
+    between = (
+        ends[None, :] - lengths - ends[:, None]
+    )  # the way from the end of a step to the start of another
+    between[np.tril_indices(len(ends), 0)] = np.inf
+    between[np.arange(len(ends)), np.arange(len(ends))] = between[
+        np.arange(1, len(ends)), np.arange(len(ends) - 1)
+    ] = 0.0
+    went = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    known, at, latest = np.zeros_like(there), np.zeros(len(there), dtype=bool), 0.0
     for k in range(len(x)):
-        if not known.any():
-            known[np.flatnonzero(there[:, k])[:1]] = True
-        near = known.copy()  # a step on, one back, and two on where one is passed between samples
-        near[1:] |= known[:-1]
-        near[2:] |= known[:-2]
-        near[:-1] |= known[1:]
-        now = near & there[:, k]
-        if now.any():
-            known = now
-        elif there[:, k].any() and known.any():
-            out[k:] = False
-            break
-    return out
+        if not at.any():
+            at[np.flatnonzero(there[:, k])[:1]] = True
+            latest = went[k]
+        elif there[:, k].any():
+            now = there[:, k] & (between[at] <= _CORNER * (went[k] - latest) + _SAMPLE).any(axis=0)
+            if not now.any():
+                return known, k
+            at, latest = now, went[k]
+        known[:, k] = at
+    return known, len(x)
 
 
 def _drives_on(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> Bools:
@@ -141,17 +160,20 @@ def _drives_on(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> B
     return along
 
 
-def _ended(
-    own: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats, between: tuple[int, int]
-) -> bool:
-    """Whether the drive came over the end of the route between two samples, the last on it and the first off it."""
-    one, two = between
-    last = own.to_road(x[one : one + 1], y[one : one + 1], heading=heading[one : one + 1])
-    name, s = str(last.road[0]), float(last.s[0])
+def _ended(own: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats, last: int) -> bool:
+    """Whether a drive whose last sample on the route this is came over the route's end then, and not by its side."""
+    at = own.to_road(x[last : last + 1], y[last : last + 1], heading=heading[last : last + 1])
+    name, s = str(at.road[0]), float(at.s[0])
     road = own.roads[name]
-    onwards = route.onwards if road.junction is None else road.along(int(last.lane[0]), road.section_index(s))
+    onwards = route.onwards if road.junction is None else road.along(int(at.lane[0]), road.section_index(s))
+    end_x, end_y, turn = own.reference_line(name, road.length if onwards else 0.0)
+    ahead = (x[last:] - end_x + 1j * (y[last:] - end_y)) * np.exp(-1j * (turn if onwards else turn + np.pi))
+    beyond = np.flatnonzero(ahead[1:].real >= -_END)
+    if name not in route.steps[-1] or not len(beyond):
+        return False
+    way = ahead[: beyond[0] + 2]
     left = road.length - s if onwards else s
-    return name in route.steps[-1] and left <= float(np.hypot(x[two] - x[one], y[two] - y[one])) + _END
+    return bool(left <= np.abs(np.diff(way)).sum() + _END and abs(way[-1].imag - way[0].imag) <= _ASIDE)
 
 
 def _through(

@@ -174,3 +174,80 @@ def test_who_turns_off_at_the_first_pass_as_the_route_does_at_the_second_has_lef
             assert first_off_route(net, route, *driven(net, other)) is not None
             found += 1
     assert found
+
+
+def on_a_road(net, name, lane, start, end):
+    """Positions and headings along the lane's centre, 1 m apart."""
+    s = np.arange(start, end, 1.0 if end > start else -1.0)
+    x, y = net.to_xy(name, lane, s, 0.0)
+    return np.array([x, y, np.resize(net.lane_heading(name, lane, s), len(s))])
+
+
+def test_who_comes_to_a_later_road_by_another_way_has_left_it(shared_map):
+    """Round a block, and by a connecting road past it: it lies on others that are on the route."""
+    net = shared_map("xodr/edge_cases/od_newmarket.xodr")
+    names = ["55", "313", "38", "320", "30", "331", "25", "300", "40", "288", "26", "342", "31", "337", "24"]
+    every = {turn[1][0]: turn for turn in turns(net)}
+    whole = one_after_the_other(*(driven(net, every[name], 1e3) for name in names[1::2]))
+    route = driven_route(net, *whole)
+    assert route.steps == tuple((name,) for name in names)
+    assert first_off_route(net, route, *whole) is None
+    there = [driven(net, every[name], 1e3) for name in ("313", "320")]
+    for by in ("332", "333"):
+        other = driven(net, every[by])
+        left = first_off_route(net, route, *one_after_the_other(*there, other))
+        assert left is not None
+        assert left >= sum(drive.shape[1] for drive in there) + 30
+
+
+def test_who_turns_off_where_the_route_passes_its_last_road_for_the_first_time_has_left_it(shared_map):
+    net, found = shared_map("xodr/edge_cases/od_newmarket.xodr"), 0
+    every = [turn for turn in turns(net) if {turn[0][0][0], turn[2][0][0]} <= {"40", "41", "42"}]
+    for first in every:
+        for second in every:
+            if first[0][0][0] != "40" or first[2][0][0] != second[0][0][0] or second[2][0][0] != "40":
+                continue
+            loop = one_after_the_other(driven(net, first, 1e3), driven(net, second, 1e3))
+            route = driven_route(net, *loop)
+            assert route.steps[0] == route.steps[-1] == ("40",)
+            for other in every:
+                if other[0] == first[0] and other[2][0][0] != first[2][0][0]:
+                    assert first_off_route(net, route, *driven(net, other, 1e3)) is not None
+                    found += 1
+    assert found
+
+
+def test_the_end_of_a_route_is_where_who_turned_round_was_going(shared_map):
+    net = shared_map(MAPS[0])
+    length = net.roads["3"].length
+    turn = next(t for t in turns(net) if t[0][0][0] == "3")
+    (_, contact), lane = turn[0]
+    assert contact == "end"  # it goes with s to the junction
+    away = on_a_road(net, "3", lane, 5.0, 0.8 * length)
+    back = on_a_road(net, "3", -lane, 0.8 * length, 0.4 * length)
+    route = driven_route(net, *one_after_the_other(away, back))
+    assert route == Route((("3",),), onwards=False)
+    assert first_off_route(net, route, *driven(net, turn)) is not None
+
+
+@pytest.mark.parametrize(("before", "angle"), [(6.0, 90.0), (15.0, -60.0), (25.0, 110.0)])
+def test_who_leaves_its_last_road_over_a_field_has_left_it(shared_map, before, angle):
+    found = 0
+    for net in map(shared_map, (*MAPS, "xodr/esmini/highway_exit.xodr")):
+        for turn in turns(net):
+            (name, contact), lane = turn[2]
+            length = net.roads[name].length
+            if length < 2.0 * before:
+                continue
+            route = driven_route(net, *driven(net, turn))
+            ends = (0.5, length - before) if contact == "start" else (length - 0.5, before)
+            last = on_a_road(net, name, lane, *ends)
+            x, y, heading = last[:, -1]
+            away, turned = np.arange(1.0, 60.0), heading + np.radians(angle)
+            field = [x + away * np.cos(turned), y + away * np.sin(turned), np.full(len(away), turned)]
+            drive = one_after_the_other(driven(net, turn, 1.0), last, np.array(field))
+            at = net.to_road(drive[0], drive[1])
+            if (at.on_road & ~np.isin(at.road, route.roads))[-len(away) :].any():
+                assert first_off_route(net, route, *drive) is not None
+                found += 1
+    assert found > 3
