@@ -97,8 +97,9 @@ def run(
     files = in_child(_frozen, asked)
     with whole_folder(out) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, files, folder))
+        add_to_json(report=folder / "report.json", assessment=folder / "assessment.json")
     done.tell("report", out)
-    add_to_json(out=out, report=out / "report.json", assessment=out / "assessment.json", problem=done.bad)
+    add_to_json(out=out, problem=done.bad)
     done.end()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -92,6 +93,7 @@ def verify(
     from resim.cli.verification import print_verification
     from resim.jobs.verify import compare
     from resim.jobs.verify import verify as verify_build
+    from resim.verification.folder import text
     from resim.verification.request import VerifyOptions
 
     if replay is not None:
@@ -112,7 +114,7 @@ def verify(
     print_verification(found.report)
     say("")
     say(f"verification: {out / 'verification.html'}")
-    add_to_json(out=out, verification=out / "verification.json")
+    add_to_json(out=out, verification=json.loads(text(found.report)))
     register(out)
     _end(found)
 

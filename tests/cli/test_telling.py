@@ -14,6 +14,7 @@ import typer
 from conftest import ROOT, Call
 
 from resim.cli import app as resim
+from resim.cli import assess
 
 DRIVE = ROOT / "scenarios" / "cut_in_brake"
 BUILD = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
@@ -63,6 +64,24 @@ def test_an_assessment_needs_no_folder(call: Call, tmp_path: Path) -> None:
     assert (code, alone["out"]) == (0, None)
     call("assess", DRIVE, "--out", tmp_path / "out", "--quiet")
     assert alone["assessment"] == json.loads((tmp_path / "out" / "assessment.json").read_text())
+
+
+def test_a_command_tells_its_own_results_whoever_writes_into_the_folder_then(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+
+    def by_another(folder: Path) -> None:
+        for name in ("report.json", "assessment.json"):
+            (folder / name).write_text('{"of": "another command"}')
+
+    monkeypatch.setattr(assess, "register", by_another)
+    build = ROOT / "adfunc" / "builds" / "replay-1.0.toml"
+    code, said, _ = call("run", DRIVE, "--build", build, "--basis", "gt", "--out", out, "--json")
+    assert code == 0
+    assert json.loads((out / "report.json").read_text()) == {"of": "another command"}
+    assert json.loads(said)["report"]["build"]["name"] == "replay"
+    assert "rGT" in json.loads(said)["assessment"]
 
 
 @pytest.mark.parametrize(
