@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.links import LaneKey, lane_graph, ways
 from resim.road.opendrive import RoadNetwork, RoadPositions
+from resim.road.opendrive.index import LEVEL
 
 _END = 1.0
 """How near [m] to the end of its last road a drive goes beyond a route's end, and does not leave it."""
@@ -50,14 +51,16 @@ NO_ROUTE = Route()
 """Of whom nobody knows where he goes."""
 
 
-def driven_route(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> Route:
+def driven_route(
+    network: RoadNetwork, x: Floats, y: Floats, heading: Floats, *, z: Floats | None = None
+) -> Route:
     """Give the route of a drive with centre positions x, y (K,) [m] and headings (K,) [rad], in order of time.
 
-    Which connecting road of several on one spot a drive takes, only the road that it comes to tells. Where the map
+    z: heights (K,) [m] of the road, if they are known. Which connecting road of several on one spot a drive takes, only the road that it comes to tells. Where the map
     links no lanes from one road to the next, and where the drive begins or ends inside of a junction, they are those
     that it was on. A position on no driving lane tells nothing.
     """
-    at = network.to_road(x, y, heading=heading)
+    at = network.to_road(x, y, heading=heading, z=z)
     on, places = np.flatnonzero(at.on_road), np.column_stack([x, y])
     steps: list[tuple[str, ...]] = []
     before, inside = None, list[int]()
@@ -90,7 +93,15 @@ def only_roads(network: RoadNetwork, roads: tuple[str, ...]) -> RoadNetwork:
     return replace(network, roads={name: network.roads[name] for name in roads})
 
 
-def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> int | None:
+def first_off_route(
+    network: RoadNetwork,
+    route: Route,
+    x: Floats,
+    y: Floats,
+    heading: Floats,
+    *,
+    z: Floats | None = None,
+) -> int | None:
     """Give the first of K samples (as of `driven_route`) at which a drive is on a driving lane off its route, or None.
 
     Who goes on over the end of its last road has not left it, wherever he goes then; of a route without roads nobody
@@ -99,7 +110,7 @@ def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, he
     if not route.steps:
         return None
     own = only_roads(network, route.roads)
-    on = own.to_road(x, y).on_road
+    on = own.to_road(x, y).on_road if z is None else _on_level(own, x, y, z)
     if len(route.roads) < sum(map(len, route.steps)):
         on &= _in_order(network, route, x, y, heading)
     off = np.flatnonzero(~on)
@@ -109,6 +120,15 @@ def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, he
     first = int(off[0])
     was = np.flatnonzero(on[:first])
     return None if len(was) and _ended(own, route, x, y, heading, (int(was[-1]), first)) else first
+
+
+def _on_level(own: RoadNetwork, x: Floats, y: Floats, z: Floats) -> Bools:
+    """Say which samples (K,) are on a driving lane of these roads, and not over or under all of them."""
+    at = own.to_road(x, y, z=z)
+    height = np.full(len(x), np.nan)
+    on = at.on_road
+    height[on] = own.z(at.road[on], at.s[on], at.t[on], lane=at.lane[on])
+    return np.asarray(on & ~(np.abs(height - z) > LEVEL))
 
 
 def _in_order(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> Bools:

@@ -122,7 +122,8 @@ def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, e
         (seen.length, np.full(n, model.length)),
         (seen.width, np.full(n, model.width)),
     )
-    return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
+    z_ego = None if seen.z_ego is None else np.concatenate([seen.z_ego, np.full(n, np.nan)])
+    return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more), z_ego=z_ego)
 
 
 FALSE_OBJECTS = PerceptionPart(

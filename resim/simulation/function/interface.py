@@ -44,7 +44,8 @@ class Perceived:
 
     ids, kind: (N,). x_ego, y_ego: (N,) m, forward and left of the EGO's box centre to the object's.
     heading_ego: (N,) rad against the EGO's heading. v: (N,) m/s over ground along the object's heading.
-    length, width: (N,) m.
+    length, width: (N,) m. z_ego: (N,) m, height of the road under the objects above that under the EGO, NaN where it is
+    not known; None where heights are unknown.
     """
 
     t: float
@@ -57,6 +58,7 @@ class Perceived:
     v: Floats
     length: Floats
     width: Floats
+    z_ego: Floats | None = None
 
     def map_positions(self) -> tuple[Floats, Floats]:
         """Give x, y (N,) [m] of the objects in the map frame, as far as the perceived EGO pose is right."""
