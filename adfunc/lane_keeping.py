@@ -106,7 +106,15 @@ class Lane:
         Who is on another level, such as on a bridge, is left out.
         """
         ego, seen = perceived.ego, perceived
-        columns: tuple[Any, ...] = (seen.x_ego, seen.y_ego, seen.heading_ego, seen.v, seen.length, seen.width, seen.ids)
+        columns: tuple[Any, ...] = (
+            seen.x_ego,
+            seen.y_ego,
+            seen.heading_ego,
+            seen.v,
+            seen.length,
+            seen.width,
+            seen.ids,
+        )
         if seen.z_ego is not None:
             here = ~(np.abs(seen.z_ego) > LEVEL + RISE * np.hypot(seen.x_ego, seen.y_ego))
             columns = tuple(column[here] for column in columns)

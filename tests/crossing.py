@@ -12,8 +12,8 @@ import pandas as pd
 
 from resim.recordings import Recording, read_recording
 
-HALF, DECK, RAMP, TOP = 300.0, 6.0, 100.0, 20.0
-"""Half length of the roads, height of the bridge, length of a ramp, and half length of the bridge [m]."""
+HALF, DECK, RAMP, TOP = 300.0, 6.0, 100.0, 120.0
+"""Half length of the roads, height of the bridge, length of a ramp, and half length of the level bridge [m]."""
 
 ROAD = """<road id="{id}" length="{length}" junction="-1"><planView><geometry s="0" x="{x}" y="{y}" hdg="{heading}"
 length="{length}"><line/></geometry></planView><elevationProfile>{elevation}</elevationProfile><lanes>
@@ -22,9 +22,9 @@ length="{length}"><line/></geometry></planView><elevationProfile>{elevation}</el
 d="0"/></lane></right></laneSection></lanes></road>"""
 
 
-def bridge_height(y):
+def bridge_height(y, top=TOP):
     """Give the height [m] of the road from south to north at y [m]."""
-    u = np.clip((HALF - 180.0 - np.abs(np.asarray(y, dtype=float))) / RAMP, 0.0, 1.0)
+    u = np.clip((top + RAMP - np.abs(np.asarray(y, dtype=float))) / RAMP, 0.0, 1.0)
     return DECK * (3.0 * u**2 - 2.0 * u**3)
 
 
@@ -34,13 +34,20 @@ def elevation(*records: tuple[float, ...]) -> str:
 
 FLAT = elevation((0.0, 5.0, 0.0, 0.0, 0.0))
 UP, DOWN = 3.0 * DECK / RAMP**2, 2.0 * DECK / RAMP**3
-BRIDGE = elevation(
-    (0.0, 0.0, 0.0, 0.0, 0.0),
-    (180.0, 0.0, 0.0, UP, -DOWN),
-    (280.0, DECK, 0.0, 0.0, 0.0),
-    (320.0, DECK, 0.0, -UP, DOWN),
-    (420.0, 0.0, 0.0, 0.0, 0.0),
-)
+
+
+def bridge(top: float) -> str:
+    """Give the elevation of the road to the north, with a level bridge of this half length [m]."""
+    return elevation(
+        (0.0, 0.0, 0.0, 0.0, 0.0),
+        (HALF - top - RAMP, 0.0, 0.0, UP, -DOWN),
+        (HALF - top, DECK, 0.0, 0.0, 0.0),
+        (HALF + top, DECK, 0.0, -UP, DOWN),
+        (HALF + top + RAMP, 0.0, 0.0, 0.0, 0.0),
+    )
+
+
+BRIDGE, SHORT = bridge(TOP), bridge(20.0)
 
 
 def write_map(path: Path, *, east: str = "", north: str = "") -> Path:

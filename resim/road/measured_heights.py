@@ -24,6 +24,8 @@ EVERY = 0.5
 """Time [s] between the places of an object that are looked up, and within which no height jumps."""
 JUMP = 2.0
 """Change of height [m] within that time that is no driving."""
+STEEP = 0.15
+"""Grade of the steepest roads."""
 MEDIAN = 5
 """Samples of which a jump is that of the median: noise is none."""
 MOST = 0.9
@@ -96,7 +98,7 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
     out, doubted = [], {}
     for n, k in enumerate(tracks):
         own, known = row == n, np.isfinite(k.z)
-        why = _doubt(k.t[known], k.z[known], held[own], on[own]) if known.any() else ""
+        why = _doubt(k, known, held[own], on[own]) if known.any() else ""
         if why:
             doubted[n] = why
         off = _near(k.t, k.t[looked[n][held[own] & ~on[own]]])
@@ -137,27 +139,30 @@ def _fitting(above: Floats, row: NDArray[np.intp], point: NDArray[np.intp]) -> i
     return count
 
 
-def _doubt(t: Floats, z: Floats, held: Bools, on: Bools) -> str:
-    """Why nothing is believed of an object's heights (K,) [m], all known; held, on: at which of its places there is a
-    lane, and one at its height."""
+def _doubt(track: HeightTrack, known: Bools, held: Bools, on: Bools) -> str:
+    """Why nothing is believed of an object's heights; held, on: at which of its places there is a lane, and one at its
+    height."""
     if not held.any():
         return "it is on no lane of the map that would bear its height out"
     if (share := float(on[held].mean())) < MOST:
-        return f"at {100.0 * (1.0 - share):.0f} % of its places it is over {LEVEL:g} m off the height of every lane there"
-    if (far := _jump(t, z)) > JUMP:
+        off = 100.0 * (1.0 - share)
+        return f"at {off:.0f} % of its places it is over {LEVEL:g} m off the height of every lane there"
+    if (far := _jump(track, known)) > JUMP:
         return f"its height jumps by {far:.1f} m within {EVERY:g} s"
     return ""
 
 
-def _jump(t: Floats, z: Floats) -> float:
-    """The largest change [m] of a height over EVERY."""
+def _jump(track: HeightTrack, known: Bools) -> float:
+    """The largest change [m] of a height over EVERY, less what the steepest road rises on the way."""
+    t, x, y, z = (column[known] for column in track[1:])
     if len(z) < 2:
         return 0.0
     reach = np.arange(-(MEDIAN // 2), MEDIAN // 2 + 1)
     around = np.clip(np.arange(len(z))[:, None] + reach, 0, len(z) - 1)
     middle = np.median(z[around], axis=1)
     after = np.searchsorted(t, t + EVERY + 1e-9, side="right") - 1
-    return float(np.abs(middle[after] - middle).max())
+    way = np.hypot(x[after] - x, y[after] - y)
+    return float((np.abs(middle[after] - middle) - STEEP * way).max())
 
 
 def _near(t: Floats, times: Floats) -> Bools:

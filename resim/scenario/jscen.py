@@ -261,7 +261,10 @@ def _polynomials(segments: Sequence[_Segment]) -> PPoly:
 
 
 def write_jscen(scenario: Scenario, path: Path) -> None:
-    """Write a JSCEN file of version 0.10, or with heights 0.11, whole or not at all; InputError for what the format cannot hold."""
+    """Write a JSCEN file of version 0.10, or with heights 0.11, whole or not at all.
+
+    Raises InputError for what the format cannot hold.
+    """
     data = jscen(scenario).model_dump()
     try:
         JscenFile.model_validate(data)

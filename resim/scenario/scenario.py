@@ -49,7 +49,7 @@ class RoadPosition:
 class ScenarioObject:
     """One object: where it starts, and cubic splines of v [m/s] and heading [rad] over time [s].
 
-    z: the height [m] of the road under it over time [s], in straight pieces, as long as it is known; None where it is not.
+    z: the height [m] of the road under it over time [s], in straight pieces, while it is known; None where it never is.
     """
 
     id: str

@@ -31,8 +31,8 @@ _STRONGEST = 6.0  # m/s²; a start acceleration beyond it is taken for a wiggle 
 class Guide:
     """Commanded states of EGO (row 0) and traffic objects at the steps' times: (N, T).
 
-    t: (T,) s. present: which objects are there. begin: the step at the scenario's start. z: (N, T) m, heights of the road
-    under them, NaN where not known, None where none is.
+    t: (T,) s. present: which objects are there. begin: the step at the scenario's start. z: (N, T) m, heights of the
+    road under them, NaN where not known, None where none is.
     """
 
     t: Floats

@@ -32,8 +32,10 @@ Surface = Callable[[Ints, Ints, Floats, Floats], Floats]
 
 @dataclass(frozen=True)
 class Containing:
-    """M pairs of a position and a lane that holds it: its number, road, lane row, s, t from the lane centre [m], and how
-    far [m] its foot misses."""
+    """M pairs of a position and a lane that holds it.
+
+    point: which position; road, row: of the lane; s and t from the lane centre [m]; miss: of the foot [m].
+    """
 
     point: Ints
     road: Ints
