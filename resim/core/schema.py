@@ -19,8 +19,8 @@ GENERATOR = '<meta name="generator" content="resim">'
 
 COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
 OPTIONAL_COLUMNS = ("yaw_rate", "a", "z")
-"""Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s², and the
-height [m] of the road's surface under the centre of the box."""
+"""Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s²,
+height of the road under the centre of the box [m]."""
 
 PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
 """Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""

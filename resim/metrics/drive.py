@@ -40,9 +40,9 @@ class DriveScenes:
     """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; present: (S, K) where they are there.
 
     Who is there but not known whole (NaN, no size) has size 0 in `scenes`; so has who is on another level than the EGO
-    (`core.heights`), and counts as not there: apart (S, K) says who, None where no height is known. tracks: everybody's, at t. own: the EGO's.
-    path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the object's state lies in the range that
-    the prediction was fitted to.
+    (`core.heights`), and counts as not there: apart (S, K) says who, None where no height is known. tracks:
+    everybody's, at t. own: the EGO's. path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the
+    object's state lies in the range that the prediction was fitted to.
     """
 
     t: Floats

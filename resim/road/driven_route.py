@@ -56,9 +56,9 @@ def driven_route(
 ) -> Route:
     """Give the route of a drive with centre positions x, y (K,) [m] and headings (K,) [rad], in order of time.
 
-    z: heights (K,) [m] of the road, if they are known. Which connecting road of several on one spot a drive takes, only the road that it comes to tells. Where the map
-    links no lanes from one road to the next, and where the drive begins or ends inside of a junction, they are those
-    that it was on. A position on no driving lane tells nothing.
+    z: heights (K,) [m] of the road, if they are known. Which connecting road of several on one spot a drive takes, only
+    the road that it comes to tells. Where the map links no lanes from one road to the next, and where the drive begins
+    or ends inside of a junction, they are those that it was on. A position on no driving lane tells nothing.
     """
     at = network.to_road(x, y, heading=heading, z=z)
     on, places = np.flatnonzero(at.on_road), np.column_stack([x, y])

@@ -48,8 +48,8 @@ class HeightTrack(NamedTuple):
 class MeasuredHeights:
     """z: of each track (K,) m in the map's heights, NaN where none is believed.
 
-    offset: m that all were above the map's. why: of everybody, why nothing is believed, or "". doubted: by the number of
-    the track, why nothing of its is believed.
+    offset: m that all were above the map's. why: of everybody, why nothing is believed, or "". doubted: by the
+    number of the track, why nothing of its is believed.
     """
 
     z: tuple[Floats, ...]

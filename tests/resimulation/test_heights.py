@@ -149,9 +149,11 @@ def test_heights_of_one_source_alone_part_nobody_in_the_other(tmp_path):
     gt = crossing_rows(under, over)
     sd = gt[gt["id"] != "ego"]
     recording = write_recording(tmp_path / "gt", gt, sd=sd.drop(columns="z"), north=BRIDGE)
-    assert meets(assessed(recording, "SD")) and not meets(assessed(recording))
+    assert meets(assessed(recording, "SD"))
+    assert not meets(assessed(recording))
     recording = write_recording(tmp_path / "sd", gt.drop(columns="z"), sd=sd, north=BRIDGE)
-    assert meets(assessed(recording, "SD")) and meets(assessed(recording))
+    assert meets(assessed(recording, "SD"))
+    assert meets(assessed(recording))
 
 
 @pytest.mark.parametrize("above", [46.2, -3.9])
@@ -160,7 +162,8 @@ def test_heights_that_are_all_off_by_one_amount_count(tmp_path, above):
     recording = write_recording(tmp_path, rows, north=BRIDGE)
     assert not meets(assessed(recording))
     (told,) = [f for f in load_checked(tmp_path).findings if f.code == "HEIGHT"]
-    assert told.severity == "note" and told.value == pytest.approx(above, abs=0.1)
+    assert told.severity == "note"
+    assert told.value == pytest.approx(above, abs=0.1)
 
 
 def test_noise_does_not_bring_them_to_one_level(tmp_path):
@@ -220,13 +223,16 @@ def test_a_simulated_drive_under_the_bridge_goes_on(tmp_path, build):
     made = load_build(BUILDS / f"{build}.toml")
     result = resimulate(write_recording(tmp_path / "z", crossing_rows(under, over), north=BRIDGE), made)
     drive = result.drives["rGT"]
-    assert drive.end == "duration" and drive.collisions == () and drive.left_route is None
+    assert drive.end == "duration"
+    assert drive.collisions == ()
+    assert drive.left_route is None
     truth = drive.truth
     assert truth.z is not None
     np.testing.assert_allclose(truth.z[0], 0.0, atol=1e-9)
     np.testing.assert_allclose(truth.z[1], bridge_height(truth.y[1]), atol=0.25)
     seen = drive.perceived[len(drive.perceived) // 2]
-    assert seen.z_ego is not None and seen.z_ego.shape == seen.x_ego.shape
+    assert seen.z_ego is not None
+    assert seen.z_ego.shape == seen.x_ego.shape
     away = resimulate(
         write_recording(tmp_path / "alone", _alone(crossing_rows(under, over)), north=BRIDGE), made
     )
@@ -247,7 +253,8 @@ def test_a_simulated_drive_at_grade_ends_in_the_collision(tmp_path):
     bare = write_recording(tmp_path / "bare", crossing_rows(), north=BRIDGE)
     for recording in (grade, bare):
         drive = resimulate(recording, made).drives["rGT"]
-        assert drive.end == "collision" and [c.id for c in drive.collisions] == ["over"]
+        assert drive.end == "collision"
+        assert [c.id for c in drive.collisions] == ["over"]
 
 
 def test_a_scenario_keeps_heights_in_its_file(tmp_path):

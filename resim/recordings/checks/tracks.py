@@ -26,7 +26,10 @@ FINEST = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, v (K,), z (K,) m or None."""
+    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, v (K,).
+
+    z: (K,) m, height of the road, NaN where it is not known; None where no row has any.
+    """
 
     id: str
     kind: str

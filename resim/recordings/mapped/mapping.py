@@ -174,8 +174,8 @@ class TableMapping(Strict):
         kind: What the object is; without it unknown.
         yaw_rate: Of the object.
         a: Acceleration along the heading.
-        z: Height of the road under the object, with any crs and frame as it stands (altitude): in the height system of the
-            map, or all off by one amount.
+        z: Height of the road under the object, over sea or ellipsoid (altitude), whatever crs and frame are: as the map
+            has it, or all off by one amount.
         existence: Probability that there is such an object.
         gt_id: In sd: the same object's id in gt.
     """

@@ -86,7 +86,8 @@ class RoadNetwork:
         nearest, 10 m added per rad between its driving direction and heading (N,) [rad] if given, then the
         first in the file. Where a height z (N,) [m] is given, lanes within `LEVEL` of it come before all others, if
         there are any: on a bridge the bridge, under it the road below. A position on no lane, or on one of type none,
-        gets the nearest driving lane and on_road False. s, t are NaN for NaN positions, and on a map that has lanes of type none only.
+        gets the nearest driving lane and on_road False. s, t are NaN for NaN positions, and on a map that has lanes of
+        type none only.
         """
         x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
         want = None if heading is None else np.broadcast_to(np.asarray(heading, dtype=float), x_.shape)
