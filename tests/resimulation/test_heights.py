@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT
+from conftest import DATA, ROOT
 from crossing import (
     BRIDGE,
     DECK,
@@ -20,12 +20,18 @@ from crossing import (
     write_map,
     write_recording,
 )
+from lxml import etree
 
 from resim.metrics.measures.values import State
+from resim.perception.model import PerceptionModel
+from resim.recordings import read_recording
 from resim.recordings.checked import load_checked
 from resim.recordings.checks import CODES
 from resim.resimulation import AssessmentOptions, assess_recording, resimulate
+from resim.resimulation.perceived import PerceptionSetup
+from resim.resimulation.run import over_seeds
 from resim.road.opendrive import load
+from resim.road.path import lane_path
 from resim.scenario.jscen import read_jscen, write_jscen
 from resim.simulation.function.interface import load_build
 
@@ -270,3 +276,78 @@ def test_a_scenario_keeps_heights_in_its_file(tmp_path):
         np.testing.assert_allclose(z[1], bridge_height(-84.0 + 14.0 * t), atol=0.25)
     write_jscen(again, tmp_path / "b.json")
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+
+
+TOWN = DATA / "xodr" / "carla" / "Town04.xodr"
+
+
+def written_height(road: str, s: float) -> float:
+    """The height that the file says, by its own elements."""
+    records = etree.parse(TOWN).getroot().findall(f"road[@id='{road}']/elevationProfile/elevation")
+    a = [{name: float(value) for name, value in record.items()} for record in records]
+    last = [record for record in a if record["s"] <= s][-1]
+    ds = s - last["s"]
+    return last["a"] + ds * (last["b"] + ds * (last["c"] + ds * last["d"]))
+
+
+@pytest.mark.skipif(not TOWN.is_file(), reason="no shared data")
+def test_on_a_real_map_the_motorway_passes_over_the_road(tmp_path):
+    """Road 39 lies 11 m over road 47 where they cross, without a junction."""
+    network = load(TOWN)
+    ways = [lane_path(network, "47", -4, 30.0, 60.0), lane_path(network, "39", -4, 20.0, 60.0)]
+    s = np.arange(0.0, 60.0, 0.1)
+    (x, y), (x2, y2) = (way.xy(s, 0.0 * s) for way in ways)
+    i, j = np.unravel_index(np.hypot(x[:, None] - x2, y[:, None] - y2).argmin(), (len(s), len(s)))
+    t = np.arange(0.0, 6.0, 0.05)
+    rows = []
+    for name, way, meets_at, z in (
+        ("ego", ways[0], s[i], written_height("47", 60.0)),
+        ("over", ways[1], s[j], 11.0),
+    ):
+        at = meets_at + 8.0 * (t - 3.0)
+        x, y = way.xy(at, 0.0 * at)
+        told = {
+            "t": np.round(t, 6),
+            "id": name,
+            "x": x,
+            "y": y,
+            "heading": np.interp(at, way.s, way.heading),
+            "v": 8.0,
+        }
+        rows.append(pd.DataFrame({**told, "length": 4.7, "width": 1.9, "kind": "car", "z": z}))
+    assert written_height("39", 47.86) == pytest.approx(11.0)
+    assert written_height("47", 59.82) == pytest.approx(0.0)
+    gt = pd.concat(rows).sort_values("t", kind="stable")
+    found = {}
+    for name, table in (("z", gt), ("bare", gt.drop(columns="z"))):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "recording.toml").write_text(
+            f'name = "town"\nmap = "{TOWN}"\nego = "ego"\n', encoding="utf-8"
+        )
+        table.to_csv(folder / "gt.csv", index=False)
+        found[name] = meets(assessed(read_recording(folder)))
+    assert found == {"z": False, "bare": True}
+    drive = resimulate(
+        read_recording(tmp_path / "z"), load_build(BUILDS / "constant_velocity-1.0.toml")
+    ).drives["rGT"]
+    assert drive.end == "duration"
+    assert drive.truth.z is not None
+    np.testing.assert_allclose(drive.truth.z[0], 0.0, atol=0.5)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.3])
+def test_a_perception_model_tells_the_height_of_the_place_that_it_tells(tmp_path, latency):
+    made = load_build(BUILDS / "constant_velocity-1.0.toml")
+    rows = crossing_rows(under, lambda t, x, y: bridge_height(y, 20.0))
+    prepared = resimulate(write_recording(tmp_path, rows, north=SHORT), made)
+    model = PerceptionModel.model_validate(
+        {"schema": "resim-perception-1", "name": "late", "latency": {"position": latency}}
+    )
+    *_, last = over_seeds(prepared, PerceptionSetup(model, (1,)))
+    (drive,) = last.perceived().values()
+    for seen in drive.perceived:
+        _, y = seen.map_positions()
+        assert seen.z_ego is not None
+        np.testing.assert_allclose(seen.z_ego, bridge_height(y, 20.0), atol=0.25)
+    assert drive.end == "duration"
