@@ -115,7 +115,7 @@ class Lane:
             seen.width,
             seen.ids,
         )
-        if seen.z_ego is not None:
+        if not np.isnan(seen.z_ego).all():
             here = ~(np.abs(seen.z_ego) > LEVEL + RISE * np.hypot(seen.x_ego, seen.y_ego))
             columns = tuple(column[here] for column in columns)
         rows = sorted(zip(*[column.tolist() for column in columns], strict=True), key=itemgetter(0))

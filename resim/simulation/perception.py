@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, constant
 from resim.core.tracks import Strings
-from resim.simulation.function.interface import EgoState, Perceived
+from resim.simulation.function.interface import EgoState, Perceived, unknown_heights
 
 
 class World(NamedTuple):
@@ -33,9 +33,9 @@ class World(NamedTuple):
     ego_z: float = math.nan
 
     @property
-    def z_ego(self) -> Floats | None:
-        """Heights (N,) [m] above the road under the EGO."""
-        return None if self.z is None else constant(self.z - self.ego_z)
+    def z_ego(self) -> Floats:
+        """Heights (N,) [m] above the road under the EGO, NaN where not known."""
+        return unknown_heights(len(self.ids)) if self.z is None else constant(self.z - self.ego_z)
 
 
 class Perception(Protocol):

@@ -121,9 +121,9 @@ def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, e
         (seen.v, np.array([one.v for one in false])),
         (seen.length, np.full(n, model.length)),
         (seen.width, np.full(n, model.width)),
+        (seen.z_ego, np.full(n, np.nan)),
     )
-    z_ego = None if seen.z_ego is None else np.concatenate([seen.z_ego, np.full(n, np.nan)])
-    return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more), z_ego=z_ego)
+    return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
 
 
 FALSE_OBJECTS = PerceptionPart(

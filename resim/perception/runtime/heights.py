@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 
 from resim.core.geometry import Floats
+from resim.simulation.function.interface import unknown_heights
 from resim.simulation.perception import World
 
 
@@ -29,13 +30,13 @@ class HeightHistory:
         while len(self._past) > 2 and self._past[1][0] <= world.t - self._need:
             self._past.popleft()
 
-    def z_ego(self, world: World) -> Floats | None:
-        """Give the heights (N,) [m] that the objects of now had, above that of the EGO now; None without heights.
+    def z_ego(self, world: World) -> Floats:
+        """Give the heights (N,) [m] that the objects of now had, above that of the EGO now; NaN without heights.
 
         Linear between times; of an object that is new, its first.
         """
         if world.z is None:
-            return None
+            return unknown_heights(len(world.ids))
         t = np.array([when for when, _ in self._past])
         then = world.t - self._need
         out = np.empty(len(world.ids))

@@ -145,7 +145,7 @@ class Sensor:
         if count < n:
             who, table = who[:count], table[:, :count]
             ids, kind = ids[who], kind[who]
-            z_ego = None if z_ego is None else z_ego[who]
+            z_ego = z_ego[who]
         x, y, v, heading, length, width = table
         seen = Perceived(world.t, own, ids, kind, x, y, heading, v, length, width, z_ego)
         for part in self._parts:
