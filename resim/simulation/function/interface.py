@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -66,10 +66,10 @@ class Perceived:
     v: Floats
     length: Floats
     width: Floats
-    z_ego: Floats = field(default=None)  # type: ignore[assignment]
+    z_ego: Floats = cast(Floats, None)
 
     def __post_init__(self) -> None:
-        if self.z_ego is None:
+        if cast(Any, self.z_ego) is None:
             object.__setattr__(self, "z_ego", unknown_heights(len(self.ids)))
 
     def map_positions(self) -> tuple[Floats, Floats]:
