@@ -25,14 +25,16 @@ from lxml import etree
 from resim.metrics.measures.values import State
 from resim.perception.model import PerceptionModel
 from resim.recordings import read_recording
-from resim.recordings.checked import load_checked
+from resim.recordings.checked import load_checked, repair_recording
 from resim.recordings.checks import CODES
-from resim.resimulation import AssessmentOptions, assess_recording, resimulate
+from resim.resimulation import AssessmentOptions, assess_recording, assess_resimulation, resimulate
 from resim.resimulation.perceived import PerceptionSetup
-from resim.resimulation.run import over_seeds
+from resim.resimulation.run import describe_recording, over_seeds
+from resim.resimulation.tables import tracks_frame
 from resim.road.opendrive import load
 from resim.road.path import lane_path
 from resim.scenario.jscen import read_jscen, write_jscen
+from resim.scenario.variation import vary
 from resim.simulation.function.interface import load_build
 
 BUILDS = ROOT / "adfunc" / "builds"
@@ -351,3 +353,37 @@ def test_a_perception_model_tells_the_height_of_the_place_that_it_tells(tmp_path
         assert seen.z_ego is not None
         np.testing.assert_allclose(seen.z_ego, bridge_height(y, 20.0), atol=0.25)
     assert drive.end == "duration"
+
+
+def test_results_have_heights_and_are_judged_by_them(tmp_path):
+    made = load_build(BUILDS / "constant_velocity-1.0.toml")
+    result = resimulate(write_recording(tmp_path, crossing_rows(under, over), north=BRIDGE), made)
+    table = tracks_frame(result)
+    for source in ("GT", "rGT"):
+        rows = table[(table["source"] == source) & (table["id"] == "over")]
+        np.testing.assert_allclose(rows["z"], bridge_height(rows["y"]), atol=0.25)
+    blocks = assess_resimulation(result, AssessmentOptions()).blocks
+    assert not meets(blocks["rGT"])
+
+
+def test_a_repaired_gap_has_the_heights_between(tmp_path):
+    rows = crossing_rows(under, lambda t, x, y: bridge_height(y, 20.0))
+    write_recording(
+        tmp_path / "gap", rows[~((rows["id"] == "over") & rows["t"].between(1.5, 2.0))], north=SHORT
+    )
+    repair_recording(tmp_path / "gap", tmp_path / "whole")
+    again = pd.read_csv(tmp_path / "whole" / "gt.csv")
+    filled = again[(again["id"] == "over") & again["t"].between(1.49, 2.01)]
+    assert len(filled) == 11
+    np.testing.assert_allclose(filled["z"], bridge_height(filled["y"], 20.0), atol=0.25)
+
+
+def test_who_is_varied_has_the_height_of_the_road_where_it_is_then(tmp_path):
+    rows = crossing_rows(under, lambda t, x, y: bridge_height(y, 20.0))
+    recording = write_recording(tmp_path, rows, north=SHORT)
+    network = load(recording.map)
+    varied = vary(describe_recording(recording, network)["GT"], network, "over", "gap", 20.0)
+    tracks = varied.tracks(network, np.linspace(0.0, 10.0, 101))
+    assert tracks.z is not None
+    np.testing.assert_allclose(tracks.y[1], -64.0 + 14.0 * tracks.t, atol=0.1)
+    np.testing.assert_allclose(tracks.z[1], bridge_height(tracks.y[1], 20.0), atol=0.3)
