@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,6 +24,8 @@ from crossing import (
 )
 from lxml import etree
 
+from resim.core.objects import ObjectIds
+from resim.core.tracks import Tracks
 from resim.metrics.measures.values import State
 from resim.perception.model import PerceptionModel
 from resim.recordings import read_recording
@@ -387,3 +391,16 @@ def test_who_is_varied_has_the_height_of_the_road_where_it_is_then(tmp_path):
     assert tracks.z is not None
     np.testing.assert_allclose(tracks.y[1], -64.0 + 14.0 * tracks.t, atol=0.1)
     np.testing.assert_allclose(tracks.z[1], bridge_height(tracks.y[1], 20.0), atol=0.3)
+
+
+def test_one_above_the_other_are_two_objects():
+    """At one place at all times, and on two levels: neither speaks for the other."""
+    t = np.arange(0.0, 3.0, 0.1)
+    rows = [
+        straight(name, t, x, 0.0, 0.0, 0.0, z)
+        for name, x, z in (("ego", -50.0, 0.0), ("a", 0.0, 0.0), ("b", 0.5, DECK))
+    ]
+    tracks = Tracks.from_frame(pd.concat(rows))
+    for seen, two in ((tracks, True), (replace(tracks, z=None), False)):
+        whom = ObjectIds.of(seen, ego="ego")
+        assert whom.apart(*whom.others) is two

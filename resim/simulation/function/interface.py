@@ -8,7 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -40,6 +40,9 @@ class EgoState(NamedTuple):
     yaw_rate: float = 0.0
 
 
+_NOT_GIVEN: Any = None
+
+
 @lru_cache(maxsize=256)
 def unknown_heights(count: int) -> Floats:
     """Give NaN (count,), which nobody can change."""
@@ -66,10 +69,10 @@ class Perceived:
     v: Floats
     length: Floats
     width: Floats
-    z_ego: Floats = cast(Floats, None)
+    z_ego: Floats = _NOT_GIVEN
 
     def __post_init__(self) -> None:
-        if cast(Any, self.z_ego) is None:
+        if self.z_ego is _NOT_GIVEN:
             object.__setattr__(self, "z_ego", unknown_heights(len(self.ids)))
 
     def map_positions(self) -> tuple[Floats, Floats]:
