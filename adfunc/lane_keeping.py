@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from operator import itemgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,10 @@ ANCHOR = 200.0
 
 NEAR = 200.0
 """Objects farther than this [m] from the EGO, ahead or to a side, are not looked at."""
+
+
+LEVEL, RISE = 2.0, 0.15
+"""Objects are on another level that are higher or lower than this [m], and than roads rise on the way [m per m]."""
 
 
 class Neighbour(NamedTuple):
@@ -97,9 +101,23 @@ class Lane:
         return self.path.at(self.s)
 
     def locate(self, perceived: Perceived, *, behind: float = NEAR) -> Iterator[Neighbour]:
-        """Find the objects up to NEAR ahead and `behind` [m] of the EGO, rearmost first, each when it is asked for."""
+        """Find the objects up to NEAR ahead and `behind` [m] of the EGO, rearmost first, each when it is asked for.
+
+        Who is on another level, such as on a bridge, is left out.
+        """
         ego, seen = perceived.ego, perceived
-        columns = (seen.x_ego, seen.y_ego, seen.heading_ego, seen.v, seen.length, seen.width, seen.ids)
+        columns: tuple[Any, ...] = (
+            seen.x_ego,
+            seen.y_ego,
+            seen.heading_ego,
+            seen.v,
+            seen.length,
+            seen.width,
+            seen.ids,
+        )
+        if not np.isnan(seen.z_ego).all():
+            here = ~(np.abs(seen.z_ego) > LEVEL + RISE * np.hypot(seen.x_ego, seen.y_ego))
+            columns = tuple(column[here] for column in columns)
         rows = sorted(zip(*[column.tolist() for column in columns], strict=True), key=itemgetter(0))
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         track, segments = self.path.track, self._segments

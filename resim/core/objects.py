@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from resim.core.geometry import Bools, Floats, to_frame
+from resim.core.heights import CLEAR
 from resim.core.sightings import SAME, Sightings, joined, of_ids
 from resim.core.tracks import Tracks
 
@@ -166,7 +167,7 @@ def _chain(n: int, after: dict[int, int]) -> list[int]:
 
 
 def _beside(one: Sightings, two: Sightings) -> bool:
-    """Whether both are seen at one time, with a gap of more than DOUBLE between their boxes."""
+    """Whether both are seen at one time, with a gap of more than DOUBLE between their boxes, or on two levels."""
     if not len(one.t) or not len(two.t):
         return False
     j = np.clip(np.searchsorted(two.t, one.t - SAME), 1, max(len(two.t) - 1, 1))
@@ -180,7 +181,14 @@ def _beside(one: Sightings, two: Sightings) -> bool:
         axis = np.where(np.isfinite(axis), axis, np.arctan2(off[1], off[0]))
         halves = [_half(k.size, axis - heading) for k, heading in zip((one, two), headings, strict=True)]
         gap = np.maximum(gap, np.abs(off[0] * np.cos(axis) + off[1] * np.sin(axis)) - halves[0] - halves[1])
-    return bool((gap > DOUBLE).any())
+    return bool((gap > DOUBLE).any()) or _above(one, two, both)
+
+
+def _above(one: Sightings, two: Sightings, both: Bools) -> bool:
+    """Whether one is on another level at one of its times (n,) at which both are seen."""
+    if one.z is None or two.z is None:
+        return False
+    return bool((np.abs(np.interp(one.t[both], two.t, two.z) - one.z[both]) > CLEAR).any())
 
 
 def _half(size: tuple[float, float], turned: Floats) -> Floats:

@@ -18,8 +18,9 @@ GENERATOR = '<meta name="generator" content="resim">'
 """Stands in the head of every page, by which resim knows its own."""
 
 COLUMNS = ("t", "id", "x", "y", "heading", "v", "length", "width", "kind")
-OPTIONAL_COLUMNS = ("yaw_rate", "a")
-"""Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s²."""
+OPTIONAL_COLUMNS = ("yaw_rate", "a", "z")
+"""Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s²,
+height of the road under the centre of the box [m]."""
 
 PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
 """Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""

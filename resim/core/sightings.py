@@ -26,7 +26,7 @@ class Sightings:
 
     t: (n,) s; state: (n, 5) x, y [m], heading [rad], vx, vy [m/s], heading NaN where unknown. usable: (n,) which rows
     are whole; blind: (b,) s, times of rows that say no place; lacks: what rows lack. size: length, width [m];
-    kind: of all ids, "" where they differ.
+    kind: of all ids, "" where they differ. z: (n,) m, heights of the road, NaN where not known; None where none is.
     """
 
     ids: tuple[str, ...]
@@ -38,6 +38,7 @@ class Sightings:
     lacks: str
     size: tuple[float, float]
     kind: str
+    z: Floats | None = None
 
     @property
     def step(self) -> float:
@@ -52,7 +53,7 @@ class Sightings:
         )  # fmt: skip
         return Sightings(
             self.ids, self.part[keep], self.t[keep], self.state[keep], self.usable[keep], self.blind[blind],
-            self.lacks, self.size, self.kind,
+            self.lacks, self.size, self.kind, None if self.z is None else self.z[keep],
         )  # fmt: skip
 
     def id_at(self, t: float) -> str:
@@ -81,12 +82,14 @@ def joined(parts: Sequence[Sightings]) -> Sightings:
     )
     blind = np.sort(np.concatenate([k.blind for k in parts]))
     kind = parts[0].kind if len({k.kind for k in parts}) == 1 else ""
-    return Sightings(ids, whose, t, state, usable, blind, lacks, (length, width), kind)
+    heights = [np.full(len(k.t), np.nan) if k.z is None else k.z for k in parts]
+    z = None if all(k.z is None for k in parts) else np.concatenate(heights)
+    return Sightings(ids, whose, t, state, usable, blind, lacks, (length, width), kind, z)
 
 
 def _of_id(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> Sightings:
     t, state, blind = np.empty(0), np.empty((0, 5)), np.empty(0)
-    size, kind = (np.nan, np.nan), ""
+    size, kind, z = (np.nan, np.nan), "", None
     if name in tracks.ids:
         n = tracks.index(name)
         repeated = _repeated(tracks, n)
@@ -96,6 +99,7 @@ def _of_id(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> Sighti
             [tracks.x[n, own], tracks.y[n, own], heading, v * np.cos(heading), v * np.sin(heading)]
         )
         size, kind = (float(tracks.length[n]), float(tracks.width[n])), str(tracks.kind[n])
+        z = None if tracks.z is None else tracks.z[n, own]
     lacks, usable = "", np.ones(len(t), dtype=bool)
     if incomplete is not None:
         rows = incomplete.drop_duplicates("t")
@@ -105,9 +109,18 @@ def _of_id(tracks: Tracks, name: str, incomplete: pd.DataFrame | None) -> Sighti
         if not np.isfinite(size[0]):
             size = float(rows["length"].median()), float(rows["width"].median())
         lacks = ", ".join(c for c in ("x", "y", "heading", "v") if not np.isfinite(rows[c]).all())
+        seen = t
         t, state, usable = _with_places(t, state, rows[placed])
+        z = None if z is None else _at(t, seen, z)
         blind = np.union1d(blind, rows["t"].to_numpy(float)[~placed])
-    return Sightings((name,), np.zeros(len(t), dtype=np.intp), t, state, usable, blind, lacks, size, kind)
+    return Sightings((name,), np.zeros(len(t), dtype=np.intp), t, state, usable, blind, lacks, size, kind, z)
+
+
+def _at(t: Floats, seen: Floats, z: Floats) -> Floats:
+    """The heights z (m,) of the times `seen` (m,) at all times t (n,), NaN at the others."""
+    out = np.full(len(t), np.nan)
+    out[np.searchsorted(t, seen)] = z
+    return out
 
 
 def _repeated(tracks: Tracks, n: int) -> Bools:

@@ -48,6 +48,7 @@ class Tracks:
         valid: (N, T) whether the sample is there.
         yaw_rate: (N, T) rad/s, None where it was not measured.
         a: (N, T) m/s², None where it was not measured.
+        z: (N, T) m, height of the road under the box centre, NaN where it is not known, None where it was not measured.
     """
 
     t: Floats
@@ -62,6 +63,7 @@ class Tracks:
     valid: Bools
     yaw_rate: Floats | None = None
     a: Floats | None = None
+    z: Floats | None = None
 
     def __post_init__(self) -> None:
         n, samples = len(self.ids), len(self.t)
@@ -69,7 +71,7 @@ class Tracks:
             raise ResimError("tracks: an object id is a duplicate")
         if samples > 1 and not np.all(np.diff(self.t) > 0.0):
             raise ResimError("tracks: times must increase strictly")
-        for name in ("x", "y", "heading", "v", "valid", "yaw_rate", "a"):
+        for name in ("x", "y", "heading", "v", "valid", *OPTIONAL_COLUMNS):
             value = getattr(self, name)
             if value is not None and value.shape != (n, samples):
                 raise ResimError(f"tracks: {name} has shape {value.shape}, expected {(n, samples)}")
@@ -130,9 +132,8 @@ class Tracks:
         max_gap [s] apart; nothing is extrapolated.
         """
         t = np.asarray(t, dtype=float)
-        columns = [
-            name for name in ("x", "y", "heading", "v", "yaw_rate", "a") if getattr(self, name) is not None
-        ]
+        names = ("x", "y", "heading", "v", *OPTIONAL_COLUMNS)
+        columns = [name for name in names if getattr(self, name) is not None]
         out = {name: np.full((len(self), len(t)), np.nan) for name in columns}
         own_times = np.array_equal(t, self.t)
         for n in range(len(self)):

@@ -10,6 +10,7 @@ import numpy as np
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
+from resim.core.heights import apart_from
 from resim.core.tracks import Tracks
 from resim.metrics.risk import DEFAULTS, Parameters, Risk, Scenes, accident_risk
 from resim.metrics.risk.lane_paths import lane_paths
@@ -38,9 +39,10 @@ _SAME = 1e-9
 class DriveScenes:
     """A drive scene by scene. t: (S,) s; ids: (K,) of the traffic objects; present: (S, K) where they are there.
 
-    Who is there but not known whole (NaN, no size) has size 0 in `scenes`. tracks: everybody's, at t. own: the EGO's.
-    path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the object's state lies in the range that
-    the prediction was fitted to.
+    Who is there but not known whole (NaN, no size) has size 0 in `scenes`; so has who is on another level than the EGO
+    (`core.heights`), and counts as not there: apart (S, K) says who, None where no height is known. tracks:
+    everybody's, at t. own: the EGO's. path: (S,) where the EGO's path of each scene comes from. covered: (S, K) the
+    object's state lies in the range that the prediction was fitted to.
     """
 
     t: Floats
@@ -52,6 +54,7 @@ class DriveScenes:
     path: tuple[Path, ...]
     covered: Bools
     prediction: str
+    apart: Bools | None = None
 
     def risk(self, parameters: Parameters = DEFAULTS) -> Risk:
         """Give the accident risk of every scene (S) and object (K).
@@ -98,21 +101,34 @@ def drive(
     sizes = np.stack([tracks.length, tracks.width], axis=1)
     sized: Bools = np.all(np.isfinite(sizes) & (sizes > 0.0), axis=1)
     complete = np.isfinite(state).all(axis=2) & sized[others]
+    everybody = tracks.at(t := tracks.t[there])
+    apart = apart_from(everybody, row)
+    if apart is not None:
+        apart = np.asarray(apart[others].T)
+        present, complete = present & ~apart, complete & ~apart
     size = np.where(complete[..., None], sizes[others][None], 0.0)
     state = np.where(complete[..., None], state, 0.0)
-    t = tracks.t[there]
     poses, chosen = _paths(t, states[row], plans, path, parameters)
     expected, kinds = predicted or prediction(), tracks.kind[others]
     inputs = expected.inputs(kinds, state[..., 3], state[..., 4], state[..., 5])
     motion = np.tile(expected.motion(kinds), (len(t), 1))
     size = np.ascontiguousarray(size)
-    lanes = None if road is None else lane_paths(road, state, size, horizon=parameters.horizon)
+    lanes = (
+        None
+        if road is None
+        else lane_paths(
+            road,
+            state,
+            size,
+            horizon=parameters.horizon,
+            z=None if everybody.z is None else everybody.z[others].T,
+        )
+    )
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, size, inputs, motion, lanes)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
-    everybody = tracks.at(t)
     ids = tuple(tracks.ids[others].tolist())
     return DriveScenes(
-        t, ids, everybody, everybody.select([ego]), scenes, present, chosen, covered, expected.name
+        t, ids, everybody, everybody.select([ego]), scenes, present, chosen, covered, expected.name, apart
     )
 
 

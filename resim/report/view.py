@@ -210,7 +210,8 @@ def _path(result: Resimulation, tracks: Mapping[str, Tracks], first: Tracks) -> 
     own = first.valid[n]
     x, y, heading = first.x[n, own], first.y[n, own], first.heading[n, own]
     far = max(_length(t, t.index(result.ego)) for t in tracks.values()) + 150.0
-    at = result.network.to_road(x[:1], y[:1], heading=heading[:1])
+    z = None if first.z is None else first.z[n, own][:1]
+    at = result.network.to_road(x[:1], y[:1], heading=heading[:1], z=z)
     try:
         path = lane_path(result.network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), far, behind=150.0)
         if np.abs(path.project(x, y)[1]).max() <= TURNED_OFF:

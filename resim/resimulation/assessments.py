@@ -59,7 +59,7 @@ def assess_recording(recording: Recording, how: AssessmentOptions) -> Resimulati
     """Assess what was measured: GT, and SD where there is one."""
     network = load(recording.map)
     described = describe_recording(recording, network)
-    measured = measured_tracks(recording)
+    measured = measured_tracks(recording, network)
     plans, sd = plans_of(recording.plan), measured.get("SD")
     seen = None if sd is None else without_repairs(recording, "SD", sd).tracks.to_frame()
     functioning = measured_functioning(

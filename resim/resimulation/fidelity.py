@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
+from resim.core.heights import apart_from
 from resim.core.tracks import Strings, Tracks, whole_id
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
@@ -199,5 +200,7 @@ def collisions(tracks: Tracks, *, ego: str) -> list[tuple[float, str]]:
         Boxes(tracks.x, tracks.y, tracks.heading, tracks.length[:, None], tracks.width[:, None]),
     )
     hit[row] = False
+    if hit.any() and (levels := apart_from(tracks, row)) is not None:
+        hit &= ~levels
     struck: Iterable[int] = np.flatnonzero(hit.any(axis=1)).tolist()
     return sorted((float(tracks.t[np.argmax(hit[n])]), str(tracks.ids[n])) for n in struck)

@@ -90,7 +90,8 @@ def _map(checked: MapCheck, measured: Mapping[Basis, Tracks]) -> Iterator[str]:
     yield from by_code(told)
     touched: set[LaneKey] = set()
     for tracks in measured.values():
-        found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
+        z = None if tracks.z is None else tracks.z[tracks.valid]
+        found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid], z=z)
         places = set(
             zip(found.road.tolist(), found.lane.tolist(), np.round(found.s, 1).tolist(), strict=True)
         )

@@ -31,6 +31,7 @@ from resim.resimulation.result import (
     pipeline_step,
 )
 from resim.road.checked import check_map, refuse_flaws
+from resim.road.measured_heights import with_heights
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, describe
 from resim.simulation.case import SimulatedDrive
@@ -130,7 +131,7 @@ def prepare(
     with clock.stage("map"):
         checked = check_map(recording.map)
         refuse_flaws(checked.network, checked.flaws, accept)
-    whole = measured_tracks(recording)
+    whole = measured_tracks(recording, checked.network)
     for tracks in whole.values():
         _refuse_far(recording, tracks, checked.network)
     measured = {basis: _split(recording, tracks) for basis, tracks in whole.items()}
@@ -190,12 +191,22 @@ def describe_recording(recording: Recording, network: RoadNetwork) -> dict[Basis
     """Describe what a recording measured by splines, GT and where there is one SD."""
     return {
         basis: _describe(_split(recording, tracks), recording, network, basis)
-        for basis, tracks in measured_tracks(recording).items()
+        for basis, tracks in measured_tracks(recording, network).items()
     }
 
 
-def measured_tracks(recording: Recording) -> dict[Basis, Tracks]:
-    """Give GT, and SD where there is one, each as long as the EGO is there."""
+def measured_tracks(recording: Recording, network: RoadNetwork | None = None) -> dict[Basis, Tracks]:
+    """Give GT, and SD where there is one, each as long as the EGO is there.
+
+    Heights are those that the network bears out, none without it (`resim.road.measured_heights`).
+    """
+    every = _measured(recording)
+    if network is None:
+        return {basis: replace(tracks, z=None) for basis, tracks in every.items()}
+    return {basis: with_heights(tracks, network) for basis, tracks in every.items()}
+
+
+def _measured(recording: Recording) -> dict[Basis, Tracks]:
     where = recording.folder or recording.name
     gt = _ego_window(recording.gt, recording.ego, f"{where}: gt")
     if (sd := recording.sd_by_gt()) is None:
@@ -235,7 +246,7 @@ def _as_long_as_driven(sd: Tracks, recording: Recording) -> Tracks:
 def _refuse_far(recording: Recording, tracks: Tracks, network: RoadNetwork) -> None:
     """Raise ResimError for an EGO beyond everything that the map can say."""
     row = tracks.index(recording.ego)
-    at = network.to_road(tracks.x[row], tracks.y[row])
+    at = network.to_road(tracks.x[row], tracks.y[row])  # whichever level
     length = np.array([network.roads[str(road)].length for road in at.road])
     off = np.nan_to_num(np.hypot(at.t, at.s - np.clip(at.s, 0.0, length)))
     if off.max() > FAR:

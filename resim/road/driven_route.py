@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.links import LaneKey, lane_graph, ways
 from resim.road.opendrive import RoadNetwork, RoadPositions
+from resim.road.opendrive.index import LEVEL
 
 _END = 1.0
 """How near [m] to its last road's end a drive is beyond the end of a route, and how far it goes to have a direction."""
@@ -52,14 +53,16 @@ NO_ROUTE = Route()
 """Of whom nobody knows where he goes."""
 
 
-def driven_route(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> Route:
+def driven_route(
+    network: RoadNetwork, x: Floats, y: Floats, heading: Floats, *, z: Floats | None = None
+) -> Route:
     """Give the route of a drive with centre positions x, y (K,) [m] and headings (K,) [rad], in order of time.
 
-    Which connecting road of several on one spot a drive takes, only the road that it comes to tells. Where the map
-    links no lanes from one road to the next, and where the drive begins or ends inside of a junction, they are those
-    that it was on. A position on no driving lane tells nothing.
+    z: heights (K,) [m] of the road, if they are known. Which connecting road of several on one spot a drive takes, only
+    the road that it comes to tells. Where the map links no lanes from one road to the next, and where the drive begins
+    or ends inside of a junction, they are those that it was on. A position on no driving lane tells nothing.
     """
-    at = network.to_road(x, y, heading=heading)
+    at = network.to_road(x, y, heading=heading, z=z)
     on, places = np.flatnonzero(at.on_road), np.column_stack([x, y])
     steps: list[tuple[str, ...]] = []
     before, inside = None, list[int]()
@@ -86,13 +89,21 @@ def _onwards(network: RoadNetwork, at: RoadPositions, on: NDArray[np.intp]) -> b
     return bool(s > stretch[away[-1]]) if len(away) else road.along(int(at.lane[last]), road.section_index(s))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def only_roads(network: RoadNetwork, roads: tuple[str, ...]) -> RoadNetwork:
     """Give the map with these of its roads alone; the last ones are kept."""
     return replace(network, roads={name: network.roads[name] for name in roads})
 
 
-def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats) -> int | None:
+def first_off_route(
+    network: RoadNetwork,
+    route: Route,
+    x: Floats,
+    y: Floats,
+    heading: Floats,
+    *,
+    z: Floats | None = None,
+) -> int | None:
     """Give the first of K samples (as of `driven_route`) at which a drive is on a driving lane off its route, or None.
 
     Who goes on over the end of its last road has not left it, wherever he goes then; of a route without roads nobody
@@ -101,7 +112,7 @@ def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, he
     if not route.steps:
         return None
     own = only_roads(network, route.roads)
-    on = own.to_road(x, y).on_road
+    on = own.to_road(x, y).on_road if z is None else _on_level(own, x, y, z)
     known, out = _taken(network, route, x, y, heading)
     on[out:] = False
     off = np.flatnonzero(~on)
@@ -113,6 +124,15 @@ def first_off_route(network: RoadNetwork, route: Route, x: Floats, y: Floats, he
     if len(was) and known[-1, was[-1]] and _ended(own, route, x, y, heading, int(was[-1])):
         return None
     return first
+
+
+def _on_level(own: RoadNetwork, x: Floats, y: Floats, z: Floats) -> Bools:
+    """Say which samples (K,) are on a driving lane of these roads, and not over or under all of them."""
+    at = own.to_road(x, y, z=z)
+    height = np.full(len(x), np.nan)
+    on = at.on_road
+    height[on] = own.z(at.road[on], at.s[on], at.t[on], lane=at.lane[on])
+    return np.asarray(on & ~(np.abs(height - z) > LEVEL))
 
 
 def _taken(
@@ -127,14 +147,10 @@ def _taken(
         return np.ones((1, len(x)), dtype=bool), len(x)
     there = np.array([_drives_on(only_roads(network, step), x, y, heading) for step in route.steps])
     lengths = [min(network.roads[name].length for name in step) for step in route.steps]
-    ends = np.cumsum(lengths)
-    between = (
-        ends[None, :] - lengths - ends[:, None]
-    )  # the way from the end of a step to the start of another
-    between[np.tril_indices(len(ends), 0)] = np.inf
-    between[np.arange(len(ends)), np.arange(len(ends))] = between[
-        np.arange(1, len(ends)), np.arange(len(ends) - 1)
-    ] = 0.0
+    ends, here = np.cumsum(lengths), np.arange(len(lengths))
+    between = ends[None, :] - lengths - ends[:, None]  # from the end of a step to the start of another
+    between[np.tril_indices(len(ends))] = np.inf
+    between[here, here] = between[here[1:], here[:-1]] = 0.0
     went = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     known, at, latest = np.zeros_like(there), np.zeros(len(there), dtype=bool), 0.0
     for k in range(len(x)):

@@ -1,7 +1,8 @@
 """JSCEN files: read and write (Wagner 2021, Section 5.2.2.2 and Appendix A.1).
 
 Version 0.9 is the format as published. Version 0.10, which is written here, adds what a re-simulation
-needs and the published format does not say: the boxes' length and width, and an id and model of the EGO.
+needs and the published format does not say: the boxes' length and width, and an id and model of the EGO. Version 0.11,
+written where heights are known, adds these.
 Polynomials are highest power first, in the time since the segment's `startTime`.
 """
 
@@ -16,7 +17,16 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 from scipy.interpolate import PPoly
 
 from resim.core import faults
@@ -25,7 +35,7 @@ from resim.core.files import read_file
 from resim.core.tracks import KINDS
 from resim.scenario.scenario import SIZES, RoadPosition, Scenario, ScenarioObject
 
-VERSION = (0, 10)
+VERSION, WITH_HEIGHTS = (0, 10), (0, 11)
 _CONTINUOUS = 1e-6  # s; a segment starts where the one before it ends
 
 
@@ -49,6 +59,12 @@ class _Segment(_JscenPart):
         return self
 
 
+class _Height(_JscenPart):
+    startTime: _Number
+    endTime: _Number
+    polynomParameter: list[_Number] = Field(min_length=2, max_length=2)
+
+
 class _ReferenceObject(_JscenPart):
     odrLane: int = Field(ge=-1_000_000, le=1_000_000)
     odrRoad: int | str
@@ -64,6 +80,23 @@ class _Maneuver(_JscenPart):
     startPosition: _StartPosition
     velocity: list[_Segment] = Field(min_length=1)
     heading: list[_Segment] = Field(min_length=1)
+    height: list[_Height] | None = Field(default=None, min_length=1)
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Files of objects without a height are those of version 0.10."""
+        told: dict[str, Any] = handler(self)
+        return {name: value for name, value in told.items() if name != "height" or value is not None}
+
+    @field_validator("height")
+    @classmethod
+    def _climbs(cls, pieces: list[_Height] | None) -> list[_Height] | None:
+        for i, one in enumerate(pieces or ()):
+            if one.endTime <= one.startTime:
+                raise ValueError(f"height: endTime {one.endTime:g} is not after startTime {one.startTime:g}")
+            if i and pieces and abs(pieces[i - 1].endTime - one.startTime) > _CONTINUOUS:
+                raise ValueError(f"height: piece {i + 1} does not start where piece {i} ends")
+        return pieces
 
     @field_validator("velocity", "heading")
     @classmethod
@@ -138,7 +171,7 @@ class _ObjectPool(_JscenPart):
 
 class _Version(_JscenPart):
     major: Literal[0]
-    minor: Literal[9, 10]
+    minor: Literal[9, 10, 11]
 
 
 class JscenFile(_JscenPart):
@@ -168,7 +201,7 @@ def schema() -> dict[str, Any]:
 
 
 def read_jscen(path: Path) -> Scenario:
-    """Read a JSCEN file of version 0.9 or 0.10; every fault in it is named in one InputError."""
+    """Read a JSCEN file of version 0.9 to 0.11; every fault in it is named in one InputError."""
     try:
         text = read_file(path, "Check the path of the scenario").decode("utf-8")
     except UnicodeDecodeError as e:
@@ -213,7 +246,13 @@ def _object(
         heading=_polynomials(maneuver.heading),
         color=model.color,
         description=description,
+        z=None if maneuver.height is None else _heights(maneuver.height),
     )
+
+
+def _heights(pieces: Sequence[_Height]) -> PPoly:
+    breaks = np.array([s.startTime for s in pieces] + [pieces[-1].endTime])
+    return PPoly(np.array([s.polynomParameter for s in pieces]).T, breaks)
 
 
 def _polynomials(segments: Sequence[_Segment]) -> PPoly:
@@ -222,7 +261,10 @@ def _polynomials(segments: Sequence[_Segment]) -> PPoly:
 
 
 def write_jscen(scenario: Scenario, path: Path) -> None:
-    """Write a JSCEN file of version 0.10, whole or not at all; InputError for what the format cannot hold."""
+    """Write a JSCEN file of version 0.10, or with heights 0.11, whole or not at all.
+
+    Raises InputError for what the format cannot hold.
+    """
     data = jscen(scenario).model_dump()
     try:
         JscenFile.model_validate(data)
@@ -236,8 +278,9 @@ def write_jscen(scenario: Scenario, path: Path) -> None:
 
 
 def jscen(scenario: Scenario) -> JscenFile:
-    """Give what a JSCEN file of version 0.10 holds of a scenario; not validated."""
+    """Give what a JSCEN file of version 0.10, or with heights 0.11, holds of a scenario; not validated."""
     ego = scenario.ego
+    version = WITH_HEIGHTS if any(o.z is not None for o in (ego, *scenario.objects)) else VERSION
     pool = _ObjectPool.model_construct(
         vehicles=[
             _Vehicle.model_construct(
@@ -257,7 +300,7 @@ def jscen(scenario: Scenario) -> JscenFile:
         environment=dict(scenario.environment),
         objectPool=pool,
         duration=scenario.duration,
-        fileVersion=_Version.model_construct(major=VERSION[0], minor=VERSION[1]),
+        fileVersion=_Version.model_construct(major=version[0], minor=version[1]),
     )
 
 
@@ -268,6 +311,7 @@ def _maneuver(member: ScenarioObject) -> _Maneuver:
         startPosition=_StartPosition.model_construct(tOffset=start.t, referenceObj=place, sOffset=start.s),
         velocity=_segments(member.v),
         heading=_segments(member.heading),
+        height=None if member.z is None else _pieces(member.z),
     )
 
 
@@ -282,6 +326,15 @@ def _segments(spline: PPoly) -> list[_Segment]:
         _Segment.model_construct(startTime=start, endTime=end, polynomParameter=c)
         for start, end, c in zip(
             spline.x[:-1].tolist(), spline.x[1:].tolist(), spline.c.T.tolist(), strict=True
+        )
+    ]
+
+
+def _pieces(height: PPoly) -> list[_Height]:
+    return [
+        _Height.model_construct(startTime=start, endTime=end, polynomParameter=c)
+        for start, end, c in zip(
+            height.x[:-1].tolist(), height.x[1:].tolist(), height.c.T.tolist(), strict=True
         )
     ]
 

@@ -82,10 +82,11 @@ def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tupl
     row = tracks.index(ego)
     there = tracks.valid[row]
     t, x, y, heading = (c[there] for c in (tracks.t, tracks.x[row], tracks.y[row], tracks.heading[row]))
+    z = None if tracks.z is None else tracks.z[row, there]
     out: list[tuple[float, str]] = []
     k = 0
     while k < len(t):
-        left = _leaves_lane(network, x[k:], y[k:], heading[k:])
+        left = _leaves_lane(network, x[k:], y[k:], heading[k:], None if z is None else z[k:])
         if left is None:
             break
         step, side = left
@@ -95,12 +96,14 @@ def lane_changes(tracks: Tracks, network: RoadNetwork, *, ego: str) -> list[tupl
     return out
 
 
-def _leaves_lane(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> tuple[int, str] | None:
+def _leaves_lane(
+    network: RoadNetwork, x: Floats, y: Floats, heading: Floats, z: Floats | None
+) -> tuple[int, str] | None:
     """The first sample beyond the border of the first sample's lane, and the side; "" where it turns off.
 
     A lane change ends in another lane, oncoming or not, and runs along the one it leaves.
     """
-    at = network.to_road(x[:1], y[:1], heading=heading[:1])
+    at = network.to_road(x[:1], y[:1], heading=heading[:1], z=None if z is None else z[:1])
     driven = float(np.hypot(np.diff(x), np.diff(y)).sum())
     length = 100.0 * math.ceil(driven / 100.0 + 0.2)  # in such steps drives of one scenario share their path
     path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)

@@ -12,6 +12,8 @@ from scipy.interpolate import PPoly
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
+from resim.core.heights import driven_way, smoothed
+from resim.core.objects import GAP
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.fit import fit_trace
@@ -25,6 +27,9 @@ SIZES: Mapping[str, tuple[float, float]] = {
 
 _EXACT = 1e-6
 """m; how exactly an object that is told where to be is there."""
+
+KNOTS = 0.5
+"""Time [s] between the points of an object's height."""
 
 _KEPT = 100_000
 """Samples up to which the states of traffic objects are kept for the next run."""
@@ -42,7 +47,10 @@ class RoadPosition:
 
 @dataclass(frozen=True, eq=False)
 class ScenarioObject:
-    """One object: where it starts, and cubic splines of v [m/s] and heading [rad] over time [s]."""
+    """One object: where it starts, and cubic splines of v [m/s] and heading [rad] over time [s].
+
+    z: the height [m] of the road under it over time [s], in straight pieces, while it is known; None where it never is.
+    """
 
     id: str
     kind: str
@@ -53,6 +61,7 @@ class ScenarioObject:
     heading: PPoly
     color: str = "#000000"
     description: str = ""
+    z: PPoly | None = None
 
     @property
     def spawn_time(self) -> float:
@@ -101,7 +110,20 @@ class Scenario:
             valid=np.isfinite(x),
             yaw_rate=yaw_rate,
             a=a,
+            z=heights_of(everyone, t),
         )
+
+
+def heights_of(members: Sequence[ScenarioObject], t: Floats) -> Floats | None:
+    """Give heights (N, T) [m] at times t (T,) [s], NaN where one is not known; None where none ever is."""
+    if all(member.z is None for member in members):
+        return None
+    out = np.full((len(members), len(t)), np.nan)
+    for n, member in enumerate(members):
+        if member.z is not None:
+            inside = (t >= member.z.x[0] - _EXACT) & (t <= member.z.x[-1] + _EXACT)
+            out[n, inside] = member.z(np.clip(t[inside], member.z.x[0], member.z.x[-1]))
+    return out
 
 
 def _traces(members: Sequence[ScenarioObject], network: RoadNetwork) -> tuple[Trace, ...]:
@@ -186,8 +208,17 @@ def _fit_object(tracks: Tracks, n: int, network: RoadNetwork) -> ScenarioObject:
     trace = fit_trace(
         tracks.t[own], tracks.x[n, own], tracks.y[n, own], tracks.heading[n, own], tracks.v[n, own]
     ).trace
+    height = None if tracks.z is None else fit_height(tracks, n)
+    z0 = (
+        None
+        if height is None or height.x[0] > trace.start + KNOTS
+        else np.array([float(height(height.x[0]))])
+    )
     at = network.to_road(
-        np.array([trace.x0]), np.array([trace.y0]), heading=np.array([float(trace.heading(trace.start))])
+        np.array([trace.x0]),
+        np.array([trace.y0]),
+        heading=np.array([float(trace.heading(trace.start))]),
+        z=z0,
     )
     return ScenarioObject(
         id=str(tracks.ids[n]),
@@ -197,4 +228,26 @@ def _fit_object(tracks: Tracks, n: int, network: RoadNetwork) -> ScenarioObject:
         start=RoadPosition(str(at.road[0]), int(at.lane[0]), float(at.s[0]), float(at.t[0])),
         v=trace.v,
         heading=trace.heading,
+        z=height,
     )
+
+
+def fit_height(tracks: Tracks, n: int) -> PPoly | None:
+    """Give the height of object n over time, in straight pieces of KNOTS [s], of the longest time in which it is known.
+
+    It is known between samples with a height that are at most GAP [s] apart. None where there are not two of them.
+    """
+    assert tracks.z is not None
+    own = np.flatnonzero(tracks.valid[n])
+    t, z = tracks.t[own], tracks.z[n, own]
+    known = np.flatnonzero(np.isfinite(z))
+    parts = np.split(known, np.flatnonzero(np.diff(t[known]) > GAP) + 1)
+    part = max(parts, key=lambda k: t[k[-1]] - t[k[0]] if len(k) else -1.0)
+    if len(part) < 2:
+        return None
+    way = driven_way(tracks.x[n, own], tracks.y[n, own], tracks.heading[n, own])
+    first, last = float(t[part[0]]), float(t[part[-1]])
+    knots = np.linspace(first, last, max(int(np.ceil((last - first) / KNOTS)), 1) + 1)
+    height, _ = smoothed(t[part], z[part], way[part], knots, np.interp(knots, t, way))
+    slope = np.diff(height) / np.diff(knots)
+    return PPoly(np.stack([slope, height[:-1]]), knots) if np.isfinite(height).all() else None

@@ -21,6 +21,8 @@ from resim.scenario.scenario import Scenario, describe
 
 STEP = 0.04
 """s between the samples that are changed."""
+FARTHEST = 5.0
+"""Height [m] by which a road may differ from that before; what is farther is another one."""
 BEHIND = 200.0
 """Length [m] of the lane before the object's start, and beyond its end, that its place is counted along."""
 Changed = tuple[Floats, Floats]
@@ -101,9 +103,22 @@ def vary(scenario: Scenario, network: RoadNetwork, object_id: str, parameter: st
         raise ResimError(f"object {object_id!r} {e}") from e
     x, y = path.xy(s, d)
     moved = _moved(whole, t, x, y)
+    if whole.z is not None:
+        moved = replace(moved, z=_heights(network, whole, moved))
     made = describe(moved, network, ego=object_id, map_name=scenario.map).ego
     made = replace(made, color=one.color, description=one.description)
     return replace(scenario, objects=(*scenario.objects[:row], made, *scenario.objects[row + 1 :]))
+
+
+def _heights(network: RoadNetwork, was: Tracks, moved: Tracks) -> Floats:
+    """Heights (1, T) [m] of the road where the object is now: of the lane nearest to its height before."""
+    assert was.z is not None
+    x, y, heading, z = moved.x[0], moved.y[0], moved.heading[0], was.z[0]
+    at = network.to_road(x, y, heading=heading, z=z)
+    out = np.full(len(x), np.nan)
+    on = at.on_road & np.isfinite(z)
+    out[on] = network.z(at.road[on], at.s[on], at.t[on], lane=at.lane[on])
+    return np.where(np.abs(out - z) <= FARTHEST, out, np.nan)[None]
 
 
 def _moved(tracks: Tracks, t: Floats, x: Floats, y: Floats) -> Tracks:

@@ -15,7 +15,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.scenario import Scenario, ScenarioObject
+from resim.scenario.scenario import KNOTS, Scenario, ScenarioObject, heights_of
 from resim.scenario.trace import States, Trace
 from resim.simulation.function.interface import EgoState
 
@@ -31,7 +31,8 @@ _STRONGEST = 6.0  # m/s²; a start acceleration beyond it is taken for a wiggle 
 class Guide:
     """Commanded states of EGO (row 0) and traffic objects at the steps' times: (N, T).
 
-    t: (T,) s. present: which objects are there. begin: the step at the scenario's start.
+    t: (T,) s. present: which objects are there. begin: the step at the scenario's start. z: (N, T) m, heights of the
+    road under them, NaN where not known, None where none is.
     """
 
     t: Floats
@@ -43,6 +44,7 @@ class Guide:
     yaw_rate: Floats
     present: Bools
     begin: int
+    z: Floats | None = None
 
     def state(self, n: int, k: int) -> EgoState:
         """Give object n's state at step k."""
@@ -72,7 +74,21 @@ def guide(scenario: Scenario, network: RoadNetwork, *, step: float, lead_in: flo
             states[:, early] = _lead_in(trace, direction, bend, trace.start - t[early])
         rows.append(states)
     x, y, heading, v, a, yaw_rate = np.stack(rows, axis=1)
-    return Guide(t, x, y, heading, v, a, yaw_rate, np.isfinite(x), before)
+    present = np.isfinite(x)
+    return Guide(t, x, y, heading, v, a, yaw_rate, present, before, _heights(scenario, t, present))
+
+
+def _heights(scenario: Scenario, t: Floats, present: Bools) -> Floats | None:
+    """Heights (N, T) [m], on before the start as they change there; None where none is known."""
+    members = (scenario.ego, *scenario.objects)
+    told = heights_of(members, t)
+    if told is None:
+        return None
+    for n, member in enumerate(members):
+        if member.z is not None and member.z.x[0] <= member.spawn_time + KNOTS:
+            early = t < member.z.x[0]
+            told[n, early] = member.z(member.z.x[0]) + member.z(member.z.x[0], 1) * (t[early] - member.z.x[0])
+    return np.where(present, told, np.nan)
 
 
 def _columns(states: States) -> Floats:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
+from resim.core.heights import CLEAR
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
@@ -21,6 +22,7 @@ from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.function.driver import Driver, cycle_steps
 from resim.simulation.function.interface import Command, EgoState, Placement, Setup
+from resim.simulation.height import FollowedHeight
 from resim.simulation.sumo.session import EGO, Session, from_sumo, held_session
 from resim.simulation.traffic import Stage, staged
 from resim.simulation.vehicles.model import VehicleState
@@ -107,6 +109,7 @@ class _Loop:
         self.case, self.session = case, session
         self.stage, self.plan, self.members = stage, stage.plan, stage.members
         self.steps = 0
+        self.z = array("d")  # of the EGO, where heights are known
         self.ego, self.said = array("d"), array("d")  # compact: what a step leaves behind slows the next ones
         self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
@@ -129,7 +132,7 @@ class _Loop:
         perceive, move = case.perception.perceive, case.vehicle.step
         state: VehicleState | None = None
         answer: Command | Placement = Command(0.0, 0.0)
-        ego = self.plan.state(0, 0)
+        ego, height = self.plan.state(0, 0), self.height()
         session.add(EGO, float(self.length[0]), float(self.width[0]), abs(self.plan.state(0, begin).v))
         for phase in self.stage.phases:
             if phase.shown:
@@ -138,13 +141,17 @@ class _Loop:
                 if phase.shown:
                     self.said.extend(session.advance(phase.commands[k - phase.first], ego))
                 self.ego.extend(ego)
+                if height is not None:
+                    self.z.append(height.at(ego.x, ego.y))
                 self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look():
                     return
                 if k == begin and not case.open_loop:
                     state = case.vehicle.settle(ego)
                 if (k - begin) % cycle == 0:
-                    answer = driver.step(perceive(phase.world(k, ego)), k >= begin)
+                    answer = driver.step(
+                        perceive(phase.world(k, ego, self.z[-1] if self.z else np.nan)), k >= begin
+                    )
                 if k == last:
                     break
                 if state is None:
@@ -160,6 +167,13 @@ class _Loop:
                     state = move(state, answer.acceleration, answer.curvature, dt)
                     ego = state.ego
         self.look()
+
+    def height(self) -> FollowedHeight | None:
+        """Give the height that the EGO begins at, to be followed; None where no height is known."""
+        plan = self.plan
+        if plan.z is None:
+            return None
+        return FollowedHeight(self.case.network, plan.x[0, 0], plan.y[0, 0], float(plan.z[0, 0]))
 
     def failed(self, why: str, frames: tuple[tuple[str, int, str], ...]) -> None:
         """End the run with the function's failure, unless it had ended before."""
@@ -201,6 +215,9 @@ class _Loop:
         if hit.any():
             others = Boxes(px, py, plan.heading[1:, steps], length[1:], width[1:])
             hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), others)
+        if plan.z is not None:
+            own = np.array(self.z)[steps]
+            hit &= ~(np.abs(plan.z[1:, steps] - own) > CLEAR)  # what is not known is no other level
         return hit
 
     def result(self, driver: Driver, began: float, traceback: tuple[str, ...]) -> SimulatedDrive:
@@ -214,7 +231,7 @@ class _Loop:
         truth = Tracks(
             t=t, ids=np.array([m.id for m in self.members]), kind=np.array([m.kind for m in self.members]),
             x=x, y=y, heading=wrap_angle(heading), v=v, length=self.length, width=self.width,
-            valid=np.isfinite(x), a=motion[4], yaw_rate=motion[5],
+            valid=np.isfinite(x), a=motion[4], yaw_rate=motion[5], z=self.heights(kept),
         )  # fmt: skip
         commands = np.full((len(t), 2), np.nan)
         given = self.commands[: len(t)]
@@ -236,9 +253,20 @@ class _Loop:
             time=time.perf_counter() - began,
         )
 
+    def heights(self, kept: slice) -> Floats | None:
+        """Give the heights (N, T) [m], EGO first; None where none is known."""
+        if self.plan.z is None:
+            return None
+        out = self.plan.z.copy()
+        out[0] = np.nan
+        out[0, : self.steps] = np.array(self.z)[: self.steps]
+        return out[:, kept]
+
     def left_route(self, t: Floats, truth: Tracks) -> float | None:
         """Give when [s] the EGO left the measured route."""
-        first = first_off_route(self.case.network, self.stage.route, truth.x[0], truth.y[0], truth.heading[0])
+        own = (truth.x[0], truth.y[0], truth.heading[0])
+        z = None if truth.z is None else truth.z[0]
+        first = first_off_route(self.case.network, self.stage.route, *own, z=z)
         return None if first is None else float(t[first])
 
     def motion(self, kept: slice) -> Floats:

@@ -8,15 +8,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, constant
 from resim.core.tracks import Strings
-from resim.simulation.function.interface import EgoState, Perceived
+from resim.simulation.function.interface import EgoState, Perceived, unknown_heights
 
 
 class World(NamedTuple):
     """The truth at time t [s]: the EGO, and N traffic objects in the map frame.
 
-    position: (N,) complex, x + iy [m] of the box centres. heading [rad], v [m/s], length, width [m]: (N,).
+    position: (N,) complex, x + iy [m] of the box centres. heading [rad], v [m/s], length, width [m]: (N,). z: (N,) m,
+    heights of the road under them, NaN where not known, None where none is; ego_z: m, under the EGO.
     """
 
     t: float
@@ -28,6 +29,13 @@ class World(NamedTuple):
     v: Floats
     length: Floats
     width: Floats
+    z: Floats | None = None
+    ego_z: float = math.nan
+
+    @property
+    def z_ego(self) -> Floats:
+        """Heights (N,) [m] above the road under the EGO, NaN where not known."""
+        return unknown_heights(len(self.ids)) if self.z is None else constant(self.z - self.ego_z)
 
 
 class Perception(Protocol):
@@ -72,5 +80,5 @@ class IdealPerception:
         turned = np.frombuffer(turned.tobytes())
         return Perceived(
             world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
-            world.length, world.width,
+            world.length, world.width, world.z_ego,
         )  # fmt: skip

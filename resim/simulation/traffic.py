@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -31,7 +32,7 @@ class Phase:
     shown: whether SUMO sees them; of the lead-in, of which no reading is kept, it knows nothing. rows: (n,) of the
     guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
     what SUMO is told. truth: per step, t [s], and of the objects position (n,) x + iy [m], heading (n,) [rad], v (n,)
-    [m/s]. The rest: (n,).
+    [m/s]. z: per step, of the objects (n,) [m], None where no height is known. The rest: (n,).
     """
 
     first: int
@@ -47,6 +48,7 @@ class Phase:
     kind: Strings
     length: Floats
     width: Floats
+    z: Floats | None = None
 
     def enter(self, session: Session) -> None:
         """Let objects come and go in SUMO."""
@@ -57,10 +59,11 @@ class Phase:
         for name in self.come:
             session.add(name, *size[name], pace[name])
 
-    def world(self, k: int, ego: EgoState) -> World:
+    def world(self, k: int, ego: EgoState, ego_z: float = math.nan) -> World:
         """Give the truth at step k: where the objects were commanded to be, and SUMO has them (`Run`)."""
         t, position, heading, v = self.truth[k - self.first]
-        return World(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width)
+        z = None if self.z is None else self.z[k - self.first]
+        return World(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width, z, ego_z)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +82,10 @@ def staged(scenario: Scenario, network: RoadNetwork, step: float, lead_in: float
     """Lay out the scenario for its runs at this step [s] with this lead-in [s]; kept for the next run."""
     plan = guide(scenario, network, step=step, lead_in=lead_in)
     members = (scenario.ego, *scenario.objects)
-    measured = (c[0, plan.begin :][plan.present[0, plan.begin :]] for c in (plan.x, plan.y, plan.heading))
-    route = driven_route(network, *measured)
+    own = slice(plan.begin, None)
+    measured = (c[0, own][plan.present[0, own]] for c in (plan.x, plan.y, plan.heading))
+    z = None if plan.z is None else plan.z[0, own][plan.present[0, own]]
+    route = driven_route(network, *measured, z=z)
     return Stage(members, plan, tuple(phases(plan, members)), Surface(network, plan), route)
 
 
@@ -112,5 +117,6 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
             kind=who[1],
             length=who[2],
             width=who[3],
+            z=None if plan.z is None else constant(plan.z[rows, first:after].T.copy()),
         )
         before = names if shown else ()

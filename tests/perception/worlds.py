@@ -65,7 +65,8 @@ def same(one: Perceived, two: Perceived) -> bool:
     return (
         one.t == two.t
         and one.ego == two.ego
-        and all(np.array_equal(getattr(one, f.name), getattr(two, f.name)) for f in fields(Perceived)[2:])
+        and all(np.array_equal(getattr(one, f.name), getattr(two, f.name)) for f in fields(Perceived)[2:-1])
+        and np.array_equal(one.z_ego, two.z_ego, equal_nan=True)
     )
 
 

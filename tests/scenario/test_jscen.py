@@ -127,7 +127,7 @@ FAULTS: list[tuple[Change, str]] = [
     (lambda d: d.update(weather=1), "weather: there is no such field"),
     (lambda d: vehicle(d)["model"].update(colour="red"), "objectPool.vehicles.0.model.colour: there is no such field"),
     (lambda d: d["fileVersion"].update(major=1, minor=0), "fileVersion.major: expected 0, found 1; fileVersion.minor"),
-    (lambda d: d["fileVersion"].update(minor=11), "fileVersion.minor: expected 9 or 10"),
+    (lambda d: d["fileVersion"].update(minor=12), "fileVersion.minor: expected 9, 10 or 11"),
     (lambda d: d.pop("fileVersion"), "fileVersion: is missing"),
     (lambda d: vehicle(d)["maneuver"].pop("heading"), "objectPool.vehicles.0.maneuver.heading: is missing"),
     (lambda d: d["objectPool"].pop("ego"), "objectPool.ego: is missing"),

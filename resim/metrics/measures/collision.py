@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resim.core.geometry import Boxes, boxes_overlap
+from resim.core.heights import apart_from
 from resim.core.tracks import Tracks
 from resim.metrics.drive import DriveScenes
 from resim.metrics.measures.definition import MeasureDefinition
@@ -48,11 +49,13 @@ def scene_of(drive: DriveScenes, t: float) -> int:
 
 
 def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:
-    """Give when [s] the EGO's box touches whose, for every sample."""
+    """Give when [s] the EGO's box touches whose, for every sample; nobody on another level."""
     row, radius = tracks.index(ego), 0.5 * np.hypot(tracks.length, tracks.width)
     apart = np.hypot(tracks.x - tracks.x[row], tracks.y - tracks.y[row])
     near = apart <= NEAR * (radius + radius[row])[:, None]  # else the circles around the boxes are apart
     near[row] = False
+    if near.any() and (levels := apart_from(tracks, row)) is not None:
+        near &= ~levels
     n, i = np.nonzero(near)
     hit = boxes_overlap(
         Boxes(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from resim.metrics.drive import DriveScenes
 from resim.metrics.measures.collision import contacts
 from resim.metrics.measures.definition import MeasureDefinition
@@ -86,9 +88,12 @@ class MeasureInputs:
     def driven(self) -> Pairs:
         """The EGO with each object, on the paths that they drove."""
         drive, p = self.drive, self.parameters
-        return driven_pairs(
+        pairs = driven_pairs(
             drive.tracks, str(drive.own.ids[0]), drive.t, horizon=p.horizon, step=p.step, driven=True
         )
+        if drive.apart is None:
+            return pairs
+        return replace(pairs, size=np.where(drive.apart[..., None], np.nan, pairs.size))
 
     @cached_property
     def contacts(self) -> tuple[tuple[float, str], ...]:

@@ -96,6 +96,7 @@ def _places(tracks: Tracks, network: RoadNetwork) -> tuple[RoadPositions, Bools]
     every = network.to_road(
         np.concatenate([x, corners[0]]), np.concatenate([y, corners[1]]),
         heading=np.concatenate([heading, np.full(4 * n, np.nan)]),  # a corner heads nowhere
+        z=None if tracks.z is None else np.concatenate([z := tracks.z[tracks.valid], np.repeat(z, 4)]),
     )  # fmt: skip
     centres = RoadPositions(every.road[:n], every.lane[:n], every.s[:n], every.t[:n], every.on_road[:n])
     return centres, every.on_road[n:].reshape(n, 4)

@@ -70,8 +70,12 @@ class LanePaths:
         return LanePaths(np.zeros((0, 7)), np.zeros(1, dtype=np.int64), *number, *place)
 
 
-def lane_paths(network: RoadNetwork, state: Floats, size: Floats, *, horizon: float) -> LanePaths:
+def lane_paths(
+    network: RoadNetwork, state: Floats, size: Floats, *, horizon: float, z: Floats | None = None
+) -> LanePaths:
     """Give the ways of objects in scenes: state (S, K, 6), size (S, K, 2), as far as they come in `horizon` [s].
+
+    z: heights (S, K) [m] of the road under them, if known.
 
     Who is on no lane that vehicles drive on, or faces against his lane by more than 90 degrees, has none.
     """
@@ -80,7 +84,7 @@ def lane_paths(network: RoadNetwork, state: Floats, size: Floats, *, horizon: fl
     if not len(who):
         return out
     x, y, heading, v = state[who[:, 0], who[:, 1], :4].T
-    at = network.to_road(x, y, heading=heading)
+    at = network.to_road(x, y, heading=heading, z=None if z is None else z[who[:, 0], who[:, 1]])
     there = np.flatnonzero(at.on_road)
     turned = wrap_angle(heading[there] - network.lane_heading(at.road[there], at.lane[there], at.s[there]))
     there = there[np.abs(turned) <= 0.5 * np.pi]

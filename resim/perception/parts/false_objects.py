@@ -121,6 +121,7 @@ def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, e
         (seen.v, np.array([one.v for one in false])),
         (seen.length, np.full(n, model.length)),
         (seen.width, np.full(n, model.width)),
+        (seen.z_ego, np.full(n, np.nan)),
     )
     return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
 

@@ -38,7 +38,7 @@ class IdSwitches(RunningPart):
             self.last, self.ids = key, self._named(seen.ids)
         return Perceived(
             seen.t, seen.ego, self.ids, seen.kind, seen.x_ego, seen.y_ego, seen.heading_ego, seen.v,
-            seen.length, seen.width,
+            seen.length, seen.width, seen.z_ego,
         )  # fmt: skip
 
     def _named(self, ids: Strings) -> Strings:

@@ -32,7 +32,17 @@ class HeldList:
         relative = (self.places - complex(ego.x, ego.y)) * cmath.rect(1.0, -ego.heading)
         turned = wrap_angle(last.heading_ego + (last.ego.heading - ego.heading))
         return Perceived(
-            t, ego, last.ids, last.kind, relative.real, relative.imag, turned, last.v, last.length, last.width
+            t,
+            ego,
+            last.ids,
+            last.kind,
+            relative.real,
+            relative.imag,
+            turned,
+            last.v,
+            last.length,
+            last.width,
+            last.z_ego,
         )
 
 

@@ -72,7 +72,7 @@ class RecordedPerception:
         kept = known[on]
         return Perceived(
             world.t, self._localised(ego, k), world.ids[on], world.kind[on], x + dx, y + dy, heading, v,
-            self.length[kept], self.width[kept],
+            self.length[kept], self.width[kept], world.z_ego[on],
         )  # fmt: skip
 
     def _localised(self, ego: EgoState, k: int) -> EgoState:

@@ -11,6 +11,7 @@ from resim.perception.model import PerceptionModel
 from resim.perception.parts.definition import RunningPart
 from resim.perception.parts.registry import PARTS
 from resim.perception.runtime.detection import DetectionState
+from resim.perception.runtime.heights import HeightHistory
 from resim.perception.runtime.history import History
 from resim.perception.runtime.kernel import Q, perceive
 from resim.perception.runtime.lists import HeldList, limits
@@ -36,6 +37,7 @@ class Sensor:
         sets, own = [model.pooled, *model.maneuvers.values()], list(model.maneuvers)
         set_of = np.array([own.index(m) + 1 if m in own else 0 for m in MANEUVERS])
         self._history = History(sets, set_of)
+        self._heights = HeightHistory(model.pooled.latency.position)
         self._errors = ObjectErrorState(sets)
         self._sight = DetectionState(model.detection, model.field_of_view)
         self._limits = limits(model.validity)
@@ -51,7 +53,7 @@ class Sensor:
         self._names: list[str] = []
         self._ids: Strings | None = None
         self._rows = RandomRows()
-        for part in (self._history, self._errors, self._sight):
+        for part in (self._history, self._heights, self._errors, self._sight):
             part.clear()
         self._shown_so_far = self._outside = 0
 
@@ -92,6 +94,7 @@ class Sensor:
         else:
             step = t - self._t
             history.append(world, step)
+        self._heights.append(world)
         self._t = t
         return step
 
@@ -138,11 +141,13 @@ class Sensor:
         self._shown_so_far += count
         self._outside += beyond
         ids, kind = world.ids, world.kind
+        z_ego = self._heights.z_ego(world)
         if count < n:
             who, table = who[:count], table[:, :count]
             ids, kind = ids[who], kind[who]
+            z_ego = z_ego[who]
         x, y, v, heading, length, width = table
-        seen = Perceived(world.t, own, ids, kind, x, y, heading, v, length, width)
+        seen = Perceived(world.t, own, ids, kind, x, y, heading, v, length, width, z_ego)
         for part in self._parts:
             seen = part.change(seen, world, self._step)
         return seen

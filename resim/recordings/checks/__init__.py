@@ -15,6 +15,7 @@ from resim.recordings.checks.codes import CODES, FindingCode, RankedFinding, wor
 from resim.recordings.checks.delay import clocks
 from resim.recordings.checks.ego_detection import ego_detections
 from resim.recordings.checks.headings import headings
+from resim.recordings.checks.heights import heights
 from resim.recordings.checks.identity import broken, jumps, parts_of
 from resim.recordings.checks.matching import egos_misnamed, misnamed, pairs, strangers
 from resim.recordings.checks.motion import heading, limits, speed
@@ -101,6 +102,8 @@ def _motion(
         return table, []
     out = broken(table)
     table, more = jumps(table)
+    out += more
+    table, more = heights(table, network)
     out += more
     for look in (speed, heading, limits, overlaps):
         out += look(table)

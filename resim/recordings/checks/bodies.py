@@ -9,6 +9,7 @@ import pandas as pd
 
 from resim.core.finding import Source
 from resim.core.geometry import Boxes, boxes_overlap
+from resim.core.heights import CLEAR
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.tracks import CheckedTable, Track, runs
 
@@ -99,6 +100,8 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
         Boxes(p.real, p.imag, a.heading[i], max(a.length - DEEP, 0.01), max(a.width - DEEP, 0.01)),
         Boxes(q.real, q.imag, b.heading[j], max(b.length - DEEP, 0.01), max(b.width - DEEP, 0.01)),
     )
+    if a.z is not None and b.z is not None:
+        hit &= ~(np.abs(a.z[i] - b.z[j]) > CLEAR)
     spans = [(float(common[s]), float(common[e])) for s, e in runs(hit)]
     span = max(spans, key=lambda s: s[1] - s[0], default=None)
     return span if span is not None and span[1] - span[0] >= LONG - 0.5 * step else None

@@ -112,6 +112,10 @@ CODES: Mapping[str, FindingCode] = {
         "warning", "there is no lane: lane-based results and the re-simulated road are not valid for it"
     ),
     "WRONG_WAY": FindingCode("warning", "it drives against its lane: a real wrong-way driver, or a wrong map or frame"),
+    "HEIGHT": FindingCode(
+        "warning",
+        "the map does not bear this height out: it counts as unknown, and nobody as above or below the object",
+    ),
     "REFERENCE_POINT": FindingCode(
         "error",
         "positions are not those of the box centre: distances are off by as much",

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Bools, Boxes, boxes_overlap
+from resim.core.heights import CLEAR
 from resim.recordings.checks.bodies import DEEP, LONG
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.matching import beside
@@ -61,7 +62,10 @@ def _inside(track: Track, ego: Track) -> Bools:
     t, p = track.t[there], track.p[there]
     q, heading = np.interp(t, ego.t, ego.p), np.interp(t, ego.t, ego.heading)
     sides = [max(side - DEEP, 0.01) for side in (track.length, track.width, ego.length, ego.width)]
-    return boxes_overlap(
+    hit = boxes_overlap(
         Boxes(p.real, p.imag, track.heading[there], sides[0], sides[1]),
         Boxes(q.real, q.imag, heading, sides[2], sides[3]),
     )
+    if track.z is not None and ego.z is not None:
+        hit &= ~(np.abs(track.z[there] - np.interp(t, ego.t, ego.z)) > CLEAR)
+    return hit

@@ -67,7 +67,7 @@ def places(table: CheckedTable, network: RoadNetwork, ego: str) -> Iterator[Rank
 
 def _look(network: RoadNetwork, track: Track) -> tuple[Floats, Floats]:
     """Distance [m] beyond the nearest driving lane, 0 or less on one, and angle [rad] to its direction."""
-    at = network.to_road(track.p.real, track.p.imag, heading=track.heading)
+    at = network.to_road(track.p.real, track.p.imag, heading=track.heading, z=track.z)
     x, y = network.to_xy(at.road, at.lane, at.s, at.t)
     away = np.abs(track.p - (x + 1j * y))  # s ends with the road
     beyond = np.maximum(np.abs(at.t) - 0.5 * network.lane_width(at.road, at.lane, at.s), away)

@@ -26,7 +26,10 @@ FINEST = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, v (K,)."""
+    """One object (or one piece of it) at K times: t (K,) s, p (K,) x + iy m, heading (K,) rad, v (K,).
+
+    z: (K,) m, height of the road, NaN where it is not known; None where no row has any.
+    """
 
     id: str
     kind: str
@@ -36,13 +39,15 @@ class Track:
     p: Complex
     heading: Floats
     v: Floats
+    z: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.t)
 
     def at(self, keep: Bools | Ints | slice) -> Track:
         """Give the samples chosen."""
-        return replace(self, t=self.t[keep], p=self.p[keep], heading=self.heading[keep], v=self.v[keep])
+        z = None if self.z is None else self.z[keep]
+        return replace(self, t=self.t[keep], p=self.p[keep], heading=self.heading[keep], v=self.v[keep], z=z)
 
     def split(self, after: list[int]) -> list[Track]:
         """Give the pieces between the samples after which it is cut."""
@@ -103,6 +108,7 @@ def _track(name: str, rows: pd.DataFrame) -> Track:
     return Track(
         id=name, kind=str(rows["kind"].iloc[0]), length=float(rows["length"].median()),
         width=float(rows["width"].median()), t=t, p=x + 1j * y, heading=heading, v=v,
+        z=rows["z"].to_numpy(float) if "z" in rows else None,
     )  # fmt: skip
 
 

@@ -103,19 +103,25 @@ def _is_static(obstacle: etree._Element) -> bool:
 
 
 def _trajectory(path: Path, obstacle: etree._Element, step: float) -> pd.DataFrame:
-    """The track table of a dynamic obstacle; yaw_rate and a are NaN where the file has none."""
+    """The track table of a dynamic obstacle; yaw_rate and a are NaN where the file has none, z where it has any."""
     where = f"obstacle {obstacle.get('id')}"
     states = _states(path, obstacle)
-    rows = {name: np.full(len(states), np.nan) for name in ("t", "x", "y", "heading", "v", "yaw_rate", "a")}
+    rows = {
+        name: np.full(len(states), np.nan) for name in ("t", "x", "y", "heading", "v", "yaw_rate", "a", "z")
+    }
     for n, state in enumerate(states):
         place = f"{where}, state {n}"
         rows["t"][n] = step * _value(path, state, "time", place)
         rows["x"][n], rows["y"][n] = _position(path, state, place)
+        if (height := state.findtext("position/point/z")) is not None:
+            rows["z"][n] = _float(path, height, f"{place}: position z")
         rows["heading"][n] = _value(path, state, "orientation", place)
         rows["v"][n] = _value(path, state, "velocity", place)
         for column, tag in (("yaw_rate", "yawRate"), ("a", "acceleration")):
             if state.find(tag) is not None:
                 rows[column][n] = _value(path, state, tag, place)
+    if not np.isfinite(rows["z"]).any():
+        del rows["z"]
     late = np.flatnonzero(np.diff(rows["t"]) <= 0.0)
     if len(late):
         before, now = rows["t"][late[0]], rows["t"][late[0] + 1]

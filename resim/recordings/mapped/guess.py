@@ -17,7 +17,7 @@ from resim.recordings.mapped.lines import Lines, quoted
 from resim.recordings.mapped.mapping import TableMapping
 from resim.recordings.mapped.motion import TURN
 from resim.recordings.mapped.rows import Rows, calendar_seconds, column_of, read_any
-from resim.recordings.mapped.units import SPEEDS, TIMES
+from resim.recordings.mapped.units import LENGTHS, SPEEDS, TIMES
 from resim.road.opendrive import RoadNetwork
 
 NEAR = 300.0
@@ -100,6 +100,7 @@ class _Guess:
         )
         self._heading(out, moves)
         self._speed(out, moves)
+        self._height(out)
         self._sizes(out)
         self._kind(out)
         for name in ("gt_id", "existence") if self.where == "sd" else ():
@@ -375,6 +376,13 @@ class _Guess:
             unit = next((u for u, low, high in ranges if low <= middle <= high), "")
             line = f'{name} = {{ column = {quoted(self.found[name][0])}, unit = "{unit or "m"}" }}'
             (out.sure if unit else out.ask)(line, f"the median is {middle:.4g}")
+
+    def _height(self, out: Lines) -> None:
+        if self._numbers("z") is None:
+            return
+        column, unit = self.found["z"]
+        line = f'z = {{ column = {quoted(column)}, unit = "{unit if unit in LENGTHS else "m"}" }}'
+        out.sure(line, "by its name; the height of the road, or off it by one amount for all objects")
 
     def _kind(self, out: Lines) -> None:
         if "kind" not in self.found:

@@ -87,6 +87,13 @@ class Place(Column):
     unit: PlaceUnit | None = None
 
 
+class Altitude(Column):
+    """A height."""
+
+    value: float | None = None
+    unit: LengthUnit = "m"
+
+
 class Length(Column):
     """A length."""
 
@@ -167,6 +174,8 @@ class TableMapping(Strict):
         kind: What the object is; without it unknown.
         yaw_rate: Of the object.
         a: Acceleration along the heading.
+        z: Height of the road under the object, over sea or ellipsoid (altitude), whatever crs and frame are: as the map
+            has it, or all off by one amount.
         existence: Probability that there is such an object.
         gt_id: In sd: the same object's id in gt.
     """
@@ -197,6 +206,7 @@ class TableMapping(Strict):
     kind: KindName | None = None
     yaw_rate: YawRate | None = None
     a: Acceleration | None = None
+    z: Altitude | None = None
     existence: Share | None = None
     gt_id: Name | None = None
 

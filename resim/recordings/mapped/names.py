@@ -28,6 +28,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "existence": ("existence", "probability", "confidence", "score", "existenceprobability", "pexist"),
     "yaw_rate": ("yawrate", "omega", "angularvelocity", "gierrate"),
     "a": ("a", "acceleration", "accel", "acc", "along", "alongitudinal"),
+    "z": ("z", "altitude", "elevation", "alt", "posz", "positionz", "zpos", "hoehe"),
     "gt_id": ("gtid", "truthid", "groundtruthid"),
 }  # fmt: skip
 """By the field of a mapping, its usual names, without case, units and signs."""

@@ -234,6 +234,8 @@ def _optional(rows: Rows) -> dict[str, Floats | pd.Series]:
         out["yaw_rate"] = -rates if told.yaw_rate.clockwise else rates
     if (a := rows.numbers("a")) is not None:
         out["a"] = a
+    if (z := rows.numbers("z")) is not None:
+        out["z"] = z
     if (exists := rows.numbers("existence")) is not None and told.existence is not None:
         rows.refuse((exists < 0.0) | (exists > 1.0), "existence", told.existence, "0 to 1, or 0 to 100 %")
         out[EXISTENCE] = exists

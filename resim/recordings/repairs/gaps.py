@@ -127,7 +127,11 @@ def _object(
         rows = frame.loc[[labels[k]] * len(t)].copy()
         p, heading, v = bridge(known, t)
         rows = rows.assign(t=t, x=p.real, y=p.imag, heading=wrap_angle(heading), v=v, repaired=finding.code)
-        parts.append(rows.assign(**{c: np.nan for c in (*OPTIONAL_COLUMNS, EXISTENCE) if c in rows}))
+        between = dict.fromkeys((c for c in (*OPTIONAL_COLUMNS, EXISTENCE) if c in rows), np.nan)
+        if "z" in rows:
+            ends = frame.loc[[labels[k], labels[k + 1]], "z"].to_numpy(float)
+            between["z"] = ends[0] + (t - a) / (b - a) * (ends[1] - ends[0])
+        parts.append(rows.assign(**between))
         after += [labels[k]] * len(t)
     return inserted(frame, pd.concat(parts), after) if parts else frame
 

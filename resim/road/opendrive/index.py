@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,9 +19,30 @@ MARGIN = 0.3
 SHORTEST_CELL = 1e-6
 INSIDE = 1e-9
 HEADING_WEIGHT = 10.0
+LEVEL, OTHER_LEVEL = 2.5, 1e12
+"""Height [m] between a place and a lane up to which it is on it, and what it costs to be on another."""
 MISS_WEIGHT = 1e3
 LOST = 1e-6
 TURNS, DAMPED_FROM, LONGEST_STEP = 32, 14, 4.0
+
+
+Surface = Callable[[Ints, Ints, Floats, Floats], Floats]
+"""Heights (M,) [m] at roads (M,), lane rows (M,), s and t from the lane centres (M,) [m]."""
+
+
+@dataclass(frozen=True)
+class Containing:
+    """M pairs of a position and a lane that holds it.
+
+    point: which position; road, row: of the lane; s and t from the lane centre [m]; miss: of the foot [m].
+    """
+
+    point: Ints
+    road: Ints
+    row: Ints
+    s: Floats
+    lateral: Floats
+    miss: Floats
 
 
 @dataclass(frozen=True)
@@ -59,23 +81,33 @@ class LaneIndex:
     def __init__(self, lines: ReferenceLines, lanes: Lanes) -> None:
         self.lines, self.lanes = lines, lanes
 
-    def locate(self, x: Floats, y: Floats, heading: Floats | None) -> Located:
-        """Give the lane at each position (N,) [m]: the containing one, else the nearest driving lane.
-
-        Of several that contain it: driving lanes first, then the one with the smallest |t| (plus 10 m per
-        rad between its direction and `heading`, where that is given), then the first in the file.
-        """
+    def containing(self, x: Floats, y: Floats) -> Containing:
+        """Give every lane at each position (N,) [m]."""
         point, cell = self._cells_around(x, y)
         road, s, t, miss = self._feet(x[point], y[point], cell)
         row = self.cells.row[cell]
         offset, width = self.lanes.centre_and_width(row, s)
         lateral = t - offset
         inside = self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + INSIDE) & (width > 0.0)
-        point, row, road = point[inside], row[inside], road[inside]
-        s, lateral, miss = s[inside], lateral[inside], miss[inside]
+        return Containing(point[inside], road[inside], row[inside], s[inside], lateral[inside], miss[inside])
+
+    def locate(
+        self, x: Floats, y: Floats, heading: Floats | None, level: tuple[Floats, Surface] | None = None
+    ) -> Located:
+        """Give the lane at each position (N,) [m]: the containing one, else the nearest driving lane.
+
+        Of several that contain it: driving lanes first, then the one with the smallest |t| (plus 10 m per
+        rad between its direction and `heading`, where that is given), then the first in the file. level: heights
+        (N,) [m], and the map's surface: lanes that lie within LEVEL of them come before all others there.
+        """
+        found = self.containing(x, y)
+        point, road, row = found.point, found.road, found.row
+        s, lateral, miss = found.s, found.lateral, found.miss
         cost = np.abs(lateral) + MISS_WEIGHT * miss + np.where(self.lanes.drivable[row], 0.0, 1e9)
         if heading is not None:
             cost = cost + HEADING_WEIGHT * self._disagreement(row, road, s, heading[point])
+        if level is not None:
+            cost = cost + _other_level(found, *level)
         best = _first_of_each(point, cost, row)
         out = Located(np.zeros(len(x), np.intp), np.zeros(len(x), np.intp), np.full(len(x), np.nan),
                       np.full(len(x), np.nan), np.zeros(len(x), bool))  # fmt: skip
@@ -223,6 +255,15 @@ def sought(lines: ReferenceLines, road: np.intp, x: float, y: float) -> tuple[fl
     cos, sin = np.cos(frame.heading[best]), np.sin(frame.heading[best])
     dx, dy = x - frame.x[best], y - frame.y[best]
     return float(near[0]), float(cos * dy - sin * dx), float(abs(cos * dx + sin * dy))
+
+
+def _other_level(found: Containing, z: Floats, surface: Surface) -> Floats:
+    """What lanes (M,) cost that are not at the height of their position, where another one is."""
+    off = np.abs(surface(found.road, found.row, found.s, found.lateral) - z[found.point])
+    near = off <= LEVEL
+    some = np.zeros(len(z), dtype=bool)
+    some[found.point[near]] = True
+    return np.where(some[found.point] & ~near, OTHER_LEVEL, 0.0)
 
 
 def _first_of_each(point: Ints, cost: Floats, row: Ints) -> Ints:

@@ -72,19 +72,44 @@ class RoadNetwork:
         x, y = frame.x - across * np.sin(frame.heading), frame.y + across * np.cos(frame.heading)
         return x.reshape(shape), y.reshape(shape)
 
-    def to_road(self, x: ArrayLike, y: ArrayLike, *, heading: ArrayLike | None = None) -> RoadPositions:
+    def to_road(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        *,
+        heading: ArrayLike | None = None,
+        z: ArrayLike | None = None,
+    ) -> RoadPositions:
         """Give the lane, s and t of map positions x, y (N,) [m]; inverse of `to_xy`.
 
         A position on a lane gets it, driving lanes first; on several (junctions) the one whose centre is
         nearest, 10 m added per rad between its driving direction and heading (N,) [rad] if given, then the
-        first in the file. A position on no lane, or on one of type none, gets the nearest driving lane and
-        on_road False. s, t are NaN for NaN positions, and on a map that has lanes of type none only.
+        first in the file. Where a height z (N,) [m] is given, lanes within `LEVEL` of it come before all others, if
+        there are any: on a bridge the bridge, under it the road below. A position on no lane, or on one of type none,
+        gets the nearest driving lane and on_road False. s, t are NaN for NaN positions, and on a map that has lanes of
+        type none only.
         """
         x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
         want = None if heading is None else np.broadcast_to(np.asarray(heading, dtype=float), x_.shape)
-        found = self._index.locate(x_, y_, want)
+        level = None if z is None else np.broadcast_to(np.asarray(z, dtype=float), x_.shape)
+        if level is not None and not np.isfinite(level).any():
+            level = None
+        found = self._index.locate(x_, y_, want, None if level is None else (level, self._surface))
         return RoadPositions(
             self._ids[found.road], self._lanes.lane[found.row], found.s, found.t, found.on_road
+        )
+
+    def surfaces(self, x: ArrayLike, y: ArrayLike) -> tuple[Ints, Floats]:
+        """Give the heights [m] of all lanes at positions x, y (N,) [m]: of which position (M,) each is, and it (M,)."""
+        x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
+        found = self._index.containing(x_, y_)
+        return found.point, self._surface(found.road, found.row, found.s, found.lateral)
+
+    @cached_property
+    def has_heights(self) -> bool:
+        """Whether the map says a height of any road but 0."""
+        return any(
+            value for road in self.roads.values() for record in road.elevations for value in record[1:]
         )
 
     def reference_line(self, road: ArrayLike, s: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -143,18 +168,23 @@ class RoadNetwork:
         Shapes of the road's surface (shape, crossSectionSurface) are left out.
         """
         number, lanes, s_, shape = self._places(road, 0 if lane is None else lane, s, t)
-        inside, t_ = self._clamped(number, s_), np.broadcast_to(np.asarray(t, float), shape).ravel()
-        above = np.zeros(len(s_))
-        if lane is not None:
-            row = self._rows(number, lanes, inside)
-            above = raised(list(self.roads.values()), self._lanes, row, inside, t_)
-            t_ = t_ + self._lanes.centre(row, inside)
-        elevation, roll = np.zeros(len(s_)), np.zeros(len(s_))
+        t_ = np.broadcast_to(np.asarray(t, float), shape).ravel()
+        inside = self._clamped(number, s_)
+        row = None if lane is None else self._rows(number, lanes, inside)
+        return self._surface(number, row, inside, t_).reshape(shape)
+
+    def _surface(self, number: Ints, row: Ints | None, s: Floats, t: Floats) -> Floats:
+        """Heights (K,) [m] at t (K,) [m] left of the reference lines, or of the centres of lanes (rows (K,))."""
+        inside, above = self._clamped(number, s), np.zeros(len(s))
+        if row is not None:
+            above = raised(list(self.roads.values()), self._lanes, row, inside, t)
+            t = t + self._lanes.centre(row, inside)
+        elevation, roll = np.zeros(len(s)), np.zeros(len(s))
         for own in np.unique(number):
             rows, of = np.flatnonzero(number == own), self.roads[str(self._ids[own])]
             elevation[rows] = reexpanded(of.elevations, inside[rows])[:, 0]
             roll[rows] = reexpanded(of.superelevations, inside[rows])[:, 0]
-        return np.asarray(elevation + t_ * np.sin(roll) + above).reshape(shape)
+        return np.asarray(elevation + t * np.sin(roll) + above)
 
     def has_lane(self, road: str, lane: int, s: float) -> bool:
         """Say whether the road has the lane at s [m]; raises InputError for an unknown road."""

@@ -93,7 +93,17 @@ def unchangeable(p: Perceived) -> Perceived:
     """Give the same with arrays that nobody can change; those that can be are copied."""
     if not (p.x_ego.flags.writeable or p.v.flags.writeable or p.ids.flags.writeable):
         return p  # as of `Ideal`, all of whose arrays are constant
-    columns: tuple[Any, ...] = (p.ids, p.kind, p.x_ego, p.y_ego, p.heading_ego, p.v, p.length, p.width)
+    columns: tuple[Any, ...] = (
+        p.ids,
+        p.kind,
+        p.x_ego,
+        p.y_ego,
+        p.heading_ego,
+        p.v,
+        p.length,
+        p.width,
+        p.z_ego,
+    )
     return Perceived(p.t, p.ego, *[constant(c) if c.flags.writeable else c for c in columns])
 
 

@@ -6,15 +6,17 @@ import inspect
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
-from resim.core.geometry import Floats, from_frame
+from resim.core.geometry import Floats, constant, from_frame
 from resim.core.plugins.frozen import FrozenFile, thaw
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
 from resim.core.plugins.unlisted_files import OpenedFiles
@@ -38,13 +40,23 @@ class EgoState(NamedTuple):
     yaw_rate: float = 0.0
 
 
+_NOT_GIVEN: Any = None
+
+
+@lru_cache(maxsize=256)
+def unknown_heights(count: int) -> Floats:
+    """Give NaN (count,), which nobody can change."""
+    return constant(np.full(count, np.nan))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Perceived:
     """What the AD function sees at time t [s]: its own state, and a list of N objects in the EGO's frame.
 
     ids, kind: (N,). x_ego, y_ego: (N,) m, forward and left of the EGO's box centre to the object's.
     heading_ego: (N,) rad against the EGO's heading. v: (N,) m/s over ground along the object's heading.
-    length, width: (N,) m.
+    length, width: (N,) m. z_ego: (N,) m, height of the road under the objects above that under the EGO, NaN where it is
+    not known, as it is where nobody gives it.
     """
 
     t: float
@@ -57,6 +69,11 @@ class Perceived:
     v: Floats
     length: Floats
     width: Floats
+    z_ego: Floats = _NOT_GIVEN
+
+    def __post_init__(self) -> None:
+        if self.z_ego is _NOT_GIVEN:
+            object.__setattr__(self, "z_ego", unknown_heights(len(self.ids)))
 
     def map_positions(self) -> tuple[Floats, Floats]:
         """Give x, y (N,) [m] of the objects in the map frame, as far as the perceived EGO pose is right."""

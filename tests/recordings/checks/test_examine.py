@@ -160,6 +160,7 @@ PLANTS: tuple[tuple[str, str, str, Change], ...] = (
     ("HEADING_CONVENTION", "sd", "", lambda f: f.assign(heading=0.5 * np.pi - f["heading"])),
     ("MIRRORED_Y", "gt", "", lambda f: f.assign(y=-f["y"], heading=-f["heading"])),
     ("SENSOR_OFFSET", "sd", "2", lambda f: add(f, own(f, "2"), "y", -2.5)),
+    ("HEIGHT", "gt", "", lambda f: f.assign(z=3.0)),
     ("SD_WITHOUT_GT", "sd", "2", lambda f: put(f, own(f, "2"), "gt_id", "")),
 )  # fmt: skip
 
