@@ -113,17 +113,8 @@ def drive(
     inputs = expected.inputs(kinds, state[..., 3], state[..., 4], state[..., 5])
     motion = np.tile(expected.motion(kinds), (len(t), 1))
     size = np.ascontiguousarray(size)
-    lanes = (
-        None
-        if road is None
-        else lane_paths(
-            road,
-            state,
-            size,
-            horizon=parameters.horizon,
-            z=None if everybody.z is None else everybody.z[others].T,
-        )
-    )
+    z = None if everybody.z is None else everybody.z[others].T
+    lanes = None if road is None else lane_paths(road, state, size, horizon=parameters.horizon, z=z)
     scenes = Scenes(poses, np.tile(sizes[row], (len(t), 1)), state, size, inputs, motion, lanes)
     covered = expected.covers(kinds, state[..., 3], state[..., 4], state[..., 5]) & present
     ids = tuple(tracks.ids[others].tolist())

@@ -94,6 +94,12 @@ def note() -> None:
 def begin(path: Path) -> None:
     """Look before the code of a user's file runs; what is there before the first is right. Raises as `check`."""
     note()
+    if not _ran and any(_changed(whole=True)):  # since the process that forked this one noted it
+        _modules.clear()
+        lists: tuple[list[Any], ...] = (_places, _functions, _seen, *_made)
+        for noted in lists:
+            noted.clear()
+        note()
     check()
     _ran[:] = [path]
 
@@ -101,10 +107,14 @@ def begin(path: Path) -> None:
 def check(*, whole: bool = False) -> None:
     """Raise ChangedError where something is not as it was, now or at an earlier look; it names whose code ran last.
 
+    Before user's code ran there is nobody to name, and nothing to find.
+
     whole: whether functions are looked into as well of which Python told no change; that takes ten times as long.
     """
+    if not _ran:
+        return
     if not _found:
-        _found.extend(_changed(whole or bool(_rewritten)))
+        _found.extend(_changed(whole=whole or bool(_rewritten)))
     if _found:
         raise ChangedError(
             f"{_ran[0]}: the code changed {', '.join(_found[:3])}, by which it is judged. "
@@ -117,7 +127,7 @@ def is_spoiled() -> bool:
     return bool(_found)
 
 
-def _changed(whole: bool) -> Iterator[str]:
+def _changed(*, whole: bool) -> Iterator[str]:
     """Name what is not as it was. whole: whether functions are looked into."""
     for name, modules in _modules.items():
         if not any(sys.modules.get(name, modules[0]) is module for module in modules):
