@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from resim.core.geometry import Bools, Floats, to_frame
-from resim.core.heights import CLEAR
+from resim.core.levels import over
 from resim.core.sightings import SAME, Sightings, joined, of_ids
 from resim.core.tracks import Tracks
 
@@ -188,7 +188,7 @@ def _above(one: Sightings, two: Sightings, both: Bools) -> bool:
     """Whether one is on another level at one of its times (n,) at which both are seen."""
     if one.z is None or two.z is None:
         return False
-    return bool((np.abs(np.interp(one.t[both], two.t, two.z) - one.z[both]) > CLEAR).any())
+    return bool(over(np.interp(one.t[both], two.t, two.z), one.z[both]).any())
 
 
 def _half(size: tuple[float, float], turned: Floats) -> Floats:

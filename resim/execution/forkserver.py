@@ -23,8 +23,6 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from resim.core.plugins import integrity
-
 _WORD = struct.Struct("!q")
 """What a child's status pipe tells, one after the other: its process number, and how it ended."""
 _SIZE = struct.Struct("!Q")
@@ -246,8 +244,6 @@ def _forked(asked: socket.socket) -> tuple[int, int, int, int, int] | None:
         request = asked.recv(_SIZE.unpack(head)[0], socket.MSG_WAITALL)
         module, environment = pickle.loads(request)
         _load(module)
-        if "numpy" in sys.modules:
-            integrity.note()  # what children watch, they have noted
         if number := os.fork():
             for file in (*served, errors):
                 os.close(file)

@@ -10,7 +10,7 @@ import numpy as np
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
-from resim.core.heights import apart_from
+from resim.core.levels import apart_from
 from resim.core.tracks import Tracks
 from resim.metrics.risk import DEFAULTS, Parameters, Risk, Scenes, accident_risk
 from resim.metrics.risk.lane_paths import lane_paths

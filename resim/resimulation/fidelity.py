@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
-from resim.core.heights import apart_from
+from resim.core.levels import apart_from
 from resim.core.tracks import Strings, Tracks, whole_id
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.links import LaneKey, lane_graph, ways
-from resim.road.opendrive import RoadNetwork, RoadPositions
+from resim.road.opendrive import DrivingLanes, RoadNetwork, RoadPositions
 from resim.road.opendrive.index import LEVEL
 
 _END = 1.0
@@ -111,41 +111,44 @@ def first_off_route(
     """
     if not route.steps:
         return None
-    own = only_roads(network, route.roads)
-    on = own.to_road(x, y).on_road if z is None else _on_level(own, x, y, z)
-    known, out = _taken(network, route, x, y, heading)
+    lanes = network.driving_lanes(x, y)
+    held = np.isin(lanes.road, route.roads)
+    if z is not None:
+        held &= ~(np.abs(lanes.z - z[lanes.point]) > LEVEL)
+    on, anywhere = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+    on[lanes.point[held]] = anywhere[lanes.point] = True
+    known, out = _taken(network, route, _there(route, lanes, heading), x, y)
     on[out:] = False
-    off = np.flatnonzero(~on)
-    off = off[network.to_road(x[off], y[off]).on_road]
+    off = np.flatnonzero(anywhere & ~on)
     if not len(off):
         return None
     first = int(off[0])
     was = np.flatnonzero(on[:first])
-    if len(was) and known[-1, was[-1]] and _ended(own, route, x, y, heading, int(was[-1])):
+    if len(was) and known[-1, was[-1]] and _ended(network, route, x, y, heading, int(was[-1])):
         return None
     return first
 
 
-def _on_level(own: RoadNetwork, x: Floats, y: Floats, z: Floats) -> Bools:
-    """Say which samples (K,) are on a driving lane of these roads, and not over or under all of them."""
-    at = own.to_road(x, y, z=z)
-    height = np.full(len(x), np.nan)
-    on = at.on_road
-    height[on] = own.z(at.road[on], at.s[on], at.t[on], lane=at.lane[on])
-    return np.asarray(on & ~(np.abs(height - z) > LEVEL))
+def _there(route: Route, lanes: DrivingLanes, heading: Floats) -> Bools:
+    """Say on which steps of the route (S, K) a drive goes along a lane at each of its samples, with headings (K,)."""
+    along = np.abs(wrap_angle(lanes.heading - heading[lanes.point])) < _ALONG
+    point, road = lanes.point[along], lanes.road[along]
+    out = np.zeros((len(route.steps), len(heading)), dtype=bool)
+    for step, at in zip(route.steps, out, strict=True):
+        at[point[np.isin(road, step)]] = True
+    return out
 
 
 def _taken(
-    network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats
+    network: RoadNetwork, route: Route, there: Bools, x: Floats, y: Floats
 ) -> tuple[NDArray[np.bool_], int]:
     """Give which steps (S, K) of the route a drive can be on at each sample, and the first sample where there is none.
 
-    From a step it comes to the next, goes back to the one before, and passes those that are no longer than its way
-    since it was on a step.
+    there: the steps (S, K) that it goes along. From a step it comes to the next, goes back to the one before, and
+    passes those that are no longer than its way since it was on a step.
     """
     if len(route.steps) == 1:
         return np.ones((1, len(x)), dtype=bool), len(x)
-    there = np.array([_drives_on(only_roads(network, step), x, y, heading) for step in route.steps])
     lengths = [min(network.roads[name].length for name in step) for step in route.steps]
     ends, here = np.cumsum(lengths), np.arange(len(lengths))
     between = ends[None, :] - lengths - ends[:, None]  # from the end of a step to the start of another
@@ -166,18 +169,9 @@ def _taken(
     return known, len(x)
 
 
-def _drives_on(network: RoadNetwork, x: Floats, y: Floats, heading: Floats) -> Bools:
-    """Say at which samples (K,) a drive goes along a lane of these roads."""
-    at = network.to_road(x, y, heading=heading)
-    along, on = np.zeros(len(x), dtype=bool), at.on_road
-    if on.any():
-        towards = network.lane_heading(at.road[on], at.lane[on], at.s[on])
-        along[on] = np.abs(wrap_angle(towards - heading[on])) < _ALONG
-    return along
-
-
-def _ended(own: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats, last: int) -> bool:
+def _ended(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats, last: int) -> bool:
     """Whether a drive whose last sample on the route this is came over the route's end then, and not by its side."""
+    own = only_roads(network, route.roads)
     at = own.to_road(x[last : last + 1], y[last : last + 1], heading=heading[last : last + 1])
     name, s = str(at.road[0]), float(at.s[0])
     road = own.roads[name]

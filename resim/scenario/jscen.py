@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -63,6 +63,9 @@ class _Height(_JscenPart):
     startTime: _Number
     endTime: _Number
     polynomParameter: list[_Number] = Field(min_length=2, max_length=2)
+
+
+_Piece = TypeVar("_Piece", _Segment, _Height)
 
 
 class _ReferenceObject(_JscenPart):
@@ -246,16 +249,11 @@ def _object(
         heading=_polynomials(maneuver.heading),
         color=model.color,
         description=description,
-        z=None if maneuver.height is None else _heights(maneuver.height),
+        z=None if maneuver.height is None else _polynomials(maneuver.height),
     )
 
 
-def _heights(pieces: Sequence[_Height]) -> PPoly:
-    breaks = np.array([s.startTime for s in pieces] + [pieces[-1].endTime])
-    return PPoly(np.array([s.polynomParameter for s in pieces]).T, breaks)
-
-
-def _polynomials(segments: Sequence[_Segment]) -> PPoly:
+def _polynomials(segments: Sequence[_Segment] | Sequence[_Height]) -> PPoly:
     breaks = np.array([s.startTime for s in segments] + [segments[-1].endTime])
     return PPoly(np.array([s.polynomParameter for s in segments]).T, breaks)
 
@@ -309,9 +307,9 @@ def _maneuver(member: ScenarioObject) -> _Maneuver:
     place = _ReferenceObject.model_construct(odrLane=start.lane, odrRoad=_number(start.road))
     return _Maneuver.model_construct(
         startPosition=_StartPosition.model_construct(tOffset=start.t, referenceObj=place, sOffset=start.s),
-        velocity=_segments(member.v),
-        heading=_segments(member.heading),
-        height=None if member.z is None else _pieces(member.z),
+        velocity=_segments(_Segment, member.v),
+        heading=_segments(_Segment, member.heading),
+        height=None if member.z is None else _segments(_Height, member.z),
     )
 
 
@@ -321,20 +319,11 @@ def _model(member: ScenarioObject) -> _JscenModel:
     )
 
 
-def _segments(spline: PPoly) -> list[_Segment]:
+def _segments(kind: type[_Piece], spline: PPoly) -> list[_Piece]:
     return [
-        _Segment.model_construct(startTime=start, endTime=end, polynomParameter=c)
+        kind.model_construct(startTime=start, endTime=end, polynomParameter=c)
         for start, end, c in zip(
             spline.x[:-1].tolist(), spline.x[1:].tolist(), spline.c.T.tolist(), strict=True
-        )
-    ]
-
-
-def _pieces(height: PPoly) -> list[_Height]:
-    return [
-        _Height.model_construct(startTime=start, endTime=end, polynomParameter=c)
-        for start, end, c in zip(
-            height.x[:-1].tolist(), height.x[1:].tolist(), height.c.T.tolist(), strict=True
         )
     ]
 

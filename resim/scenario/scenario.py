@@ -12,7 +12,7 @@ from scipy.interpolate import PPoly
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
-from resim.core.heights import driven_way, smoothed
+from resim.core.levels import driven_way, smoothed
 from resim.core.objects import GAP
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
@@ -209,11 +209,7 @@ def _fit_object(tracks: Tracks, n: int, network: RoadNetwork) -> ScenarioObject:
         tracks.t[own], tracks.x[n, own], tracks.y[n, own], tracks.heading[n, own], tracks.v[n, own]
     ).trace
     height = None if tracks.z is None else fit_height(tracks, n)
-    z0 = (
-        None
-        if height is None or height.x[0] > trace.start + KNOTS
-        else np.array([float(height(height.x[0]))])
-    )
+    z0 = height(height.x[:1]) if height is not None and height.x[0] <= trace.start + KNOTS else None
     at = network.to_road(
         np.array([trace.x0]),
         np.array([trace.y0]),

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
-from resim.core.heights import CLEAR
+from resim.core.levels import over
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
 from resim.road.driven_route import first_off_route
 from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
+from resim.simulation.followed_height import FollowedHeight
 from resim.simulation.function.driver import Driver, cycle_steps
 from resim.simulation.function.interface import Command, EgoState, Placement, Setup
-from resim.simulation.height import FollowedHeight
 from resim.simulation.sumo.session import EGO, Session, from_sumo, held_session
 from resim.simulation.traffic import Stage, staged
 from resim.simulation.vehicles.model import VehicleState
@@ -216,8 +216,7 @@ class _Loop:
             others = Boxes(px, py, plan.heading[1:, steps], length[1:], width[1:])
             hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), others)
         if plan.z is not None:
-            own = np.array(self.z)[steps]
-            hit &= ~(np.abs(plan.z[1:, steps] - own) > CLEAR)  # what is not known is no other level
+            hit &= ~over(plan.z[1:, steps], np.array(self.z)[steps])
         return hit
 
     def result(self, driver: Driver, began: float, traceback: tuple[str, ...]) -> SimulatedDrive:

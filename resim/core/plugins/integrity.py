@@ -30,7 +30,6 @@ _OURS = {
     ("resim.core.plugins.watchdog", "board"),
     ("resim.core.plugins.watchdog", "whose"),
     ("resim.core.plugins.watchdog", "broken"),
-    ("resim.core.plugins.watchdog", "words"),
     ("resim.simulation.sumo.session", "_open"),
 }
 """What resim itself sets anew as it runs."""
@@ -94,12 +93,6 @@ def note() -> None:
 def begin(path: Path) -> None:
     """Look before the code of a user's file runs; what is there before the first is right. Raises as `check`."""
     note()
-    if not _ran and any(_changed(whole=True)):  # since the process that forked this one noted it
-        _modules.clear()
-        lists: tuple[list[Any], ...] = (_places, _functions, _seen, *_made)
-        for noted in lists:
-            noted.clear()
-        note()
     check()
     _ran[:] = [path]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resim.core.geometry import Boxes, boxes_overlap
-from resim.core.heights import apart_from
+from resim.core.levels import apart_from
 from resim.core.tracks import Tracks
 from resim.metrics.drive import DriveScenes
 from resim.metrics.measures.definition import MeasureDefinition

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,10 +37,7 @@ class IdSwitches(RunningPart):
         key = len(seen.ids), seen.ids.tobytes()
         if key != self.last:
             self.last, self.ids = key, self._named(seen.ids)
-        return Perceived(
-            seen.t, seen.ego, self.ids, seen.kind, seen.x_ego, seen.y_ego, seen.heading_ego, seen.v,
-            seen.length, seen.width, seen.z_ego,
-        )  # fmt: skip
+        return replace(seen, ids=self.ids)
 
     def _named(self, ids: Strings) -> Strings:
         """Give the ids that objects have by now; whoever sees them cannot change them."""

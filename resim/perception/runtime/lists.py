@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -31,19 +32,7 @@ class HeldList:
         last = self.seen_last
         relative = (self.places - complex(ego.x, ego.y)) * cmath.rect(1.0, -ego.heading)
         turned = wrap_angle(last.heading_ego + (last.ego.heading - ego.heading))
-        return Perceived(
-            t,
-            ego,
-            last.ids,
-            last.kind,
-            relative.real,
-            relative.imag,
-            turned,
-            last.v,
-            last.length,
-            last.width,
-            last.z_ego,
-        )
+        return replace(last, t=t, ego=ego, x_ego=relative.real, y_ego=relative.imag, heading_ego=turned)
 
 
 def limits(validity: TrainedRange) -> Floats:

@@ -11,7 +11,7 @@ from resim.perception.model import PerceptionModel
 from resim.perception.parts.definition import RunningPart
 from resim.perception.parts.registry import PARTS
 from resim.perception.runtime.detection import DetectionState
-from resim.perception.runtime.heights import HeightHistory
+from resim.perception.runtime.height_history import HeightHistory
 from resim.perception.runtime.history import History
 from resim.perception.runtime.kernel import Q, perceive
 from resim.perception.runtime.lists import HeldList, limits

@@ -9,7 +9,7 @@ import pandas as pd
 
 from resim.core.finding import Source
 from resim.core.geometry import Boxes, boxes_overlap
-from resim.core.heights import CLEAR
+from resim.core.levels import over
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.tracks import CheckedTable, Track, runs
 
@@ -101,7 +101,7 @@ def _inside(a: Track, b: Track, step: float) -> tuple[float, float] | None:
         Boxes(q.real, q.imag, b.heading[j], max(b.length - DEEP, 0.01), max(b.width - DEEP, 0.01)),
     )
     if a.z is not None and b.z is not None:
-        hit &= ~(np.abs(a.z[i] - b.z[j]) > CLEAR)
+        hit &= ~over(a.z[i], b.z[j])
     spans = [(float(common[s]), float(common[e])) for s, e in runs(hit)]
     span = max(spans, key=lambda s: s[1] - s[0], default=None)
     return span if span is not None and span[1] - span[0] >= LONG - 0.5 * step else None

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Bools, Boxes, boxes_overlap
-from resim.core.heights import CLEAR
+from resim.core.levels import over
 from resim.recordings.checks.bodies import DEEP, LONG
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.matching import beside
@@ -67,5 +67,5 @@ def _inside(track: Track, ego: Track) -> Bools:
         Boxes(q.real, q.imag, heading, sides[2], sides[3]),
     )
     if track.z is not None and ego.z is not None:
-        hit &= ~(np.abs(track.z[there] - np.interp(t, ego.t, ego.z)) > CLEAR)
+        hit &= ~over(track.z[there], np.interp(t, ego.t, ego.z))
     return hit

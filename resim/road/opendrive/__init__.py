@@ -19,11 +19,11 @@ from resim.road.opendrive.model import (
     SpeedSign,
     Unread,
 )  # fmt: skip
-from resim.road.opendrive.network import RoadNetwork, RoadPositions, load
+from resim.road.opendrive.network import DrivingLanes, RoadNetwork, RoadPositions, load
 from resim.road.opendrive.shapes import LaneShape
 
 __all__ = [
-    "LANE_TYPES", "VEHICLE_LANES", "Connection", "Cubic", "Geometry", "Header", "Height", "Junction", "Lane",
-    "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType", "SpeedSign",
-    "Unread", "lent", "load",
+    "LANE_TYPES", "VEHICLE_LANES", "Connection", "Cubic", "DrivingLanes", "Geometry", "Header", "Height", "Junction",
+    "Lane", "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType",
+    "SpeedSign", "Unread", "lent", "load",
 ]  # fmt: skip

@@ -44,6 +44,20 @@ class RoadPositions:
 
 
 @dataclass(frozen=True, eq=False)
+class DrivingLanes:
+    """M pairs of a position and a driving lane that it is on.
+
+    point: which position (M,); road: its id (M,); heading: the direction of traffic there (M,) [rad], that of the
+    reference line; z: height of its surface (M,) [m].
+    """
+
+    point: Ints
+    road: Strings
+    heading: Floats
+    z: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class RoadNetwork:
     """An OpenDRIVE map. Tables and the spatial index are built at the first question that needs them, and are constant:
     all runs of a process share them.
@@ -104,6 +118,17 @@ class RoadNetwork:
         x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
         found = self._index.containing(x_, y_)
         return found.point, self._surface(found.road, found.row, found.s, found.lateral)
+
+    def driving_lanes(self, x: ArrayLike, y: ArrayLike) -> DrivingLanes:
+        """Give all lanes that vehicles drive on at positions x, y (N,) [m], side by side and one above the other."""
+        x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
+        found = self._index.containing(x_, y_)
+        kept = self._lanes.drivable[found.row]
+        road, row, s = found.road[kept], found.row[kept], found.s[kept]
+        z = self._surface(road, row, s, found.lateral[kept]) if self.has_heights else np.zeros(len(road))
+        turned = np.where(self._lanes.forward[row], 0.0, np.pi)
+        heading = self._lines.evaluate(road, s).heading + turned
+        return DrivingLanes(found.point[kept], self._ids[road], heading, z)
 
     @cached_property
     def has_heights(self) -> bool:

@@ -92,6 +92,11 @@ def smoothed(t: Floats, z: Floats, way: Floats, at: Floats, there: Floats) -> tu
     return np.where(n > 0.0, value, np.nan), np.where(n > 0.0, grade, 0.0)
 
 
+def over(one: Floats, other: Floats) -> Bools:
+    """Say who are one above the other at one place, from their heights [m]; never where a height is unknown."""
+    return np.asarray(np.abs(one - other) > CLEAR)
+
+
 def apart(a: Level, b: Level) -> Bools:
     """Say who are on two levels, and cannot meet; never where a height is unknown. a, b: shapes that broadcast."""
     cos_a, sin_a, cos_b, sin_b = np.cos(a.heading), np.sin(a.heading), np.cos(b.heading), np.sin(b.heading)
