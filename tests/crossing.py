@@ -50,13 +50,16 @@ def bridge(top: float) -> str:
 BRIDGE, SHORT = bridge(TOP), bridge(20.0)
 
 
-def write_map(path: Path, *, east: str = "", north: str = "") -> Path:
-    """Write the map: road 1 to the east, road 2 to the north, with these elevations."""
+def write_map(path: Path, *, east: str = "", north: str = "", deck: str = "") -> Path:
+    """Write the map: road 1 to the east, road 2 to the north, and if asked for, 3 above the middle of 1, with these
+    elevations."""
     length = 2.0 * HALF
     roads = [
         ROAD.format(id=1, length=length, x=-HALF, y=0, heading=0, elevation=east),
         ROAD.format(id=2, length=length, x=0, y=-HALF, heading=0.5 * np.pi, elevation=north),
     ]
+    if deck:
+        roads.append(ROAD.format(id=3, length=120.0, x=-60.0, y=0, heading=0, elevation=deck))
     path.write_text(
         f'<OpenDRIVE><header revMajor="1" revMinor="6" name=""/>{"".join(roads)}</OpenDRIVE>',
         encoding="utf-8",
@@ -91,11 +94,17 @@ def crossing_rows(z_ego=None, z_other=None, *, v: float = 14.0, lasts: float = 1
 
 
 def write_recording(
-    folder: Path, gt: pd.DataFrame, *, sd: pd.DataFrame | None = None, east: str = "", north: str = ""
+    folder: Path,
+    gt: pd.DataFrame,
+    *,
+    sd: pd.DataFrame | None = None,
+    east: str = "",
+    north: str = "",
+    deck: str = "",
 ) -> Recording:
     """Write a recording with the map, and read it."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_map(folder / "map.xodr", east=east, north=north)
+    write_map(folder / "map.xodr", east=east, north=north, deck=deck)
     (folder / "recording.toml").write_text(
         'name = "crossing"\nmap = "map.xodr"\nego = "ego"\n', encoding="utf-8"
     )

@@ -1,9 +1,10 @@
-"""Measured heights against those of the map: which are believed, in the heights of the map.
+"""Measured heights against those of the map: a height tells on which of the roads one above the other an object is.
 
-A wrong height would part who meets, so heights count only where the map bears them out: at nearly all places of an
-object one of the lanes there has its height, to within `LEVEL`. Heights that are all off by one amount (such as those
-over the ellipsoid) are taken to the map's by it. Nothing is believed of an object whose height jumps, nor on a map
-without heights.
+The height that counts is that road's, not the measured one, so that two on one road are never apart. A wrong height
+would part who meets, so nothing is believed of an object where the map does not bear its height out: at nearly all its
+places one of the lanes there has it, to within `LEVEL`, and from place to place these lanes rise no more than roads do.
+Heights that are all off by one amount (such as those over the ellipsoid) are taken to the map's by it. Nothing is
+believed on a map without heights, nor where there is no lane.
 """
 
 from __future__ import annotations
@@ -21,13 +22,10 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.opendrive.index import LEVEL
 
 EVERY = 0.5
-"""Time [s] between the places of an object that are looked up, and within which no height jumps."""
-JUMP = 2.0
-"""Change of height [m] within that time that is no driving."""
-STEEP = 0.15
-"""Grade of the steepest roads."""
-MEDIAN = 5
-"""Samples of which a jump is that of the median: noise is none."""
+"""Time [s] between the places of an object that are looked up."""
+STEP, STEEP = 1.0, 0.15
+"""Difference of height [m] between lanes that an object drives over from one to the other, besides what the steepest
+roads rise on the way."""
 MOST = 0.9
 """Share of an object's places at which it has to be on a lane's height."""
 BIN = 1.0
@@ -83,33 +81,67 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
         return MeasuredHeights(unknown, why="the map has no heights that could bear them out")
     looked = [_places(k) for k in tracks]
     row = np.repeat(np.arange(len(tracks)), [len(k) for k in looked])
-    x, y, z = (
-        np.concatenate([getattr(k, c)[s] for k, s in zip(tracks, looked, strict=True)])
-        for c in ("x", "y", "z")
-    )
+    x, y, z, known = (np.concatenate(column) for column in zip(*map(_at, tracks, looked), strict=True))
+    known = known.astype(bool)
     point, surface = network.surfaces(x, y)
-    above = z[point] - surface
-    offset = _offset(above, row[point], point)
+    above, told = z[point] - surface, known[point]
+    offset = _offset(above[told], row[point[told]], point[told])
     if offset is None:
         return MeasuredHeights(unknown, why="they are not on the roads of the map, nor all off by one amount")
-    held, on = np.zeros(len(row), dtype=bool), np.zeros(len(row), dtype=bool)
-    held[point] = True
-    on[point[np.abs(above - offset) <= LEVEL]] = True
+    level = _nearest(z - offset, point, surface)
+    on = np.abs(z - offset - level) <= LEVEL
     out, doubted = [], {}
     for n, k in enumerate(tracks):
-        own, known = row == n, np.isfinite(k.z)
-        why = _doubt(k, known, held[own], on[own]) if known.any() else ""
+        own = row == n
+        why = _doubt(k, looked[n], level[own], on[own], known[own]) if own.any() else ""
         if why:
             doubted[n] = why
-        off = _near(k.t, k.t[looked[n][held[own] & ~on[own]]])
-        out.append(np.where(off | bool(why), np.nan, k.z - offset))
+        sure = known[own] & on[own] & (not why)
+        out.append(_between(k, looked[n][known[own]], np.where(sure, level[own], np.nan)[known[own]]))
     return MeasuredHeights(tuple(out), offset, "", doubted)
 
 
 def _places(track: HeightTrack) -> NDArray[np.intp]:
-    """Samples with a height, EVERY apart."""
+    """Samples of a track with heights: the first of each EVERY, the first with a height, and the last of both."""
+    there = np.flatnonzero(np.isfinite(track.x + track.y))
+    told = there[np.isfinite(track.z[there])]
+    if not len(told):
+        return told
+    first = [own[np.unique(np.floor(track.t[own] / EVERY), return_index=True)[1]] for own in (there, told)]
+    return np.unique(np.concatenate([*first, there[-1:], told[-1:]]))
+
+
+def _at(track: HeightTrack, places: NDArray[np.intp]) -> tuple[Floats, Floats, Floats, Bools]:
+    """x, y, z [m] at places of a track, and whether z is measured there; elsewhere it is what lies between."""
+    t, x, y, z = (column[places] for column in track[1:])
+    known = np.isfinite(z)
+    return x, y, np.interp(t, t[known], z[known]) if known.any() else z, known
+
+
+def _nearest(z: Floats, point: NDArray[np.intp], surface: Floats) -> Floats:
+    """Give the height [m] of the lane at each place (P,) that is nearest to its height z [m]; NaN where there is none.
+
+    surface (M,) m: of lanes at places `point` (M,).
+    """
+    out = np.full(len(z), np.nan)
+    order = np.lexsort((np.abs(z[point] - surface), point))
+    first = order[np.unique(point[order], return_index=True)[1]]
+    out[point[first]] = surface[first]
+    return out
+
+
+def _between(track: HeightTrack, places: NDArray[np.intp], level: Floats) -> Floats:
+    """Give the heights (K,) [m] of a track from those at places (P,): at samples with a height, at and between places
+    that are known and not far apart in time."""
+    out = np.full(len(track.t), np.nan)
+    if not len(places):
+        return out
     own = np.flatnonzero(np.isfinite(track.z + track.x + track.y))
-    return own[np.unique(np.floor(track.t[own] / EVERY), return_index=True)[1]]
+    at, t = track.t[own], track.t[places]
+    after = np.searchsorted(t, at).clip(max=len(t) - 1)
+    near = (t[after] - t[np.maximum(after - 1, 0)] <= 2.0 * EVERY) | (t[after] == at)
+    out[own] = np.where(near, np.interp(at, t, level), np.nan)
+    return out
 
 
 def _offset(above: Floats, row: NDArray[np.intp], point: NDArray[np.intp]) -> float | None:
@@ -139,35 +171,31 @@ def _fitting(above: Floats, row: NDArray[np.intp], point: NDArray[np.intp]) -> i
     return count
 
 
-def _doubt(track: HeightTrack, known: Bools, held: Bools, on: Bools) -> str:
-    """Why nothing is believed of an object's heights; held, on: at which of its places there is a lane, and one at its
-    height."""
-    if not held.any():
+def _doubt(track: HeightTrack, places: NDArray[np.intp], level: Floats, on: Bools, known: Bools) -> str:
+    """Why nothing is believed of an object's heights.
+
+    level (P,) m: of the nearest lane at its places; on, known (P,): whether the height is the lane's, and is measured.
+    """
+    held = np.isfinite(level)
+    if not (held & known).any():
         return "it is on no lane of the map that would bear its height out"
-    if (share := float(on[held].mean())) < MOST:
+    if (share := float(on[held & known].mean())) < MOST:
         off = 100.0 * (1.0 - share)
         return f"at {off:.0f} % of its places it is over {LEVEL:g} m off the height of every lane there"
-    if (far := _jump(track, known)) > JUMP:
-        return f"its height jumps by {far:.1f} m within {EVERY:g} s"
+    sure = np.flatnonzero(held & (on | ~known))
+    rise, way = np.abs(np.diff(level[sure])), np.diff(_way(track)[places[sure]])
+    leap = np.flatnonzero(rise > STEP + STEEP * way)
+    if len(leap):
+        return (
+            f"it would have leapt to a road {rise[leap[0]]:.1f} m above or below within {way[leap[0]]:.0f} m"
+        )
     return ""
 
 
-def _jump(track: HeightTrack, known: Bools) -> float:
-    """The largest change [m] of a height over EVERY, less what the steepest road rises on the way."""
-    t, x, y, z = (column[known] for column in track[1:])
-    if len(z) < 2:
-        return 0.0
-    reach = np.arange(-(MEDIAN // 2), MEDIAN // 2 + 1)
-    around = np.clip(np.arange(len(z))[:, None] + reach, 0, len(z) - 1)
-    middle = np.median(z[around], axis=1)
-    after = np.searchsorted(t, t + EVERY + 1e-9, side="right") - 1
-    way = np.hypot(x[after] - x, y[after] - y)
-    return float((np.abs(middle[after] - middle) - STEEP * way).max())
-
-
-def _near(t: Floats, times: Floats) -> Bools:
-    """Which times (T,) [s] are within EVERY of one of others."""
-    out = np.zeros(len(t), dtype=bool)
-    for time in times.tolist():
-        out |= np.abs(t - time) <= EVERY
-    return out
+def _way(track: HeightTrack) -> Floats:
+    """Give the way (K,) [m] along the track at its samples, as of places EVERY apart: noise is no way."""
+    own = np.flatnonzero(np.isfinite(track.x + track.y))
+    own = own[np.unique(np.floor(track.t[own] / EVERY), return_index=True)[1]]
+    steps = np.hypot(np.diff(track.x[own]), np.diff(track.y[own]))
+    way: Floats = np.interp(track.t, track.t[own], np.concatenate([[0.0], np.cumsum(steps)]))
+    return way

@@ -135,11 +135,76 @@ NOISE = np.random.default_rng(5).normal(0.0, 0.5, (2, 201))
         (lambda t, x, y: 5.0 + NOISE[0], lambda t, x, y: 5.0 + NOISE[1]),
         (lambda t, x, y: 51.3 + 0.0 * t, lambda t, x, y: 45.3 + 0.0 * t),
         (on_grade, lambda t, x, y: 5.0 + 1.2 * t),
+        (lambda t, x, y: 7.4 + 0.0 * t, lambda t, x, y: 3.0 + 0.0 * t),
+        (on_grade, lambda t, x, y: 7.4 + 0.0 * t),
     ],
-    ids=["one wrong", "EGO wrong", "jumps", "jumps for good", "noise", "two datums", "drifts"],
+    ids=[
+        "one wrong",
+        "EGO wrong",
+        "jumps",
+        "jumps for good",
+        "noise",
+        "two datums",
+        "drifts",
+        "both off",
+        "one off",
+    ],
 )
 def test_a_wrong_height_parts_nobody(tmp_path, z_ego, z_other):
     rows = crossing_rows(z_ego, z_other)
+    assert meets(assessed(write_recording(tmp_path, rows, east=FLAT, north=FLAT)))
+
+
+HIGH = elevation((0.0, 11.0, 0.0, 0.0, 0.0))
+
+
+def onto(x):
+    return np.where(np.asarray(x) > -59.0, 11.0, 5.0)
+
+
+def unknown_around(x, way):
+    return np.where(np.abs(np.asarray(x) + 59.0) < 0.5 * way, np.nan, onto(x))
+
+
+@pytest.mark.parametrize("who", ["ego", "lead"])
+@pytest.mark.parametrize(
+    ("height", "every"),
+    [
+        (onto, 0.05),
+        (onto, 0.7),
+        (onto, 1.0),
+        *((lambda x, way=way: unknown_around(x, way), 0.05) for way in (6.0, 10.0, 20.0, 30.0)),
+        *(
+            (lambda x, way=way: 5.0 + 6.0 * np.clip((x + 60.0) / way + 0.5, 0.0, 1.0), 0.05)
+            for way in (12.0, 20.0, 30.0)
+        ),
+    ],
+)
+def test_nobody_leaps_onto_the_road_above(tmp_path, who, height, every):
+    """Under a deck a height becomes that of the deck, as no car can climb it: by one sample, unseen, or steeply."""
+    t = np.arange(0.0, 12.01, every)
+    ego, lead = (
+        straight("ego", t, -150.0, -1.75, 0.0, 20.0, 5.0),
+        straight("lead", t, -70.0, -1.75, 0.0, 10.0, 5.0),
+    )
+    wrong = ego if who == "ego" else lead
+    wrong["z"] = height(wrong["x"].to_numpy())
+    rows = pd.concat([ego, lead]).sort_values("t", kind="stable")
+    recording = write_recording(tmp_path, rows, east=FLAT, north=FLAT, deck=HIGH)
+    assert meets(assessed(recording))
+    told = [f for f in load_checked(tmp_path, accept=tuple(CODES)).findings if f.code == "HEIGHT"]
+    assert [f.object for f in told] == [who]
+    drive = resimulate(recording, load_build(BUILDS / "constant_velocity-1.0.toml")).drives["rGT"]
+    assert [c.id for c in drive.collisions] == ["lead"]
+
+
+def test_beside_all_lanes_no_height_counts(tmp_path):
+    """A car stands with its centre on the lane at first, then beside it, where nothing bears out that it rises."""
+    t = np.arange(0.0, 12.01, 0.05)
+    ego, car = straight("ego", t, -150.0, -2.5, 0.0, 20.0, 5.0), straight("car", t, 60.0, 0.0, 0.0, 0.0)
+    car["y"] = np.interp(t, [0.5, 1.5], [-3.3, -4.2])
+    car["z"] = 5.0 + np.clip(2.0 * (t - 1.6), 0.0, 6.0)
+    rows = pd.concat([ego, car]).sort_values("t", kind="stable")
     assert meets(assessed(write_recording(tmp_path, rows, east=FLAT, north=FLAT)))
 
 
