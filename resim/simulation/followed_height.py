@@ -8,6 +8,8 @@ import numpy as np
 
 from resim.road.opendrive import RoadNetwork
 
+EVERY = 5.0
+"""Way [m] after which the map is asked again."""
 STEP, STEEPEST = 0.5, 0.2
 """By how much [m] the surface may leap from one place to the next, besides what the steepest road rises on the way."""
 BEGIN, GAP = 10.0, 20.0
@@ -18,26 +20,33 @@ knows on which level it comes back."""
 class FollowedHeight:
     """Height [m] of the road under the EGO, given its places one after the other; NaN once it is lost.
 
-    Of several roads above each other it is on that whose surface goes on from where it was.
+    Of several roads above each other it is on that whose surface goes on from where it was. The map is asked every
+    EVERY m; between, the road rises as it did before.
     """
 
     def __init__(self, network: RoadNetwork, x: float, y: float, z: float) -> None:
-        self._network, self.z = network, z
-        self._place, self._off = complex(x, y), BEGIN
+        self._network, self._known, self._grade = network, z, 0.0
+        self._place, self._way, self._off = complex(x, y), 0.0, BEGIN
 
     def at(self, x: float, y: float) -> float:
         """Give the height at the EGO's next place [m]."""
-        if math.isnan(self.z):
-            return self.z
+        if math.isnan(self._known):
+            return self._known
         way = abs(complex(x, y) - self._place)
-        self._place = complex(x, y)
-        self._off += way
+        self._place, self._way, self._off = complex(x, y), self._way + way, self._off + way
+        if self._way >= EVERY:
+            self._look(x, y)
+        return self._known + self._grade * self._way
+
+    def _look(self, x: float, y: float) -> None:
+        """Ask the map for the height at a place."""
         heights = self._network.surfaces(x, y)[1]
-        if len(heights):
-            off = np.abs(heights - self.z)
-            if off.min() <= STEP + STEEPEST * self._off:
-                self.z, self._off = float(heights[off.argmin()]), 0.0
-                return self.z
-        if self._off > GAP:
-            self.z = math.nan
-        return self.z
+        off = np.abs(heights - self._known)
+        if len(heights) and off.min() <= STEP + STEEPEST * self._off:
+            z = float(heights[off.argmin()])
+            self._grade = (z - self._known) / self._way if self._off == self._way else 0.0
+            self._known, self._off = z, 0.0
+        else:
+            self._known = math.nan if self._off > GAP else self._known + self._grade * self._way
+            self._grade = 0.0
+        self._way = 0.0
