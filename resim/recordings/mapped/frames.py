@@ -179,6 +179,10 @@ def map_crs(network: RoadNetwork) -> object:
     except CRSError as e:
         problem = f"geoReference is {network.geo_reference[:200]!r}, which pyproj does not know ({_first(e)})"
         raise InputError(network.path, problem, remedy) from e
+    if found.is_compound:  # positions are in its plane; its grid of heights may not be there
+        plane = found.sub_crs_list[0].to_json_dict()
+        plane.pop("remarks", None)  # the whole string, which PROJ would go by
+        found = CRS.from_json_dict(plane)
     if found.is_geographic:
         problem = f"geoReference is {network.geo_reference[:200]!r}, which has degrees and no metres"
         raise InputError(network.path, problem, remedy)

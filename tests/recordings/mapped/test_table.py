@@ -306,6 +306,17 @@ def test_the_offset_of_the_maps_header_counts(tmp_path: Path) -> None:
     same(found, truth.assign(x=p.to_numpy().real, y=p.to_numpy().imag, heading=truth["heading"] - 0.3))
 
 
+def test_a_system_of_heights_in_the_geo_reference_does_no_harm(tmp_path: Path) -> None:
+    """As RoadRunner writes it; the grid of the geoid is on few machines."""
+    truth = drive()
+    _, gt = written(tmp_path, truth, Way(frame="wgs84"))
+    road = tmp_path / "geoid.xodr"
+    text = MAP.read_text().replace("+units=m", "+units=m +geoidgrids=egm96_15.gtx +vunits=m", 1)
+    assert "+geoidgrids" in text
+    road.write_text(text)
+    same(imported(tmp_path, f"[gt]\n{gt}\n", map=road).gt, truth)
+
+
 @pytest.mark.parametrize(
     ("raw", "message"),
     [
