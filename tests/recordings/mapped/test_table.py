@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pyproj import Transformer
 from recordings.mapped.strangers import EPOCH, LENGTH, MAP, PLACES, SPEED, Way, drive, same, written
 
 from resim.core.errors import InputError
@@ -307,14 +308,18 @@ def test_the_offset_of_the_maps_header_counts(tmp_path: Path) -> None:
 
 
 def test_a_system_of_heights_in_the_geo_reference_does_no_harm(tmp_path: Path) -> None:
-    """As RoadRunner writes it; the grid of the geoid is on few machines."""
-    truth = drive()
-    _, gt = written(tmp_path, truth, Way(frame="wgs84"))
-    road = tmp_path / "geoid.xodr"
-    text = MAP.read_text().replace("+units=m", "+units=m +geoidgrids=egm96_15.gtx +vunits=m", 1)
-    assert "+geoidgrids" in text
-    road.write_text(text)
-    same(imported(tmp_path, f"[gt]\n{gt}\n", map=road).gt, truth)
+    """As RoadRunner writes it, with what UTM does not need and the grid of a geoid that few machines have."""
+    _, gt = written(tmp_path, drive(), Way(frame="wgs84"))
+    text, found = MAP.read_text(), []
+    begin, end = text.index("<geoReference>"), text.index("</geoReference>")
+    x, y = Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True).transform(11.0, 48.0)
+    for more in ("", " +lat_0=37.35 +lon_0=-122.1 +k_0=1 +x_0=0 +y_0=0 +geoidgrids=egm96_15.gtx +vunits=m"):
+        road = tmp_path / "utm.xodr"
+        utm = f"<geoReference>+proj=utm +zone=32 +datum=WGS84{more} +units=m +no_defs</geoReference>"
+        utm += f'<offset x="{x}" y="{y}" z="0.0" hdg="0.0"/>'
+        road.write_text(text[:begin] + utm + text[end + len("</geoReference>") :])
+        found.append(imported(tmp_path, f"[gt]\n{gt}\n", map=road).gt)
+    pd.testing.assert_frame_equal(*found)
 
 
 @pytest.mark.parametrize(
