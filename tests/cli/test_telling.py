@@ -37,6 +37,7 @@ def test_every_command_has_them_and_a_short_help() -> None:
         assert "-h" in command.context_settings.get("help_option_names", ["-h"]), name
 
 
+@pytest.mark.slow
 def test_a_run_is_its_files_as_one_object_and_a_bad_verdict_is_told_all_the_same(
     call: Call, tmp_path: Path
 ) -> None:

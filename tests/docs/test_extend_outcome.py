@@ -18,6 +18,7 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 
 
+@pytest.mark.slow
 def test_runs_are_told_apart_by_it_and_an_adaptive_plan_looks_for_it(copy: Extended) -> None:
     printed = copy.commands("outcome.md")
     out = copy.folder / "out"
@@ -33,6 +34,7 @@ def test_runs_are_told_apart_by_it_and_an_adaptive_plan_looks_for_it(copy: Exten
     assert "the EGO keeps moving" in printed
 
 
+@pytest.mark.slow
 def test_an_outcome_that_there_is_not_is_told_with_those_that_there_are(copy: Extended) -> None:
     path = copy.folder / "other.toml"
     path.write_text((copy.folder / "standstill.toml").read_text().replace('"no standstill"', '"no stand"'))

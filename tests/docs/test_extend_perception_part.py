@@ -28,6 +28,7 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 
 
+@pytest.mark.slow
 def test_a_run_takes_its_parameter(copy: Extended) -> None:
     (model,) = pages.blocks(DOCS / "extend" / "perception_part.md", "json")
     (copy.folder / "hazy.json").write_text(model, encoding="utf-8")

@@ -16,6 +16,7 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 
 
+@pytest.mark.slow
 def test_a_sweep_runs_its_points_and_reports_on_them(copy: Extended) -> None:
     copy.commands("plan.md")
     out = copy.folder / "out" / "sweep"
@@ -25,6 +26,7 @@ def test_a_sweep_runs_its_points_and_reports_on_them(copy: Extended) -> None:
     assert "corners of the ranges: 4 points" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_plan_that_there_is_not_is_told_with_those_that_there_are(copy: Extended) -> None:
     path = copy.folder / "other.toml"
     path.write_text((copy.folder / "corners.toml").read_text().replace('plan = "corners"', 'plan = "corner"'))

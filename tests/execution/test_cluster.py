@@ -29,6 +29,7 @@ def pool() -> Iterator[Cluster]:
     del os.environ["PYTHONPATH"]
 
 
+@pytest.mark.slow
 def test_what_breaks_on_a_cluster_costs_its_own_task_only(pool: Cluster) -> None:
     assert pool.threads == 2
     names = ["do", "kill", "do", "refuse", "do", "hang"]

@@ -109,6 +109,7 @@ def test_a_helper_of_the_same_name_in_another_build_is_another_one(
     assert rows[0][2:] != rows[1][2:]
 
 
+@pytest.mark.slow
 def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
     criteria = tmp_path / "criteria.toml"
     criteria.write_bytes(CRITERIA.read_bytes())

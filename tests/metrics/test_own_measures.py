@@ -64,6 +64,7 @@ def test_it_is_assessed_and_judged_like_any_other(judged, tmp_path):
     assert verdict["value"] == min(min(v) for v in found["measures"]["gap to the side"].values())
 
 
+@pytest.mark.slow
 def test_it_has_no_number_for_who_is_not_there_and_cannot_change_the_drive(judged, tmp_path):
     module = MODULE.replace(
         "    return", "    drive.scenes.state[...] = 0.0\n    drive.own.x[...] = 0.0\n    return"

@@ -285,6 +285,7 @@ def recorded(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_known_surfaces_come_out_of_recordings(recorded, tmp_path, capsys):
     """Through files and splines. A spline smooths over a second, which takes a tenth off the spreads."""
     folders = [recorded(driven(TRUE, 40, 20, seed), f"drive{seed}") for seed in range(2)]

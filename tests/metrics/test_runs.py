@@ -58,6 +58,7 @@ def test_the_runs_with_a_perception_model_are_judged(call, tmp_path):
     assert assessment(tmp_path / "again")["rGT+M"] == model
 
 
+@pytest.mark.slow
 def test_what_a_recording_leaves_open_is_open_in_its_re_simulation(call, gap, tmp_path):
     code, out, _ = call(
         "run", gap, "--build", PILOT, "--out", tmp_path / "out", "--basis", "gt", "--criteria", TRAFFIC

@@ -34,6 +34,7 @@ def seen(call, tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     """Published without a model: 0.86 and 1.05 s too early, and another decision (Wagner 2021, 5.2.3)."""
     code, out, error, report = seen(SHIPPED / "proving_ground.json", "--seeds", 20)
@@ -63,6 +64,7 @@ def test_the_shipped_model_restores_the_measured_decision(seen, tmp_path):
     assert 0.0 < sum(s["time"] for s in told) <= run["times"]["run GT+M"]
 
 
+@pytest.mark.slow
 def test_seeing_everything_is_the_plain_resimulation(seen):
     _, _, _, report = seen(SHIPPED / "none.json", "--seeds", 2, "--basis", "gt")
     for one in report["perception"]["seeds"]:
@@ -76,6 +78,7 @@ def test_seeing_everything_is_the_plain_resimulation(seen):
     )
 
 
+@pytest.mark.slow
 def test_the_same_seeds_see_the_same_and_others_do_not(seen):
     reports = [
         seen(SHIPPED / "proving_ground.json", "--seeds", 2, "--seed", seed, "--basis", "gt", name=name)[3]
@@ -87,6 +90,7 @@ def test_the_same_seeds_see_the_same_and_others_do_not(seen):
     assert len({found[0][0], found[0][1], found[2][1]}) == 3
 
 
+@pytest.mark.slow
 def test_a_parameter_set_by_hand_counts_and_is_told(seen):
     plain = seen(SHIPPED / "latency.json", "--seeds", 1, "--basis", "gt", name="plain")[3]
     late = seen(
@@ -121,6 +125,7 @@ def test_what_is_set_is_set_of_every_maneuver(tmp_path):
         assert (part.latency.speed, part.averaging.speed) == (0.3, 0.6)
 
 
+@pytest.mark.slow
 def test_a_run_beyond_what_was_trained_and_one_that_collides_say_so(seen):
     _, out, _, report = seen(
         SHIPPED / "proving_ground.json", "--seeds", 2, "--basis", "gt", "--set", "latency.position=5"

@@ -140,6 +140,7 @@ def test_what_is_not_there_stays_none() -> None:
     assert model.field_of_view.range is None
 
 
+@pytest.mark.slow
 def test_maneuvers_with_errors_of_their_own() -> None:
     """Objects that brake are seen farther off: their error is theirs, and that of the others is not spoilt."""
 

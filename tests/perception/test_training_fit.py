@@ -125,6 +125,7 @@ def test_what_is_left_out_is_counted_by_reason() -> None:
     assert all(isinstance(part, LeftOut) for part in model.training.left_out)
 
 
+@pytest.mark.slow
 def test_drives_of_other_models_that_fit_are_told_nothing() -> None:
     """Everything at once, with what is lost, taken for another, or not there."""
     fit = train(drives(KNOWN["everything"], 3, 10), name="everything").training

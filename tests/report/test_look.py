@@ -137,6 +137,7 @@ def _grounds(page: Any) -> list[float]:
     return [sum(_numbers(color)) / 3.0 for color in found]
 
 
+@pytest.mark.slow
 def test_figures_follow_the_scheme_and_paper_is_light(browser: Any, pages: dict[str, Path]) -> None:
     with opened(browser, pages["run"], dark=True) as page:
         assert page.locator(".plot svg.main-svg").count() > 10
@@ -153,6 +154,7 @@ def test_figures_follow_the_scheme_and_paper_is_light(browser: Any, pages: dict[
         assert page.evaluate("() => getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
 
 
+@pytest.mark.slow
 def test_the_player_in_a_page_and_the_map_follow_the_scheme_and_paper_is_light(
     browser: Any, pages: dict[str, Path]
 ) -> None:
@@ -176,6 +178,7 @@ def _canvas(page: Any) -> float:
     return float(np.median(np.asarray(picture)[2:6]))
 
 
+@pytest.mark.slow
 def test_a_figure_that_was_folded_has_its_width_once_it_is_open(browser: Any, tmp_path: Path) -> None:
     write_swept(tmp_path / "swept", sections=(("cut_in", "pilot-1.0"), ("cut_in", "pilot-1.1")))
     write_sweep_page(analyse(read_swept(tmp_path / "swept"), "swept"), tmp_path / "page.html")

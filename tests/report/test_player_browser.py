@@ -247,6 +247,7 @@ def test_other_pages_play_the_drive_beside_their_figures(opened: Open, pages: Pa
     assert page.locator("#map").bounding_box()["y"] < before  # the page scrolls
 
 
+@pytest.mark.slow
 def test_the_work_of_a_frame_with_fifty_boxes(opened: Open, pages: Path, network: RoadNetwork) -> None:
     write_player_page([fifty(network, 250, ("GT", "SD"))], pages / "fifty.html")
     page = opened("fifty.html")

@@ -100,6 +100,7 @@ def test_who_does_not_turn_leaves_the_route_and_it_is_told(turn, recording, writ
     assert any(w == f"rGT left the measured route at {left:.1f} s" for w in report.warnings)
 
 
+@pytest.mark.slow
 def test_who_leaves_the_route_is_not_verified(turn, recording, write_build, call, tmp_path):
     (before, _), (inside, _), _ = turn[3]
     build = write_build(STRAIGHT.format(first=before[0], roads={before[0], inside}), name="Own")

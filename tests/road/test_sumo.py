@@ -108,6 +108,7 @@ def test_a_changed_map_is_another_net(proving_ground, tmp_path):
     assert nets[0].path != nets[1].path
 
 
+@pytest.mark.slow
 def test_many_at_once_agree(proving_ground, tmp_path):
     found = []
     threads = [

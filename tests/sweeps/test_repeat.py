@@ -116,6 +116,7 @@ def test_a_run_that_is_not_there(swept: Path, call: Call) -> None:
     assert "0 to 3" in error
 
 
+@pytest.mark.slow
 def test_a_sweep_with_another_vehicle_is_another_sweep(made: Path, call: Call, tmp_path: Path) -> None:
     out = tmp_path / "out"
     code, _, error = call("sweep", made / "sweep.toml", "--out", out, "--vehicle", "single-track")

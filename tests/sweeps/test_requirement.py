@@ -131,6 +131,7 @@ def test_a_parameter_that_does_nothing_has_no_limit() -> None:
     assert found.found == "unclear"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:The balance properties")
 @pytest.mark.parametrize("engine", [qmc.Sobol, qmc.Halton, qmc.LatinHypercube])
 def test_what_is_drawn_tells_of_the_parameter_that_matters(engine: type[qmc.QMCEngine]) -> None:

@@ -152,6 +152,7 @@ def test_faults_of_the_function_cost_their_own_runs(undisturbed: tuple[Path, Pat
     assert (found.loc["hang.toml"].end == "function_failed").all()
 
 
+@pytest.mark.slow
 def test_a_full_disk_loses_nothing(whole: tuple[Path, Path], tmp_path: Path) -> None:
     path = whole[0]
     command = f"ulimit -f 4; exec {sys.executable} -m resim sweep {path} --out {tmp_path / 'out'} --workers 1"
@@ -185,6 +186,7 @@ def test_ctrl_c_stops_cleanly(tmp_path: Path) -> None:
             os.kill(pid, 0)
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_how_far_it_is(tmp_path: Path) -> None:
     path = write(tmp_path)
     path.write_text(path.read_text().replace("seeds = 1", "seeds = 3"))
@@ -336,6 +338,7 @@ def test_shards_that_begin_together_share_the_folder(tmp_path: Path) -> None:
     assert len(table(tmp_path / "out")) == 2
 
 
+@pytest.mark.slow
 def test_a_journal_of_a_build_of_the_same_name_is_refused(call: Call, tmp_path: Path) -> None:
     """Names, seeds and parameters are the same."""
     path, other = (write(tmp_path / name, "raise") for name in ("one", "other"))

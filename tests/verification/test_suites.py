@@ -69,6 +69,7 @@ def verdicts(out: Path) -> dict[str, str]:
     return {r["name"]: r["verdict"] for r in result(out)["recordings"]}
 
 
+@pytest.mark.slow
 def test_the_corner_case_on_the_truth_is_not_verified_because_of_the_sensor(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
@@ -104,6 +105,7 @@ def test_with_the_trained_model_the_corner_case_is_verified(
     assert f"{way['share']['low']:.2f}" in said
 
 
+@pytest.mark.slow
 def test_seeds_that_do_not_tell_leave_it_undecided_which_is_not_good(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
@@ -121,6 +123,7 @@ def test_seeds_that_do_not_tell_leave_it_undecided_which_is_not_good(
     assert 'type="undecided"' in (out / "junit.xml").read_text()
 
 
+@pytest.mark.slow
 def test_the_mirrored_lane_check_is_found_with_scenario_and_second(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
@@ -194,6 +197,7 @@ DAMAGE: dict[str, Callable[[str], str]] = {
 }
 
 
+@pytest.mark.slow
 def test_a_result_that_is_not_as_it_was_written_is_made_again(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
@@ -452,6 +456,7 @@ def test_a_name_that_is_no_utf_8_is_refused_before_anything_is_done(
     assert not (tmp_path / "new.toml").exists()
 
 
+@pytest.mark.slow
 def test_a_vehicle_model_is_recorded_and_its_results_are_its_own(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:

@@ -57,6 +57,7 @@ def verdicts(few: Path) -> Verdicts:
     return run
 
 
+@pytest.mark.slow
 def test_replay_is_verified(verdicts: Verdicts) -> None:
     found = verdicts("replay-1.0.toml")
     assert len(found) == 2
