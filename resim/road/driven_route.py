@@ -31,7 +31,7 @@ class Route:
 
     Attributes:
         steps: Ids of roads: one at a time outside of junctions; inside, all the connecting roads that lead side by side
-            from the road before to the one after.
+            from the road before to the one after; where the map links none, all of the junction that it was on.
         onwards: Whether it leads along the last road in the direction of its s, or against it; of a route that ends
             inside of a junction that is as the lanes say.
     """
@@ -206,7 +206,8 @@ def _through(
     ):  # where the drive was off the roads that it must have taken, those that it was on belong to it too
         held = only_roads(network, Route(tuple(levels)).roads).to_road(*xy[inside].T).on_road
         seen = list(dict.fromkeys(str(at.road[k]) for k, on in zip(inside, held, strict=True) if not on))
-    yield from ((name,) for name in seen)
+    for _, names in groupby(seen, key=lambda name: network.roads[name].junction):
+        yield tuple(names)
 
 
 def _chains(network: RoadNetwork, before: str, after: str | None) -> Iterator[tuple[str, ...]]:

@@ -230,7 +230,10 @@ def test_the_end_of_a_route_is_where_who_turned_round_was_going(shared_map):
     assert first_off_route(net, route, *driven(net, turn)) is not None
 
 
-@pytest.mark.parametrize(("before", "angle"), [(6.0, 90.0), (15.0, -60.0), (25.0, 110.0)])
+@pytest.mark.parametrize(
+    ("before", "angle"),
+    [(15.0, -60.0), *(pytest.param(*at, marks=pytest.mark.slow) for at in ((6.0, 90.0), (25.0, 110.0)))],
+)
 def test_who_leaves_its_last_road_over_a_field_has_left_it(shared_map, before, angle):
     found = 0
     for net in map(shared_map, (*MAPS, "xodr/esmini/highway_exit.xodr")):
@@ -251,3 +254,14 @@ def test_who_leaves_its_last_road_over_a_field_has_left_it(shared_map, before, a
                 assert first_off_route(net, route, *drive) is not None
                 found += 1
     assert found > 3
+
+
+def test_who_drives_its_own_route_has_not_left_it_however_rough_its_samples(shared_map):
+    """From within a junction, where a drive brushes connecting roads that lie on its own."""
+    net = shared_map("mcity/mcity.xodr")
+    (turn,) = [turn for turn in turns(net) if turn[1][0] == "718"]
+    way = driven(net, turn, 1e3)
+    route = driven_route(net, *way)
+    assert route.steps == (("718", "720", "729"), ("605",))
+    for first in range(15):
+        assert first_off_route(net, route, *way[:, first::15]) is None
