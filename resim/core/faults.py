@@ -46,7 +46,8 @@ def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
     if fault["type"] == "missing":
         return f"{where}: is missing"
     if fault["type"] == "extra_forbidden":
-        alike = get_close_matches(str(fault["loc"][-1]), _fields(kind), 1)
+        name = str(fault["loc"][-1])
+        alike = get_close_matches(name, [field for field in _fields(kind) if field != name], 1, cutoff=0.65)
         return f"{where}: there is no such field" + (f", did you mean {alike[0]!r}?" if alike else "")
     said, found = _TYPES.get(fault["type"], fault["msg"]), fault["input"]
     for pattern, words in _PLAIN:

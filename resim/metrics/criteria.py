@@ -313,7 +313,7 @@ def judge(
     outcome: Outcome = "PASS"
     reason = f"{broken} only" if most >= 0.0 else "kept"
     if value is None:
-        reason = "no conflict" if whose else "no object"
+        reason = _no_conflict(criterion, measure, counts & (states == State.NO_CONFLICT)) if whose else "no object"
     if failed.any():
         outcome, reason = "FAIL", broken
     elif short:
@@ -353,10 +353,22 @@ def _so_far(criterion: Criterion, measure: MeasureValues, beyond: Bools) -> str:
     if not criterion.worsens(measure.worst):
         limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
         return f"no conflict within the look-ahead does not show that it is not {limit}"
-    most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, beyond.shape)[beyond]
+    return f"no conflict within the look-ahead shows only that it is not {_shown(criterion, measure, beyond)}"
+
+
+def _no_conflict(criterion: Criterion, measure: MeasureValues, none: Bools) -> str:
+    """What no conflict anywhere shows."""
+    known = measure.beyond is not None and none.any() and np.isfinite(measure.beyond).all()
+    if not known or not criterion.worsens(measure.worst):
+        return "no conflict"
+    return f"no conflict within the look-ahead: not {_shown(criterion, measure, none)}"
+
+
+def _shown(criterion: Criterion, measure: MeasureValues, none: Bools) -> str:
+    """What a measure is not, where it found nothing within its horizon: "below 4 s"."""
+    most = np.broadcast_to(measure.beyond if measure.beyond is not None else np.nan, none.shape)[none]
     worst = float(most.min() if criterion.side == "below" else most.max())
-    so_far = f"{criterion.side} {amount(worst, measure.unit)}"
-    return f"no conflict within the look-ahead shows only that it is not {so_far}"
+    return f"{criterion.side} {amount(worst, measure.unit)}"
 
 
 def amount(value: float, unit: str) -> str:

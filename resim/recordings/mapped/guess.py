@@ -107,7 +107,7 @@ class _Guess:
             if name in self.found:
                 out.sure(f"{name} = {quoted(self.found[name][0])}", "by its name")
         out.lines.append(
-            '# reference = "rear axle"  # where positions are not those of the box\'s centre (see the docs)'
+            '# reference = "rear axle"  # where positions are not of the centre of the object\'s box (see the docs)'
         )
         return out.lines
 
@@ -152,6 +152,8 @@ class _Guess:
             return
         if self._alone():
             out.sure('id = { value = "ego" }', "no column of ids, and each time once: one object")
+        elif self.where == "sd":
+            out.lines.append("# id is not there: objects are followed from list to list")
         else:
             out.ask('id = "..."', f"the column of ids, among {', '.join(map(str, self.frame.columns))}")
 
@@ -242,7 +244,11 @@ class _Guess:
                 out.sure('frame = "ego"', reason)
             out.ask(
                 'frame = "sensor"',
-                "and mounting = [x, y, heading], if they count from the sensor, not the EGO's centre",
+                "if they count from the sensor or the rear axle, not the EGO's box centre; then",
+            )
+            out.ask(
+                "mounting = [-1.4, 0.0, 0.0]",
+                "where that is, ahead and left of the centre [m], and its heading [rad]",
             )
         else:
             self.corners = [(np.nanmin(z) * factor, np.nanmax(z) * factor) for z in (x, y)]

@@ -159,7 +159,7 @@ class TableMapping(Strict):
         mirrored: Whether y points to the right, or down.
         reference: Which point of the box x and y are of.
         rear_overhang: From the rear axle to the rear bumper [m]; needed with reference = "rear axle".
-        id: The object's name.
+        id: The object's name; in sd without it: objects are followed from list to list.
         t: The time.
         x: Of the position; with a crs easting or longitude.
         y: Of the position; with a crs northing or latitude.
@@ -191,7 +191,7 @@ class TableMapping(Strict):
     mirrored: bool = False
     reference: Reference = "center"
     rear_overhang: float | None = Field(default=None, ge=0.0, le=10.0)
-    id: Name
+    id: Name | None = None
     t: Time
     x: Place | None = None
     y: Place | None = None
@@ -311,6 +311,16 @@ class Mapping(Strict):
             raise ValueError("match is given, but there is no table sd")
         if self.match is not None and self.match.by == "column" and any(m.gt_id is None for m in self.sd):
             raise ValueError('match.by = "column" needs gt_id in sd')
+        if any(m.id is None for m in self.gt):
+            raise ValueError(
+                'gt.id is missing: the column of ids, or { value = "ego" } for a table of one object'
+            )
+        if any(m.id is None and m.gt_id is not None for m in self.sd):
+            raise ValueError("gt_id in sd needs id")
+        if len(self.sd) > 1 and any(m.id is None for m in self.sd):
+            raise ValueError("of several tables in sd each needs id")
+        if self.match is not None and self.match.by == "id" and any(m.id is None for m in self.sd):
+            raise ValueError('match.by = "id" needs id in sd')
         if any(m.gt_id is not None for m in self.gt):
             raise ValueError("gt_id goes in sd")
         if all(m.frame != "map" for m in self.gt):

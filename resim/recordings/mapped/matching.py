@@ -44,7 +44,7 @@ def assigned(gt: pd.DataFrame, sd: pd.DataFrame, gate: float, ego: str) -> Assig
     gt, sd: track tables, each time and object once, no value missing but sizes and kinds of their own in each row.
     """
     whole, seen = Tracks.from_frame(gt), Tracks.from_frame(sd)
-    truth = whole.at(seen.t, max_gap=_max_gap(whole))
+    truth = whole.at(seen.t, max_gap=max_gap(whole))
     not_ego = _not_ego(truth, seen, gt[gt["id"] == ego], sd, ego)
     never = np.zeros((len(seen), len(truth)), dtype=bool)
     if ego in truth.ids:
@@ -99,7 +99,7 @@ def _near_ego(truth: Tracks, seen: Tracks, ego: str, gate: float) -> set[str]:
 
 def distances(gt: Tracks, sd: Tracks, gt_id: Strings) -> Floats:
     """Give the median distance [m] of each SD object (N,) from the GT object that it names, NaN where none."""
-    truth = gt.at(sd.t, max_gap=_max_gap(gt))
+    truth = gt.at(sd.t, max_gap=max_gap(gt))
     number = {name: n for n, name in enumerate(gt.ids.tolist())}
     out = np.full(len(sd), np.nan)
     for n, name in enumerate(gt_id.tolist()):
@@ -120,8 +120,8 @@ def _pairs(
     return own[i[near]], known[j[near]]
 
 
-def _max_gap(gt: Tracks) -> float:
-    """Time [s] over which GT is interpolated: two of its usual steps."""
+def max_gap(gt: Tracks) -> float:
+    """Give the time [s] over which GT is interpolated: two of its usual steps."""
     steps = np.concatenate([np.zeros(0), *(np.diff(gt.t[known]) for known in gt.valid)])
     return max(0.3, 2.0 * float(np.median(steps))) if len(steps) else 0.3
 

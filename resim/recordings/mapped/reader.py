@@ -12,8 +12,9 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash, joined
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
 from resim.core.tracks import KINDS, Tracks
+from resim.recordings.mapped.bias import sensor_bias
 from resim.recordings.mapped.frames import Placed, centred, place
 from resim.recordings.mapped.mapping import LEAST_RATE, MOST_RATE, Angle, Match, TableMapping, read_mapping
 from resim.recordings.mapped.matching import assigned, distances
@@ -28,6 +29,7 @@ from resim.recordings.mapped.motion import (
     speeds,
 )
 from resim.recordings.mapped.rows import Rows, read_rows
+from resim.recordings.mapped.tracking import tracked
 from resim.recordings.recording import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
@@ -35,6 +37,8 @@ from resim.recordings.tables import EXISTENCE, GT_ID, complete_rows
 from resim.recordings.window import TICK, beyond_ego, window_of
 from resim.road.opendrive import RoadNetwork, load
 
+FOLLOWED = 3.0
+"""How far [m] an object without an id may be from where it is expected."""
 UNIX = 1e6
 """Time [s] from which on times are those of a calendar, and are counted from the first sample of GT."""
 
@@ -49,10 +53,11 @@ class _Timed:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Rows in the map's frame, as a recording has them, and what was derived, by topic."""
+    """Rows in the map's frame, as a recording has them; which of them (K,) have a place; what was derived, by topic."""
 
     path: Path
     frame: pd.DataFrame
+    placed: Bools
     notes: tuple[tuple[str, str], ...]
 
 
@@ -108,8 +113,8 @@ def read_mapped(
     gt_frame, gt_notes = _together(gt, "gt")
     sd_frame, sd_notes = _together(sd, "sd") if sd else (None, {})
     if sd_frame is not None:
-        sd_frame, identity = _matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
-        sd_notes["identity"] = identity
+        sd_frame, found = _matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
+        sd_notes |= found
     return RecordingTables(
         settings=Settings(name=file.stem, map=str(map), ego=own, provenance={**told, **gt_notes, **sd_notes}),
         map=network.path.resolve(), gt=gt_frame, sd=sd_frame, plan=None, folder=None,
@@ -140,8 +145,10 @@ def _placed(
 def _table(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _Table:
     """A table's rows in the map's frame; t: (K,) s on the recording's clock."""
     placed = place(rows, t, network, ego)
-    ids, (kind, unknown) = _ids(rows), _kinds(rows)
+    ids, followed = _ids(rows, t, placed)
+    kind, unknown = _kinds(rows)
     heading, v, notes = _motion(rows, t, ids, placed)
+    notes += [("ids", followed)] if followed else []
     frame = pd.DataFrame(
         {"t": t, "id": ids, "x": placed.x, "y": placed.y, "heading": heading, "v": v}, index=rows.frame.index
     )
@@ -153,20 +160,28 @@ def _table(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _
     x, y = centred(rows.mapping, placed.x, placed.y, heading, *sides)
     frame = frame.assign(x=x, y=y, v=speeds(ids, t, x, y, heading) if v is None else v, **_optional(rows))
     notes += [(name, text) for name, text in (("sizes", assumed), ("kinds", unknown)) if text]
-    if lost := int((~placed.known).sum()):
-        if lost == len(frame):
-            problem = f"{rows.where} is in the frame of the EGO, which has no sample at any of its times"
-            raise InputError(rows.path, problem, "Compare the clocks of the tables, and the units of t.")
-        text = f"{lost} rows at times at which the EGO has no sample: kept without a position"
-        notes.append(("without_place", text))
-    return _Table(rows.path, frame, tuple(notes))
+    if not placed.known.any():
+        problem = f"{rows.where} is in the frame of the EGO, which has no sample at any of its times"
+        raise InputError(rows.path, problem, "Compare the clocks of the tables, and the units of t.")
+    return _Table(rows.path, frame, placed.known, tuple(notes))
 
 
-def _ids(rows: Rows) -> pd.Series:
-    ids = rows.texts("id")
-    assert ids is not None  # the mapping needs it
-    rows.refuse(ids == "", "id", rows.mapping.id, "a name")
-    return ids
+def _ids(rows: Rows, t: Floats, placed: Placed) -> tuple[pd.Series, str]:
+    """The id of each row, and how it was found where the table has none."""
+    ids, told = rows.texts("id"), rows.mapping
+    if ids is not None and told.id is not None:
+        rows.refuse(ids == "", "id", told.id, "a name")
+        return ids, ""
+    velocity, heading, v = _velocity(rows, placed), rows.numbers("heading"), rows.numbers("v")
+    if velocity is not None:
+        moved = velocity[0] + 1j * velocity[1]
+    elif v is not None and heading is not None and told.heading is not None:
+        moved = v * np.exp(1j * placed.heading(heading, told.heading))
+    else:
+        moved = np.full(len(t), np.nan, dtype=complex)
+    found = tracked(t, placed.x + 1j * placed.y, moved, FOLLOWED)
+    text = f"none: {len(np.unique(found))} objects followed from list to list, up to {FOLLOWED:g} m from where expected"
+    return pd.Series(found, index=rows.frame.index, dtype=object), text
 
 
 def _motion(
@@ -280,7 +295,13 @@ def _windowed(
         inside = [t.frame["t"].between(low - TICK, high + TICK).to_numpy() for t in tables]
         if lost := sum(int((~keep).sum()) for keep in inside):
             notes[f"{name}_outside"] = f"{lost} rows before {begin:g} s or after {until:g} s left out"
-        kept = [replace(t, frame=t.frame[keep]) for t, keep in zip(tables, inside, strict=True)]
+        kept = [
+            replace(t, frame=t.frame[keep], placed=t.placed[keep])
+            for t, keep in zip(tables, inside, strict=True)
+        ]
+        if lost := sum(int((~t.placed).sum()) for t in kept):
+            text = f"{lost} rows at times at which the EGO has no sample: kept without a position"
+            notes[f"{name}_without_place"] = text
         if beyond := beyond_ego((t.frame["t"].to_numpy(float) for t in kept), first, last):
             notes[f"{name}_without_ego"] = beyond
         out.append(kept)
@@ -317,8 +338,8 @@ def _together(tables: Sequence[_Table], source: str) -> tuple[pd.DataFrame, dict
 
 def _matched(
     how: Match, gt: pd.DataFrame, sd: pd.DataFrame, path: Path, ego: str
-) -> tuple[pd.DataFrame, str]:
-    """The SD with the GT id of each object, and what came of it."""
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The SD with the GT id of each object, and what came of it, by topic."""
     truth, seen = Tracks.from_frame(complete_rows(gt)), complete_rows(sd)
     if seen.empty:
         raise InputError(path, "sd has no row with position, heading and speed", "Correct the mapping.")
@@ -337,9 +358,11 @@ def _matched(
     if how.by == "nearest" and found.not_ego:
         told = [f"{name} ({why})" for name, why in list(found.not_ego.items())[:10]]
         text += f"; near the EGO, and not taken for it: {', '.join(told)}"
+    bias = sensor_bias(truth, tracks, names, ego) if ego in truth.ids else ""
+    notes = {"identity": text} | ({"sd_bias": bias} if bias else {})
     if how.by == "column":  # as the rows say, which may contradict each other
-        return sd, text
-    return sd.assign(**{GT_ID: sd["id"].map(of).fillna("")}), text
+        return sd, notes
+    return sd.assign(**{GT_ID: sd["id"].map(of).fillna("")}), notes
 
 
 def _check_named(sd: pd.DataFrame, known: set[str], path: Path) -> None:

@@ -214,7 +214,7 @@ def test_a_window_keeps_the_clock(tmp_path: Path) -> None:
 WRONG = {
     "column": ('id = "who"', 'id = "wo"', r"table\.csv: has no column 'wo', which gt\.id names; did you mean 'who'\?"),
     "unit": ('unit = "m/s"', 'unit = "km/u"', r"mapping\.toml: gt\.v\.unit: expected .*'km/h'.*found 'km/u'"),
-    "field": ("id =", "idd =", r"gt\.id: is missing; gt\.idd: there is no such field, did you mean 'id'\?"),
+    "field": ("id =", "idd =", r"gt\.idd: there is no such field, did you mean 'id'\?"),
     "length unit": ('px", unit = "m"', 'px", unit = "deg"', r"gt\.x is in 'deg', but coordinates here are lengths"),
     "no number": ('"speed"', '"who"', r"row 2: who \(gt\.v\) is 'ego', expected a finite number or nothing"),
     "frames": ('unit = "s"', 'unit = "frames"', r"gt\.t is in frames, and nothing says how many a second.*--rate"),

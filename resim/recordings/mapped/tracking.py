@@ -1,0 +1,52 @@
+"""Ids for a sensor's list that has none: which of its rows are one object."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from resim.core.geometry import Floats
+
+LOST = 0.5
+"""Time [s] for which an object that is not on the list is expected again."""
+BEYOND = 1e6
+"""What a pair beyond the gate costs [m]: no pair within it is given up for one."""
+
+
+def tracked(
+    t: Floats, places: NDArray[np.complex128], velocity: NDArray[np.complex128], gate: float
+) -> NDArray[np.str_]:
+    """Give ids (K,) "1", "2", ... to the rows of lists.
+
+    From list to list, rows are assigned to the objects seen last, each moved on by its velocity, so that the sum of
+    distances is least, none farther than the gate; who is left over is a new object. A row without a place is one of
+    its own.
+
+    t: (K,) s; rows of one time are one list. places: x + iy (K,) [m]. velocity: (K,) [m/s], NaN where it is not known:
+    then it is that since the object was seen before. gate: m.
+    """
+    number = np.full(len(t), -1)
+    last: dict[int, int] = {}
+    speed: dict[int, complex] = {}
+    count = 0
+    for now in np.unique(t):
+        rows = np.flatnonzero(t == now)
+        last = {one: row for one, row in last.items() if now - t[row] <= LOST}
+        seen = rows[np.isfinite(places[rows])]
+        ones = list(last)
+        if ones and len(seen):
+            there = np.array([places[last[one]] + speed[one] * (now - t[last[one]]) for one in ones])
+            apart = np.abs(places[seen][:, None] - there)
+            i, j = linear_sum_assignment(np.where(apart <= gate, apart, BEYOND))
+            near = apart[i, j] <= gate
+            number[seen[i[near]]] = np.array(ones)[j[near]]
+        for row in rows[number[rows] < 0].tolist():
+            number[row], count = count, count + 1
+        for row in seen.tolist():
+            one, moved = int(number[row]), velocity[row]
+            if not np.isfinite(moved):
+                before = last.get(one)
+                moved = 0.0 if before is None else (places[row] - places[before]) / (now - t[before])
+            last[one], speed[one] = row, complex(moved)
+    return np.array([str(one + 1) for one in number.tolist()], dtype=str)
