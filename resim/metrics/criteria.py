@@ -313,7 +313,9 @@ def judge(
     outcome: Outcome = "PASS"
     reason = f"{broken} only" if most >= 0.0 else "kept"
     if value is None:
-        reason = _no_conflict(criterion, measure, counts & (states == State.NO_CONFLICT)) if whose else "no object"
+        reason = (
+            _no_conflict(criterion, measure, counts & (states == State.NO_CONFLICT)) if whose else "no object"
+        )
     if failed.any():
         outcome, reason = "FAIL", broken
     elif short:

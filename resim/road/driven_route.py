@@ -31,7 +31,7 @@ class Route:
 
     Attributes:
         steps: Ids of roads: one at a time outside of junctions; inside, all the connecting roads that lead side by side
-            from the road before to the one after; where the map links none, all of the junction that it was on.
+            from the road before to the one after, and with each of them all that it was on besides.
         onwards: Whether it leads along the last road in the direction of its s, or against it; of a route that ends
             inside of a junction that is as the lanes say.
     """
@@ -144,8 +144,8 @@ def _taken(
 ) -> tuple[NDArray[np.bool_], int]:
     """Give which steps (S, K) of the route a drive can be on at each sample, and the first sample where there is none.
 
-    there: the steps (S, K) that it goes along. From a step it comes to the next, goes back to the one before, and
-    passes those that are no longer than its way since it was on a step.
+    there: the steps (S, K) that it goes along. From a step it comes to the next, at once where both are at one place,
+    goes back to the one before, and passes those that are no longer than its way since it was on a step.
     """
     if len(route.steps) == 1:
         return np.ones((1, len(x)), dtype=bool), len(x)
@@ -161,10 +161,14 @@ def _taken(
             at[np.flatnonzero(there[:, k])[:1]] = True
             latest = went[k]
         elif there[:, k].any():
-            now = there[:, k] & (between[at] <= _CORNER * (went[k] - latest) + _SAMPLE).any(axis=0)
-            if not now.any():
+            at = there[:, k] & (between[at] <= _CORNER * (went[k] - latest) + _SAMPLE).any(axis=0)
+            latest = went[k]
+            if not at.any():
                 return known, k
-            at, latest = now, went[k]
+        for step in np.flatnonzero(at[:-1] & there[1:, k]).tolist():  # where one lies on the next, it is on both
+            while step + 1 < len(at) and there[step + 1, k]:
+                step += 1
+                at[step] = True
         known[:, k] = at
     return known, len(x)
 
@@ -200,14 +204,13 @@ def _through(
     if after is None:
         chains = [chain for chain in chains if seen[-1] in chain]
     levels = [tuple(dict.fromkeys(name for name in level if name)) for level in zip_longest(*chains)]
-    yield from levels
-    if (
-        levels and inside
-    ):  # where the drive was off the roads that it must have taken, those that it was on belong to it too
+    if levels and inside:  # roads that the drive was on where it was off those that it must have taken
         held = only_roads(network, Route(tuple(levels)).roads).to_road(*xy[inside].T).on_road
         seen = list(dict.fromkeys(str(at.road[k]) for k, on in zip(inside, held, strict=True) if not on))
-    for _, names in groupby(seen, key=lambda name: network.roads[name].junction):
-        yield tuple(names)
+    yield from (tuple(dict.fromkeys((*level, *seen))) for level in levels)
+    if not levels:
+        for _, names in groupby(seen, key=lambda name: network.roads[name].junction):
+            yield tuple(names)
 
 
 def _chains(network: RoadNetwork, before: str, after: str | None) -> Iterator[tuple[str, ...]]:
