@@ -1,7 +1,7 @@
 """Levels: who is on a bridge and who is under it, and so cannot meet.
 
-A height is that of the road's surface under the centre of a box. It is smoothed, with the grade of the way driven, by a
-line of least squares over REACH before and after, so that noise of single samples parts nobody.
+A height is that of the road's surface under the centre of a box, as the map has it (`resim.road.measured_heights`). The
+grade of the way driven is that of a line of least squares over REACH before and after.
 
 Two are apart where their heights differ by more than CLEAR and what roads can rise by on the way, at every place at
 which they can meet: where each of them is now, and where the straight lines ahead of both cross. Who drives along one
@@ -19,7 +19,7 @@ from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Tracks
 
 REACH = 1.0
-"""Time [s] before and after a sample over which heights are smoothed."""
+"""Time [s] before and after a sample over which a grade is."""
 DRIVEN, STEEPEST = 2.0, 0.2
 """Spread [m] of the way in that time, from which on it tells a grade; and the steepest grade that is believed."""
 CLEAR = 2.0
@@ -46,18 +46,16 @@ class Level(NamedTuple):
 
 
 def levels(tracks: Tracks) -> Level | None:
-    """Give the level (N, T) of everybody, smoothed; None where no height is known."""
+    """Give the level (N, T) of everybody; None where no height is known."""
     if tracks.z is None or not np.isfinite(tracks.z[tracks.valid]).any():
         return None
-    z, grade = np.full(tracks.z.shape, np.nan), np.zeros(tracks.z.shape)
+    grade = np.zeros(tracks.z.shape)
     for n, own in enumerate(tracks.valid):
         rows = np.flatnonzero(own)
         if len(rows):
             way = driven_way(tracks.x[n, rows], tracks.y[n, rows], tracks.heading[n, rows])
-            t = tracks.t[rows]
-            z[n, rows], grade[n, rows] = smoothed(t, tracks.z[n, rows], way, t, way)
-            z[n, rows[~np.isfinite(tracks.z[n, rows])]] = np.nan
-    return Level(tracks.x, tracks.y, tracks.heading, z, grade)
+            grade[n, rows] = grades(tracks.t[rows], tracks.z[n, rows], way)
+    return Level(tracks.x, tracks.y, tracks.heading, np.where(tracks.valid, tracks.z, np.nan), grade)
 
 
 def driven_way(x: Floats, y: Floats, heading: Floats) -> Floats:
@@ -66,30 +64,25 @@ def driven_way(x: Floats, y: Floats, heading: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def smoothed(t: Floats, z: Floats, way: Floats, at: Floats, there: Floats) -> tuple[Floats, Floats]:
-    """Give heights [m] and grades (M,) at times `at` [s], at which the way is `there` [m]; NaN where none is near.
+def grades(t: Floats, z: Floats, way: Floats) -> Floats:
+    """Give the grades (K,) [m per m of way] of samples at t (K,) [s], with heights z and ways (K,) [m].
 
-    t (K,) s, z (K,) m, way (K,) m: of the samples; those of unknown height are left out. The line of least squares of
-    the height over the way, or the mean height and no grade where it hardly moves.
+    The slope of the line of least squares of the known heights around; 0 where it hardly moves.
     """
     known = np.isfinite(z)
-    t, z, way = t[known], z[known], way[known]
-    if not len(t):
-        return np.full(len(at), np.nan), np.zeros(len(at))
-    z0, way0 = float(z[0]), float(way[0])
-    terms = np.stack([np.ones(len(t)), way - way0, z - z0, (way - way0) ** 2, (way - way0) * (z - z0)])
+    if not known.any():
+        return np.zeros(len(t))
+    at, t, z, way = t, t[known], z[known] - z[known][0], way[known] - way[known][0]
+    terms = np.stack([np.ones(len(t)), way, z, way**2, way * z])
     sums = np.concatenate([np.zeros((5, 1)), np.cumsum(terms, axis=1)], axis=1)
     first = np.searchsorted(t, at - REACH - 1e-9)
     after = np.searchsorted(t, at + REACH + 1e-9, side="right")
     n, s, h, ss, sh = sums[:, after] - sums[:, first]
     count = np.maximum(n, 1.0)
-    middle, height = s / count, h / count
-    spread = np.maximum(ss / count - middle**2, 0.0)
+    spread = np.maximum(ss / count - (s / count) ** 2, 0.0)
     moves = spread > DRIVEN**2
-    grade = np.where(moves, (sh / count - middle * height) / np.where(moves, spread, 1.0), 0.0)
-    grade = np.clip(grade, -STEEPEST, STEEPEST)
-    value = z0 + height + grade * (there - way0 - middle)
-    return np.where(n > 0.0, value, np.nan), np.where(n > 0.0, grade, 0.0)
+    grade = np.where(moves, (sh / count - s * h / count**2) / np.where(moves, spread, 1.0), 0.0)
+    return np.asarray(np.clip(grade, -STEEPEST, STEEPEST))
 
 
 def over(one: Floats, other: Floats) -> Bools:

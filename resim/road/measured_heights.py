@@ -2,9 +2,9 @@
 
 The height that counts is that road's, not the measured one, so that two on one road are never apart. A wrong height
 would part who meets, so nothing is believed of an object where the map does not bear its height out: at nearly all its
-places one of the lanes there has it, to within `LEVEL`, and from place to place these lanes rise no more than roads do.
-Heights that are all off by one amount (such as those over the ellipsoid) are taken to the map's by it. Nothing is
-believed on a map without heights, nor where there is no lane.
+places one of the lanes there has it, to within `LEVEL`, and none above or below has it, too; and from place to place
+the lanes that are nearest to it rise no more than roads do. Heights that are all off by one amount (such as those over
+the ellipsoid) are taken to the map's by it. Nothing is believed on a map without heights, nor where there is no lane.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
+from resim.core.levels import over
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.road.opendrive.index import LEVEL
@@ -90,6 +91,8 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
         return MeasuredHeights(unknown, why="they are not on the roads of the map, nor all off by one amount")
     level = _nearest(z - offset, point, surface)
     on = np.abs(z - offset - level) <= LEVEL
+    as_near = (np.abs(above - offset) <= LEVEL) & over(surface, level[point])
+    on[point[as_near]] = False  # it could be on either of two roads
     out, doubted = [], {}
     for n, k in enumerate(tracks):
         own = row == n
@@ -102,13 +105,17 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
 
 
 def _places(track: HeightTrack) -> NDArray[np.intp]:
-    """Samples of a track with heights: the first of each EVERY, the first with a height, and the last of both."""
+    """Samples of a track with heights that are looked up: of all, and of those with a height."""
     there = np.flatnonzero(np.isfinite(track.x + track.y))
     told = there[np.isfinite(track.z[there])]
-    if not len(told):
-        return told
-    first = [own[np.unique(np.floor(track.t[own] / EVERY), return_index=True)[1]] for own in (there, told)]
-    return np.unique(np.concatenate([*first, there[-1:], told[-1:]]))
+    return np.union1d(_every(track.t, there), _every(track.t, told)) if len(told) else told
+
+
+def _every(t: Floats, own: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Of samples at t [s] the first of each EVERY, those before and after gaps of more, and the last."""
+    first = own[np.unique(np.floor(t[own] / EVERY), return_index=True)[1]]
+    gap = np.flatnonzero(np.diff(t[own]) > EVERY)
+    return np.unique(np.concatenate([first, own[gap], own[gap + 1], own[-1:]]))
 
 
 def _at(track: HeightTrack, places: NDArray[np.intp]) -> tuple[Floats, Floats, Floats, Bools]:
@@ -181,9 +188,11 @@ def _doubt(track: HeightTrack, places: NDArray[np.intp], level: Floats, on: Bool
         return "it is on no lane of the map that would bear its height out"
     if (share := float(on[held & known].mean())) < MOST:
         off = 100.0 * (1.0 - share)
-        return f"at {off:.0f} % of its places it is over {LEVEL:g} m off the height of every lane there"
-    sure = np.flatnonzero(held & (on | ~known))
-    rise, way = np.abs(np.diff(level[sure])), np.diff(_way(track)[places[sure]])
+        return (
+            f"at {off:.0f} % of its places it is over {LEVEL:g} m off the height of every lane there, "
+            "or less from two lanes one above the other"
+        )
+    rise, way = np.abs(np.diff(level[held])), np.diff(_way(track)[places[held]])
     leap = np.flatnonzero(rise > STEP + STEEP * way)
     if len(leap):
         return (
@@ -194,8 +203,7 @@ def _doubt(track: HeightTrack, places: NDArray[np.intp], level: Floats, on: Bool
 
 def _way(track: HeightTrack) -> Floats:
     """Give the way (K,) [m] along the track at its samples, as of places EVERY apart: noise is no way."""
-    own = np.flatnonzero(np.isfinite(track.x + track.y))
-    own = own[np.unique(np.floor(track.t[own] / EVERY), return_index=True)[1]]
+    own = _every(track.t, np.flatnonzero(np.isfinite(track.x + track.y)))
     steps = np.hypot(np.diff(track.x[own]), np.diff(track.y[own]))
     way: Floats = np.interp(track.t, track.t[own], np.concatenate([[0.0], np.cumsum(steps)]))
     return way

@@ -12,7 +12,6 @@ from scipy.interpolate import PPoly
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
-from resim.core.levels import driven_way, smoothed
 from resim.core.objects import GAP
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
@@ -241,9 +240,8 @@ def fit_height(tracks: Tracks, n: int) -> PPoly | None:
     part = max(parts, key=lambda k: t[k[-1]] - t[k[0]] if len(k) else -1.0)
     if len(part) < 2:
         return None
-    way = driven_way(tracks.x[n, own], tracks.y[n, own], tracks.heading[n, own])
     first, last = float(t[part[0]]), float(t[part[-1]])
     knots = np.linspace(first, last, max(int(np.ceil((last - first) / KNOTS)), 1) + 1)
-    height, _ = smoothed(t[part], z[part], way[part], knots, np.interp(knots, t, way))
+    height = np.interp(knots, t[part], z[part])
     slope = np.diff(height) / np.diff(knots)
-    return PPoly(np.stack([slope, height[:-1]]), knots) if np.isfinite(height).all() else None
+    return PPoly(np.stack([slope, height[:-1]]), knots)

@@ -198,6 +198,33 @@ def test_nobody_leaps_onto_the_road_above(tmp_path, who, height, every):
     assert [c.id for c in drive.collisions] == ["lead"]
 
 
+@pytest.mark.parametrize(("deck", "z_ego", "z_lead"), [(4.9, 2.4, 2.46), (4.9, 2.3, 2.6), (3.0, 0.6, 1.6)])
+def test_between_two_roads_a_height_tells_neither(tmp_path, deck, z_ego, z_lead):
+    """Both are on the lower road."""
+    t = np.arange(0.0, 12.01, 0.05)
+    ego = straight("ego", t, -150.0, -1.75, 0.0, 20.0, 5.0 + z_ego)
+    lead = straight("lead", t, -70.0, -1.75, 0.0, 10.0, 5.0 + z_lead)
+    rows = pd.concat([ego, lead]).sort_values("t", kind="stable")
+    above = elevation((0.0, 5.0 + deck, 0.0, 0.0, 0.0))
+    assert meets(assessed(write_recording(tmp_path, rows, east=FLAT, north=FLAT, deck=above)))
+
+
+@pytest.mark.parametrize(("grade", "v"), [(0.12, 36.0), (0.1, 45.0), (0.15, 30.0)])
+def test_on_a_sharp_crest_they_meet(tmp_path, grade, v):
+    """The road to the east goes up and down; that to the north crosses it on top."""
+    crest = elevation((0.0, 0.0, grade, 0.0, 0.0), (300.0, 300.0 * grade, -grade, 0.0, 0.0))
+    top = elevation((0.0, 300.0 * grade, 0.0, 0.0, 0.0))
+    t = np.arange(0.0, 8.01, 0.05)
+    ego = straight("ego", t, -6.0 * v, -1.75, 0.0, v)
+    other = straight("over", t, 1.75, -38.0, 0.5 * np.pi, 6.0)
+    ego["z"], other["z"] = grade * (300.0 - np.abs(ego["x"])), 300.0 * grade
+    rows = pd.concat([ego, other]).sort_values("t", kind="stable")
+    recording = write_recording(tmp_path, rows, east=crest, north=top)
+    assert assessed(recording).contacts
+    drive = resimulate(recording, load_build(BUILDS / "constant_velocity-1.0.toml")).drives["rGT"]
+    assert [c.id for c in drive.collisions] == ["over"]
+
+
 def test_beside_all_lanes_no_height_counts(tmp_path):
     """A car stands with its centre on the lane at first, then beside it, where nothing bears out that it rises."""
     t = np.arange(0.0, 12.01, 0.05)

@@ -22,8 +22,6 @@ from resim.road.opendrive import RoadNetwork
 
 NEAR = 300.0
 """Distance [m] from 0 within which a sensor sees."""
-ROUND = 20.0
-"""Distance [m] from the ground truth at which a sensor's positions may lie."""
 METRE = np.pi / 180.0 * 6.371e6
 """m a degree of latitude."""
 MOST_ROWS = 50_000
@@ -238,29 +236,35 @@ class _Guess:
         elif self.where == "sd" and far < NEAR:
             self.relative = True
             reason = f"positions are within {far:.0f} m of 0: what a sensor sees from the EGO"
-            if self._among_truth(x * factor, y * factor):
-                out.ask('frame = "ego"', f"{reason}; or where gt is, in the map's frame: then leave it out")
+            if self._may_be_in_the_map(x * factor, y * factor):
+                out.choose(
+                    "frame", f'"ego": {reason}; "sensor": likewise, with mounting; "map": as the roads'
+                )
             else:
                 out.sure('frame = "ego"', reason)
-            out.ask(
-                'frame = "sensor"',
-                "if they count from the sensor or the rear axle, not the EGO's box centre; then",
-            )
-            out.ask(
-                "mounting = [-1.4, 0.0, 0.0]",
-                "where that is, ahead and left of the centre [m], and its heading [rad]",
-            )
+                out.ask(
+                    'frame = "sensor"',
+                    "if they count from the sensor or the rear axle, not the EGO's box centre",
+                )
+            text = "with a sensor's frame: where it is, ahead and left of the box centre [m], and its heading [rad]"
+            out.ask("mounting = [-1.4, 0.0, 0.0]", text)
         else:
             self.corners = [(np.nanmin(z) * factor, np.nanmax(z) * factor) for z in (x, y)]
             self._mirror(out, x * factor, y * factor)
         return factor
 
-    def _among_truth(self, x: Floats, y: Floats) -> bool:
-        """Whether most positions [m] are where those of the ground truth are, which are in the map's frame."""
-        if self.truth is None or self.truth.corners is None:
-            return False
-        ends = zip((x, y), self.truth.corners, strict=True)
-        inside = [(z >= low - ROUND) & (z <= high + ROUND) for z, (low, high) in ends]
+    def _may_be_in_the_map(self, x: Floats, y: Floats) -> bool:
+        """Whether most positions [m] are as near to the map's roads, or else to the truth, as a sensor sees."""
+        corners = None if self.truth is None else self.truth.corners
+        if self.network is not None:
+            edges = [np.vstack([lane.left, lane.right]) for lane in self.network.lane_shapes(50.0)]
+            ends = np.vstack(edges) if edges else np.zeros((1, 2))
+            corners = [(low, high) for low, high in zip(ends.min(axis=0), ends.max(axis=0), strict=True)]
+        if corners is None:
+            return True
+        inside = [
+            (z >= low - NEAR) & (z <= high + NEAR) for z, (low, high) in zip((x, y), corners, strict=True)
+        ]
         return bool((inside[0] & inside[1]).mean() > 0.5)
 
     def _mirror(self, out: Lines, x: Floats, y: Floats) -> None:

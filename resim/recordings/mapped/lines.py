@@ -16,6 +16,10 @@ class Lines:
         """Add a line that the data tell."""
         self.lines.append(f"{text}  # {reason}")
 
+    def choose(self, name: str, choices: str) -> None:
+        """Add a line whose value nobody but the user knows: what reads it refuses it as it is."""
+        self.lines.append(f'{name} = "?"  # FILL IN: {choices}')
+
     def ask(self, text: str, reason: str) -> None:
         """Add a line, commented out, that somebody has to fill in."""
         self.lines.append(f"# {text}  # FILL IN: {reason}")

@@ -59,6 +59,9 @@ def test_a_sensors_table_is_guessed_beside_it(tmp_path: Path) -> None:
         if line.startswith(("# heading", "# vx", "# vy")):
             text = text.replace(line, line.removeprefix("# "))
     out.write_text(filled(text))
+    with pytest.raises(InputError, match=r"sd\.frame: expected 'map', 'ego' or 'sensor', found '\?'"):
+        read_mapping(out)  # the map has roads there, too
+    out.write_text(filled(text).replace('frame = "?"', 'frame = "ego"'))
     found = read_mapped(path, map=MAP, columns=out).sd
     assert found is not None
     same(found, truth)
@@ -169,11 +172,19 @@ def test_a_sensor_that_sees_where_the_truth_drives_may_be_in_the_maps_frame(tmp_
     own = pd.DataFrame({"t": t, "id": "ego", "x": 20.0 + 20.0 * t, "y": -5.25})
     own.to_csv(tmp_path / "gt.csv", index=False)
     own.assign(id="9", x=120.0).to_csv(tmp_path / "sd.csv", index=False)
-    left = fill_ins(guess(tmp_path / "gt.csv", tmp_path / "m.toml", sensor=tmp_path / "sd.csv"))
-    assert any(line.startswith('# frame = "ego"') and "the map's frame" in line for line in left)
-    own.assign(id="9", x=-30.0, y=30.0).to_csv(tmp_path / "sd.csv", index=False)
+    for x, y in ((120.0, -5.25), (-30.0, 30.0)):  # where it drives, and beside
+        own.assign(id="9", x=x, y=y).to_csv(tmp_path / "sd.csv", index=False)
+        left = fill_ins(guess(tmp_path / "gt.csv", tmp_path / "m.toml", sensor=tmp_path / "sd.csv"))
+        assert any(line.startswith('frame = "?"') and '"map"' in line for line in left)
+    own.drop(columns=["x", "y"]).assign(lat=48.0 + 1e-5 * t, lon=11.0).to_csv(
+        tmp_path / "gt.csv", index=False
+    )
+    for network, sure in ((None, False), (load(MAP), False)):
+        text = guess(tmp_path / "gt.csv", tmp_path / "m.toml", sensor=tmp_path / "sd.csv", network=network)
+        assert ('\nframe = "ego"' in text) is sure
+    own.assign(x=own["x"] + 5000.0).to_csv(tmp_path / "gt.csv", index=False)
     text = guess(tmp_path / "gt.csv", tmp_path / "m.toml", sensor=tmp_path / "sd.csv")
-    assert '\nframe = "ego"' in text
+    assert '\nframe = "ego"' in text  # the map's roads are far from there
 
 
 PARQUET = {
