@@ -2,9 +2,10 @@
 
 The height that counts is that road's, not the measured one, so that two on one road are never apart. A wrong height
 would part who meets, so nothing is believed of an object where the map does not bear its height out: at nearly all its
-places one of the lanes there has it, to within `LEVEL`, and none above or below has it, too; and from place to place
-the lanes that are nearest to it rise no more than roads do. Heights that are all off by one amount (such as those over
-the ellipsoid) are taken to the map's by it. Nothing is believed on a map without heights, nor where there is no lane.
+places one of the lanes there has it, to within `LEVEL`, and is nearer to it by `CLEAR` than any above or below; and
+from place to place the lanes that are nearest to it rise no more than roads do. Heights that are all off by one amount
+(such as those over the ellipsoid) are taken to the map's by it. Nothing is believed on a map without heights, nor where
+there is no lane.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
-from resim.core.levels import over
+from resim.core.levels import CLEAR, over
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.road.opendrive.index import LEVEL
@@ -90,8 +91,9 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
     if offset is None:
         return MeasuredHeights(unknown, why="they are not on the roads of the map, nor all off by one amount")
     level = _nearest(z - offset, point, surface)
-    on = np.abs(z - offset - level) <= LEVEL
-    as_near = (np.abs(above - offset) <= LEVEL) & over(surface, level[point])
+    off = np.abs(z - offset - level)
+    on = off <= LEVEL
+    as_near = (np.abs(above - offset) < off[point] + CLEAR) & over(surface, level[point])
     on[point[as_near]] = False  # it could be on either of two roads
     out, doubted = [], {}
     for n, k in enumerate(tracks):
@@ -190,7 +192,7 @@ def _doubt(track: HeightTrack, places: NDArray[np.intp], level: Floats, on: Bool
         off = 100.0 * (1.0 - share)
         return (
             f"at {off:.0f} % of its places it is over {LEVEL:g} m off the height of every lane there, "
-            "or less from two lanes one above the other"
+            "or about as near to another one, above or below"
         )
     rise, way = np.abs(np.diff(level[held])), np.diff(_way(track)[places[held]])
     leap = np.flatnonzero(rise > STEP + STEEP * way)

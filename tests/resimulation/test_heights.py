@@ -198,7 +198,9 @@ def test_nobody_leaps_onto_the_road_above(tmp_path, who, height, every):
     assert [c.id for c in drive.collisions] == ["lead"]
 
 
-@pytest.mark.parametrize(("deck", "z_ego", "z_lead"), [(4.9, 2.4, 2.46), (4.9, 2.3, 2.6), (3.0, 0.6, 1.6)])
+@pytest.mark.parametrize(
+    ("deck", "z_ego", "z_lead"), [(4.9, 2.4, 2.46), (4.9, 2.3, 2.6), (5.0, 2.45, 2.55), (3.0, 0.6, 1.6)]
+)
 def test_between_two_roads_a_height_tells_neither(tmp_path, deck, z_ego, z_lead):
     """Both are on the lower road."""
     t = np.arange(0.0, 12.01, 0.05)
