@@ -99,7 +99,7 @@ def _type(of: Mapping[str, Any]) -> str:
         return ", ".join(f"`{json.dumps(v)}`" for v in of.get("enum", [of.get("const")]))
     kind = of.get("type")
     if kind == "array":
-        items = of.get("items") or next(iter(of.get("prefixItems", ())), {})
+        items: Mapping[str, Any] = of.get("items") or next(iter(of.get("prefixItems", ())), {})
         return f"list of {_type(items)}"
     if kind == "object":
         inner = of.get("additionalProperties")

@@ -109,7 +109,9 @@ def commands(_: str = "") -> str:
 
 
 def _helps(command: Any, name: str, above: Any = None) -> Iterator[str]:
-    context = command.context_class(command, parent=above, info_name=name, terminal_width=86)
+    context = command.context_class(
+        command, parent=above, info_name=name, **{**command.context_settings, "terminal_width": 86}
+    )
     yield f"## {context.command_path}\n\n```text\n{command.get_help(context).rstrip()}\n```"
     for below, one in getattr(command, "commands", {}).items():
         yield from _helps(one, below, context)

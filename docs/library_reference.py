@@ -130,24 +130,29 @@ def _outline(member: Any) -> str:
     source = inspect.getsource(inspect.unwrap(member))
     lines = source.splitlines()
     (node,) = ast.parse(source).body
-    return "\n".join(_outlined(node, lines)).replace("  # fmt: skip", "").strip()
+    return "\n".join(_outlined(node, lines))
 
 
 def _outlined(node: Any, lines: list[str]) -> Iterator[str]:
     first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
     documented = ast.get_docstring(node) is not None
     yield from lines[first - 1 : node.body[0].end_lineno if documented else node.body[0].lineno - 1]
-    for part in node.body[documented:] if isinstance(node, ast.ClassDef) else ():
-        if isinstance(part, ast.AnnAssign) and not part.target.id.startswith("_"):  # type: ignore[union-attr]
-            yield from lines[part.lineno - 1 : part.end_lineno]
-        elif isinstance(part, ast.FunctionDef) and not part.name.startswith("_"):
+    if not isinstance(node, ast.ClassDef):
+        return
+    fields = [part for part in node.body if isinstance(part, ast.AnnAssign)]
+    yield from [""] if fields and documented else []
+    for field in fields:
+        if isinstance(field.target, ast.Name) and not field.target.id.startswith("_"):
+            yield from lines[field.lineno - 1 : field.end_lineno]
+    for part in node.body:
+        if isinstance(part, ast.FunctionDef) and not part.name.startswith("_"):
             yield ""
             yield from _outlined(part, lines)
 
 
 def as_rst(lines: list[str]) -> list[str]:
     """Give a docstring for reStructuredText: what stands between backticks is code, everything else plain text."""
-    out = []
+    out: list[str] = []
     for line in "\n".join(lines).split("`"):
         out.append(line if len(out) % 2 else re.sub(r"([\\*|_])", r"\\\1", line))
     return "``".join(out).replace("````", "").split("\n")

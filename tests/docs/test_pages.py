@@ -61,7 +61,7 @@ def test_commands_are_taken_as_they_stand(page: Path, monkeypatch: pytest.Monkey
         match words:
             case ["resim", *rest]:
                 command, arguments = pages.command_of(rest)
-                command.make_context("resim", arguments)
+                command.make_context("resim", arguments, **pages.SETTINGS)
             case ["make", target]:
                 assert target in targets
             case [program, *_]:
@@ -169,7 +169,7 @@ def test_the_example_workflow_runs_commands_that_exist(monkeypatch: pytest.Monke
     steps = yaml.safe_load(WORKFLOW.read_text())["jobs"]["verify"]["steps"]
     (run,) = (step["run"] for step in steps if step.get("run", "").startswith("resim "))
     command, arguments = pages.command_of(run.split()[1:])
-    out = Path(command.make_context("verify", arguments).params["out"])
+    out = Path(command.make_context("verify", arguments, **pages.SETTINGS).params["out"])
     assert [step["with"]["path"] for step in steps if "path" in step.get("with", {})] == [
         str(out / "junit.xml"),
         str(out),
