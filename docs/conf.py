@@ -10,7 +10,9 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import draw_layers
+import field_tables
 import generated
+import library_reference
 
 from resim import __version__
 
@@ -40,12 +42,12 @@ def _source(app: Any, name: str, text: list[str]) -> None:
 
 def _docstring(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are plain text with code between backticks."""
-    lines[:] = generated.as_rst(lines)
+    lines[:] = library_reference.as_rst(lines)
 
 
 def _schemas(app: Any, exception: Exception | None) -> None:
     """Publish the JSON Schema of every file beside the pages."""
-    generated.write_schemas(Path(app.outdir) / "schemas")
+    field_tables.write_schemas(Path(app.outdir) / "schemas")
 
 
 def setup(app: Any) -> None:

@@ -16,6 +16,8 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 OUTSIDE = ("README.md", "CONTRIBUTING.md", "tools/README.md", "networks/README.md")
 PAGES = [ROOT / name for name in OUTSIDE] + sorted(DOCS.rglob("*.md"))
+SETTINGS = typer.main.get_command(app).context_settings
+"""What a command takes over from the one above. Commands keep the help option that they were first asked with."""
 _FENCE = re.compile(r"^```(\S*).*?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -19,16 +19,31 @@ from recordings.mapped.strangers import LON_0, convergence, geographic
 from resim.core.geometry import to_frame
 from resim.recordings import read_recording
 from resim.recordings.settings import read_settings
+from resim.road.driven_route import Route
+from resim.road.opendrive import load
+from resim.simulation.function.interface import (
+    AdFunction,
+    Command,
+    EgoState,
+    Perceived,
+    Setup,
+    load_build,
+)
+from resim.simulation.vehicles.kinematic import Kinematic
 from resim.verification.suite import read_suite
 
 Done = Callable[..., None]
 GUIDES = DOCS / "guides"
 EXTEND = DOCS / "extend"
+ROAD = load(ROOT / "networks" / "proving_ground.xodr")
 RUN_HERE = {
     "library.py",
     "resimulate_both.py",
     "my_pilot.py",
     "my_pilot.toml",
+    "my_acc.py",
+    "acc_pilot.py",
+    "acc_pilot.toml",
     "my_measures.py",
     "recording.toml",
     "mapping.toml",
@@ -103,6 +118,94 @@ def test_the_example_function_plugs_in(done: Done, tmp_path: Path) -> None:
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["build"] == {"name": "my_pilot", "version": "0.1", "drove": False}
     assert report["decision"]["rGT"] == ["brake"]
+
+
+def acc_pilot(folder: Path, *, acc: str = "") -> Path:
+    """Write the guide's example of an ACC into a folder, with another `my_acc.py` if given, and give its build file."""
+    folder.mkdir()
+    for name in ("my_acc.py", "acc_pilot.py", "acc_pilot.toml"):
+        (folder / name).write_text(example(GUIDES / "function.md", name))
+    if acc:
+        (folder / "my_acc.py").write_text(acc)
+    return folder / "acc_pilot.toml"
+
+
+def test_the_example_acc_drives_behind_its_lead(done: Done, tmp_path: Path) -> None:
+    build, out = acc_pilot(tmp_path / "mine"), tmp_path / "out"
+    done(
+        "run", ROOT / "scenarios" / "neighbours" / "jam_end", "--build", build, "--basis", "gt", "--out", out
+    )
+    report = json.loads((out / "report.json").read_text())
+    assert report["build"] == {"name": "acc_pilot", "version": "0.1", "drove": False}
+    assert report["decision"]["rGT"] == ["brake"]
+    assert report["end"]["rGT"] == "duration"
+
+
+def pilot_in(folder: Path, start: EgoState, *, acc: str) -> AdFunction:
+    """Give the example of an ACC on the proving ground, with an `acc` that gives this."""
+    build = load_build(acc_pilot(folder, acc=f"def acc(gap, speed, lead_speed):\n    return {acc}\n"))
+    with build.factory.afresh():
+        pilot = build.make()
+    steps = (("1",), ("2",))
+    pilot.reset(Setup(ROAD, start, (0.0, 0.0), 4.7, 1.9, 0.04, 0, route=Route(steps)))
+    return pilot
+
+
+def seen(ego: EgoState, *others: tuple[float, ...]) -> Perceived:
+    """Give what is perceived: others are x, y, heading in the map, v, length, height above the EGO's road."""
+    x, y, heading, v, length, z = np.array(others, dtype=float).reshape(-1, 6).T
+    ids, kind = np.arange(len(x)).astype(str), np.full(len(x), "car")
+    x_ego, y_ego = to_frame(x, y, ego.x, ego.y, ego.heading)
+    return Perceived(
+        0.0, ego, ids, kind, x_ego, y_ego, heading - ego.heading, v, length, np.full(len(x), 1.9), z
+    )
+
+
+def on_lane(lane: int, s: float, turn: float = 0.0) -> tuple[float, float, float]:
+    """Give x, y and heading on the centre of a lane of the proving ground's first road."""
+    x, y = ROAD.to_xy("1", lane, s, 0.0)
+    return float(x), float(y), float(ROAD.lane_heading("1", lane, s)) + turn
+
+
+def test_the_example_acc_keeps_its_lane_through_bends_and_onto_the_next_road(tmp_path: Path) -> None:
+    start = EgoState(*on_lane(-2, 1000.0), 25.0)
+    pilot, vehicle = pilot_in(tmp_path / "mine", start, acc="0.0"), Kinematic()
+    state, states = vehicle.settle(start), []
+    for _ in range(1500):
+        answer = pilot.step(seen(state.ego))
+        assert isinstance(answer, Command)
+        state = vehicle.step(state, answer.acceleration, answer.curvature, 0.04)
+        states.append(state.ego)
+    x, y, heading, v = np.array(states)[:, :4].T
+    at = ROAD.to_road(x, y, heading=heading)
+    assert [at.road[0], at.road[-1]] == ["1", "2"]
+    assert np.abs(at.t).max() < 0.3
+    assert v == pytest.approx(25.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gives", "expected"), [("-gap", "gap"), ("-lead_speed", "lead_speed"), ("-speed", "speed")]
+)
+def test_the_example_acc_is_told_of_the_nearest_object_in_its_lane(
+    tmp_path: Path, gives: str, expected: str
+) -> None:
+    ego = EgoState(*on_lane(-2, 1500.0), 20.0)  # in a bend of 400 m radius
+    pilot = pilot_in(tmp_path / "mine", ego, acc=gives)
+    answer = pilot.step(
+        seen(
+            ego,
+            (*on_lane(-2, 1620.0), 8.0, 4.0, 0.0),  # farther
+            (*on_lane(-2, 1580.0, 0.5), 10.0, 12.0, np.nan),  # the lead, turned against the lane
+            (*on_lane(-1, 1520.0), 9.0, 4.0, 0.0),  # beside
+            (*on_lane(-2, 1480.0), 9.0, 4.0, 0.0),  # behind
+            (*on_lane(-2, 1530.0), 9.0, 4.0, 15.0),  # on a bridge
+        )
+    )
+    x, y = ROAD.to_xy("1", -2, np.linspace(1500.0, 1580.0, 10_000), 0.0)
+    way = float(np.hypot(np.diff(x), np.diff(y)).sum())
+    right = {"gap": way - 0.5 * (4.7 + 12.0), "lead_speed": 10.0 * np.cos(0.5), "speed": 20.0}
+    assert isinstance(answer, Command)
+    assert answer.acceleration == pytest.approx(-right[expected], abs=0.01)
 
 
 def test_the_example_measure_is_judged(done: Done, tmp_path: Path) -> None:

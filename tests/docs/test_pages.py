@@ -8,6 +8,7 @@ from pathlib import Path
 
 import draw_layers
 import generated
+import library_reference
 import pages
 import pytest
 import yaml
@@ -38,7 +39,7 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)]*))?\)", pages.text(page)):
         to = (page.parent / target).resolve() if target else page
         assert to.exists(), target
-        if anchor and to != DOCS / "reference" / "api.md" and to != DOCS / "reference" / "commands.md":
+        if anchor:
             assert anchor in pages.anchors(to), (target, anchor)
 
 
@@ -60,7 +61,7 @@ def test_commands_are_taken_as_they_stand(page: Path, monkeypatch: pytest.Monkey
         match words:
             case ["resim", *rest]:
                 command, arguments = pages.command_of(rest)
-                command.make_context("resim", arguments)
+                command.make_context("resim", arguments, **pages.SETTINGS)
             case ["make", target]:
                 assert target in targets
             case [program, *_]:
@@ -86,16 +87,38 @@ def test_options_in_the_text_exist(page: Path) -> None:
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda p: p.stem)
 def test_what_is_made_from_the_code_can_be_made(page: Path) -> None:
-    made = generated.fill(pages.text(page), page.relative_to(DOCS).with_suffix("").as_posix())
-    assert "{generated}" not in made.replace("`{generated} schema …`", "")
+    said = pages.text(page)
+    made = generated.fill(said, page.relative_to(DOCS).with_suffix("").as_posix())
+    markers = re.compile("<!-- (?:generated|end of generated|on the site)")
+    assert not markers.search(made)
+    regions = len(
+        re.findall("^<!-- generated: .*\n(?:(?!<!--).*\n)*<!-- end of generated -->$", said, re.MULTILINE)
+    )
+    alone = len(re.findall("^<!-- on the site: .* -->$", said, re.MULTILINE))
+    assert len(markers.findall(said)) == 2 * regions + alone
 
 
-def test_the_anchors_of_made_pages_are_there() -> None:
-    api, commands = (generated.PARTS[name]("") for name in ("api", "commands"))
-    for page in PAGES:
-        for name, anchor in re.findall(r"reference/(api|commands)\.md#([\w-]+)", pages.text(page)):
-            heads = re.findall(r"^## (.*)$", api if name == "api" else commands, re.MULTILINE)
-            assert anchor in {head.lower().replace(" ", "-") for head in heads}
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda p: p.stem)
+def test_what_a_page_has_of_the_code_is_what_the_code_says_now(page: Path) -> None:
+    said = pages.text(page)
+    assert said == generated.written(said), f"write it anew: {generated.COMMAND}"
+
+
+def test_the_site_has_the_headings_of_the_library_that_links_lead_to() -> None:
+    heads = (
+        re.findall(r"^## .*$", made(), re.MULTILINE)
+        for made in (library_reference.api, library_reference.api_on_the_site)
+    )
+    listed, shown = heads
+    assert listed == shown
+
+
+def test_the_interface_of_functions_is_shown_in_full() -> None:
+    shown = generated.PARTS["api"]("")
+    assert "    route: Route = NO_ROUTE\n" in shown
+    assert "`needs_truth = True`, as oracles do." in shown
+    assert "        heading: ArrayLike | None = None,\n" in shown
+    assert "def _" not in shown
 
 
 def test_the_index_leads_to_every_page() -> None:
@@ -146,7 +169,7 @@ def test_the_example_workflow_runs_commands_that_exist(monkeypatch: pytest.Monke
     steps = yaml.safe_load(WORKFLOW.read_text())["jobs"]["verify"]["steps"]
     (run,) = (step["run"] for step in steps if step.get("run", "").startswith("resim "))
     command, arguments = pages.command_of(run.split()[1:])
-    out = Path(command.make_context("verify", arguments).params["out"])
+    out = Path(command.make_context("verify", arguments, **pages.SETTINGS).params["out"])
     assert [step["with"]["path"] for step in steps if "path" in step.get("with", {})] == [
         str(out / "junit.xml"),
         str(out),
