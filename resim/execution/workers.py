@@ -29,6 +29,9 @@ from resim.execution.child import SIZE, Failure
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
+_LONGEST = 1 << 34
+"""Bytes of the longest message that a child sends."""
+_BETWEEN = "wrote to a file that it did not open, by which resim's processes speak to each other"
 LARGEST = 2048
 """MiB of memory from which on a child is replaced by a fresh one."""
 GONE = "the cluster's scheduler is gone. Finished runs are kept: start it, and resume with --resume."
@@ -219,6 +222,9 @@ class _Child:
             if forkserver.is_readable(self.results, _TICK if alive else 0.0):
                 part = os.read(self.results, 1 << 20)
                 message += part
+                if _size(message) > _LONGEST:
+                    self.end()
+                    return self._blamed(_BETWEEN)
                 if len(message) >= SIZE.size + _size(message):
                     return self._unpacked(message[SIZE.size :])
                 if not part:
@@ -239,7 +245,11 @@ class _Child:
 
     def _unpacked(self, message: bytes | bytearray) -> Any:
         """The result; a process that has grown large is not used again."""
-        result, memory = pickle.loads(message)
+        try:
+            result, memory = pickle.loads(message)
+        except Exception:
+            self.end()
+            return self._blamed(_BETWEEN)
         if memory > LARGEST:
             self.end()
         return result

@@ -14,6 +14,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
 from sqlalchemy import (
     ColumnElement,
     Connection,
@@ -29,6 +30,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import SQLAlchemyError
 
 from resim.core.errors import InputError
+from resim.core.faults import describe
 from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome, Kind
 from resim.results.tables import (
     INPUT,
@@ -43,6 +45,8 @@ from resim.results.tables import (
     where,
 )
 
+_ENTRY = TypeAdapter(CatalogEntry)
+ANEW = "Remove the catalog, and put the results in again by `resim runs add FOLDER`."
 SHORT, LEAST = 8, 4
 """Digits of an id that are shown, and that have to be given."""
 
@@ -140,7 +144,18 @@ class Catalog:
             outcomes = _by_result(
                 connection, select(OUTCOME).where(OUTCOME.c.result.in_(ids)).order_by(OUTCOME.c.row)
             )
-        return [_entry(row, inputs.get(row.id, []), outcomes.get(row.id, [])) for row in rows]
+        return [self._entry(row, inputs.get(row.id, []), outcomes.get(row.id, [])) for row in rows]
+
+    def _entry(self, row: Row[Any], inputs: list[Row[Any]], outcomes: list[Row[Any]]) -> CatalogEntry:
+        """The entry that rows hold. Raises InputError where they were altered to what no entry is."""
+        told = {key: value for key, value in row._mapping.items() if key != "id"}
+        told["inputs"] = [_fields(CatalogInput, i) for i in inputs]
+        told["outcomes"] = [_fields(CatalogOutcome, o) for o in outcomes]
+        try:
+            return _ENTRY.validate_python(told)
+        except ValidationError as e:
+            what = f"its row of {str(row.folder)!r:.200} is damaged: {describe(e.errors(), CatalogEntry)}"
+            raise InputError(self.name, what, ANEW) from None
 
     @contextmanager
     def _connection(self) -> Iterator[Connection]:
@@ -159,6 +174,8 @@ class Catalog:
         except SQLAlchemyError as e:
             reason = str(getattr(e, "orig", None) or e).strip().splitlines()[0]
             raise InputError(self.name, f"cannot be used as the catalog ({reason})", REMEDY) from None
+        except (ValueError, TypeError) as e:  # of what is not JSON where it should be
+            raise InputError(self.name, f"holds what no catalog has ({e})", ANEW) from None
         except OSError as e:
             raise InputError(
                 self.name, f"cannot be used as the catalog ({e.strerror}: {e.filename})", REMEDY
@@ -180,15 +197,6 @@ def _result_row(entry: CatalogEntry) -> dict[str, Any]:
 
 def _rows(result: str, several: Sequence[CatalogInput | CatalogOutcome]) -> list[dict[str, Any]]:
     return [{"result": result, "row": k, **asdict(one)} for k, one in enumerate(several)]
-
-
-def _entry(row: Row[Any], inputs: list[Row[Any]], outcomes: list[Row[Any]]) -> CatalogEntry:
-    told = {key: value for key, value in row._mapping.items() if key != "id"}
-    return CatalogEntry(
-        **{**told, "folder": Path(row.folder)},
-        inputs=tuple(CatalogInput(**_fields(CatalogInput, i)) for i in inputs),
-        outcomes=tuple(CatalogOutcome(**_fields(CatalogOutcome, o)) for o in outcomes),
-    )
 
 
 def _fields(kind: type[CatalogInput | CatalogOutcome], row: Row[Any]) -> dict[str, Any]:

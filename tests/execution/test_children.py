@@ -73,6 +73,35 @@ def test_what_ends_or_blocks_the_process_is_a_failure_of_the_function(
     assert why in ended(tmp_path / "out")
 
 
+WRITES = r"""
+import fcntl
+for file in range(3, 64):
+    try:
+        name, mode = os.readlink(f'/proc/self/fd/{file}'), fcntl.fcntl(file, fcntl.F_GETFL) & os.O_ACCMODE
+    except OSError:
+        continue
+    if name.startswith('pipe:') and mode == os.O_WRONLY:
+        os.write(file, TEXT)
+"""
+
+
+@pytest.mark.parametrize("text", [b"\xff" * 100, b"\x05" + b"\0" * 7 + b"hello"])
+def test_what_a_function_writes_into_our_pipes_is_no_answer(
+    call: Call, build: Callable[..., Path], tmp_path: Path, text: bytes
+) -> None:
+    order = ("run", DRIVE, "--basis", "gt", "--out", tmp_path / "out", "--build")
+    code, _, error = call(*order, build(WRITES.replace("TEXT", repr(text))))
+    assert code == 3
+    assert "wrote to a file that it did not open" in error
+    assert "Traceback" not in error
+
+
+def test_a_function_may_take_the_streams_away(call: Call, build: Callable[..., Path], tmp_path: Path) -> None:
+    order = ("run", DRIVE, "--basis", "gt", "--out", tmp_path / "out", "--build")
+    code, _, error = call(*order, build("sys.stdout = sys.stderr = None"))
+    assert (code, error) == (0, "")
+
+
 def test_a_measure_that_ends_its_process_leaves_the_older_result(call: Call, tmp_path: Path) -> None:
     order = ("assess", DRIVE, "--out", tmp_path / "out")
     assert call(*order)[0] == 0

@@ -153,6 +153,25 @@ def test_a_catalog_of_a_newer_resim_is_refused(database: str) -> None:
         Catalog(database).find()
 
 
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("counts = '{not json'", "holds what no catalog has"),
+        ("counts = '[1, 2]'", r"its row of '/results/late' is damaged: counts: expected a table"),
+        ("kind = 'zzz'", r"is damaged: kind: expected 'run', .*, found 'zzz'"),
+        ("folder = x'ff00fe'", "is damaged|holds what no catalog has"),
+    ],
+)
+def test_a_row_that_was_altered_to_what_no_entry_is_is_told(tmp_path: Path, change: str, told: str) -> None:
+    path = tmp_path / "catalog.sqlite"
+    Catalog(str(path)).add(entry())
+    with sqlite3.connect(path) as database:
+        database.execute(f"UPDATE resim_result SET {change}")
+    database.close()
+    with pytest.raises(InputError, match=f"catalog.sqlite: .*{told}.*Remove the catalog"):
+        Catalog(str(path)).find()
+
+
 def test_what_is_no_catalog_is_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("an important text\n" * 100)
     with pytest.raises(
