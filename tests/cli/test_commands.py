@@ -299,6 +299,7 @@ def test_help_loads_neither_sumo_nor_numpy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_an_import_wants_an_opendrive_map(call: Call, tmp_path: Path) -> None:
     source = DATA / "ngsim" / "USA_US101-5_1_T-1.xml"
     if not source.is_file():

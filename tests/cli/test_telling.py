@@ -59,6 +59,7 @@ def test_a_run_is_its_files_as_one_object_and_a_bad_verdict_is_told_all_the_same
         assert any(line.endswith(f": {stage}") for line in done.stderr.splitlines()), done.stderr
 
 
+@pytest.mark.slow
 def test_an_assessment_needs_no_folder(call: Call, tmp_path: Path) -> None:
     code, out, _ = call("assess", DRIVE, "--json")
     alone = json.loads(out)

@@ -25,6 +25,7 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 
 
+@pytest.mark.slow
 def test_a_drive_comes_back_as_it_was_written(copy: Extended) -> None:
     gt = read_recording(DRIVEN).gt
     (copy.folder / "fcd.xml").write_text("".join(_fcd(gt)), encoding="utf-8")

@@ -18,6 +18,7 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 
 
+@pytest.mark.slow
 def test_it_is_assessed_and_a_criterion_uses_it(copy: Extended) -> None:
     printed = copy.commands("measure.md")
     assert "closing speed" in printed
@@ -29,6 +30,7 @@ def test_it_is_assessed_and_a_criterion_uses_it(copy: Extended) -> None:
     assert list(found["measures"])[-1] == "closing speed"
 
 
+@pytest.mark.slow
 def test_it_stands_in_the_table_of_the_documentation(copy: Extended) -> None:
     done = copy.run("-c", f"import sys; sys.path.insert(0, {str(ROOT / 'docs')!r}); import generated; "
                     "print(generated.measures())")  # fmt: skip

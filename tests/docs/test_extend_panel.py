@@ -18,6 +18,7 @@ def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 
 
+@pytest.mark.slow
 def test_it_is_a_section_of_the_page(copy: Extended) -> None:
     copy.commands("panel.md")
     out = copy.folder / "out" / "run"

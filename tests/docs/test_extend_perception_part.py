@@ -24,6 +24,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Extended:
     return extended("perception_part.md", tmp_path_factory.mktemp("part"))
 
 
+@pytest.mark.slow
 def test_its_code_and_its_test_are_as_ours(copy: Extended) -> None:
     copy.check()
 

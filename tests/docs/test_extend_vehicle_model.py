@@ -23,6 +23,7 @@ def test_the_help_lists_it(copy: Extended) -> None:
         assert "kinematic,single-track,point." in told
 
 
+@pytest.mark.slow
 def test_it_moves_the_ego(copy: Extended) -> None:
     copy.commands("vehicle_model.md")
     told = json.loads((copy.folder / "out" / "point" / "run.json").read_text())

@@ -66,6 +66,7 @@ def test_what_pages_hold_is_in_it(unpacked: Path) -> None:
     assert [line for line in needed if line.startswith("plotly") and "extra ==" not in line] == []
 
 
+@pytest.mark.slow
 def test_the_demo_works_from_it_alone(unpacked: Path, tmp_path: Path) -> None:
     """Also where no `adfunc` is installed: that of the example is taken."""
     code = (

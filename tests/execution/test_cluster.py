@@ -41,6 +41,7 @@ def test_what_breaks_on_a_cluster_costs_its_own_task_only(pool: Cluster) -> None
     assert found[5] == Failure("took longer than 5 s", crashed=True)
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_told_of() -> None:
     with pytest.raises(InputError, match="no scheduler answers"), cluster("tcp://127.0.0.1:9"):
         pass

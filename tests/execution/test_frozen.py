@@ -144,6 +144,7 @@ def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
     assert again.recordings == undisturbed.recordings
 
 
+@pytest.mark.slow
 def test_a_sweep_with_children_that_restart_runs_what_was_hashed(tmp_path: Path) -> None:
     mark, edited = tmp_path / "mark", tmp_path / "edited"
     dies = f"import helper, os, pathlib\n        mark = pathlib.Path({str(mark)!r})\n"
@@ -170,6 +171,7 @@ def test_a_parameter_that_is_a_list_is_each_runs_own(tmp_path: Path, workers: in
     assert len({row[2:] for row in rows}) == 1  # nothing is drawn that this function minds
 
 
+@pytest.mark.slow
 def test_children_import_nothing_from_the_working_directory(tmp_path: Path) -> None:
     (tmp_path / "random.py").write_text("import os\nos._exit(66)\n")
     there = build(tmp_path / "one", 0.0)

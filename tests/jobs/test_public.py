@@ -101,6 +101,7 @@ def described(value: object) -> dict[str, dict[str, str]]:
     }
 
 
+@pytest.mark.slow
 def test_exports_that_are_first_used_after_a_run_are_no_change_of_resim() -> None:
     root = SOURCE.parents[1]
     told = (

@@ -68,6 +68,7 @@ def test_heavy_tails_are_told_with_their_share() -> None:
     assert "heavy tails" in tails.text
 
 
+@pytest.mark.slow
 def test_a_latency_that_varies_is_told_in_seconds() -> None:
     found = told(fit_of(Beyond(late=0.15))[1], "longitudinal", "latency")
     assert (found.size, found.unit) == (pytest.approx(0.15, rel=0.1), "s")

@@ -10,6 +10,8 @@ from resim.core.errors import InputError
 from resim.perception.model import PerceptionModel
 from resim.perception.validation import Report, cross_validate, judge
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def report() -> Report:

@@ -136,6 +136,7 @@ def test_a_link_opens_at_its_moment_and_the_address_follows(opened: Open) -> Non
     assert time(page) == pytest.approx(2.5)
 
 
+@pytest.mark.slow
 def test_sources_are_switched_one_by_one(opened: Open) -> None:
     page = opened("result.html", at="#t=7.1")
     names = page.locator("#layers button").all_inner_texts()
@@ -225,6 +226,7 @@ def test_a_phone_shows_all_of_it_by_touch(opened: Open, dark: bool) -> None:
     assert time(page) > 7.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["report.html", "assessment.html"])
 def test_other_pages_play_the_drive_beside_their_figures(opened: Open, pages: Path, name: str) -> None:
     folder = pages / "run"

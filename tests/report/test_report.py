@@ -215,6 +215,7 @@ def test_seeds_in_which_the_function_fails_decide_nothing_and_say_why(at: float,
     assert ("PIPE_GT+M" in html(result, tmp_path)) == (at > 0.0)
 
 
+@pytest.mark.slow
 def test_a_perception_model_stands_beside_the_runs_without(cut_in: Resimulation, tmp_path: Path) -> None:
     model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
     seen = PerceptionSetup(model, (0, 1, 2))

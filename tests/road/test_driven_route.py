@@ -34,7 +34,7 @@ def straight_on(turn):
     return before[0], after[0]
 
 
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("name", [*MAPS[:-1], pytest.param(MAPS[-1], marks=pytest.mark.slow)])
 def test_the_route_of_a_turn_is_the_roads_that_the_file_links(shared_map, name):
     net = shared_map(name)
     every = list(turns(net))

@@ -82,6 +82,7 @@ def test_the_command_of_the_report_repeats_the_run(swept: Path, call: Call) -> N
     assert str(folder.resolve()) in [entry["folder"] for entry in listed]
 
 
+@pytest.mark.slow
 def test_what_differs_is_named(swept: Path, call: Call) -> None:
     part = Path("out/runs/part-00000.parquet")
     rows = duckdb.sql(f"select * from '{part}'").df()

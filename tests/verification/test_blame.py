@@ -135,6 +135,7 @@ def test_without_sensor_data_nobody_is_known_by_what_it_answers_to_the_truth(dri
     assert step_of(verified(unseen)) == "function or vehicle"
 
 
+@pytest.mark.slow
 def test_another_function_in_the_right_vehicle_is_the_function(driven: Drive) -> None:
     recording = driven("lead_slows", "as modelled")
     assert step_of(verified(recording)) is None

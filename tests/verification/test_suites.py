@@ -317,6 +317,7 @@ def test_a_report_of_a_recording_that_has_changed_since_is_not_made_and_it_is_sa
     assert "its content has the hash" in found["lost"]["rear_end"]
 
 
+@pytest.mark.slow
 def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:
