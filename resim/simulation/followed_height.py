@@ -12,6 +12,8 @@ EVERY = 5.0
 """Way [m] after which the map is asked again."""
 STEP, STEEPEST = 0.5, 0.2
 """By how much [m] the surface may leap from one place to the next, besides what the steepest road rises on the way."""
+APART = 1.0
+"""Difference of height [m] from which on two roads that the EGO can be on have parted."""
 BEGIN, GAP = 10.0, 20.0
 """Way [m] beside all lanes that it is taken to have come at first, for a height that is off; and after which nobody
 knows on which level it comes back."""
@@ -20,12 +22,14 @@ knows on which level it comes back."""
 class FollowedHeight:
     """Height [m] of the road under the EGO, given its places one after the other; NaN once it is lost.
 
-    Of several roads above each other it is on that whose surface goes on from where it was. The map is asked every
-    EVERY m; between, the road rises as it did before.
+    Of several roads above each other it is on one whose surface goes on from where it was; where there are more of
+    these, and they part, nobody knows on which it is. The map is asked every EVERY m; between, the road rises as it did
+    before.
     """
 
     def __init__(self, network: RoadNetwork, x: float, y: float, z: float) -> None:
         self._network, self._known, self._grade = network, z, 0.0
+        self._may = np.array([z])
         self._place, self._way, self._off = complex(x, y), 0.0, BEGIN
 
     def at(self, x: float, y: float) -> float:
@@ -41,11 +45,14 @@ class FollowedHeight:
     def _look(self, x: float, y: float) -> None:
         """Ask the map for the height at a place."""
         heights = self._network.surfaces(x, y)[1]
-        off = np.abs(heights - self._known)
-        if len(heights) and off.min() <= STEP + STEEPEST * self._off:
-            z = float(heights[off.argmin()])
+        off = np.abs(heights[:, None] - self._may).min(axis=1)
+        may = heights[off <= STEP + STEEPEST * self._off]
+        if len(may) and np.ptp(may) > APART:
+            self._known = math.nan
+        elif len(may):
+            z = float(may.mean())
             self._grade = (z - self._known) / self._way if self._off == self._way else 0.0
-            self._known, self._off = z, 0.0
+            self._known, self._may, self._off = z, may, 0.0
         else:
             self._known = math.nan if self._off > GAP else self._known + self._grade * self._way
             self._grade = 0.0

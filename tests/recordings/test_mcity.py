@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from recordings.mapped.strangers import MAP, geographic
 from recordings.mapped.test_judged import T, beside, ego, rows, until, verdicts
+from recordings.mercator import transverse_mercator
 
 from resim.core.errors import InputError
 from resim.core.geometry import to_frame, wrap_angle
@@ -37,7 +38,7 @@ PROJ = np.array(
 
 
 def test_projection_agrees_with_proj() -> None:
-    x, y = mcity.transverse_mercator(PROJ[:, 0], PROJ[:, 1], **ORIGIN)
+    x, y = transverse_mercator(PROJ[:, 0], PROJ[:, 1], **ORIGIN)
     np.testing.assert_allclose(np.column_stack([x, y]), PROJ[:, 2:], atol=2e-6)
 
 
@@ -237,6 +238,52 @@ def test_sizes_and_classes_stay_as_each_row_has_them(tmp_path: Path) -> None:
     assert own["kind"].tolist() == lorry["kind"].tolist()
     codes = {(f.code, f.object) for f in load_checked(tmp_path / "rec", accept=tuple(CODES)).findings}
     assert ("SIZE_CHANGES", "1") in codes
+
+
+def test_a_class_of_one_row_makes_no_pedestrian_of_a_car_in_the_truth(tmp_path: Path) -> None:
+    """The EGO touches the car in passing, which it would not touch if that were half a metre wide."""
+    car = rows("1", 400.0, -5.25 + 1.5)
+    car = car.assign(kind=np.where(T == 0.0, "pedestrian", "car"))
+    found = judged(tmp_path, [ego(), car], [ego().assign(id="e")])
+    assert found["GT"] != "PASS"  # its size is in doubt
+
+
+def test_a_truth_that_is_far_longer_than_the_perception_is_read(tmp_path: Path) -> None:
+    (tmp_path / "gts").mkdir()
+    longer = [
+        {**frame, "timestamp": frame["timestamp"] + s}
+        for s in (-20.0, 20.0, 0.0)
+        for frame in told([rows("1", 400.0)])
+    ]
+    longer = sorted(longer, key=lambda frame: frame["timestamp"])
+    (tmp_path / "gts" / "t2.json").write_text(json.dumps(longer))
+    two = [ego(), rows("2", 450.0 + 20.0 * T, -1.75, v=20.0)]
+    assert judged(tmp_path, two, [ego().assign(id="e")])["GT"] in ("FAIL", "INVALID")
+
+
+@pytest.mark.parametrize(
+    ("more", "offset"),
+    [("+y_0=-6", ""), ("+k=1.1", ""), ("", '<offset x="3.0" y="-40.0" z="0.0" hdg="0.0"/>')],
+)
+def test_all_that_the_maps_geo_reference_and_header_say_counts(
+    tmp_path: Path, more: str, offset: str
+) -> None:
+    text = MAP.read_text()
+    begin, end = text.index("<geoReference>"), text.index("</geoReference>") + len("</geoReference>")
+    words = f"+proj=tmerc +lat_0=48 +lon_0=11 {more} +datum=WGS84 +units=m +no_defs"
+    road = tmp_path / "map.xodr"
+    road.write_text(f"{text[:begin]}<geoReference>{words}</geoReference>{offset}{text[end:]}")
+    for name, tables in (("gts/t1.json", [ego()]), ("dets/d1.json", [ego()])):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(json.dumps(told(tables)))
+    found = mcity.read_mcity(tmp_path, map=road).gt
+    x, y = 300.0 + 20.0 * T, np.full(len(T), -5.25)
+    if more == "+k=1.1":
+        x, y = 1.1 * x, 1.1 * y
+    y = y - 6.0 if more == "+y_0=-6" else y
+    x, y = (x - 3.0, y + 40.0) if offset else (x, y)
+    np.testing.assert_allclose(found["x"], x, atol=0.02)
+    np.testing.assert_allclose(found["y"], y, atol=0.02)
 
 
 def test_a_pedestrian_at_the_ego_is_not_the_ego(tmp_path: Path) -> None:

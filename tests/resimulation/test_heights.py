@@ -13,6 +13,7 @@ from crossing import (
     DECK,
     DOWN,
     FLAT,
+    ROAD,
     SHORT,
     UP,
     bridge_height,
@@ -361,6 +362,30 @@ def test_a_simulated_drive_at_grade_ends_in_the_collision(tmp_path):
         drive = resimulate(recording, made).drives["rGT"]
         assert drive.end == "collision"
         assert [c.id for c in drive.collisions] == ["over"]
+
+
+@pytest.mark.parametrize(("up", "down"), [(0.08, -0.08), (0.08, 0.0), (0.15, 0.0)])
+@pytest.mark.parametrize("upper", [True, False])
+def test_where_a_road_splits_into_two_decks_a_simulated_drive_still_collides(tmp_path, up, down, upper):
+    """Nobody knows on which of them the simulated EGO is once they part."""
+    t, grade = np.arange(0.0, 12.01, 0.05), up if upper else down
+    ego, other = straight("ego", t, -100.0, -1.75, 0.0, 18.0), straight("o", t, 90.0, -1.75, 0.0, 0.0)
+    ego["z"], other["z"] = grade * np.maximum(ego["x"], 0.0), grade * 90.0
+    rows = pd.concat([ego, other]).sort_values("t", kind="stable")
+    write_recording(tmp_path, rows)
+    decks = [
+        ROAD.format(id=1, length=300.0, x=-300.0, y=0, heading=0, elevation=elevation((0.0,) * 5)),
+        ROAD.format(id=2, length=400.0, x=0.0, y=0, heading=0, elevation=elevation((0.0, 0.0, up, 0.0, 0.0))),
+        ROAD.format(
+            id=3, length=400.0, x=0.0, y=0, heading=0, elevation=elevation((0.0, 0.0, down, 0.0, 0.0))
+        ),
+    ]
+    text = f'<OpenDRIVE><header revMajor="1" revMinor="6" name=""/>{"".join(decks)}</OpenDRIVE>'
+    (tmp_path / "map.xodr").write_text(text)
+    drive = resimulate(read_recording(tmp_path), load_build(BUILDS / "constant_velocity-1.0.toml")).drives[
+        "rGT"
+    ]
+    assert [c.id for c in drive.collisions] == ["o"]
 
 
 def test_a_scenario_keeps_heights_in_its_file(tmp_path):

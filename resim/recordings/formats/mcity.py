@@ -16,7 +16,6 @@ longer than its truth.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.recordings.formats.mcity_frames import MOTION, PLACE, SIZE, read_objects, trials
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
+from resim.recordings.mapped.frames import from_degrees
 from resim.recordings.mapped.matching import assigned
 from resim.recordings.recording import existing_map, sample_rate
 from resim.recordings.settings import Settings
@@ -126,18 +126,18 @@ def import_trial(
     described above.
     """
     seen_file, truth_files = _files(data_dir, trial)
-    origin = _origin(network)
-    truth = _named([_read(path, origin, PLACE).assign(file=path.name) for path in truth_files])
-    seen = _read(seen_file, origin, (*PLACE, *MOTION, *SIZE))
+    truth = _named([_read(path, network, PLACE).assign(file=path.name) for path in truth_files])
+    seen = _read(seen_file, network, (*PLACE, *MOTION, *SIZE))
     ego = _ego(truth) if ego is None else ego
     if ego not in truth["id"].to_numpy():
         names = ", ".join(truth["id"].drop_duplicates())
         raise InputError(data_dir, f"trial {trial} has no object {ego!r} in its truth", f"It has {names}.")
     first = float(truth.loc[truth["id"] == ego, "t"].min())
     boxes = {"car": (length, width), "pedestrian": (PEDESTRIAN_SIZE, PEDESTRIAN_SIZE)}
-    kinds = truth.groupby("id", sort=False)["kind"].first()
-    tracks = [_truth(rows, kinds[name], boxes[kinds[name]]) for name, rows in truth.groupby("id", sort=False)]
-    gt, sd = (_from_zero(frame, first) for frame in (pd.concat(tracks), _perceived(seen)))
+    kinds = truth.groupby("id", sort=False)["kind"].agg(lambda own: own.mode()[0])
+    tracks = [_truth(rows, SMOOTHED[kinds[name]], boxes) for name, rows in truth.groupby("id", sort=False)]
+    turn = network.header.offset[2]
+    gt, sd = (_from_zero(frame, first) for frame in (pd.concat(tracks), _perceived(seen, turn)))
     whole, perceived = complete_rows(gt), complete_rows(sd)
     if not (whole["id"] == ego).any():
         problem = (
@@ -208,38 +208,6 @@ def _notes(
             yield f"{name}_without_ego", beyond
 
 
-def transverse_mercator(
-    latitude: Floats, longitude: Floats, *, latitude_0: float, longitude_0: float
-) -> tuple[Floats, Floats]:
-    """Give x east, y north [m] of WGS84 degrees, scale 1 on the meridian of the origin.
-
-    Krueger's series to the 4th order in the third flattening (Karney 2011, Eqs. 7 to 11 and 35); within a
-    nanometre of PROJ near the origin.
-    """
-    flattening = 1.0 / 298.257223563
-    n = flattening / (2.0 - flattening)
-    radius = 6378137.0 / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0)
-    alpha = (
-        n / 2.0 - 2.0 * n**2 / 3.0 + 5.0 * n**3 / 16.0 + 41.0 * n**4 / 180.0,
-        13.0 * n**2 / 48.0 - 3.0 * n**3 / 5.0 + 557.0 * n**4 / 1440.0,
-        61.0 * n**3 / 240.0 - 103.0 * n**4 / 140.0,
-        49561.0 * n**4 / 161280.0,
-    )
-    eccentricity = 2.0 * np.sqrt(n) / (1.0 + n)
-
-    def project(lat: Floats, dlon: Floats) -> tuple[Floats, Floats]:
-        sine = np.sin(lat)
-        conformal = np.sinh(np.arctanh(sine) - eccentricity * np.arctanh(eccentricity * sine))
-        xi = np.arctan2(conformal, np.cos(dlon))
-        eta = np.arcsinh(np.sin(dlon) / np.hypot(conformal, np.cos(dlon)))
-        east = eta + sum(a * np.cos(2 * j * xi) * np.sinh(2 * j * eta) for j, a in enumerate(alpha, 1))
-        north = xi + sum(a * np.sin(2 * j * xi) * np.cosh(2 * j * eta) for j, a in enumerate(alpha, 1))
-        return radius * east, radius * north
-
-    x, y = project(np.radians(latitude), np.radians(np.asarray(longitude) - longitude_0))
-    return x, y - project(np.radians(latitude_0), np.zeros(()))[1]
-
-
 def _cut(data: Path, whole: RecordingTables, start: float | None, end: float | None) -> RecordingTables:
     """The tables from start to end [s], their times from start on."""
     own = whole.gt.loc[whole.gt["id"] == whole.settings.ego, "t"]
@@ -288,34 +256,26 @@ def _ego(truth: pd.DataFrame) -> str:
     return str(lasts["id"].iloc[0])
 
 
-def _origin(network: RoadNetwork) -> tuple[float, float]:
-    """Latitude and longitude [deg] of the map's origin, of its geoReference."""
-    text = network.geo_reference or ""
-    found = [re.search(rf"\+{name}=(-?[\d.]+)", text) for name in ("lat_0", "lon_0")]
-    if "+proj=tmerc" not in text or found[0] is None or found[1] is None:
-        raise InputError(network.path, f"geoReference is {text!r}, expected +proj=tmerc +lat_0 +lon_0")
-    return float(found[0][1]), float(found[1][1])
-
-
-def _read(path: Path, origin: tuple[float, float], numbers: tuple[str, ...]) -> pd.DataFrame:
+def _read(path: Path, network: RoadNetwork, numbers: tuple[str, ...]) -> pd.DataFrame:
     """The objects of a file, with x, y [m] in the map."""
     rows = read_objects(path, numbers)
-    x, y = transverse_mercator(
-        rows["lat"].to_numpy(float), rows["lon"].to_numpy(float), latitude_0=origin[0], longitude_0=origin[1]
-    )
+    x, y = from_degrees(network, rows["lat"].to_numpy(float), rows["lon"].to_numpy(float))
     return rows.assign(x=x, y=y)
 
 
-def _truth(rows: pd.DataFrame, kind: str, box: tuple[float, float]) -> pd.DataFrame:
-    """The track table of one object's truth: positions as measured, heading and speed of a zero-phase local fit."""
+def _truth(rows: pd.DataFrame, over: float, boxes: dict[str, tuple[float, float]]) -> pd.DataFrame:
+    """The track table of one object's truth: positions as measured, heading and speed of a zero-phase local fit over
+    so many seconds; kinds as each row has them, with their boxes [m].
+    """
     known = np.isfinite(rows[["x", "y"]].to_numpy(float)).all(axis=1)
     t, first, places = np.unique(rows["t"].to_numpy(float)[known], return_index=True, return_inverse=True)
-    vx, vy = (_rate(t, rows[c].to_numpy(float)[known][first], SMOOTHED[kind]) for c in ("x", "y"))
+    vx, vy = (_rate(t, rows[c].to_numpy(float)[known][first], over) for c in ("x", "y"))
     fast = np.hypot(vx, vy)
     course = pd.Series(np.where(fast > STANDING, np.arctan2(vy, vx), np.nan)).ffill().bfill().to_numpy()
     heading, v = (np.full(len(rows), np.nan) for _ in range(2))
     heading[known], v[known] = course[places], fast[places]
-    return rows[["t", "id", "x", "y"]].assign(heading=heading, v=v, length=box[0], width=box[1], kind=kind)
+    length, width = (rows["kind"].map({kind: box[side] for kind, box in boxes.items()}) for side in (0, 1))
+    return rows[["t", "id", "x", "y", "kind"]].assign(heading=heading, v=v, length=length, width=width)
 
 
 def _rate(t: Floats, values: Floats, over: float) -> Floats:
@@ -332,10 +292,10 @@ def _rate(t: Floats, values: Floats, over: float) -> Floats:
     return np.asarray(change / np.where(step > 0.0, step, np.nan))
 
 
-def _perceived(rows: pd.DataFrame) -> pd.DataFrame:
-    """The track table of the perceived, sizes and classes as each row has them."""
+def _perceived(rows: pd.DataFrame, turn: float) -> pd.DataFrame:
+    """The track table of the perceived, sizes and classes as each row has them. turn: rad, of the map in its crs."""
     return rows[["t", "id", "x", "y"]].assign(
-        heading=wrap_angle(rows["rotation"].to_numpy(float) + np.pi), v=rows["speed"] / 3.6,
+        heading=wrap_angle(rows["rotation"].to_numpy(float) + np.pi - turn), v=rows["speed"] / 3.6,
         length=rows["length"], width=rows["width"], kind=rows["classType"].map(KIND).fillna("unknown"),
     )  # fmt: skip
 

@@ -68,7 +68,7 @@ def read_objects(path: Path, numbers: Sequence[str]) -> pd.DataFrame:
 
 
 def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
-    """Give each trial's perception file and the truth files whose times lie mostly in its, by the trial's number."""
+    """Give each trial's perception file and the truth files that share most of its time or theirs, by its number."""
     spans = {
         path: _span(path) for folder in ("gts", "dets") for path in sorted((data_dir / folder).glob("*.json"))
     }
@@ -82,7 +82,10 @@ def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
             if seen.parent.name == "dets"
         }
         best = max(shared, key=lambda seen: shared[seen], default=None)
-        if best is not None and shared[best] > 0.5 * (ends - begins):
+        if best is None:
+            continue
+        first, last = spans[best]
+        if shared[best] > 0.5 * min(ends - begins, last - first):
             found.setdefault(best, []).append(truth)
     if not found:
         raise InputError(data_dir, "holds no truth (gts/*.json) at the time of a perception (dets/*.json)")

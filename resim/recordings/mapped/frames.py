@@ -166,6 +166,23 @@ def _projected(rows: Rows, crs: str, network: RoadNetwork) -> tuple[Floats, Floa
     return x, y, np.arctan2(y1 - y, x1 - x) - NORTH
 
 
+def from_degrees(network: RoadNetwork, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+    """Give positions x, y (K,) [m] in the map of WGS84 degrees (K,), by its geoReference and its header's offset.
+
+    NaN where there is none. Raises InputError where the geoReference cannot be used.
+    """
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    road = map_crs(network)
+    try:
+        to_map = Transformer.from_crs("EPSG:4326", road, always_xy=True)
+        return _transformed(to_map, longitude, latitude, network)
+    except ProjError as e:
+        problem = f"geoReference cannot be reached from latitude and longitude ({_first(e)})"
+        raise InputError(network.path, problem) from e
+
+
 def map_crs(network: RoadNetwork) -> object:
     """Give the map's coordinate system as pyproj has it. Raises InputError where its geoReference is none."""
     from pyproj import CRS

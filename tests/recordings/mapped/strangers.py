@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from recordings.mercator import transverse_mercator
 
 from resim.core.geometry import wrap_angle
-from resim.recordings.formats.mcity import transverse_mercator
 
 MAP = Path(__file__).parents[3] / "networks" / "proving_ground.xodr"
 LAT_0, LON_0 = 48.0, 11.0
