@@ -115,9 +115,15 @@ def _pairs(
     """SD and GT rows that belong to each other at a time. never: (N_sd, N_gt) pairs that do not."""
     apart = np.hypot(sd.x[own, k][:, None] - truth.x[known, k], sd.y[own, k][:, None] - truth.y[known, k])
     apart[never[np.ix_(own, known)]] = np.inf
+    i, j = nearest(apart, gate)
+    return own[i], known[j]
+
+
+def nearest(apart: Floats, gate: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Give rows and columns of the pairs within the gate whose sum of distances, of (N, M) [m], is least."""
     i, j = linear_sum_assignment(np.where(apart <= gate, apart, BEYOND))
     near = apart[i, j] <= gate
-    return own[i[near]], known[j[near]]
+    return i[near], j[near]
 
 
 def max_gap(gt: Tracks) -> float:

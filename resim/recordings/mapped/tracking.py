@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from resim.core.geometry import Floats
+from resim.recordings.mapped.matching import nearest
 
 LOST = 0.5
 """Time [s] for which an object that is not on the list is expected again."""
-BEYOND = 1e6
-"""What a pair beyond the gate costs [m]: no pair within it is given up for one."""
 
 
 def tracked(
@@ -38,9 +36,8 @@ def tracked(
         if ones and len(seen):
             there = np.array([places[last[one]] + speed[one] * (now - t[last[one]]) for one in ones])
             apart = np.abs(places[seen][:, None] - there)
-            i, j = linear_sum_assignment(np.where(apart <= gate, apart, BEYOND))
-            near = apart[i, j] <= gate
-            number[seen[i[near]]] = np.array(ones)[j[near]]
+            i, j = nearest(apart, gate)
+            number[seen[i]] = np.array(ones)[j]
         for row in rows[number[rows] < 0].tolist():
             number[row], count = count, count + 1
         for row in seen.tolist():
