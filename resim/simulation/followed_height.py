@@ -22,8 +22,8 @@ knows on which level it comes back."""
 class FollowedHeight:
     """Height [m] of the road under the EGO, given its places one after the other; NaN once it is lost.
 
-    Of several roads above each other it is on one whose surface goes on from where it was; where there are more of
-    these, and they part, nobody knows on which it is. The map is asked every EVERY m; between, the road rises as it did
+    Of several roads above each other it is on one whose surface goes on from where it was. Where there is none, or
+    several that part, nobody knows on which it is. The map is asked every EVERY m; between, the road rises as it did
     before.
     """
 
@@ -47,7 +47,7 @@ class FollowedHeight:
         heights = self._network.surfaces(x, y)[1]
         off = np.abs(heights[:, None] - self._may).min(axis=1)
         may = heights[off <= STEP + STEEPEST * self._off]
-        if len(may) and np.ptp(may) > APART:
+        if len(heights) and (not len(may) or np.ptp(may) > APART):
             self._known = math.nan
         elif len(may):
             z = float(may.mean())
