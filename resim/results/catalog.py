@@ -6,6 +6,7 @@ server; PostgreSQL serves many machines.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -174,7 +175,7 @@ class Catalog:
         except SQLAlchemyError as e:
             reason = str(getattr(e, "orig", None) or e).strip().splitlines()[0]
             raise InputError(self.name, f"cannot be used as the catalog ({reason})", REMEDY) from None
-        except (ValueError, TypeError) as e:  # of what is not JSON where it should be
+        except json.JSONDecodeError as e:
             raise InputError(self.name, f"holds what no catalog has ({e})", ANEW) from None
         except OSError as e:
             raise InputError(
