@@ -165,12 +165,8 @@ def _taken(
             latest = went[k]
             if not at.any():
                 return known, k
-        for step in np.flatnonzero(
-            at[:-1] & there[1:, k]
-        ).tolist():  # where one lies on the next, it is on both
-            while step + 1 < len(at) and there[step + 1, k]:
-                step += 1
-                at[step] = True
+        for step in np.flatnonzero(there[1:, k]).tolist():  # where one lies on the next, it is on both
+            at[step + 1] |= at[step]
         known[:, k] = at
     return known, len(x)
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
-from resim.recordings.mapped.matching import max_gap
 
 LEAST, SOONEST = 0.3, 0.03
 """Offset [m] and lag [s] from which on they are told."""
@@ -19,13 +18,13 @@ ROUNDS, WIDTH = 20, 1.5
 """Rounds of the robust fit; errors beyond WIDTH times their median count less (Huber)."""
 
 
-def sensor_bias(gt: Tracks, sd: Tracks, gt_id: NDArray[np.str_], ego: str) -> str:
+def sensor_bias(truth: Tracks, sd: Tracks, gt_id: NDArray[np.str_], ego: str) -> str:
     """Say by how much the sensor's objects lie ahead, to the left and late of their ground truth; "" where little.
 
     In the EGO's frame, over all samples of objects that have a ground truth: error = offset - lag * relative velocity,
-    by robust least squares. gt_id: (N_sd,) "" where an SD object has none.
+    by robust least squares. truth: the GT at the times of the SD; gt_id: (N_sd,) "" where an SD object has none.
     """
-    error, velocity = _errors(gt, sd, gt_id, ego)
+    error, velocity = _errors(truth, sd, gt_id, ego)
     if len(error) < FEWEST:
         return ""
     lags = float(np.std(velocity.real)) > MOVES
@@ -46,10 +45,9 @@ def sensor_bias(gt: Tracks, sd: Tracks, gt_id: NDArray[np.str_], ego: str) -> st
 
 
 def _errors(
-    gt: Tracks, sd: Tracks, gt_id: NDArray[np.str_], ego: str
+    truth: Tracks, sd: Tracks, gt_id: NDArray[np.str_], ego: str
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Errors of places (K,) [m] and relative velocities (K,) [m/s] of all matched samples, in the EGO's frame."""
-    truth = gt.at(sd.t, max_gap=max_gap(gt))
     own = truth.index(ego)
     turned = np.exp(-1j * truth.heading[own])
     moving = truth.v * np.exp(1j * truth.heading)

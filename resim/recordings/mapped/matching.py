@@ -44,7 +44,7 @@ def assigned(gt: pd.DataFrame, sd: pd.DataFrame, gate: float, ego: str) -> Assig
     gt, sd: track tables, each time and object once, no value missing but sizes and kinds of their own in each row.
     """
     whole, seen = Tracks.from_frame(gt), Tracks.from_frame(sd)
-    truth = whole.at(seen.t, max_gap=max_gap(whole))
+    truth = at_times_of(seen, whole)
     not_ego = _not_ego(truth, seen, gt[gt["id"] == ego], sd, ego)
     never = np.zeros((len(seen), len(truth)), dtype=bool)
     if ego in truth.ids:
@@ -97,10 +97,12 @@ def _near_ego(truth: Tracks, seen: Tracks, ego: str, gate: float) -> set[str]:
     return set(seen.ids[near > 0.5 * (seen.valid & truth.valid[n]).sum(axis=1)].tolist())
 
 
-def distances(gt: Tracks, sd: Tracks, gt_id: Strings) -> Floats:
-    """Give the median distance [m] of each SD object (N,) from the GT object that it names, NaN where none."""
-    truth = gt.at(sd.t, max_gap=max_gap(gt))
-    number = {name: n for n, name in enumerate(gt.ids.tolist())}
+def distances(truth: Tracks, sd: Tracks, gt_id: Strings) -> Floats:
+    """Give the median distance [m] of each SD object (N,) from the GT object that it names, NaN where none.
+
+    truth: the GT at the times of the SD (`at_times_of`).
+    """
+    number = {name: n for n, name in enumerate(truth.ids.tolist())}
     out = np.full(len(sd), np.nan)
     for n, name in enumerate(gt_id.tolist()):
         if name in number:
@@ -126,10 +128,10 @@ def nearest(apart: Floats, gate: float) -> tuple[NDArray[np.intp], NDArray[np.in
     return i[near], j[near]
 
 
-def max_gap(gt: Tracks) -> float:
-    """Give the time [s] over which GT is interpolated: two of its usual steps."""
+def at_times_of(sd: Tracks, gt: Tracks) -> Tracks:
+    """Give the GT at the times of the SD, interpolated over at most two of its usual steps."""
     steps = np.concatenate([np.zeros(0), *(np.diff(gt.t[known]) for known in gt.valid)])
-    return max(0.3, 2.0 * float(np.median(steps))) if len(steps) else 0.3
+    return gt.at(sd.t, max_gap=max(0.3, 2.0 * float(np.median(steps))) if len(steps) else 0.3)
 
 
 def _median(values: Floats) -> float:

@@ -17,7 +17,7 @@ from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.bias import sensor_bias
 from resim.recordings.mapped.frames import Placed, centred, place
 from resim.recordings.mapped.mapping import LEAST_RATE, MOST_RATE, Angle, Match, TableMapping, read_mapping
-from resim.recordings.mapped.matching import assigned, distances
+from resim.recordings.mapped.matching import assigned, at_times_of, distances
 from resim.recordings.mapped.motion import (
     REACH,
     STANDING,
@@ -340,13 +340,14 @@ def _matched(
     how: Match, gt: pd.DataFrame, sd: pd.DataFrame, path: Path, ego: str
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """The SD with the GT id of each object, and what came of it, by topic."""
-    truth, seen = Tracks.from_frame(complete_rows(gt)), complete_rows(sd)
+    whole, seen = complete_rows(gt), complete_rows(sd)
     if seen.empty:
         raise InputError(path, "sd has no row with position, heading and speed", "Correct the mapping.")
     tracks = Tracks.from_frame(seen)
+    truth = at_times_of(tracks, Tracks.from_frame(whole))
     known = set(truth.ids.tolist())
     if how.by == "nearest":
-        found = assigned(complete_rows(gt), seen, how.gate, ego)
+        found = assigned(whole, seen, how.gate, ego)
         of = dict(zip(tracks.ids.tolist(), found.gt_id.tolist(), strict=True))
     elif how.by == "id":
         of = {name: name for name in tracks.ids.tolist() if name in known}

@@ -28,8 +28,9 @@ def tracked(
     last: dict[int, int] = {}
     speed: dict[int, complex] = {}
     count = 0
-    for now in np.unique(t):
-        rows = np.flatnonzero(t == now)
+    order = np.argsort(t, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(t[order])) + 1):
+        now = t[rows[0]]
         last = {one: row for one, row in last.items() if now - t[row] <= LOST}
         seen = rows[np.isfinite(places[rows])]
         ones = list(last)
