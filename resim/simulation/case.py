@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from resim.core.files import file_hash
 from resim.core.geometry import Floats
@@ -70,12 +72,14 @@ class Case:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over all of it: two drives of one hash, by one version of resim, are the same drive."""
+        """SHA-256 over all that decides: two drives of one hash, by one version of resim, are the same drive.
+
+        The engine does not: with traffic on its traces it only repeats what it is told.
+        """
         told = {
             "scenario": _scenario_hash(self.scenario),
             "map": _map_hash(self.network),
             "build": [self.build.hash, self.build.parameters, self.build.cycle_time],
-            "engine": self.engine.name,
             "perception": self.perception.hash,
             "vehicle": [self.vehicle.name, asdict(self.vehicle.vehicle)],
             "traffic": self.traffic,
@@ -112,7 +116,7 @@ class SimulatedDrive:
 
     Attributes:
         case: What it followed from.
-        truth: EGO first, then the traffic objects, as read back from the engine.
+        truth: EGO first, then the traffic objects, where they were commanded to be.
         perceived: What the function was shown, one per cycle.
         commands: (T, 2) acceleration [m/s²] and curvature [1/m] that act from each time on, NaN where there is none.
         plans: When [s] each plan was made, and the plan (see `Command`).
@@ -142,10 +146,33 @@ class SimulatedDrive:
     outside: int
     time: float
 
+    def difference(self, other: SimulatedDrive) -> str:
+        """Give the first field in which two drives are not the same to the byte, "" where there is none.
+
+        How long it took, and where an engine says that it had somebody, is not of the drive.
+        """
+        for field_ in fields(self):
+            name = field_.name
+            mine, others = (
+                drive.case.hash if name == "case" else getattr(drive, name) for drive in (self, other)
+            )
+            if name not in ("time", "control_error") and _bytes(mine) != _bytes(others):
+                return name
+        return ""
+
     @property
     def flaw(self) -> str:
         """Why the drive tells nothing of the rest of its scenario, "" for one that lasted."""
         return why_not_whole(self.end, self.failure, float(self.truth.t[-1]))
+
+
+def _bytes(value: Any) -> Any:
+    """A value such that what is equal is the same to the byte."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if is_dataclass(value):
+        return [_bytes(getattr(value, field_.name)) for field_ in fields(value)]
+    return [_bytes(one) for one in value] if isinstance(value, tuple) else repr(value)
 
 
 def why_not_whole(end: End, failure: str, t: float) -> str:

@@ -4,18 +4,37 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from resim.core.geometry import Floats
 from resim.simulation.case import Case, SimulatedDrive
+from resim.simulation.function.interface import EgoState
+from resim.simulation.traffic import Phase
 
 
 class Engine(Protocol):
-    """A simulator. SUMO (`resim.simulation.sumo.engine.Sumo`) is the first."""
+    """What drives a case: with SUMO beside it (`simulation.sumo.engine`), or alone (`simulation.direct`)."""
 
     @property
     def name(self) -> str:
-        """Give its name and version, which a case's hash holds."""
+        """Give its name and version."""
 
     def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
         """Drive a case from its lead-in to its end; with `window` somebody may look on.
 
         Faults of the function end the drive (`SimulatedDrive.failure`); faults of the input raise ResimError.
+        """
+
+
+class Mirror(Protocol):
+    """A simulator beside a drive: told at every step where everybody is, it says where it has them."""
+
+    def enter(self, phase: Phase) -> None:
+        """Let objects come and go."""
+
+    def advance(self, step: int, ego: EgoState) -> None:
+        """Put everybody where they are at this step of the phase."""
+
+    def off(self, motion: Floats, steps: int) -> float:
+        """Give how far [m] it had somebody from where it was told to. Raises ResimError where that is too far.
+
+        motion: (6, N, T) x, y, heading, v, a, yaw rate of all, EGO first. steps: how many were taken.
         """

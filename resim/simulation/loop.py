@@ -5,13 +5,12 @@ from __future__ import annotations
 import linecache
 import time
 from array import array
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.errors import FunctionError, ResimError
+from resim.core.errors import FunctionError
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
 from resim.core.levels import over
 from resim.core.plugins.unlisted_files import OpenedFiles
@@ -20,30 +19,23 @@ from resim.core.tracks import Tracks
 from resim.road.driven_route import first_off_route
 from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
+from resim.simulation.engine import Mirror
 from resim.simulation.followed_height import FollowedHeight
 from resim.simulation.function.driver import Driver, cycle_steps
 from resim.simulation.function.interface import Command, EgoState, Placement, Setup
-from resim.simulation.sumo.session import EGO, Session, from_sumo, held_session
 from resim.simulation.traffic import Stage, staged
 from resim.simulation.vehicles.model import VehicleState
 
 _BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
 
-_FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
 
-
-def drive(case: Case, net: Path, *, gui: bool = False) -> SimulatedDrive:
-    """Drive a case in closed loop. net: the SUMO net of its map."""
-    with held_session(net, case.step, gui=gui) as session:
-        return _drive(case, session)
-
-
-def _drive(case: Case, session: Session) -> SimulatedDrive:
+def drive(case: Case, beside: Callable[[Stage], Mirror] | None) -> SimulatedDrive:
+    """Drive a case in closed loop. beside: what makes the simulator that goes along; None for none."""
     begin, build = time.perf_counter(), case.build
     cycle = cycle_steps(build, case.step)
     stage = staged(case.scenario, case.network, case.step, case.lead_in)
-    loop = _Loop(case, stage, session)
+    loop = _Loop(case, stage, None if beside is None else beside(stage))
     case.perception.reset(np.random.default_rng(case.seed))
     with (
         lent(case.network, build.path) as road, Watchdog() as watchdog, build.factory.afresh(case.seed) as opened,
@@ -103,14 +95,14 @@ def _setup(case: Case, road: RoadNetwork, stage: Stage, cycle: float) -> Setup:
 
 
 class _Loop:
-    """One run as it happens: the EGO's states and commands, what SUMO answered, and how it ended."""
+    """One run as it happens: the EGO's states and commands, and how it ended."""
 
-    def __init__(self, case: Case, stage: Stage, session: Session) -> None:
-        self.case, self.session = case, session
+    def __init__(self, case: Case, stage: Stage, mirror: Mirror | None) -> None:
+        self.case, self.mirror = case, mirror
         self.stage, self.plan, self.members = stage, stage.plan, stage.members
         self.steps = 0
         self.z = array("d")  # of the EGO, where heights are known
-        self.ego, self.said = array("d"), array("d")  # compact: what a step leaves behind slows the next ones
+        self.ego = array("d")  # compact: what a step leaves behind slows the next ones
         self.commands: list[tuple[float, float]] = []
         self.collisions: list[Collision] = []
         self.end: End = "duration"
@@ -128,18 +120,18 @@ class _Loop:
         """Take every step, from the lead-in's first to the end."""
         begin, last = self.plan.begin, len(self.plan.t) - 1
         dt = float(self.plan.t[1] - self.plan.t[0])
-        case, session = self.case, self.session
+        case, mirror = self.case, self.mirror
         perceive, move = case.perception.perceive, case.vehicle.step
         state: VehicleState | None = None
         answer: Command | Placement = Command(0.0, 0.0)
         ego, height = self.plan.state(0, 0), self.height()
-        session.add(EGO, float(self.length[0]), float(self.width[0]), abs(self.plan.state(0, begin).v))
         for phase in self.stage.phases:
-            if phase.shown:
-                phase.enter(session)
+            told = mirror if phase.shown else None
+            if told is not None:
+                told.enter(phase)
             for k in range(phase.first, phase.after):
-                if phase.shown:
-                    self.said.extend(session.advance(phase.commands[k - phase.first], ego))
+                if told is not None:
+                    told.advance(k - phase.first, ego)
                 self.ego.extend(ego)
                 if height is not None:
                     self.z.append(height.at(ego.x, ego.y))
@@ -220,17 +212,16 @@ class _Loop:
         return hit
 
     def result(self, driver: Driver, began: float, traceback: tuple[str, ...]) -> SimulatedDrive:
-        """Put together what the drive gave, and check that SUMO did as it was told. began: s of the process's clock."""
+        """Put together what the drive gave, and check what a simulator said. began: s of the process's clock."""
         kept = slice(self.plan.begin, max(self.steps, self.plan.begin + 1))
-        t, motion = self.plan.t[kept], self.motion(kept)
-        read = self.readings()[:, :, kept]
-        x, y, heading = from_sumo(read[0], read[1], read[2], self.length[:, None])
-        v = np.copysign(read[3], motion[3])
-        control_error = _followed(np.stack([x, y, heading, v]), motion[:4])
+        whole = self.motion()
+        control_error = 0.0 if self.mirror is None else self.mirror.off(whole, self.steps)
+        t, motion = self.plan.t[kept], whole[:, :, kept]
+        x, y, heading, v, a, yaw_rate = motion
         truth = Tracks(
             t=t, ids=np.array([m.id for m in self.members]), kind=np.array([m.kind for m in self.members]),
             x=x, y=y, heading=wrap_angle(heading), v=v, length=self.length, width=self.width,
-            valid=np.isfinite(x), a=motion[4], yaw_rate=motion[5], z=self.heights(kept),
+            valid=np.isfinite(x), a=a, yaw_rate=yaw_rate, z=self.heights(kept),
         )  # fmt: skip
         commands = np.full((len(t), 2), np.nan)
         given = self.commands[: len(t)]
@@ -268,40 +259,11 @@ class _Loop:
         first = first_off_route(self.case.network, self.stage.route, *own, z=z)
         return None if first is None else float(t[first])
 
-    def motion(self, kept: slice) -> Floats:
-        """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first."""
+    def motion(self) -> Floats:
+        """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first; NaN after the last step."""
         plan = self.plan
         out = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate])
         out[:, 0] = np.nan
+        out[:, :, self.steps :] = np.nan
         out[:, 0, : self.steps] = np.array(self.ego).reshape(-1, 6)[: self.steps].T
-        return out[:, :, kept]
-
-    def readings(self) -> Floats:
-        """Give what SUMO said: (4, N, T) front bumper x, y, angle, speed, EGO first; NaN where nothing is."""
-        out = np.full((4, len(self.members), len(self.plan.t)), np.nan)
-        said, used = np.array(self.said), 0
-        for phase in (p for p in self.stage.phases if p.shown):
-            rows = [0, *phase.rows.tolist()]
-            steps = slice(phase.first, min(phase.after, self.steps))
-            size = 4 * len(rows) * max(steps.stop - steps.start, 0)
-            out[:, rows, steps] = said[used : used + size].reshape(-1, len(rows), 4).transpose(2, 1, 0)
-            used += size
-            if steps.stop == self.steps:
-                break
         return out
-
-
-def _followed(read: Floats, meant: Floats) -> float:
-    """Give the largest distance [m] between where vehicles were commanded to be and where SUMO had them.
-
-    read, meant: (4, N, T) x, y, heading, v. Raises ResimError where SUMO did not follow.
-    """
-    off = read - meant
-    distance, turn, pace = np.hypot(off[0], off[1]), np.abs(wrap_angle(off[2])), np.abs(off[3])
-    worst = [float(np.max(value[np.isfinite(value)], initial=0.0)) for value in (distance, turn, pace)]
-    if max(worst) > _FOLLOWED:
-        raise ResimError(
-            "SUMO did not put the vehicles where it was told to: off by "
-            f"{worst[0]:g} m, {worst[1]:g} rad, {worst[2]:g} m/s"
-        )
-    return worst[0]

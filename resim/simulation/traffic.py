@@ -19,7 +19,6 @@ from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.function.interface import EgoState
 from resim.simulation.guide import Guide, guide
 from resim.simulation.perception import World
-from resim.simulation.sumo.session import Placed, Session, to_sumo
 from resim.simulation.surface import Surface
 
 Rows = NDArray[np.intp]
@@ -29,20 +28,15 @@ Rows = NDArray[np.intp]
 class Phase:
     """Steps first <= k < after, in which the same n traffic objects are there.
 
-    shown: whether SUMO sees them; of the lead-in, of which no reading is kept, it knows nothing. rows: (n,) of the
-    guide. names: SUMO's, whatever characters the ids have. commands: per step, per object,
-    what SUMO is told. truth: per step, t [s], and of the objects position (n,) x + iy [m], heading (n,) [rad], v (n,)
-    [m/s]. z: per step, of the objects (n,) [m], None where no height is known. The rest: (n,).
+    shown: whether a simulator sees them; of the lead-in it is told nothing. rows: (n,) of the guide. truth: per step,
+    t [s], and of the objects position (n,) x + iy [m], heading (n,) [rad], v (n,) [m/s]. z: per step, of the objects
+    (n,) [m], None where no height is known. The rest: (n,).
     """
 
     first: int
     after: int
     shown: bool
     rows: Rows
-    names: tuple[str, ...]
-    come: tuple[str, ...]
-    go: tuple[str, ...]
-    commands: list[list[Placed]]
     truth: list[tuple[float, NDArray[np.complex128], Floats, Floats]]
     ids: Strings
     kind: Strings
@@ -50,17 +44,8 @@ class Phase:
     width: Floats
     z: Floats | None = None
 
-    def enter(self, session: Session) -> None:
-        """Let objects come and go in SUMO."""
-        for name in self.go:
-            session.remove(name)
-        size = dict(zip(self.names, zip(self.length.tolist(), self.width.tolist(), strict=True), strict=True))
-        pace = {name: abs(v) for name, _, _, _, v in self.commands[0]}
-        for name in self.come:
-            session.add(name, *size[name], pace[name])
-
     def world(self, k: int, ego: EgoState, ego_z: float = math.nan) -> World:
-        """Give the truth at step k: where the objects were commanded to be, and SUMO has them (`Run`)."""
+        """Give the truth at step k: where the objects were commanded to be."""
         t, position, heading, v = self.truth[k - self.first]
         z = None if self.z is None else self.z[k - self.first]
         return World(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width, z, ego_z)
@@ -75,6 +60,11 @@ class Stage:
     phases: tuple[Phase, ...]
     surface: Surface
     route: Route
+
+    @property
+    def shown(self) -> tuple[Phase, ...]:
+        """The phases that a simulator sees."""
+        return tuple(phase for phase in self.phases if phase.shown)
 
 
 @lru_cache(maxsize=8)
@@ -95,12 +85,9 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
     ids, kind = (np.array([getattr(m, name) for m in members], dtype=str) for name in ("id", "kind"))
     changes = np.flatnonzero((plan.present[1:, 1:] != plan.present[1:, :-1]).any(axis=0)) + 1
     borders = sorted({0, plan.begin, *changes.tolist(), len(plan.t)})
-    before: tuple[str, ...] = ()
     for first, after in pairwise(borders):
         rows, shown = 1 + np.flatnonzero(plan.present[1:, first]), first >= plan.begin
         x, y, heading, v = (c[rows, first:after].T.copy() for c in (plan.x, plan.y, plan.heading, plan.v))
-        names = tuple(f"{n}" for n in rows.tolist())
-        told = np.stack([*to_sumo(x, y, heading, length[rows]), np.abs(v)], axis=-1).tolist()
         position, heading, v = constant(x + 1j * y), constant(heading), constant(v)  # every run sees these
         who = [constant(column[rows]) for column in (ids, kind, length, width)]
         yield Phase(
@@ -108,10 +95,6 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
             after=after,
             shown=shown,
             rows=rows,
-            names=names,
-            come=tuple(n for n in names if n not in before),
-            go=tuple(n for n in before if n not in names),
-            commands=[[(name, *place) for name, place in zip(names, step, strict=True)] for step in told],
             truth=list(zip(plan.t[first:after].tolist(), position, heading, v, strict=True)),
             ids=who[0],
             kind=who[1],
@@ -119,4 +102,3 @@ def phases(plan: Guide, members: Sequence[ScenarioObject]) -> Iterator[Phase]:
             width=who[3],
             z=None if plan.z is None else constant(plan.z[rows, first:after].T.copy()),
         )
-        before = names if shown else ()

@@ -16,6 +16,7 @@ from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
 from resim.core.schema import SweepReportSchema
 from resim.sweeps.boundary import boundary
+from resim.sweeps.engines import is_repeated
 from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.points import SweepOutcome, SweepPoints, equal, failed, label, points_of, unit_of
 from resim.sweeps.report import (
@@ -68,9 +69,17 @@ def analyse(swept: SweepResult, place: str) -> SweepReport:
         demanded=MISSING if grown else DEMANDED,
         runs=len(rows),
         failed=int(failed(rows).sum()),
+        repeated_in_sumo=_repeated(swept) if swept.file.engine == "direct" else MISSING,
         parameters=tuple(_parameter(p) for p in swept.parameters),
         sections=tuple(_section(swept, part, place) for _, part in groups),
     )
+
+
+def _repeated(swept: SweepResult) -> int:
+    """How many runs were repeated in SUMO."""
+    known = swept.rows[["run", "case"]].dropna()
+    cases = zip(known["case"].tolist(), known["run"].tolist(), strict=True)
+    return sum(is_repeated(case, run, swept.file.repeated_in_sumo) for case, run in cases)
 
 
 def _parameter(p: SweepParameter) -> SweptParameter:

@@ -31,6 +31,7 @@ from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
+from resim.sweeps.engines import refuse_difference
 from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
@@ -206,6 +207,7 @@ def execute(
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
             for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
                 if not isinstance(result, Failure):
+                    refuse_difference(number, result.differs)
                     name = of[number]
                     if name not in examined:
                         examined.add(name)
@@ -270,6 +272,7 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
         yield RunTask(
             number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
             sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
+            file.engine, file.repeated_in_sumo,
         )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from resim.recordings.listed import RecordingEntry, found_folders
 from resim.simulation.function.interface import freeze_build
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.registry import vehicle_model
+from resim.sweeps.engines import EngineName
 from resim.sweeps.outcomes.registry import column_of
 from resim.sweeps.plans.adaptive import Lattice, Places, boundary, wanted
 from resim.sweeps.plans.parameter import SweepParameter
@@ -78,7 +79,8 @@ class SweepFile(Strict):
     recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
     that perception parameters are parameters of. plan: see `sweeps.plans`. points: how many, of a plan that draws
     them; the most of an adaptive one. seed: of what is drawn. seeds: runs of each point. time_limit: s of wall clock
-    for one run. adaptive: of the plan of that name.
+    for one run. adaptive: of the plan of that name. engine: "direct" runs without a simulator, which gives the same
+    and is faster; the first of its runs, and this share of all, is repeated in SUMO: one that differs ends the sweep.
     """
 
     name: str = Field(min_length=1)
@@ -89,6 +91,8 @@ class SweepFile(Strict):
     criteria: str = Field(min_length=1)
     plan: PlanName = "grid"
     adaptive: Adaptive = Adaptive()
+    engine: EngineName = "sumo"
+    repeated_in_sumo: float = Field(strict=True, default=0.01, ge=0.0, le=1.0)
     points: int = Field(strict=True, default=64, ge=1, le=1_000_000)
     seed: int = Field(strict=True, default=0, ge=0)
     seeds: int = Field(strict=True, default=5, ge=1, le=100_000)

@@ -17,6 +17,7 @@ from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import PreparedRecording, Resimulation, ResimulationOptions
 from resim.resimulation.run import prepare, run_on_gt
 from resim.scenario import maneuvers
+from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 from resim.sweeps.outcomes.definition import FinishedRun
 from resim.sweeps.outcomes.registry import OUTCOMES, TEXTS
@@ -59,8 +60,8 @@ def run_once(
     model: PerceptionModel | None,
     seed: int,
     options: ResimulationOptions = ResimulationOptions(),
-) -> Row:
-    """Simulate once and give what it came to: one value a column, None where there is none.
+) -> tuple[SimulatedDrive, Row]:
+    """Simulate once and give the drive, and what it came to: one value a column, None where there is none.
 
     Times in s, errors in m, m/s and rad; `reaction_difference` and `same_decision` are against the measured drive.
     """
@@ -84,7 +85,7 @@ def run_once(
     row |= {outcome.column: outcome.of(run) for outcome in OUTCOMES}
     row |= _kpis(found, prepared.criteria)
     row = {column: row[column] for column in (*LEADING, *row)}
-    return _without_values(row) if drive.failure else row
+    return drive, _without_values(row) if drive.failure else row
 
 
 def _without_values(row: Row) -> Row:

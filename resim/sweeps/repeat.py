@@ -69,7 +69,7 @@ def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunT
     return RunTask(
         number, held["recording"].path, held["recording"].hash, held["build"], held.get("perception"),
         held["criteria"], file.accept, values, int(row["seed"]),
-        vehicle or swept.inputs.vehicle,
+        vehicle or swept.inputs.vehicle, file.engine,
     )  # fmt: skip
 
 

@@ -236,7 +236,10 @@ class SweepSection(RunCounts, _OfBuild):
 
 @dataclass(frozen=True, kw_only=True)
 class SweepReport:
-    """What a sweep found; inputs: as its manifest has them. confidence, demanded: of plans that do not grow."""
+    """What a sweep found; inputs: as its manifest has them. confidence, demanded: of plans that do not grow.
+
+    repeated_in_sumo: how many runs of the engine "direct" were; one that is not the same there ends the sweep.
+    """
 
     __pydantic_config__ = EXACT
 
@@ -249,5 +252,6 @@ class SweepReport:
     demanded: float | MISSING = MISSING
     runs: int
     failed: int
+    repeated_in_sumo: int | MISSING = MISSING
     parameters: tuple[SweptParameter, ...]
     sections: tuple[SweepSection, ...]

@@ -16,6 +16,7 @@ from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
+from resim.sweeps.engines import ENGINES, EngineName, is_repeated, what_differs
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_once
 
 PRELOADED = ("resim.resimulation.run",)
@@ -26,7 +27,10 @@ Values = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class RunTask:
-    """One run: `values` are of the parameters that are swept. hash: of the recording's content. vehicle: its model."""
+    """One run: `values` are of the parameters that are swept. hash: of the recording's content. vehicle: its model.
+
+    engine: what simulates it; repeated: the share of the runs of the engine "direct" that is repeated in SUMO.
+    """
 
     run: int
     folder: Path
@@ -38,15 +42,21 @@ class RunTask:
     values: Values
     seed: int
     vehicle: str
+    engine: EngineName = "sumo"
+    repeated: float = 0.0
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run came to (`row`), how long it took [s], and lines on the findings in its recording."""
+    """What a run came to (`row`), how long it took [s], and lines on the findings in its recording.
+
+    differs: where its repetition in SUMO is not the same, if it was repeated.
+    """
 
     row: Row
     time: float
     findings: tuple[str, ...]
+    differs: str
 
 
 def run(task: RunTask) -> RunResult:
@@ -54,9 +64,13 @@ def run(task: RunTask) -> RunResult:
     prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
     build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
     begin = time.perf_counter()
-    row = run_once(prepared, build, model, task.seed, ResimulationOptions(vehicle=task.vehicle))
-    taken = time.perf_counter() - begin
-    return RunResult(row, taken, finding_lines(prepared.recording.recording.findings))
+    options = ResimulationOptions(vehicle=task.vehicle, engine=ENGINES[task.engine])
+    drive, row = run_once(prepared, build, model, task.seed, options)
+    taken, differs = time.perf_counter() - begin, ""
+    if task.engine == "direct" and is_repeated(drive.case.hash, task.run, task.repeated):
+        in_sumo = run_once(prepared, build, model, task.seed, replace(options, engine=ENGINES["sumo"]))
+        differs = what_differs((drive, row), in_sumo)
+    return RunResult(row, taken, finding_lines(prepared.recording.recording.findings), differs)
 
 
 @lru_cache(maxsize=32)

@@ -8,6 +8,8 @@ from functools import cache
 from resim.road.sumo import sumo_net
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.loop import drive
+from resim.simulation.sumo.mirror import SumoMirror
+from resim.simulation.sumo.session import held_session
 
 
 class Sumo:
@@ -20,7 +22,8 @@ class Sumo:
 
     def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
         """Drive a case (`resim.simulation.engine.Engine`)."""
-        return drive(case, sumo_net(case.network).path, gui=window)
+        with held_session(sumo_net(case.network).path, case.step, gui=window) as session:
+            return drive(case, lambda stage: SumoMirror(stage, session))
 
 
 @cache

@@ -2,6 +2,13 @@
 
 from resim.sweeps.page.boundary_words import boundary_lines
 from resim.sweeps.page.page import write_sweep_page
-from resim.sweeps.page.words import demanded_of, overview_line, requirement_lines
+from resim.sweeps.page.words import demanded_of, engine_line, overview_line, requirement_lines
 
-__all__ = ["boundary_lines", "demanded_of", "overview_line", "requirement_lines", "write_sweep_page"]
+__all__ = [
+    "boundary_lines",
+    "demanded_of",
+    "engine_line",
+    "overview_line",
+    "requirement_lines",
+    "write_sweep_page",
+]

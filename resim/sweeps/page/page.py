@@ -14,7 +14,15 @@ from resim.report.tables import table
 from resim.sweeps.page import tables
 from resim.sweeps.page.boundary import boundary_html
 from resim.sweeps.page.figures import DEMANDED, HALF, map_figure, response_figure
-from resim.sweeps.page.words import demanded_of, keeps, overview_line, percent, quantity, requirement_lines
+from resim.sweeps.page.words import (
+    demanded_of,
+    engine_line,
+    keeps,
+    overview_line,
+    percent,
+    quantity,
+    requirement_lines,
+)
 from resim.sweeps.plans.registry import PLANS
 from resim.sweeps.report import MapEntry, SweepReport, SweepSection, SweptParameter, VaryingOutcome
 from resim.verification.inputs import HashedFile
@@ -75,6 +83,7 @@ def _header(found: SweepReport) -> Markup:
     counts = sorted({s.points for s in found.sections})  # of an adaptive plan, each section has its own
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
     facts = [("plan", f"{plan}: {points} points, {first.seeds} seeds each")]
+    facts.append(("engine", engine_line(found)))
     facts += [
         (name, Path(file.path).name)
         for name, file in (("perception", inputs.perception), ("criteria", inputs.criteria))

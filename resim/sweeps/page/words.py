@@ -62,6 +62,16 @@ def overview_line(section: RunCounts) -> str:
     )
 
 
+def engine_line(found: SweepReport) -> str:
+    """Say what simulated the runs."""
+    if found.repeated_in_sumo is MISSING:
+        return "SUMO"
+    return (
+        f"direct, without a simulator; {found.repeated_in_sumo} of {found.runs} runs repeated in SUMO, "
+        "the same to the byte"
+    )
+
+
 def demanded_of(found: SweepReport) -> float:
     """Give the share of runs that requirements ask for; 1 where the plan lets none be told."""
     return 1.0 if found.demanded is MISSING else found.demanded

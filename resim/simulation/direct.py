@@ -1,0 +1,16 @@
+"""An engine without a simulator: guided traffic is where it is commanded to be, which is what SUMO echoes."""
+
+from __future__ import annotations
+
+from resim.simulation.case import Case, SimulatedDrive
+from resim.simulation.loop import drive
+
+
+class Direct:
+    """Traffic objects on their traces, the EGO in closed loop with the case's function; every byte as with SUMO."""
+
+    name = "direct"
+
+    def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
+        """Drive a case (`resim.simulation.engine.Engine`); there is no window to look on by."""
+        return drive(case, None)

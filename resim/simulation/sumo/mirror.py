@@ -1,0 +1,111 @@
+"""SUMO told at every step where everybody is; what it says back is only checked."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats, wrap_angle
+from resim.simulation.function.interface import EgoState
+from resim.simulation.sumo.session import EGO, Placed, Session, from_sumo, to_sumo
+from resim.simulation.traffic import Phase, Stage
+
+_FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What SUMO is told in a phase: who comes, with length, width [m] and speed [m/s], who goes; and where all are."""
+
+    come: tuple[tuple[str, float, float, float], ...]
+    go: tuple[str, ...]
+    places: tuple[tuple[Placed, ...], ...]
+
+
+class SumoMirror:
+    """SUMO beside one drive (`resim.simulation.engine.Mirror`)."""
+
+    def __init__(self, stage: Stage, session: Session) -> None:
+        self._stage, self._session = stage, session
+        self._phases = iter(_told(stage))
+        self._now = _Told((), (), ())
+        self._said = array("d")  # compact: what a step leaves behind slows the next ones
+        ego = stage.members[0]
+        session.add(EGO, ego.length, ego.width, abs(stage.plan.state(0, stage.plan.begin).v))
+
+    def enter(self, phase: Phase) -> None:
+        """Let objects come and go."""
+        self._now = next(self._phases)
+        for name in self._now.go:
+            self._session.remove(name)
+        for one in self._now.come:
+            self._session.add(*one)
+
+    def advance(self, step: int, ego: EgoState) -> None:
+        """Put everybody where they are, at this step of the phase, and keep what SUMO says."""
+        self._said.extend(self._session.advance(self._now.places[step], ego))
+
+    def off(self, motion: Floats, steps: int) -> float:
+        """Give how far [m] SUMO had somebody from where it was told to. Raises ResimError where that is too far.
+
+        motion: (6, N, T) x, y, heading, v, a, yaw rate of all, EGO first. steps: how many were taken.
+        """
+        length = np.array([m.length for m in self._stage.members])[:, None]
+        read = self._readings(motion.shape[2], steps)
+        x, y, heading = from_sumo(read[0], read[1], read[2], length)
+        return _followed(np.stack([x, y, heading, np.copysign(read[3], motion[3])]), motion[:4])
+
+    def _readings(self, count: int, taken: int) -> Floats:
+        """Give what SUMO said: (4, N, T) front bumper x, y, angle, speed, EGO first; NaN where nothing is."""
+        out = np.full((4, len(self._stage.members), count), np.nan)
+        said, used = np.array(self._said), 0
+        for phase in self._stage.shown:
+            rows = [0, *phase.rows.tolist()]
+            steps = slice(phase.first, min(phase.after, taken))
+            size = 4 * len(rows) * max(steps.stop - steps.start, 0)
+            out[:, rows, steps] = said[used : used + size].reshape(-1, len(rows), 4).transpose(2, 1, 0)
+            used += size
+            if steps.stop == taken:
+                break
+        return out
+
+
+@lru_cache(maxsize=8)
+def _told(stage: Stage) -> tuple[_Told, ...]:
+    """What SUMO is told in each phase that it is shown; objects have numbers there, whatever characters ids have."""
+    out, before = [], tuple[str, ...]()
+    for phase in stage.shown:
+        names = tuple(f"{n}" for n in phase.rows.tolist())
+        x, y, heading, v = (
+            c[phase.rows, phase.first : phase.after].T
+            for c in (stage.plan.x, stage.plan.y, stage.plan.heading, stage.plan.v)
+        )
+        places = np.stack([*to_sumo(x, y, heading, phase.length), np.abs(v)], axis=-1).tolist()
+        size = zip(names, phase.length.tolist(), phase.width.tolist(), np.abs(v[0]).tolist(), strict=True)
+        out.append(_Told(
+            come=tuple(one for one in size if one[0] not in before),
+            go=tuple(name for name in before if name not in names),
+            places=tuple(tuple((n, *p) for n, p in zip(names, step, strict=True)) for step in places),
+        ))  # fmt: skip
+        before = names
+    return tuple(out)
+
+
+def _followed(read: Floats, meant: Floats) -> float:
+    """Give the largest distance [m] between where vehicles were commanded to be and where SUMO had them.
+
+    read, meant: (4, N, T) x, y, heading, v. Raises ResimError where SUMO did not follow.
+    """
+    off = read - meant
+    distance, turn, pace = np.hypot(off[0], off[1]), np.abs(wrap_angle(off[2])), np.abs(off[3])
+    worst = [float(np.max(value[np.isfinite(value)], initial=0.0)) for value in (distance, turn, pace)]
+    if max(worst) > _FOLLOWED:
+        raise ResimError(
+            "SUMO did not put the vehicles where it was told to: off by "
+            f"{worst[0]:g} m, {worst[1]:g} rad, {worst[2]:g} m/s"
+        )
+    return worst[0]

@@ -1,0 +1,40 @@
+"""The engines that a sweep can have, and the proof that the direct one gives what SUMO gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+from resim.core.errors import ResimError
+from resim.core.schema import Row
+from resim.simulation.case import SimulatedDrive
+from resim.simulation.direct import Direct
+from resim.simulation.engine import Engine
+from resim.simulation.sumo.engine import Sumo
+
+EngineName = Literal["sumo", "direct"]
+ENGINES: Mapping[EngineName, Engine] = {"sumo": Sumo(), "direct": Direct()}
+
+_DIGITS = 8
+"""Of a case's hash by which it is drawn."""
+
+
+def is_repeated(case: str, run: int, share: float) -> bool:
+    """Say whether a run of the engine "direct" is repeated in SUMO: the first, and a share drawn by the case's hash."""
+    return share > 0.0 and (run == 0 or int(case[:_DIGITS], 16) < share * 16.0**_DIGITS)
+
+
+def what_differs(one: tuple[SimulatedDrive, Row], other: tuple[SimulatedDrive, Row]) -> str:
+    """Give where a run and its repetition are not the same to the byte, drive and row; "" where they are."""
+    columns = (name for name in one[1] if repr(one[1][name]) != repr(other[1].get(name)))
+    return one[0].difference(other[0]) or next(columns, "")
+
+
+def refuse_difference(run: int, what: str) -> None:
+    """Raise ResimError for a run whose repetition in SUMO differs in this; nothing for ""."""
+    if what:
+        raise ResimError(
+            f"run {run} is not the same with the engine direct and in SUMO: {what} differs. Either the function does "
+            "not answer the same to the same twice, or resim has a fault. "
+            'engine = "sumo" simulates every run in SUMO.'
+        )
