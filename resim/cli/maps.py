@@ -101,7 +101,8 @@ def _print_conversion(conversion: Conversion) -> None:
     there = [lane for lane in conversion.lanes if lane.worst is not None]
     say(
         f"SUMO net: {len(there)} of {len(conversion.lanes)} lanes, {conversion.connections} connections; "
-        f"centre lines within {1000.0 * conversion.worst:.1f} mm, {1000.0 * conversion.mean:.2f} mm on average"
+        f"centre lines within {1000.0 * conversion.worst:.1f} mm, {1000.0 * conversion.mean:.2f} mm on average; "
+        f"{100.0 * conversion.simulated:.1f} cm in the net for simulations, which has fewer points"
     )
     for lane in conversion.bad[:MOST]:
         what = "not in the net" if lane.worst is None else f"{1000.0 * lane.worst:.1f} mm off"

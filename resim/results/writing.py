@@ -86,13 +86,17 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:
-    """Write the SUMO net of a map and conversion.json: what is wrong in the map, and every lane's error."""
+    """Write a map's SUMO nets, exact and for simulations, and conversion.json: flaws, every lane's error."""
     from resim.resimulation import map_name
 
     name = map_name(found.network.path).removesuffix(".xodr")
-    net = folder / f"{name}.net.xml"
-    shutil.copyfile(found.net.path, net)
-    report = found.report({net.name: file_hash(net)})
+    nets = {
+        folder / f"{name}.net.xml": found.net.path,
+        folder / f"{name}.simulated.net.xml": found.net.simulated,
+    }
+    for net, made in nets.items():
+        shutil.copyfile(made, net)
+    report = found.report({net.name: file_hash(net) for net in nets})
     write_json(sealed(to_json(report)), folder / CONVERSION.mark)
 
 

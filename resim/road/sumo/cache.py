@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -18,16 +18,17 @@ from resim.core.files import cache_folder
 from resim.core.spec import read_json, to_json
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
+from resim.road.sumo.coarse import coarse
 from resim.road.sumo.conversion import Conversion, measure
 from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
 from resim.road.sumo.patch import patch
 from resim.road.sumo.plain import names, plain, write
 
-VERSION = 6
+VERSION = 7
 """Counts up when the same map gives another net."""
 
 TIME_LIMIT = 120.0
-NET, REPORT = "net.xml", "conversion.json"
+NET, SIMULATED, REPORT = "net.xml", "simulated.net.xml", "conversion.json"
 BESIDE, ABANDONED = "converting-", 86400.0
 
 
@@ -35,11 +36,12 @@ BESIDE, ABANDONED = "converting-", 86400.0
 class SumoNet:
     """A converted map.
 
-    path: the .net.xml. report: the file with its `Conversion`. hash: of all that decides the net: the map's
-    bytes, netconvert's options, the SUMO version, ours.
+    path: the .net.xml. simulated: the one for simulation, with fewer points (`coarse`). report: the file with its
+    `Conversion`. hash: of all that decides the nets: the map's bytes, netconvert's options, the SUMO version, ours.
     """
 
     path: Path
+    simulated: Path
     report: Path
     hash: str
 
@@ -64,8 +66,8 @@ def sumo_net(network: RoadNetwork, *, cache: Path | None = None, time_limit: flo
     """
     key = _key(network)
     folder = (cache or default_cache()) / key
-    found = SumoNet(folder / NET, folder / REPORT, key)
-    if not (found.path.is_file() and found.report.is_file()):
+    found = SumoNet(folder / NET, folder / SIMULATED, folder / REPORT, key)
+    if not _is_whole(folder):
         _convert(network, folder, time_limit)
     return found
 
@@ -105,6 +107,10 @@ def _convert(network: RoadNetwork, target: Path, time_limit: float) -> None:
         raise InputError(target.parent, problem, "Set XDG_CACHE_HOME to a writable folder.") from error
 
 
+def _is_whole(folder: Path) -> bool:
+    return all((folder / name).is_file() for name in (NET, SIMULATED, REPORT))
+
+
 def _sweep(folder: Path) -> None:
     """Remove what conversions that were killed left behind, once no running one can be so old."""
     for left in folder.glob(f"{BESIDE}*"):
@@ -126,8 +132,11 @@ def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
     arguments = write(network, made, work)
     run_netconvert(network.path, arguments, work / NET, time_limit=time_limit, names=names(made))
     net, via = patch(work / NET, made)
-    report = measure(network, net, made, via)
+    simple = coarse(net)
+    worst = measure(network, simple, made, via).worst
+    report = replace(measure(network, net, made, via), simulated=worst)
     (result / NET).write_bytes(net)
+    (result / SIMULATED).write_bytes(simple)
     (result / REPORT).write_text(json.dumps(to_json(report), indent=1) + "\n", encoding="utf-8")
     return result
 
@@ -137,6 +146,6 @@ def _put(result: Path, target: Path) -> None:
     try:
         result.rename(target)
     except OSError:
-        if not ((target / NET).is_file() and (target / REPORT).is_file()):
+        if not _is_whole(target):
             shutil.rmtree(target)
             result.rename(target)

@@ -22,7 +22,7 @@ class Sumo:
 
     def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
         """Drive a case (`resim.simulation.engine.Engine`)."""
-        with held_session(sumo_net(case.network).path, case.step, gui=window) as session:
+        with held_session(sumo_net(case.network).simulated, case.step, gui=window) as session:
             return drive(case, lambda stage: SumoMirror(stage, session))
 
 
