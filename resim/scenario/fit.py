@@ -2,13 +2,14 @@
 
 The published fit hands knot times and values to a general minimiser with a numeric gradient. Here the
 residual's Jacobian is known: a natural spline is linear in its knot values, its derivative by a knot's time
-is itself a spline, and the trapezoid rule is linear in the integrand. A damped Gauss-Newton needs a few
-steps of less than a millisecond.
+is itself a spline, and the trapezoid rule is linear in the integrand (`resim.scenario.kernel`). A damped
+Gauss-Newton needs a few steps of less than a millisecond.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -25,8 +26,8 @@ from resim.scenario.course import (
     strays,
     way,
 )
-from resim.scenario.natural import Natural
-from resim.scenario.trace import Quadrature, Trace
+from resim.scenario.natural import natural_spline, second_derivatives
+from resim.scenario.trace import STEP, Quadrature, Trace
 
 MIN_SEGMENT = 0.1
 """Least time [s] between two knots (Eq. 5.5)."""
@@ -36,6 +37,9 @@ GAIN = 0.02
 
 SEGMENT = 2.5
 """Length [s] of the segments to begin with."""
+
+PIECE = 30.0
+"""Length [s] of trace for each segment that is halved at a time."""
 
 _HEADING_OFF = (
     0.5  # rad; how far off a measured heading may be, a priori: it speaks where positions say nothing
@@ -70,7 +74,7 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Tr
         known = noise if paused else 0.0  # else they follow the noise of positions while it stands
         again = _Problem(t, place, *way(t, place, heading, noise), known).solve(patience=6)
         found = min(found, again, key=lambda s: float(np.square(s.distance).mean()))
-    splines = found.v.spline(found.p_v), found.heading.spline(found.p_heading)
+    splines = natural_spline(found.v, found.p_v), natural_spline(found.heading, found.p_heading)
     return TraceFit(Trace(found.start.real, found.start.imag, *splines), found.distance)
 
 
@@ -88,18 +92,21 @@ class _Candidate:
     """One candidate, and what follows from it; vectors in the map are x + iy.
 
     Knots and values of both splines, and the start [m]. At the nodes: direction (1 m long) and motion [m/s]. How far
-    off positions are (T,) [m]; all that is off, as the sum of squares has it; that sum.
+    off positions are (T,) [m]; of the rest of the residual: headings (T,), second derivatives of speed and of heading
+    (K,); the sum of all squares.
     """
 
-    v: Natural
-    heading: Natural
+    v: Floats
+    heading: Floats
     p_v: Floats
     p_heading: Floats
     start: complex
     direction: Complexes
     motion: Complexes
     off: Complexes
-    residual: Floats
+    heading_off: Floats
+    v_bend: Floats
+    heading_bend: Floats
     cost: float
 
     @property
@@ -124,6 +131,9 @@ class _Problem:
     """
 
     def __init__(self, t: Floats, place: Complexes, heading: Floats, v: Floats, noise: float = 0.0) -> None:
+        from resim.scenario import kernel  # compiled: numba is imported where it is used only
+
+        self.kernel = kernel
         self.t, self.place, self.measured_heading, self.measured_v = t, place, heading, v
         self.rule = Quadrature.over(float(t[0]), t)
         self.noise = max(noise, _LEAST_NOISE)
@@ -135,8 +145,9 @@ class _Problem:
         most = max(segments, min(int(span / MIN_SEGMENT), len(self.t) // 2))
         best = last = self.improve(self.even(segments), rounds=8, move_knots=False)
         stalled = 0
-        while segments < most and best.mean > _EXACT and stalled < (6 if last.hangs_together else patience):
-            segments += 1
+        while (
+            len(last.v) <= most and best.mean > _EXACT and stalled < (6 if last.hangs_together else patience)
+        ):
             self.noise = max(best.mean, _LEAST_NOISE)
             last = self.improve(self.split(last), rounds=2, move_knots=False)
             if last.mean < (1.0 - GAIN) * best.mean:
@@ -147,59 +158,66 @@ class _Problem:
 
     def even(self, segments: int) -> _Candidate:
         """A candidate with evenly spaced knots and the measured speed and heading."""
-        spline = Natural.over(np.linspace(self.t[0], self.t[-1], segments + 1), self.rule.nodes)
-        own = spline.basis[:, self.rule.own]
-        ridge = 1e-6 * len(self.t) * (spline.second.T @ spline.second) + 1e-9 * np.eye(segments + 1)
+        knots = np.linspace(self.t[0], self.t[-1], segments + 1)
         values = np.column_stack([self.measured_v, self.measured_heading])
-        p = np.asarray(np.linalg.solve(own @ own.T + ridge, own @ values), dtype=np.float64)
-        return self.evaluate(spline, spline, p[:, 0], p[:, 1], complex(self.place[0]))
+        rule = self.rule
+        p = self.kernel.start(knots, rule.nodes[rule.own], values, 1e-6 * len(self.t), 1e-9)
+        return self.evaluate(knots, knots, p[:, 0].copy(), p[:, 1].copy(), complex(self.place[0]))
 
     def split(self, state: _Candidate) -> _Candidate:
-        """Halve the segment with the largest squared error along (speed) or across (heading) the motion."""
+        """Halve the segment with the largest squared error along (speed) or across (heading) the motion.
+
+        Of a long trace one in each PIECE of it.
+        """
         error = state.off * state.direction[self.rule.own].conj()
         v, p_v = self._halved(state.v, state.p_v, error.real)
         heading, p_heading = self._halved(state.heading, state.p_heading, error.imag)
         return self.evaluate(v, heading, p_v, p_heading, state.start)
 
-    def _halved(self, spline: Natural, values: Floats, error: Floats) -> tuple[Natural, Floats]:
-        knots = spline.knots
+    def _halved(self, knots: Floats, values: Floats, error: Floats) -> tuple[Floats, Floats]:
         widths = np.diff(knots)
-        squares = np.bincount(spline.segment[self.rule.own], error**2, minlength=len(widths))
-        i = int(np.argmax(np.where(widths >= 2.0 * MIN_SEGMENT, squares, -1.0)))
-        bend = spline.second[i : i + 2] @ values
-        value = 0.5 * (values[i] + values[i + 1]) - widths[i] ** 2 / 16.0 * bend.sum()
-        middle = 0.5 * (knots[i] + knots[i + 1])
-        knots, values = (
-            np.concatenate([c[: i + 1], [new], c[i + 1 :]]) for c, new in ((knots, middle), (values, value))
-        )
-        return Natural.over(_apart(knots), self.rule.nodes), values
+        segment = np.searchsorted(knots[1:-1], self.t, side="right")
+        squares = np.bincount(segment, error**2, minlength=len(widths))
+        squares[widths < 2.0 * MIN_SEGMENT] = -1.0
+        bend = second_derivatives(knots, values)
+        pieces = max(1, int((knots[-1] - knots[0]) / PIECE))
+        piece = np.minimum(pieces * (knots[:-1] - knots[0]) / (knots[-1] - knots[0]), pieces - 1).astype(int)
+        first = np.searchsorted(piece, np.arange(pieces + 1))
+        worst = [a + int(np.argmax(squares[a:b])) for a, b in pairwise(first.tolist()) if b > a]
+        at = np.array([i for i in worst if squares[i] >= 0.0] or worst[:1])
+        value = 0.5 * (values[at] + values[at + 1]) - widths[at] ** 2 / 16.0 * (bend[at] + bend[at + 1])
+        middle = 0.5 * (knots[at] + knots[at + 1])
+        return _apart(np.insert(knots, at + 1, middle)), np.insert(values, at + 1, value)
 
     def again(self, state: _Candidate) -> _Candidate:
         """Cost a candidate anew, at the noise that is known by now."""
         return self.evaluate(state.v, state.heading, state.p_v, state.p_heading, state.start)
 
     def evaluate(
-        self, v: Natural, heading: Natural, p_v: Floats, p_heading: Floats, start: complex
+        self, v: Floats, heading: Floats, p_v: Floats, p_heading: Floats, start: complex
     ) -> _Candidate:
-        angle = p_heading @ heading.basis
+        rule = self.rule
+        angle = self.kernel.at(heading, p_heading, rule.nodes)
         direction = np.cos(angle) + 1j * np.sin(angle)
-        motion = (p_v @ v.basis) * direction
-        off = start + self.rule(motion) - self.place
-        residual = np.concatenate([
-            off.view(np.float64), self.noise / _HEADING_OFF * (angle[self.rule.own] - self.measured_heading),
-            self.noise / _BEND_V * (v.second @ p_v), self.noise / _BEND_HEADING * (heading.second @ p_heading),
-        ])  # fmt: skip
-        cost = float(residual @ residual)
-        return _Candidate(v, heading, p_v, p_heading, start, direction, motion, off, residual, cost)
+        motion = self.kernel.at(v, p_v, rule.nodes) * direction
+        off = start + rule(motion) - self.place
+        heading_off = self.noise / _HEADING_OFF * (angle[rule.own] - self.measured_heading)
+        v_bend = self.noise / _BEND_V * second_derivatives(v, p_v)
+        heading_bend = self.noise / _BEND_HEADING * second_derivatives(heading, p_heading)
+        rest = (off.view(np.float64), heading_off, v_bend, heading_bend)
+        cost = sum(float(part @ part) for part in rest)
+        return _Candidate(
+            v, heading, p_v, p_heading, start, direction, motion, off, heading_off, v_bend, heading_bend, cost
+        )
 
     def improve(self, state: _Candidate, rounds: int, move_knots: bool = True) -> _Candidate:
         """Take up to `rounds` Levenberg-Marquardt steps."""
         damping = 1e-2
         for _ in range(rounds):
-            jacobian = self.linearise(state, move_knots)
-            normal, gradient = jacobian @ jacobian.T, jacobian @ state.residual
+            normal, gradient = self.linearise(state, move_knots)
             for _ in range(4):
-                damped = normal + damping * np.diag(np.diag(normal) + 1e-9)
+                damped = normal.copy()
+                damped[np.diag_indices_from(damped)] += damping * (np.diag(normal) + 1e-9)
                 _, delta, failed = dposv(damped, -gradient)  # cho_factor and cho_solve take six times as long
                 if not failed:
                     trial = self.step(state, delta, move_knots)
@@ -214,39 +232,26 @@ class _Problem:
                 break
         return state
 
-    def linearise(self, state: _Candidate, move_knots: bool) -> Floats:
-        """Give the derivatives (P, R) of the residual by p_v, p_heading, inner knot times of each, and the start."""
-        v, heading, n = state.v, state.heading, 2 * len(self.t)
-        by_v, by_heading = v.basis, heading.basis
-        if move_knots:
-            by_v = np.vstack([by_v, v.by_knot_times(state.p_v)])
-            by_heading = np.vstack([by_heading, heading.by_knot_times(state.p_heading)])
-        first = len(by_v)
-        motions = np.empty((first + len(by_heading), len(self.rule.nodes)), dtype=np.complex128)
-        for rows, by, motion in (
-            (motions[:first], by_v, state.direction),
-            (motions[first:], by_heading, 1j * state.motion),
-        ):
-            np.multiply(by, motion.real, out=rows.real)
-            np.multiply(by, motion.imag, out=rows.imag)
-        out = np.zeros((len(motions) + 2, len(state.residual)))
-        out[:-2, :n] = self.rule(motions).view(np.float64)
-        out[-2, 0:n:2] = out[-1, 1:n:2] = 1.0
-        bend, end = n + len(self.t), len(state.residual) - len(state.p_heading)
-        out[first:-2, n:bend] = self.noise / _HEADING_OFF * by_heading[:, self.rule.own]
-        out[: len(v.knots), bend:end] = self.noise / _BEND_V * v.second.T
-        out[first : first + len(heading.knots), end:] = self.noise / _BEND_HEADING * heading.second.T
-        return out
+    def linearise(self, state: _Candidate, move_knots: bool) -> tuple[Floats, Floats]:
+        """Give normal matrix and gradient by p_v, inner knots of v, p_heading, inner knots of heading, the start."""
+        rule, noise = self.rule, self.noise
+        normal, gradient = self.kernel.normal_equations(
+            state.v, state.p_v, state.heading, state.p_heading, move_knots,
+            rule.nodes, rule.grid, rule.before, rule.own, rule.half, STEP,
+            state.direction, state.motion, state.off, state.heading_off, state.v_bend, state.heading_bend,
+            noise / _HEADING_OFF, noise / _BEND_V, noise / _BEND_HEADING,
+        )  # fmt: skip
+        return normal, gradient
 
     def step(self, state: _Candidate, delta: Floats, move_knots: bool) -> _Candidate:
         splines, first = [], 0
-        for spline, p in ((state.v, state.p_v), (state.heading, state.p_heading)):
+        for knots, p in ((state.v, state.p_v), (state.heading, state.p_heading)):
             p_new, first = p + delta[first : first + len(p)], first + len(p)
             if move_knots and len(p) > 2:
-                moved = spline.knots.copy()
+                moved = knots.copy()
                 moved[1:-1] += delta[first : first + len(p) - 2]
-                spline, first = Natural.over(_apart(moved), self.rule.nodes), first + len(p) - 2
-            splines.append((spline, p_new))
+                knots, first = _apart(moved), first + len(p) - 2
+            splines.append((knots, p_new))
         (v, p_v), (heading, p_heading) = splines
         return self.evaluate(v, heading, p_v, p_heading, state.start + complex(*delta[-2:]))
 

@@ -1,37 +1,128 @@
+"""Natural splines, and the normal equations of their fit, against scipy's and against numeric differences."""
+
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from resim.scenario.natural import Natural
+from resim.scenario import kernel
+from resim.scenario.natural import natural_spline
+from resim.scenario.trace import STEP, Quadrature
 
 GAPS = st.lists(st.floats(0.1, 3.0), min_size=1, max_size=12)
 SEED = st.integers(0, 2**31)
 
 
+@settings(deadline=None)
 @given(GAPS, SEED)
-def test_the_basis_is_that_of_scipys_natural_spline(gaps: list[float], seed: int) -> None:
+def test_it_is_scipys_natural_spline(gaps: list[float], seed: int) -> None:
     knots = 5.0 + np.cumsum([0.0, *gaps])
     values = np.random.default_rng(seed).normal(size=len(knots))
-    nodes = np.linspace(knots[0], knots[-1], 57)
-    spline = Natural.over(knots, nodes)
+    nodes = np.random.default_rng(seed).permutation(np.linspace(knots[0], knots[-1], 57))
     expected = CubicSpline(knots, values, bc_type="natural")
-    np.testing.assert_allclose(values @ spline.basis, expected(nodes), atol=1e-9)
-    np.testing.assert_allclose(spline.second @ values, expected(knots, 2), atol=1e-7)
-    np.testing.assert_allclose(spline.spline(values)(nodes), expected(nodes), atol=1e-9)
+    np.testing.assert_allclose(kernel.at(knots, values, nodes), expected(nodes), atol=1e-9)
+    np.testing.assert_allclose(kernel.second(knots, values), expected(knots, 2), atol=1e-7)
+    np.testing.assert_allclose(natural_spline(knots, values)(nodes), expected(nodes), atol=1e-9)
 
 
-@given(st.lists(st.floats(0.3, 3.0), min_size=2, max_size=8), SEED)
-def test_derivatives_by_knot_times_are_those_of_central_differences(gaps: list[float], seed: int) -> None:
-    knots = np.cumsum([0.0, *gaps])
-    values = np.random.default_rng(seed).normal(size=len(knots))
-    nodes = np.linspace(knots[0], knots[-1], 41)
+def residual(t, rule, v, p_v, h, p_h, start, weights):
+    """All that is off, by scipy's splines and plain sums; targets are 0."""
+    speed, angle = (CubicSpline(k, p, bc_type="natural") for k, p in ((v, p_v), (h, p_h)))
+    grid = t[0] + STEP * np.arange(rule.grid)
+    motion = lambda s: speed(s) * np.exp(1j * angle(s))  # noqa: E731
+    fine = motion(grid)
+    places = []
+    for n in range(len(t)):
+        k = rule.before[n]
+        whole = STEP * (fine[: k + 1].sum() - 0.5 * fine[0] - 0.5 * fine[k])
+        places.append(start + whole + rule.half[n] * (fine[k] + motion(t[n])))
+    places = np.array(places)
+    by_heading, by_v, by_h = weights
+    return np.concatenate(
+        [places.real, places.imag, by_heading * angle(t), by_v * speed(v, 2), by_h * angle(h, 2)]
+    )
+
+
+@pytest.mark.parametrize("move", [False, True])
+@settings(max_examples=20, deadline=None)
+@given(
+    st.lists(st.floats(0.3, 2.0), min_size=1, max_size=6), st.lists(st.floats(0.3, 2.0), min_size=1, max_size=6),
+    st.floats(0.0, 1e6), SEED,
+)  # fmt: skip
+def test_the_normal_equations_are_those_of_numeric_differences(
+    move: bool, v_gaps: list[float], h_gaps: list[float], t0: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    v, h = (np.cumsum([0.0, *gaps]) for gaps in (v_gaps, h_gaps))
+    v, h = (t0 + k * (0.5 * (v[-1] + h[-1]) / k[-1]) for k in (v, h))
+    v[-1] = h[-1] = min(v[-1], h[-1])
+    t = np.sort(rng.uniform(v[0], v[-1], 40))
+    t[0] = v[0]
+    rule = Quadrature.over(float(t[0]), t)
+    p_v, p_h = rng.normal(10.0, 2.0, len(v)), rng.normal(0.0, 0.5, len(h))
+    weights = (0.3, 0.01, 0.02)
+    args = (t, rule, v, p_v, h, p_h, 3.0 - 2.0j, weights)
+    off = residual(*args)
+    size = len(t)
+    inner = ([len(v) - 2] if move else [0])[0], ([len(h) - 2] if move else [0])[0]
+    parts = [len(v), max(inner[0], 0), len(h), max(inner[1], 0), 2]
     eps = 1e-5
-    for j in range(1, len(knots) - 1):
-        moved = [CubicSpline(knots + e * (np.arange(len(knots)) == j), values, bc_type="natural")(nodes)
-                 for e in (eps, -eps)]  # fmt: skip
-        numeric = (moved[0] - moved[1]) / (2.0 * eps)
-        own = Natural.over(knots, nodes).by_knot_times(values)[j - 1]
-        np.testing.assert_allclose(own, numeric, atol=1e-5 * (1.0 + np.abs(numeric).max()))
+
+    def moved(c: int, by: float):
+        a, ka, b, kb = v.copy(), p_v.copy(), h.copy(), p_h.copy()
+        start = 3.0 - 2.0j
+        for part, (values, offset) in enumerate(((ka, 0), (a, 1), (kb, 0), (b, 1), (None, 0))):
+            if c < parts[part]:
+                if values is None:
+                    start += by * (1.0, 1j)[c]
+                else:
+                    values[c + offset] += by
+                break
+            c -= parts[part]
+        return t, rule, a, ka, b, kb, start, weights
+
+    jacobian = np.array([residual(*moved(c, eps)) - residual(*moved(c, -eps)) for c in range(sum(parts))]) / (
+        2.0 * eps
+    )
+    knot_times = np.r_[len(v) : len(v) + parts[1], sum(parts[:3]) : sum(parts[:4])]
+    bends = np.arange(3 * size, len(off))
+    jacobian[np.ix_(knot_times, bends)] = 0.0  # what the prior says of second derivatives is held there
+    angle = kernel.at(h, p_h, rule.nodes)
+    direction = np.exp(1j * angle)
+    places = off[:size] + 1j * off[size : 2 * size]
+    normal, gradient = kernel.normal_equations(
+        v, p_v, h, p_h, move, rule.nodes, rule.grid, rule.before, rule.own, rule.half, STEP, direction,
+        kernel.at(v, p_v, rule.nodes) * direction, places, off[2 * size : 3 * size],
+        off[3 * size : 3 * size + len(v)], off[3 * size + len(v) :], *weights,
+    )  # fmt: skip
+    expected = jacobian @ jacobian.T
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-6
+    assert np.abs((normal - expected) / scale).max() < 1e-4
+    np.testing.assert_allclose(gradient, jacobian @ off, rtol=1e-3, atol=1e-3 * np.abs(jacobian @ off).max())
+
+
+def test_what_lies_beyond_the_reach_and_in_other_windows_is_there() -> None:
+    rng = np.random.default_rng(0)
+    knots = np.cumsum([0.0, *rng.uniform(0.6, 2.5, 80)])
+    t = np.arange(0.0, knots[-1], 0.1)
+    rule = Quadrature.over(0.0, t)
+    assert len(t) > 3 * kernel.WINDOW
+    p_v, p_h = rng.normal(10.0, 2.0, 81), rng.normal(0.0, 0.3, 81)
+    direction = np.exp(1j * kernel.at(knots, p_h, rule.nodes))
+    motion = kernel.at(knots, p_v, rule.nodes) * direction
+    off, zeros = rule(motion), np.zeros(81)
+    normal, gradient = kernel.normal_equations(
+        knots, p_v, knots, p_h, False, rule.nodes, rule.grid, rule.before, rule.own, rule.half, STEP, direction, motion,
+        off, np.zeros(len(t)), zeros, zeros, 0.0, 0.0, 0.0,
+    )  # fmt: skip
+    basis = CubicSpline(knots, np.eye(81), bc_type="natural")(rule.nodes).T
+    rows = np.vstack(
+        [rule(basis * direction), rule(basis * 1j * motion), np.ones(len(t)), 1j * np.ones(len(t))]
+    )
+    expected = (rows @ rows.conj().T).real
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((normal - expected) / scale).max() < 1e-7
+    np.testing.assert_allclose(gradient, (rows.conj() @ off).real, rtol=1e-6)

@@ -32,7 +32,9 @@ Placed: TypeAlias = tuple[str, float, float, float, float]
 
 _TYPE = "guided"
 _MATCH = 5.0  # m; moveToXY scans every lane within this distance
-_NEVER = 100_000  # s between two decisions of SUMO's driver models, whom nobody asks: a quarter of a step's time
+_NEVER = (
+    100_000  # s between two decisions of SUMO's driver models, whom nobody asks: a quarter of a step's time
+)
 _TYPES = f"""<additional>
     <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="10000" speedFactor="10000" speedDev="0" sigma="0"
         actionStepLength="{_NEVER}"/>
