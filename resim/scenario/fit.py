@@ -9,7 +9,7 @@ Gauss-Newton needs a few steps of less than a millisecond.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -26,8 +26,8 @@ from resim.scenario.course import (
     strays,
     way,
 )
-from resim.scenario.natural import natural_spline, second_derivatives
-from resim.scenario.trace import STEP, Quadrature, Trace
+from resim.scenario.natural import natural_spline
+from resim.scenario.trace import Quadrature, Trace
 
 MIN_SEGMENT = 0.1
 """Least time [s] between two knots (Eq. 5.5)."""
@@ -91,19 +91,21 @@ def _at_rest(t: Floats, place: Complexes, heading: Floats) -> TraceFit:
 class _Candidate:
     """One candidate, and what follows from it; vectors in the map are x + iy.
 
-    Knots and values of both splines, and the start [m]. At the nodes: direction (1 m long) and motion [m/s]. How far
-    off positions are (T,) [m]; of the rest of the residual: headings (T,), second derivatives of speed and of heading
-    (K,); the sum of all squares.
+    Knots and values of both splines, and the start [m]. `kernel.evaluate` gives the rest: at the nodes direction (1 m
+    long) and motion [m/s]; how far off positions are (T,) [m], their mean distance; the rest of the residual, which has
+    these weights; and the sum of all squares.
     """
 
     v: Floats
-    heading: Floats
     p_v: Floats
+    heading: Floats
     p_heading: Floats
     start: complex
+    weights: tuple[float, float, float]
     direction: Complexes
     motion: Complexes
     off: Complexes
+    mean: float
     heading_off: Floats
     v_bend: Floats
     heading_bend: Floats
@@ -112,10 +114,6 @@ class _Candidate:
     @property
     def distance(self) -> Floats:
         return np.abs(self.off)
-
-    @property
-    def mean(self) -> float:
-        return float(self.distance.mean())
 
     @property
     def hangs_together(self) -> bool:
@@ -133,9 +131,11 @@ class _Problem:
     def __init__(self, t: Floats, place: Complexes, heading: Floats, v: Floats, noise: float = 0.0) -> None:
         from resim.scenario import kernel  # compiled: numba is imported where it is used only
 
-        self.kernel = kernel
-        self.t, self.place, self.measured_heading, self.measured_v = t, place, heading, v
-        self.rule = Quadrature.over(float(t[0]), t)
+        self.kernel, self.t, self.place = kernel, t, place
+        rule = Quadrature.over(float(t[0]), t)
+        self.own = rule.own
+        of_rule = (rule.nodes, rule.grid, rule.before, rule.own, rule.half)
+        self.measured = (t, place, heading, v, *of_rule)
         self.noise = max(noise, _LEAST_NOISE)
 
     def solve(self, patience: int = 2) -> _Candidate:
@@ -159,65 +159,41 @@ class _Problem:
     def even(self, segments: int) -> _Candidate:
         """A candidate with evenly spaced knots and the measured speed and heading."""
         knots = np.linspace(self.t[0], self.t[-1], segments + 1)
-        values = np.column_stack([self.measured_v, self.measured_heading])
-        rule = self.rule
-        p = self.kernel.start(knots, rule.nodes[rule.own], values, 1e-6 * len(self.t), 1e-9)
-        return self.evaluate(knots, knots, p[:, 0].copy(), p[:, 1].copy(), complex(self.place[0]))
+        p = np.linalg.solve(*self.kernel.start(self.measured, knots, 1e-6 * len(self.t), 1e-9))
+        return self.evaluate(knots, p[:, 0].copy(), knots, p[:, 1].copy(), complex(self.place[0]))
 
     def split(self, state: _Candidate) -> _Candidate:
-        """Halve the segment with the largest squared error along (speed) or across (heading) the motion.
-
-        Of a long trace one in each PIECE of it.
-        """
-        error = state.off * state.direction[self.rule.own].conj()
-        v, p_v = self._halved(state.v, state.p_v, error.real)
-        heading, p_heading = self._halved(state.heading, state.p_heading, error.imag)
-        return self.evaluate(v, heading, p_v, p_heading, state.start)
-
-    def _halved(self, knots: Floats, values: Floats, error: Floats) -> tuple[Floats, Floats]:
-        widths = np.diff(knots)
-        segment = np.searchsorted(knots[1:-1], self.t, side="right")
-        squares = np.bincount(segment, error**2, minlength=len(widths))
-        squares[widths < 2.0 * MIN_SEGMENT] = -1.0
-        bend = second_derivatives(knots, values)
-        pieces = max(1, int((knots[-1] - knots[0]) / PIECE))
-        piece = np.minimum(pieces * (knots[:-1] - knots[0]) / (knots[-1] - knots[0]), pieces - 1).astype(int)
-        first = np.searchsorted(piece, np.arange(pieces + 1))
-        worst = [a + int(np.argmax(squares[a:b])) for a, b in pairwise(first.tolist()) if b > a]
-        at = np.array([i for i in worst if squares[i] >= 0.0] or worst[:1])
-        value = 0.5 * (values[at] + values[at + 1]) - widths[at] ** 2 / 16.0 * (bend[at] + bend[at + 1])
-        middle = 0.5 * (knots[at] + knots[at + 1])
-        return _apart(np.insert(knots, at + 1, middle)), np.insert(values, at + 1, value)
+        """Halve the segment with the largest squared error along (speed) or across (heading) the motion."""
+        error = state.off * state.direction[self.own].conj()
+        along, across = error.real.copy(), error.imag.copy()
+        v, p_v = self.kernel.halved(self.t, state.v, state.p_v, along, MIN_SEGMENT, PIECE)
+        heading, p_heading = self.kernel.halved(
+            self.t, state.heading, state.p_heading, across, MIN_SEGMENT, PIECE
+        )
+        return self.evaluate(v, p_v, heading, p_heading, state.start)
 
     def again(self, state: _Candidate) -> _Candidate:
         """Cost a candidate anew, at the noise that is known by now."""
-        return self.evaluate(state.v, state.heading, state.p_v, state.p_heading, state.start)
+        return self.evaluate(state.v, state.p_v, state.heading, state.p_heading, state.start)
 
     def evaluate(
-        self, v: Floats, heading: Floats, p_v: Floats, p_heading: Floats, start: complex
+        self, v: Floats, p_v: Floats, heading: Floats, p_heading: Floats, start: complex
     ) -> _Candidate:
-        rule = self.rule
-        angle = self.kernel.at(heading, p_heading, rule.nodes)
-        direction = np.cos(angle) + 1j * np.sin(angle)
-        motion = self.kernel.at(v, p_v, rule.nodes) * direction
-        off = start + rule(motion) - self.place
-        heading_off = self.noise / _HEADING_OFF * (angle[rule.own] - self.measured_heading)
-        v_bend = self.noise / _BEND_V * second_derivatives(v, p_v)
-        heading_bend = self.noise / _BEND_HEADING * second_derivatives(heading, p_heading)
-        rest = (off.view(np.float64), heading_off, v_bend, heading_bend)
-        cost = sum(float(part @ part) for part in rest)
-        return _Candidate(
-            v, heading, p_v, p_heading, start, direction, motion, off, heading_off, v_bend, heading_bend, cost
+        weights = (self.noise / _HEADING_OFF, self.noise / _BEND_V, self.noise / _BEND_HEADING)
+        found: tuple[Any, ...] = self.kernel.evaluate(
+            self.measured, v, p_v, heading, p_heading, start, *weights
         )
+        return _Candidate(v, p_v, heading, p_heading, start, weights, *found)
 
     def improve(self, state: _Candidate, rounds: int, move_knots: bool = True) -> _Candidate:
         """Take up to `rounds` Levenberg-Marquardt steps."""
         damping = 1e-2
         for _ in range(rounds):
             normal, gradient = self.linearise(state, move_knots)
+            diagonal = normal.diagonal() + 1e-9
             for _ in range(4):
                 damped = normal.copy()
-                damped[np.diag_indices_from(damped)] += damping * (np.diag(normal) + 1e-9)
+                damped.flat[:: len(damped) + 1] += damping * diagonal
                 _, delta, failed = dposv(damped, -gradient)  # cho_factor and cho_solve take six times as long
                 if not failed:
                     trial = self.step(state, delta, move_knots)
@@ -234,31 +210,20 @@ class _Problem:
 
     def linearise(self, state: _Candidate, move_knots: bool) -> tuple[Floats, Floats]:
         """Give normal matrix and gradient by p_v, inner knots of v, p_heading, inner knots of heading, the start."""
-        rule, noise = self.rule, self.noise
         normal, gradient = self.kernel.normal_equations(
-            state.v, state.p_v, state.heading, state.p_heading, move_knots,
-            rule.nodes, rule.grid, rule.before, rule.own, rule.half, STEP,
-            state.direction, state.motion, state.off, state.heading_off, state.v_bend, state.heading_bend,
-            noise / _HEADING_OFF, noise / _BEND_V, noise / _BEND_HEADING,
+            self.measured, state.v, state.p_v, state.heading, state.p_heading, state.direction, state.motion,
+            state.off, state.heading_off, state.v_bend, state.heading_bend, *state.weights, move_knots,
         )  # fmt: skip
         return normal, gradient
 
     def step(self, state: _Candidate, delta: Floats, move_knots: bool) -> _Candidate:
-        splines, first = [], 0
+        splines, first = list[Floats](), 0
         for knots, p in ((state.v, state.p_v), (state.heading, state.p_heading)):
             p_new, first = p + delta[first : first + len(p)], first + len(p)
             if move_knots and len(p) > 2:
                 moved = knots.copy()
                 moved[1:-1] += delta[first : first + len(p) - 2]
-                knots, first = _apart(moved), first + len(p) - 2
-            splines.append((knots, p_new))
-        (v, p_v), (heading, p_heading) = splines
-        return self.evaluate(v, heading, p_v, p_heading, state.start + complex(*delta[-2:]))
-
-
-def _apart(knots: Floats) -> Floats:
-    """Push knots to their order with MIN_SEGMENT between them, ends fixed (Eq. 5.5)."""
-    steps = MIN_SEGMENT * np.arange(len(knots))
-    lower = np.maximum.accumulate(np.append(knots[:1], knots[1:]) - steps) + steps
-    upper = np.minimum.accumulate((np.append(lower[:-1], knots[-1:]) - steps)[::-1])[::-1] + steps
-    return np.asarray(np.clip(upper, knots[0] + steps, knots[-1] - steps[::-1]))
+                knots, first = self.kernel.apart(moved, MIN_SEGMENT), first + len(p) - 2
+            splines += knots, p_new
+        v, p_v, heading, p_heading = splines
+        return self.evaluate(v, p_v, heading, p_heading, state.start + complex(*delta[-2:]))

@@ -1,4 +1,4 @@
-"""The innermost work of `resim.scenario.fit`, compiled by numba: natural splines, and the normal equations of a fit.
+"""The search of `resim.scenario.fit`, compiled by numba: natural splines, and damped Gauss-Newton steps.
 
 A natural spline over knots (K,) is linear in its values there. What one of them moves fades by a factor of about four
 from knot to knot: beyond REACH knots nothing is left of it, so that all that is done here grows with a trace's length,
@@ -10,6 +10,9 @@ What is compiled is kept on disk by the source of this module alone, so it takes
 # mypy: ignore-errors
 from __future__ import annotations
 
+import math
+from collections import namedtuple
+
 import numpy as np
 from numba import njit
 
@@ -18,10 +21,34 @@ REACH = 16
 WINDOW = 256
 """Samples whose part of the normal equations is one product of matrices."""
 
+STEP = 0.02
+"""Width [s] of the trapezoids (`resim.scenario.trace.STEP`)."""
+
 compiled = njit(cache=True, error_model="numpy")
+inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Of what is called from here alone."""
+
+Measured = namedtuple("Measured", "t place heading v nodes grid before own half")
+"""The samples (T,): times, positions x + iy, headings, speeds; the rule of `resim.scenario.trace.Quadrature`.
+
+What is called from outside takes it as a tuple: numba's cache would look for the class before it looks at the version.
+"""
+
+Spline = namedtuple("Spline", "knots values bend weights grid between")
+"""A spline: knots, values, second derivatives (K,). At the nodes: weights (4, T) of the values and second derivatives
+at the segment's ends. The first node in each segment, of the grid and of those between (K,)."""
 
 
-@compiled
+@inner
+def _widths(knots):
+    """Give the differences (K - 1,): numpy's own takes five seconds to compile."""
+    out = np.empty(len(knots) - 1)
+    for k in range(len(out)):
+        out[k] = knots[k + 1] - knots[k]
+    return out
+
+
+@inner
 def _solve(h, low, high, m):
     """Solve in place for second derivatives m of the inner knots low <= k <= high; those around them are 0."""
     above = np.empty(high - low + 1)
@@ -41,31 +68,15 @@ def second(knots, values):
     m = np.zeros(count)
     if count < 3:
         return m
-    h = np.diff(knots)
+    h = _widths(knots)
     for k in range(1, count - 1):
         m[k] = 6.0 * ((values[k + 1] - values[k]) / h[k] - (values[k] - values[k - 1]) / h[k - 1])
     _solve(h, 1, count - 2, m[1:-1])
     return m
 
 
-@compiled
-def at(knots, values, nodes):
-    """Give the spline with these values (K,) at nodes (T,), in any order."""
-    m, inner = second(knots, values), knots[1:-1]
-    out = np.empty(len(nodes))
-    for n in range(len(nodes)):
-        s = np.searchsorted(inner, nodes[n], side="right")
-        h = knots[s + 1] - knots[s]
-        u, w = nodes[n] - knots[s], knots[s + 1] - nodes[n]
-        out[n] = (
-            values[s] * w + values[s + 1] * u
-            + (m[s] * (w * w - h * h) * w + m[s + 1] * (u * u - h * h) * u) / 6.0
-        ) / h  # fmt: skip
-    return out
-
-
-@compiled
-def columns(knots, values, move):
+@inner
+def _columns(knots, values, move):
     """Give what the spline changes by: each value, and with `move` each inner knot's time at these values (K,).
 
     centre (C,): the knot. value, kink (C,), bend (C, 2 REACH + 1): the column is the spline with that value at its
@@ -79,7 +90,7 @@ def columns(knots, values, move):
     inner = max(count - 2, 0) if move else 0
     centre, value, kink = np.empty(count + inner, np.int64), np.empty(count + inner), np.zeros(count + inner)
     bend = np.zeros((count + inner, 2 * REACH + 1))
-    h = np.diff(knots)
+    h = _widths(knots)
     for i in range(count):
         centre[i], value[i] = i, 1.0
         low, high = max(i - REACH, 1), min(i + REACH, count - 2)
@@ -110,88 +121,149 @@ def columns(knots, values, move):
     return centre, value, kink, bend
 
 
-@compiled
-def _column(knots, nodes, first, last, segment, centre, value, kink, bend, out):
-    """Write a column at the sorted nodes first <= n < last, the first of which is in this segment or after it."""
-    inner, s = knots[1:-1], segment
-    for n in range(first, last):
-        while s < len(inner) and inner[s] <= nodes[n]:
-            s += 1
-        h = knots[s + 1] - knots[s]
-        u, w = nodes[n] - knots[s], knots[s + 1] - nodes[n]
+@inner
+def spline(knots, values, measured):
+    """Give a spline at the nodes."""
+    nodes, grid = measured.nodes, measured.grid
+    count = len(knots)
+    weights = np.empty((4, len(nodes)))
+    firsts = np.empty((2, count), np.int64)
+    for part in range(2):
+        n, end = (0, grid) if part == 0 else (grid, len(nodes))
+        firsts[part, 0] = 0
+        begin = n
+        for s in range(count - 1):
+            h = knots[s + 1] - knots[s]
+            while n < end and (nodes[n] < knots[s + 1] or s == count - 2):
+                u, w = nodes[n] - knots[s], knots[s + 1] - nodes[n]
+                weights[0, n], weights[1, n] = w / h, u / h
+                weights[2, n], weights[3, n] = (w * w / h - h) * w / 6.0, (u * u / h - h) * u / 6.0
+                n += 1
+            firsts[part, s + 1] = n - begin
+    return Spline(knots, values, second(knots, values), weights, firsts[0], firsts[1])
+
+
+@inner
+def at_nodes(spline, grid):
+    """Give a spline at all nodes."""
+    out = np.empty(spline.weights.shape[1])
+    for part in range(2):
+        firsts, begin = (spline.grid, 0) if part == 0 else (spline.between, grid)
+        for s in range(len(spline.knots) - 1):
+            a, b, c, d = spline.values[s], spline.values[s + 1], spline.bend[s], spline.bend[s + 1]
+            for n in range(begin + firsts[s], begin + firsts[s + 1]):
+                w = spline.weights
+                out[n] = a * w[0, n] + b * w[1, n] + c * w[2, n] + d * w[3, n]
+    return out
+
+
+@inner
+def _column(spline, centre, value, kink, bend, firsts, begin, out):
+    """Write a column at the nodes of the segments around its centre, which begin at this node."""
+    weights, count = spline.weights, len(spline.knots)
+    low, high = max(centre - REACH - 1, 0), min(centre + REACH + 1, count - 1)
+    start = firsts[low]
+    for s in range(low, high):
         k = s - centre + REACH
-        left = bend[k] if 0 <= k <= 2 * REACH else 0.0
-        right = bend[k + 1] if 0 <= k + 1 <= 2 * REACH else 0.0
+        left = bend[k] if k >= 0 else 0.0
+        right = bend[k + 1] if k + 1 <= 2 * REACH else 0.0
         if s == centre:
             left += kink
-        f = left * (w * w - h * h) * w / 6.0 + right * (u * u - h * h) * u / 6.0
+        first, last = firsts[s], firsts[s + 1]
+        for n in range(first, last):
+            out[n - start] = left * weights[2, begin + n] + right * weights[3, begin + n]
         if s == centre:
-            f += value * w
+            for n in range(first, last):
+                out[n - start] += value * weights[0, begin + n]
         elif s + 1 == centre:
-            f += value * u
-        out[n - first] = f / h
+            for n in range(first, last):
+                out[n - start] += value * weights[1, begin + n]
 
 
 @compiled
-def _support(knots, centre):
-    """Give the first segment in which a column is not 0, and when [s] it begins to be, and ends."""
-    low, high = max(centre - REACH - 1, 0), min(centre + REACH + 1, len(knots) - 1)
-    return low, (knots[low] if low > 0 else -np.inf), (knots[high] if high < len(knots) - 1 else np.inf)
-
-
-@compiled
-def start(knots, times, targets, ridge_bend, ridge):
-    """Give the values (K, 2) of the two splines nearest to targets (T, 2) at times (T,) [s], which increase.
+def start(measured, knots, ridge_bend, ridge):
+    """Give matrix (K, K) and right side (K, 2) of the values of the splines nearest to the speeds and headings.
 
     ridge_bend, ridge: weights of the squares of second derivatives and of values.
     """
-    count = len(knots)
-    _, value, kink, bend = columns(knots, np.zeros(count), False)
+    measured = Measured(*measured)
+    count, own = len(knots), measured.own
+    _, value, kink, bend = _columns(knots, np.zeros(count), False)
+    flat = spline(knots, np.zeros(count), measured)
+    every = np.zeros((count, len(measured.t)))
+    values, between = np.empty(measured.grid), np.empty(len(measured.nodes) - measured.grid)
     first, last = np.empty(count, np.int64), np.empty(count, np.int64)
     for i in range(count):
-        _, begin, end = _support(knots, i)
-        first[i], last[i] = np.searchsorted(times, begin), np.searchsorted(times, end)
-    each = np.zeros((count, (last - first).max()))
-    for i in range(count):
-        segment, _, _ = _support(knots, i)
-        _column(knots, times, first[i], last[i], segment, i, value[i], kink[i], bend[i], each[i])
+        _column(flat, i, value[i], kink[i], bend[i], flat.grid, 0, values)
+        _column(flat, i, value[i], kink[i], bend[i], flat.between, measured.grid, between)
+        low, high = max(i - REACH - 1, 0), min(i + REACH + 1, count - 1)
+        first[i] = np.searchsorted(measured.t, knots[low]) if low > 0 else 0
+        last[i] = np.searchsorted(measured.t, knots[high]) if high < count - 1 else len(own)
+        for n in range(first[i], last[i]):
+            if own[n] < measured.grid:
+                every[i, n] = values[own[n] - flat.grid[low]]
+            else:
+                every[i, n] = between[own[n] - measured.grid - flat.between[low]]
     normal, right = np.zeros((count, count)), np.zeros((count, 2))
     for i in range(count):
         for j in range(i, min(i + 2 * REACH + 3, count)):
             total = 0.0
             for n in range(max(first[i], first[j]), min(last[i], last[j])):
-                total += each[i, n - first[i]] * each[j, n - first[j]]
+                total += every[i, n] * every[j, n]
             for k in range(max(i, j) - REACH, min(i, j) + REACH + 1):
                 total += ridge_bend * bend[i, k - i + REACH] * bend[j, k - j + REACH]
             normal[i, j] = normal[j, i] = total
         normal[i, i] += ridge
         for n in range(first[i], last[i]):
-            right[i, 0] += each[i, n - first[i]] * targets[n, 0]
-            right[i, 1] += each[i, n - first[i]] * targets[n, 1]
-    return np.linalg.solve(normal, right)
+            right[i, 0] += every[i, n] * measured.v[n]
+            right[i, 1] += every[i, n] * measured.heading[n]
+    return normal, right
 
 
 @compiled
-def positions(motion, grid, before, own, half, step):
-    """Give the integrals (T,) of a motion at the nodes, as `resim.scenario.trace.Quadrature` does."""
-    out = np.empty(len(before), np.complex128)
-    total, k = motion[0], 0
+def evaluate(measured, v_knots, v_values, heading_knots, heading_values, start, by_heading, by_v, by_turn):
+    """Give what follows from splines of speed and heading, and a start x + iy [m].
+
+    direction (1 m long) and motion [m/s] at the nodes, x + iy; how far off positions are (T,) [m], their mean distance,
+    and the rest of the residual: headings (T,), second derivatives of speed and heading (K,), with the weights
+    by_heading, by_v, by_turn; the sum of all squares.
+    """
+    measured = Measured(*measured)
+    v, heading = spline(v_knots, v_values, measured), spline(heading_knots, heading_values, measured)
+    speed, angle = at_nodes(v, measured.grid), at_nodes(heading, measured.grid)
+    direction, motion = np.empty(len(speed), np.complex128), np.empty(len(speed), np.complex128)
+    for n in range(len(speed)):
+        direction[n] = math.cos(angle[n]) + 1j * math.sin(angle[n])
+        motion[n] = speed[n] * direction[n]
+    before, own, half = measured.before, measured.own, measured.half
+    off, heading_off = np.empty(len(before), np.complex128), np.empty(len(before))
+    total, k, cost, mean = motion[0], 0, 0.0, 0.0
     for n in range(len(before)):
         while k < before[n]:
             k += 1
             total += motion[k]
-        out[n] = (
-            step * (total - 0.5 * motion[0]) + (half[n] - 0.5 * step) * motion[before[n]] + half[n] * motion[own[n]]
-        )  # fmt: skip
-    return out
+        place = (
+            STEP * (total - 0.5 * motion[0]) + (half[n] - 0.5 * STEP) * motion[k] + half[n] * motion[own[n]]
+        )
+        off[n] = start + place - measured.place[n]
+        heading_off[n] = by_heading * (angle[own[n]] - measured.heading[n])
+        square = off[n].real ** 2 + off[n].imag ** 2
+        cost += square + heading_off[n] ** 2
+        mean += math.sqrt(square)
+    bend_v, bend_heading = by_v * v.bend, by_turn * heading.bend
+    for bend in (bend_v, bend_heading):
+        for k in range(len(bend)):
+            cost += bend[k] ** 2
+    return direction, motion, off, mean / len(before), heading_off, bend_v, bend_heading, cost
 
 
-@compiled
-def _place_column(values, between, g0, b0, factor, grid, before, own, half, step, s0, s1, out):
+@inner
+def _place_column(values, between, g0, b0, factor, measured, s0, s1, out):
     """Write the positions' derivatives by a column at samples s0 <= n < s1; gives it after them.
 
     values, between: the column at its nodes of the grid, from g0 on, and at those between, from b0 on.
     """
+    before, own, half, grid = measured.before, measured.own, measured.half, measured.grid
     total = 0j
     begin = values[0] * factor[0] if g0 == 0 and len(values) > 0 else 0j
     k, end = g0 - 1, g0 + len(values) - 1
@@ -204,83 +276,76 @@ def _place_column(values, between, g0, b0, factor, grid, before, own, half, step
         if own[n] >= grid:
             i = own[n] - grid - b0
             there = between[i] * factor[own[n]] if 0 <= i < len(between) else 0j
-        place = step * (total - 0.5 * begin) + (half[n] - 0.5 * step) * here + half[n] * there
+        place = STEP * (total - 0.5 * begin) + (half[n] - 0.5 * STEP) * here + half[n] * there
         out[n - s0, 0], out[n - s0, 1] = place.real, place.imag
     while k < end:
         k += 1
         total += values[k - g0] * factor[k]
-    return step * (total - 0.5 * begin)
+    return STEP * (total - 0.5 * begin)
 
 
 @compiled
 def normal_equations(
-    v_knots, p_v, h_knots, p_h, move, nodes, grid, before, own, half, step, direction, motion, off, heading_off,
-    v_bend, h_bend, by_heading, by_v_bend, by_h_bend,
+    measured, v_knots, v_values, heading_knots, heading_values, direction, motion, off, heading_off, bend_v,
+    bend_heading, by_heading, by_v, by_turn, move,
 ):  # fmt: skip
     """Give normal matrix (P, P) and gradient (P,) of the residual by the values of speed (and, with `move`, times of
-    inner knots), the same of heading, and the start.
-
-    nodes: `grid` sorted ones, then sorted ones between. before, own, half, step: of the rule. direction, motion: at the
-    nodes. off (T,): of positions. heading_off (T,), v_bend, h_bend (K,): the rest of the residual, whose derivatives
-    have the weights by_heading, by_v_bend, by_h_bend.
+    inner knots), the same of heading, and the start. The rest: as of `evaluate`.
     """
-    samples, between = len(before), nodes[grid:]
-    evenly = nodes[:grid]
-    v_centre, v_value, v_kink, v_bends = columns(v_knots, p_v, move)
-    h_centre, h_value, h_kink, h_bends = columns(h_knots, p_h, move)
+    measured = Measured(*measured)
+    v, heading = spline(v_knots, v_values, measured), spline(heading_knots, heading_values, measured)
+    samples, grid, before, own = len(measured.before), measured.grid, measured.before, measured.own
+    v_centre, v_value, v_kink, v_bends = _columns(v.knots, v.values, move)
+    h_centre, h_value, h_kink, h_bends = _columns(heading.knots, heading.values, move)
     cv, ch = len(v_centre), len(h_centre)
     count = cv + ch + 2
     turning = 1j * motion
     s0, s1, offset = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
     g, b = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
-    for c in range(cv + ch):
-        if c < cv:
-            _, begin, end = _support(v_knots, v_centre[c])
-        else:
-            _, begin, end = _support(h_knots, h_centre[c - cv])
-        g[c, 0], g[c, 1] = np.searchsorted(evenly, begin), np.searchsorted(evenly, end)
-        b[c, 0], b[c, 1] = np.searchsorted(between, begin), np.searchsorted(between, end)
-        s0[c], s1[c] = np.searchsorted(before, g[c, 0] - 1), np.searchsorted(before, g[c, 1])
-        offset[c + 1] = offset[c] + s1[c] - s0[c]
+    for i in range(cv + ch):
+        own_spline, centre = (v, v_centre[i]) if i < cv else (heading, h_centre[i - cv])
+        low, high = max(centre - REACH - 1, 0), min(centre + REACH + 1, len(own_spline.knots) - 1)
+        g[i, 0], g[i, 1] = own_spline.grid[low], own_spline.grid[high]
+        b[i, 0], b[i, 1] = own_spline.between[low], own_spline.between[high]
+        s0[i], s1[i] = np.searchsorted(before, g[i, 0] - 1), np.searchsorted(before, g[i, 1])
+        if high == len(own_spline.knots) - 1:
+            s1[i] = samples
+        offset[i + 1] = offset[i] + s1[i] - s0[i]
     offset[count] = offset[count - 1] = offset[cv + ch]
     places, angles = np.empty((offset[count], 2)), np.empty(offset[count])
     after = np.zeros((count, 2))
     after[count - 2, 0] = after[count - 1, 1] = 1.0
-    scratch, scratch_between = np.empty(grid), np.empty(len(between))
-    for c in range(cv + ch):
-        values, more = scratch[: g[c, 1] - g[c, 0]], scratch_between[: b[c, 1] - b[c, 0]]
-        if c < cv:
-            knots, centre, value, kink, bend = v_knots, v_centre[c], v_value[c], v_kink[c], v_bends[c]
+    scratch, scratch_between = np.empty(grid), np.empty(len(measured.nodes) - grid)
+    for i in range(cv + ch):
+        values, more = scratch[: g[i, 1] - g[i, 0]], scratch_between[: b[i, 1] - b[i, 0]]
+        if i < cv:
+            _column(v, v_centre[i], v_value[i], v_kink[i], v_bends[i], v.grid, 0, values)
+            _column(v, v_centre[i], v_value[i], v_kink[i], v_bends[i], v.between, grid, more)
         else:
-            knots, centre, value, kink, bend = (
-                h_knots, h_centre[c - cv], h_value[c - cv], h_kink[c - cv], h_bends[c - cv],
-            )  # fmt: skip
-        segment, _, _ = _support(knots, centre)
-        _column(knots, evenly, g[c, 0], g[c, 1], segment, centre, value, kink, bend, values)
-        _column(knots, between, b[c, 0], b[c, 1], segment, centre, value, kink, bend, more)
-        mine = slice(offset[c], offset[c + 1])
-        end = _place_column(
-            values, more, g[c, 0], b[c, 0], direction if c < cv else turning, grid, before, own, half, step,
-            s0[c], s1[c], places[mine],
-        )  # fmt: skip
-        after[c, 0], after[c, 1] = end.real, end.imag
-        if c >= cv:
-            for n in range(s0[c], s1[c]):
-                i = own[n] - g[c, 0] if own[n] < grid else own[n] - grid - b[c, 0]
+            j = i - cv
+            _column(heading, h_centre[j], h_value[j], h_kink[j], h_bends[j], heading.grid, 0, values)
+            _column(heading, h_centre[j], h_value[j], h_kink[j], h_bends[j], heading.between, grid, more)
+            for n in range(s0[i], s1[i]):
+                k = own[n] - g[i, 0] if own[n] < grid else own[n] - grid - b[i, 0]
                 there = values if own[n] < grid else more
-                angles[offset[c] + n - s0[c]] = by_heading * there[i] if 0 <= i < len(there) else 0.0
+                angles[offset[i] + n - s0[i]] = by_heading * there[k] if 0 <= k < len(there) else 0.0
+        end = _place_column(
+            values, more, g[i, 0], b[i, 0], direction if i < cv else turning, measured, s0[i], s1[i],
+            places[offset[i] : offset[i + 1]],
+        )  # fmt: skip
+        after[i, 0], after[i, 1] = end.real, end.imag
     normal, gradient = np.zeros((count, count)), np.zeros(count)
     for w0 in range(0, samples, WINDOW):
         _add_window(
             w0, min(w0 + WINDOW, samples), cv, s0, s1, offset, places, angles, after, off, heading_off,
             normal, gradient,
         )  # fmt: skip
-    _add_bends(len(v_knots), 0, v_bends, v_bend, by_v_bend, normal, gradient)
-    _add_bends(len(h_knots), cv, h_bends, h_bend, by_h_bend, normal, gradient)
+    _add_bends(len(v.knots), 0, v_bends, bend_v, by_v, normal, gradient)
+    _add_bends(len(heading.knots), cv, h_bends, bend_heading, by_turn, normal, gradient)
     return normal, gradient
 
 
-@compiled
+@inner
 def _add_window(
     w0, w1, cv, s0, s1, offset, places, angles, after, off, heading_off, normal, gradient
 ):  # fmt: skip
@@ -341,7 +406,7 @@ def _add_window(
             normal[c, d] += size * (after[c, 0] * after[d, 0] + after[c, 1] * after[d, 1])
 
 
-@compiled
+@inner
 def _add_bends(count, first, bends, residual, weight, normal, gradient):
     """Add the part of the second derivatives, by the values at the knots."""
     for i in range(count):
@@ -352,3 +417,59 @@ def _add_bends(count, first, bends, residual, weight, normal, gradient):
             for k in range(max(i, j, REACH) - REACH, min(i, j) + REACH + 1):
                 total += bends[i, k - i + REACH] * bends[j, k - j + REACH]
             normal[first + i, first + j] += weight * weight * total
+
+
+@compiled
+def apart(knots, least):
+    """Give the knots in their order with so much [s] between them, ends fixed (Eq. 5.5)."""
+    out, last = knots.copy(), len(knots) - 1
+    for k in range(1, last + 1):
+        out[k] = max(out[k], out[k - 1] + least)
+    out[last] = knots[last]
+    for k in range(last - 1, -1, -1):
+        out[k] = min(out[k], out[k + 1] - least)
+    for k in range(last + 1):
+        out[k] = min(max(out[k], knots[0] + k * least), knots[last] - (last - k) * least)
+    return out
+
+
+@compiled
+def halved(t, knots, values, error, least, piece):
+    """Give knots and values with the segment halved that has the largest squared error (T,) at times t (T,).
+
+    Of a spline longer than `piece` [s] one is halved in each so long part of it. least: s between knots.
+    """
+    bend, count = second(knots, values), len(knots) - 1
+    squares = np.zeros(count)
+    s = 0
+    for n in range(len(error)):
+        while s < count - 1 and t[n] >= knots[s + 1]:
+            s += 1
+        squares[s] += error[n] ** 2
+    pieces = max(1, int((knots[-1] - knots[0]) / piece))
+    size = (knots[-1] - knots[0]) / pieces
+    worst, largest = np.full(pieces, -1), np.full(pieces, -1.0)
+    for s in range(count):
+        own = min(int((knots[s] - knots[0]) / size), pieces - 1)
+        square = squares[s] if knots[s + 1] - knots[s] >= 2.0 * least else -1.0
+        if worst[own] < 0 or square > largest[own]:
+            worst[own], largest[own] = s, square
+    chosen = np.zeros(count + 1, np.bool_)
+    extra = 0
+    for s in worst:
+        if s >= 0 and knots[s + 1] - knots[s] >= 2.0 * least:
+            chosen[s] = True
+            extra += 1
+    if extra == 0:
+        chosen[max(worst[0], 0)] = True
+        extra = 1
+    new_knots, new_values = np.empty(count + 1 + extra), np.empty(count + 1 + extra)
+    at = 0
+    for k in range(count + 1):
+        new_knots[k + at], new_values[k + at] = knots[k], values[k]
+        if chosen[k]:
+            width = knots[k + 1] - knots[k]
+            at += 1
+            new_knots[k + at] = 0.5 * (knots[k] + knots[k + 1])
+            new_values[k + at] = 0.5 * (values[k] + values[k + 1]) - width**2 / 16.0 * (bend[k] + bend[k + 1])
+    return apart(new_knots, least), new_values
