@@ -258,30 +258,39 @@ def evaluate(measured, v_knots, v_values, heading_knots, heading_values, start, 
 
 
 @inner
-def _place_column(values, between, g0, b0, factor, measured, s0, s1, out):
-    """Write the positions' derivatives by a column at samples s0 <= n < s1; gives it after them.
+def _place_column(values, between, g0, b0, factor, factor_between, measured, s0, s1, sums, out):
+    """Write the positions' derivatives by a column at samples s0 <= n < s1, and give it after them.
 
-    values, between: the column at its nodes of the grid, from g0 on, and at those between, from b0 on.
+    values, between: the column at its nodes of the grid, from g0 on, and at those between, from b0 on. factor,
+    factor_between (2, ...): what they are multiplied by there. sums (2, ...): for a time.
     """
-    before, own, half, grid = measured.before, measured.own, measured.half, measured.grid
-    total = 0j
-    begin = values[0] * factor[0] if g0 == 0 and len(values) > 0 else 0j
-    k, end = g0 - 1, g0 + len(values) - 1
+    before, own, half, grid, count = measured.before, measured.own, measured.half, measured.grid, len(values)
+    x = y = 0.0
+    for k in range(count):
+        x += values[k] * factor[0, g0 + k]
+        y += values[k] * factor[1, g0 + k]
+        sums[0, k], sums[1, k] = x, y
+    begin_x = begin_y = 0.0
+    if g0 == 0 and count > 0:
+        begin_x, begin_y = 0.5 * sums[0, 0], 0.5 * sums[1, 0]
     for n in range(s0, s1):
-        while k < before[n] and k < end:
-            k += 1
-            total += values[k - g0] * factor[k]
-        here = values[before[n] - g0] * factor[before[n]] if g0 <= before[n] <= end else 0j
-        there = here
+        k = before[n] - g0
+        here_x = here_y = sum_x = sum_y = 0.0
+        if 0 <= k < count:
+            here_x, here_y = values[k] * factor[0, before[n]], values[k] * factor[1, before[n]]
+        if k >= 0:
+            sum_x, sum_y = sums[0, min(k, count - 1)], sums[1, min(k, count - 1)]
+        there_x, there_y = here_x, here_y
         if own[n] >= grid:
             i = own[n] - grid - b0
-            there = between[i] * factor[own[n]] if 0 <= i < len(between) else 0j
-        place = STEP * (total - 0.5 * begin) + (half[n] - 0.5 * STEP) * here + half[n] * there
-        out[n - s0, 0], out[n - s0, 1] = place.real, place.imag
-    while k < end:
-        k += 1
-        total += values[k - g0] * factor[k]
-    return STEP * (total - 0.5 * begin)
+            there_x = there_y = 0.0
+            if 0 <= i < len(between):
+                there_x = between[i] * factor_between[0, own[n] - grid]
+                there_y = between[i] * factor_between[1, own[n] - grid]
+        low, high = half[n] - 0.5 * STEP, half[n]
+        out[n - s0, 0] = STEP * (sum_x - begin_x) + low * here_x + high * there_x
+        out[n - s0, 1] = STEP * (sum_y - begin_y) + low * here_y + high * there_y
+    return STEP * (x - begin_x), STEP * (y - begin_y)
 
 
 @compiled
@@ -299,7 +308,10 @@ def normal_equations(
     h_centre, h_value, h_kink, h_bends = _columns(heading.knots, heading.values, move)
     cv, ch = len(v_centre), len(h_centre)
     count = cv + ch + 2
-    turning = 1j * motion
+    straight, turning = np.empty((2, len(motion))), np.empty((2, len(motion)))
+    straight[0], straight[1] = direction.real, direction.imag
+    turning[0], turning[1] = -motion.imag, motion.real
+    sums = np.empty((2, grid))
     s0, s1, offset = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
     g, b = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
     for i in range(cv + ch):
@@ -329,11 +341,11 @@ def normal_equations(
                 k = own[n] - g[i, 0] if own[n] < grid else own[n] - grid - b[i, 0]
                 there = values if own[n] < grid else more
                 angles[offset[i] + n - s0[i]] = by_heading * there[k] if 0 <= k < len(there) else 0.0
-        end = _place_column(
-            values, more, g[i, 0], b[i, 0], direction if i < cv else turning, measured, s0[i], s1[i],
+        factor = straight if i < cv else turning
+        after[i, 0], after[i, 1] = _place_column(
+            values, more, g[i, 0], b[i, 0], factor, factor[:, grid:], measured, s0[i], s1[i], sums,
             places[offset[i] : offset[i + 1]],
         )  # fmt: skip
-        after[i, 0], after[i, 1] = end.real, end.imag
     normal, gradient = np.zeros((count, count)), np.zeros(count)
     for w0 in range(0, samples, WINDOW):
         _add_window(
