@@ -41,6 +41,8 @@ _START = 180.0
 """s that a fresh process has to start and to take up its task, beyond the task's own time."""
 _TICK = 0.1
 """s between two looks whether the child is alive, and whether its function answers in time."""
+_STALLED = 20.0
+"""s without a further part of a message after which it is none of resim's."""
 _GRACE = 2.0
 """s beyond its limit that a call has to be interrupted by the child itself."""
 _PATIENCE = 5.0
@@ -215,13 +217,13 @@ class _Child:
             _write(self.tasks, pickle.dumps((_here(), function, task, broken)))
         except OSError:
             return self._died(killed)
-        latest, message = time.monotonic() + _START, bytearray()
+        latest, message, came = time.monotonic() + _START, bytearray(), 0.0
         over: threading.Event | None = getattr(_own, "over", None)
         while over is None or not over.is_set():
             alive = self.process.poll() is None
             if forkserver.is_readable(self.results, _TICK if alive else 0.0):
                 part = os.read(self.results, 1 << 20)
-                message += part
+                message, came = message + part, time.monotonic()
                 if _size(message) > _LONGEST:
                     self.end()
                     return self._blamed(_BETWEEN)
@@ -231,6 +233,9 @@ class _Child:
                     return self._died(killed)
             elif not alive:
                 return self._died(killed)
+            elif message and time.monotonic() > came + _STALLED:  # resim writes a message without a pause
+                self.end()
+                return self._blamed(_BETWEEN)
             now = time.monotonic()  # before the deadline is read, and that once: the next call has another
             deadline = self.board[0]
             if deadline and now > deadline + _GRACE:

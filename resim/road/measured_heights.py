@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
 from resim.core.levels import CLEAR, over
+from resim.core.sightings import SAME
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.road.opendrive.index import LEVEL
@@ -30,6 +31,9 @@ STEP, STEEP = 1.0, 0.15
 roads rise on the way."""
 MOST = 0.9
 """Share of an object's places at which it has to be on a lane's height."""
+HANDED, MISS, HARDEST = 1.0, 2.0, 10.0
+"""Time [s] within which one id can go on as another, by how far [m] it may miss where it was going to, and what turns
+and brakes add [m/s²]."""
 BIN = 1.0
 """Width [m] of the classes in which an offset of all heights is looked for."""
 
@@ -98,12 +102,53 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
     out, doubted = [], {}
     for n, k in enumerate(tracks):
         own = row == n
-        why = _doubt(k, looked[n], level[own], on[own], known[own]) if own.any() else ""
-        if why:
+        if own.any() and (why := _doubt(k, looked[n], level[own], on[own], known[own])):
             doubted[n] = why
-        sure = known[own] & on[own] & (not why)
+        sure = known[own] & on[own] & (n not in doubted)
         out.append(_between(k, looked[n][known[own]], np.where(sure, level[own], np.nan)[known[own]]))
-    return MeasuredHeights(tuple(out), offset, "", doubted)
+    for n, why in _handed_over(tracks, out).items():
+        doubted[n], out[n] = why, unknown[n]
+    return MeasuredHeights(tuple(out), offset, "", dict(sorted(doubted.items())))
+
+
+def _handed_over(tracks: Sequence[HeightTrack], z: Sequence[Floats]) -> dict[int, str]:
+    """Why nothing is believed of those that one goes on as the other, who would have leapt; by their numbers.
+
+    z: of each track (K,) m, as it is believed of that alone.
+    """
+    known = [np.flatnonzero(np.isfinite(one)) for one in z]
+    some = [n for n, k in enumerate(known) if len(k)]
+    ends = [_end(tracks[n]) for n in some]
+    begins = [np.flatnonzero(np.isfinite(tracks[n].x + tracks[n].y))[0] for n in some]
+    out: dict[int, str] = {}
+    for n, (t1, place, velocity) in zip(some, ends, strict=True):
+        for m, k in zip(some, begins, strict=True):
+            dt = float(tracks[m].t[k]) - t1
+            if n == m or not 0.0 < dt <= HANDED + SAME:
+                continue
+            way = abs(complex(tracks[m].x[k], tracks[m].y[k]) - place)
+            if (
+                abs(complex(tracks[m].x[k], tracks[m].y[k]) - place - velocity * dt)
+                > MISS + HARDEST * dt * dt
+            ):
+                continue
+            rise = abs(float(z[m][known[m][0]]) - float(z[n][known[n][-1]]))
+            since = float(tracks[m].t[known[m][0]]) - float(tracks[n].t[known[n][-1]]) - dt
+            if rise > STEP + STEEP * (way + abs(velocity) * since):
+                for one, other in ((n, m), (m, n)):
+                    out[one] = (
+                        f"it goes on as or comes from {tracks[other].id!r}, which is {rise:.1f} m above or below"
+                    )
+    return out
+
+
+def _end(track: HeightTrack) -> tuple[float, complex, complex]:
+    """When [s] and where [m] a track ends, and its velocity [m/s] there."""
+    there = np.flatnonzero(np.isfinite(track.x + track.y))
+    t, place = track.t[there], track.x[there] + 1j * track.y[there]
+    before = max(int(np.searchsorted(t, t[-1] - EVERY)) - 1, 0)
+    velocity = (place[-1] - place[before]) / (t[-1] - t[before]) if before < len(t) - 1 else 0j
+    return float(t[-1]), complex(place[-1]), complex(velocity)
 
 
 def _places(track: HeightTrack) -> NDArray[np.intp]:

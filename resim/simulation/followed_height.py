@@ -14,9 +14,10 @@ STEP, STEEPEST = 0.5, 0.2
 """By how much [m] the surface may leap from one place to the next, besides what the steepest road rises on the way."""
 APART = 1.0
 """Difference of height [m] from which on two roads that the EGO can be on have parted."""
-BEGIN, GAP = 10.0, 20.0
-"""Way [m] beside all lanes that it is taken to have come at first, for a height that is off; and after which nobody
-knows on which level it comes back."""
+GAP = 10.0
+"""Way [m] without a lane that goes on after which nobody knows on which level it comes back."""
+MOST = 5.0
+"""Way [m] that counts for how far the road can have risen; roads above each other are 3 m apart and more."""
 
 
 class FollowedHeight:
@@ -30,7 +31,7 @@ class FollowedHeight:
     def __init__(self, network: RoadNetwork, x: float, y: float, z: float) -> None:
         self._network, self._known, self._grade = network, z, 0.0
         self._may = np.array([z])
-        self._place, self._way, self._off = complex(x, y), 0.0, BEGIN
+        self._place, self._way, self._off = complex(x, y), 0.0, 0.0
 
     def at(self, x: float, y: float) -> float:
         """Give the height at the EGO's next place [m]."""
@@ -46,14 +47,14 @@ class FollowedHeight:
         """Ask the map for the height at a place."""
         heights = self._network.surfaces(x, y)[1]
         off = np.abs(heights[:, None] - self._may).min(axis=1)
-        may = heights[off <= STEP + STEEPEST * self._off]
-        if len(heights) and (not len(may) or np.ptp(may) > APART):
+        may = heights[off <= STEP + STEEPEST * min(self._off, MOST)]
+        if self._off > GAP or (len(heights) and (not len(may) or np.ptp(may) > APART)):
             self._known = math.nan
         elif len(may):
             z = float(may.mean())
             self._grade = (z - self._known) / self._way if self._off == self._way else 0.0
             self._known, self._may, self._off = z, may, 0.0
         else:
-            self._known = math.nan if self._off > GAP else self._known + self._grade * self._way
+            self._known += self._grade * self._way
             self._grade = 0.0
         self._way = 0.0

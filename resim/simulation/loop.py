@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import linecache
+import math
 import time
 from array import array
 from collections.abc import Callable, Sequence
@@ -134,7 +135,7 @@ class _Loop:
                     told.advance(k - phase.first, ego)
                 self.ego.extend(ego)
                 if height is not None:
-                    self.z.append(height.at(ego.x, ego.y))
+                    self.z.append(height.at(ego.x, ego.y) if k >= begin else self.led_in(k))
                 self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look():
                     return
@@ -161,11 +162,16 @@ class _Loop:
         self.look()
 
     def height(self) -> FollowedHeight | None:
-        """Give the height that the EGO begins at, to be followed; None where no height is known."""
+        """Give the height that the EGO begins the scenario at, to be followed; None where no height is known."""
         plan = self.plan
         if plan.z is None:
             return None
-        return FollowedHeight(self.case.network, plan.x[0, 0], plan.y[0, 0], float(plan.z[0, 0]))
+        start = plan.state(0, plan.begin)
+        return FollowedHeight(self.case.network, start.x, start.y, float(plan.z[0, plan.begin]))
+
+    def led_in(self, k: int) -> float:
+        """Give the height [m] at a step of the lead-in."""
+        return math.nan if self.plan.z is None else float(self.plan.z[0, k])
 
     def failed(self, why: str, frames: tuple[tuple[str, int, str], ...]) -> None:
         """End the run with the function's failure, unless it had ended before."""

@@ -261,6 +261,24 @@ def test_a_truth_that_is_far_longer_than_the_perception_is_read(tmp_path: Path) 
     assert judged(tmp_path, two, [ego().assign(id="e")])["GT"] in ("FAIL", "INVALID")
 
 
+@pytest.mark.parametrize("other_seen", [False, True])
+def test_no_truth_that_shares_some_time_with_the_trial_is_left_out(tmp_path: Path, other_seen: bool) -> None:
+    """A car that the EGO hits is tracked from shortly before until long after, and perceived by another sensor then."""
+    (tmp_path / "gts").mkdir()
+    (tmp_path / "dets").mkdir()
+    frames = [frame for frame in told([leader()]) if frame["timestamp"] > 1.7e9 + 4.0]
+    late = [{**frame, "timestamp": frame["timestamp"] + s} for s in (0.0, 20.0, 40.0) for frame in frames]
+    (tmp_path / "gts" / "t2.json").write_text(json.dumps(late))
+    if other_seen:
+        (tmp_path / "dets" / "d2.json").write_text(json.dumps(late[100:]))
+    (tmp_path / "gts" / "t1.json").write_text(json.dumps(told([ego()])))
+    (tmp_path / "dets" / "d1.json").write_text(json.dumps(told([ego().assign(id="e")])))
+    tables = mcity.read_mcity(tmp_path, map=MAP, length=4.7, width=1.9, trial="1")
+    write_tables(tables, tmp_path / "rec")
+    assert tables.settings.ego == "vehicle_1"
+    assert verdicts(tmp_path / "rec", tuple(CODES))["GT"] in ("FAIL", "INVALID")
+
+
 @pytest.mark.parametrize(
     ("more", "offset"),
     [("+y_0=-6", ""), ("+k=1.1", ""), ("", '<offset x="3.0" y="-40.0" z="0.0" hdg="0.0"/>')],

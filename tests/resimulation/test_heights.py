@@ -199,6 +199,24 @@ def test_nobody_leaps_onto_the_road_above(tmp_path, who, height, every):
     assert [c.id for c in drive.collisions] == ["lead"]
 
 
+@pytest.mark.parametrize("switch", [0.05, 0.5, 0.95])
+def test_who_gets_another_id_does_not_leap_onto_the_road_above(tmp_path, switch):
+    """The leader is seen under another id for a while after it is lost, and as high as the deck there."""
+    t = np.arange(0.0, 12.01, 0.05)
+    ego, lead = (
+        straight("ego", t, -150.0, -1.75, 0.0, 20.0, 5.0),
+        straight("lead", t, -70.0, -1.75, 0.0, 10.0, 5.0),
+    )
+    after = t > 2.0 + switch - 0.04
+    lead.loc[after, ["id", "z"]] = ["again", 11.0]
+    lead = lead[after | (t < 2.0)]
+    rows = pd.concat([ego, lead]).sort_values("t", kind="stable")
+    recording = write_recording(tmp_path, rows, east=FLAT, north=FLAT, deck=HIGH)
+    assert meets(assessed(recording))
+    told = [f for f in load_checked(tmp_path, accept=tuple(CODES)).findings if f.code == "HEIGHT"]
+    assert {f.object for f in told} == {"lead", "again"}
+
+
 @pytest.mark.parametrize(
     ("deck", "z_ego", "z_lead"), [(4.9, 2.4, 2.46), (4.9, 2.3, 2.6), (5.0, 2.45, 2.55), (3.0, 0.6, 1.6)]
 )
@@ -386,6 +404,29 @@ def test_where_a_road_splits_into_two_decks_a_simulated_drive_still_collides(tmp
         "rGT"
     ]
     assert [c.id for c in drive.collisions] == ["o"]
+
+
+@pytest.mark.parametrize("gap", [8.0, 12.0, 15.0, 25.0])
+@pytest.mark.parametrize("above", [2.4, 3.4, 5.0])
+def test_after_a_gap_in_the_map_a_simulated_drive_is_not_on_the_road_below(tmp_path, gap, above):
+    """The lower road begins before the upper one, on which all are, goes on."""
+    t = np.arange(0.0, 12.01, 0.05)
+    ego, other = (
+        straight("ego", t, -100.0, -1.75, 0.0, 20.0, above),
+        straight("o", t, -65.0, -1.75, 0.0, 17.0, above),
+    )
+    write_recording(tmp_path, pd.concat([ego, other]).sort_values("t", kind="stable"))
+    parts = ((1, -300.0, 300.0, above), (2, gap, 300.0, above), (3, gap - 2.0, 300.0, 0.0))
+    decks = [
+        ROAD.format(id=n, length=length, x=x, y=0, heading=0, elevation=elevation((0.0, z, 0.0, 0.0, 0.0)))
+        for n, x, length, z in parts
+    ]
+    text = f'<OpenDRIVE><header revMajor="1" revMinor="6" name=""/>{"".join(decks)}</OpenDRIVE>'
+    (tmp_path / "map.xodr").write_text(text)
+    drive = resimulate(read_recording(tmp_path), load_build(BUILDS / "constant_velocity-1.0.toml")).drives[
+        "rGT"
+    ]
+    assert drive.end == "off_road" or [c.id for c in drive.collisions] == ["o"]
 
 
 def test_a_scenario_keeps_heights_in_its_file(tmp_path):

@@ -21,9 +21,8 @@ SEED = st.integers(0, 2**31)
 def test_it_is_scipys_natural_spline(gaps: list[float], seed: int) -> None:
     knots = 5.0 + np.cumsum([0.0, *gaps])
     values = np.random.default_rng(seed).normal(size=len(knots))
-    nodes = np.random.default_rng(seed).permutation(np.linspace(knots[0], knots[-1], 57))
+    nodes = np.linspace(knots[0], knots[-1], 57)
     expected = CubicSpline(knots, values, bc_type="natural")
-    np.testing.assert_allclose(kernel.at(knots, values, nodes), expected(nodes), atol=1e-9)
     np.testing.assert_allclose(kernel.second(knots, values), expected(knots, 2), atol=1e-7)
     np.testing.assert_allclose(natural_spline(knots, values)(nodes), expected(nodes), atol=1e-9)
 
@@ -90,14 +89,17 @@ def test_the_normal_equations_are_those_of_numeric_differences(
     knot_times = np.r_[len(v) : len(v) + parts[1], sum(parts[:3]) : sum(parts[:4])]
     bends = np.arange(3 * size, len(off))
     jacobian[np.ix_(knot_times, bends)] = 0.0  # what the prior says of second derivatives is held there
-    angle = kernel.at(h, p_h, rule.nodes)
-    direction = np.exp(1j * angle)
-    places = off[:size] + 1j * off[size : 2 * size]
+    nothing = np.zeros(size)
+    measured = (t, nothing + 0j, nothing, nothing, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
+    found = kernel.evaluate(measured, v, p_v, h, p_h, 3.0 - 2.0j, *weights)
+    direction, motion, places, mean, *rest, cost = found
+    np.testing.assert_allclose(places, off[:size] + 1j * off[size : 2 * size], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(np.concatenate(rest), off[2 * size :], rtol=1e-7, atol=1e-6)
+    assert cost == pytest.approx(off @ off)
+    assert mean == pytest.approx(np.abs(places).mean())
     normal, gradient = kernel.normal_equations(
-        v, p_v, h, p_h, move, rule.nodes, rule.grid, rule.before, rule.own, rule.half, STEP, direction,
-        kernel.at(v, p_v, rule.nodes) * direction, places, off[2 * size : 3 * size],
-        off[3 * size : 3 * size + len(v)], off[3 * size + len(v) :], *weights,
-    )  # fmt: skip
+        measured, v, p_v, h, p_h, direction, motion, places, *rest, *weights, move
+    )
     expected = jacobian @ jacobian.T
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-6
     assert np.abs((normal - expected) / scale).max() < 1e-4
@@ -111,13 +113,13 @@ def test_what_lies_beyond_the_reach_and_in_other_windows_is_there() -> None:
     rule = Quadrature.over(0.0, t)
     assert len(t) > 3 * kernel.WINDOW
     p_v, p_h = rng.normal(10.0, 2.0, 81), rng.normal(0.0, 0.3, 81)
-    direction = np.exp(1j * kernel.at(knots, p_h, rule.nodes))
-    motion = kernel.at(knots, p_v, rule.nodes) * direction
-    off, zeros = rule(motion), np.zeros(81)
+    nothing = np.zeros(len(t))
+    measured = (t, nothing + 0j, nothing, nothing, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
+    found = kernel.evaluate(measured, knots, p_v, knots, p_h, 0j, 0.0, 0.0, 0.0)
+    direction, motion, off, _, *rest, _ = found
     normal, gradient = kernel.normal_equations(
-        knots, p_v, knots, p_h, False, rule.nodes, rule.grid, rule.before, rule.own, rule.half, STEP, direction, motion,
-        off, np.zeros(len(t)), zeros, zeros, 0.0, 0.0, 0.0,
-    )  # fmt: skip
+        measured, knots, p_v, knots, p_h, direction, motion, off, *rest, 0.0, 0.0, 0.0, False
+    )
     basis = CubicSpline(knots, np.eye(81), bc_type="natural")(rule.nodes).T
     rows = np.vstack(
         [rule(basis * direction), rule(basis * 1j * motion), np.ones(len(t)), 1j * np.ones(len(t))]

@@ -178,6 +178,9 @@ class Watchdog:
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, self._previous)
+        for name in ("stdin", "stdout", "stderr"):
+            if not hasattr(sys, name):  # the function deleted it
+                setattr(sys, name, getattr(sys, f"__{name}__", None))
         self._overheard.end()
         self._waiting.close()
         self._home.__exit__(kind, e, tb)

@@ -1,9 +1,9 @@
 """The Mcity trials (University of Michigan, MIT licence): RTK truth and roadside perception.
 
 The folder of the data holds `gts/`, `dets/` and `mcity.xodr`. A trial is what one file of perception saw, and all files
-of truth whose times lie in its; its name is the last number in the file's. The tracked objects are the ground truth,
-the EGO is the vehicle (else pedestrian) that is tracked longest; the sensor data hold all that the roadside sensor
-perceived, the EGO among it. What was found out about the data, and is applied here:
+of truth that share time with it, or with one of these; its name is the last number in the file's. The tracked objects
+are the ground truth, the EGO is the vehicle (else pedestrian) that is tracked longest; the sensor data hold all that
+the roadside sensor perceived, the EGO among it. What was found out about the data, and is applied here:
 
 - `rotation` [rad] points backwards: heading = rotation + pi. For pedestrians it says nothing.
 - `speed` is in km/h: over the matched vehicle it is 3.6 times the truth's.
@@ -128,7 +128,7 @@ def import_trial(
     seen_file, truth_files = _files(data_dir, trial)
     truth = _named([_read(path, network, PLACE).assign(file=path.name) for path in truth_files])
     seen = _read(seen_file, network, (*PLACE, *MOTION, *SIZE))
-    ego = _ego(truth) if ego is None else ego
+    ego = _ego(truth, float(seen["t"].min()), float(seen["t"].max())) if ego is None else ego
     if ego not in truth["id"].to_numpy():
         names = ", ".join(truth["id"].drop_duplicates())
         raise InputError(data_dir, f"trial {trial} has no object {ego!r} in its truth", f"It has {names}.")
@@ -249,9 +249,10 @@ def _named(files: list[pd.DataFrame]) -> pd.DataFrame:
     return rows.assign(id=rows["id"].map(names))
 
 
-def _ego(truth: pd.DataFrame) -> str:
-    """The vehicle, else the pedestrian, that is there longest, the first of equals."""
-    lasts = truth.groupby(["kind", "id"], sort=False)["t"].agg(np.ptp).reset_index()
+def _ego(truth: pd.DataFrame, begin: float, end: float) -> str:
+    """The vehicle, else the pedestrian, that is there longest of what was perceived, the first of equals."""
+    own = truth.assign(t=truth["t"].clip(begin, end))
+    lasts = own.groupby(["kind", "id"], sort=False)["t"].agg(np.ptp).reset_index()
     lasts = lasts.sort_values(["kind", "t"], ascending=[True, False], kind="stable")
     return str(lasts["id"].iloc[0])
 

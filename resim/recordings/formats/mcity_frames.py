@@ -68,25 +68,26 @@ def read_objects(path: Path, numbers: Sequence[str]) -> pd.DataFrame:
 
 
 def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
-    """Give each trial's perception file and the truth files that share most of its time or theirs, by its number."""
+    """Give each trial's perception file and its truth files, by its number.
+
+    These are all that share time with the perception, and all that share time with one of them: who is left out is
+    nobody's obstacle.
+    """
     spans = {
         path: _span(path) for folder in ("gts", "dets") for path in sorted((data_dir / folder).glob("*.json"))
     }
+    truths = [path for path in spans if path.parent.name == "gts"]
     found: dict[Path, list[Path]] = {}
-    for truth, (begins, ends) in spans.items():
-        if truth.parent.name != "gts":
-            continue
-        shared = {
-            seen: min(ends, last) - max(begins, first)
-            for seen, (first, last) in spans.items()
-            if seen.parent.name == "dets"
-        }
-        best = max(shared, key=lambda seen: shared[seen], default=None)
-        if best is None:
-            continue
-        first, last = spans[best]
-        if shared[best] > 0.5 * min(ends - begins, last - first):
-            found.setdefault(best, []).append(truth)
+    for seen in (path for path in spans if path.parent.name == "dets"):
+        mine = {path for path in truths if _share(spans[path], spans[seen])}
+        while more := {
+            path
+            for path in truths
+            if path not in mine and any(_share(spans[path], spans[own]) for own in mine)
+        }:
+            mine |= more
+        if mine:
+            found[seen] = [path for path in truths if path in mine]
     if not found:
         raise InputError(data_dir, "holds no truth (gts/*.json) at the time of a perception (dets/*.json)")
     named = {
@@ -96,6 +97,11 @@ def trials(data_dir: Path) -> dict[str, tuple[Path, tuple[Path, ...]]]:
     if len(named) < len(found):
         named = {seen.stem: (seen, tuple(files)) for seen, files in found.items()}
     return dict(sorted(named.items(), key=lambda item: (len(item[0]), item[0])))
+
+
+def _share(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether two spans share time."""
+    return min(one[1], other[1]) > max(one[0], other[0])
 
 
 def _span(path: Path) -> tuple[float, float]:

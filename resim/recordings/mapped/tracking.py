@@ -10,6 +10,9 @@ from resim.recordings.mapped.matching import nearest
 
 LOST = 0.5
 """Time [s] for which an object that is not on the list is expected again."""
+FASTER, HARDEST = 3.0, 10.0
+"""By how much [m/s] a measured velocity may change from list to list, and besides that in time [m/s²]: another object
+stands in the place of one that was lost."""
 
 
 def tracked(
@@ -18,8 +21,8 @@ def tracked(
     """Give ids (K,) "1", "2", ... to the rows of lists.
 
     From list to list, rows are assigned to the objects seen last, each moved on by its velocity, so that the sum of
-    distances is least, none farther than the gate; who is left over is a new object. A row without a place is one of
-    its own.
+    distances is least, none farther than the gate or of another velocity; who is left over is a new object. A row
+    without a place is one of its own.
 
     t: (K,) s; rows of one time are one list. places: x + iy (K,) [m]. velocity: (K,) [m/s], NaN where it is not known:
     then it is that since the object was seen before. gate: m.
@@ -37,6 +40,9 @@ def tracked(
         if ones and len(seen):
             there = np.array([places[last[one]] + speed[one] * (now - t[last[one]]) for one in ones])
             apart = np.abs(places[seen][:, None] - there)
+            dt = np.array([now - t[last[one]] for one in ones])
+            changed = np.abs(velocity[seen][:, None] - velocity[[last[one] for one in ones]])
+            apart[changed > FASTER + HARDEST * dt] = np.inf  # nor where one is not known: NaN is not more
             i, j = nearest(apart, gate)
             number[seen[i]] = np.array(ones)[j]
         for row in rows[number[rows] < 0].tolist():

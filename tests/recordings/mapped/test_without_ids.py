@@ -97,6 +97,8 @@ def test_who_crosses_stays_who_he_is_and_who_is_lost_for_long_is_somebody_else()
         ids[order] = tracked(t[order], places[order], moved[order], 3.0)
         assert len(set(ids[first])) == len(set(ids[~first])) == 1
         assert ids[0] != ids[1]
+    faster = np.where(t > 3.0, 16.0 + 0j, 10.0)
+    assert len(set(tracked(t[first], places[first], faster[first], 3.0))) == 2, "another stands in its place"
     for gap, objects in ((0.4, 1), (0.8, 2)):
         kept = first & ~((t > 2.0) & (t < 2.0 + gap))
         assert len(set(tracked(t[kept], places[kept], velocity[kept], 3.0))) == objects
