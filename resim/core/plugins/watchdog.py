@@ -138,6 +138,13 @@ class _Overheard:
             os.ftruncate(words, 0)
 
 
+def _streams_are_there() -> None:
+    """Put back what code under test took away: others, and later tasks, look for the standard streams."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name, None) is None:
+            setattr(sys, name, getattr(sys, f"__{name}__", None))
+
+
 def _flush_errors() -> None:
     """Write what the standard error holds back, whatever code under test has put in its place."""
     with contextlib.suppress(Exception):
@@ -178,9 +185,6 @@ class Watchdog:
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, self._previous)
-        for name in ("stdin", "stdout", "stderr"):
-            if not hasattr(sys, name):  # the function deleted it
-                setattr(sys, name, getattr(sys, f"__{name}__", None))
         self._overheard.end()
         self._waiting.close()
         self._home.__exit__(kind, e, tb)
@@ -235,6 +239,7 @@ class Watchdog:
                 self._inside = False
                 if os.getpid() != self._process:
                     os._exit(0)
+                _streams_are_there()
         except _Overrun:
             raise FunctionError(unanswered(limit)) from None
         finally:
