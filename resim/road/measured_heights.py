@@ -116,35 +116,42 @@ def _handed_over(tracks: Sequence[HeightTrack], z: Sequence[Floats]) -> dict[int
 
     z: of each track (K,) m, as it is believed of that alone.
     """
-    known = [np.flatnonzero(np.isfinite(one)) for one in z]
-    some = [n for n, k in enumerate(known) if len(k)]
-    ends = [_end(tracks[n]) for n in some]
-    begins = [np.flatnonzero(np.isfinite(tracks[n].x + tracks[n].y))[0] for n in some]
+    there = [np.flatnonzero(np.isfinite(k.x + k.y)) for k in tracks]
+    order = sorted((n for n, k in enumerate(there) if len(k)), key=lambda n: float(tracks[n].t[there[n][0]]))
+    ends = {n: _end(tracks[n], there[n]) for n in order}
+    last: dict[
+        int, list[tuple[int, float, float]]
+    ] = {}  # whose height [m] a track ends with, and how far [m] ago
     out: dict[int, str] = {}
-    for n, (t1, place, velocity) in zip(some, ends, strict=True):
-        for m, k in zip(some, begins, strict=True):
-            dt = float(tracks[m].t[k]) - t1
-            if n == m or not 0.0 < dt <= HANDED + SAME:
-                continue
-            way = abs(complex(tracks[m].x[k], tracks[m].y[k]) - place)
-            if (
-                abs(complex(tracks[m].x[k], tracks[m].y[k]) - place - velocity * dt)
-                > MISS + HARDEST * dt * dt
-            ):
-                continue
-            rise = abs(float(z[m][known[m][0]]) - float(z[n][known[n][-1]]))
-            since = float(tracks[m].t[known[m][0]]) - float(tracks[n].t[known[n][-1]]) - dt
-            if rise > STEP + STEEP * (way + abs(velocity) * since):
-                for one, other in ((n, m), (m, n)):
-                    out[one] = (
-                        f"it goes on as or comes from {tracks[other].id!r}, which is {rise:.1f} m above or below"
-                    )
+    for m in order:
+        k, known, way = tracks[m], np.flatnonzero(np.isfinite(z[m])), _way(tracks[m])
+        begin, place = there[m][0], complex(k.x[there[m][0]], k.y[there[m][0]])
+        before = [
+            (one, height, gone + abs(place - ends[n][1]))
+            for n, heights in last.items()
+            if _goes_on(ends[n], float(k.t[begin]), place)
+            for one, height, gone in heights
+        ]
+        for one, height, gone in before if len(known) else ():
+            rise = abs(float(z[m][known[0]]) - height)
+            if rise > STEP + STEEP * (gone + way[known[0]] - way[begin]):
+                for who, other in ((one, m), (m, one)):
+                    out[who] = f"it is the same as {tracks[other].id!r}, which is {rise:.1f} m above or below"
+        if len(known):
+            last[m] = [(m, float(z[m][known[-1]]), float(way[there[m][-1]] - way[known[-1]]))]
+        else:
+            last[m] = [(one, height, gone + float(way[-1] - way[begin])) for one, height, gone in before]
     return out
 
 
-def _end(track: HeightTrack) -> tuple[float, complex, complex]:
-    """When [s] and where [m] a track ends, and its velocity [m/s] there."""
-    there = np.flatnonzero(np.isfinite(track.x + track.y))
+def _goes_on(end: tuple[float, complex, complex], t: float, place: complex) -> bool:
+    """Whether who ends so, at a time and place with a velocity, can be who is first seen at t [s] at this place."""
+    dt = t - end[0]
+    return 0.0 < dt <= HANDED + SAME and abs(place - end[1] - end[2] * dt) <= MISS + HARDEST * dt * dt
+
+
+def _end(track: HeightTrack, there: NDArray[np.intp]) -> tuple[float, complex, complex]:
+    """When [s] and where [m] a track ends, and its velocity [m/s] there. there: its samples with a place."""
     t, place = track.t[there], track.x[there] + 1j * track.y[there]
     before = max(int(np.searchsorted(t, t[-1] - EVERY)) - 1, 0)
     velocity = (place[-1] - place[before]) / (t[-1] - t[before]) if before < len(t) - 1 else 0j

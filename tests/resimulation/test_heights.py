@@ -199,9 +199,10 @@ def test_nobody_leaps_onto_the_road_above(tmp_path, who, height, every):
     assert [c.id for c in drive.collisions] == ["lead"]
 
 
+@pytest.mark.parametrize("between", [False, True])
 @pytest.mark.parametrize("switch", [0.05, 0.5, 0.95])
-def test_who_gets_another_id_does_not_leap_onto_the_road_above(tmp_path, switch):
-    """The leader is seen under another id for a while after it is lost, and as high as the deck there."""
+def test_who_gets_another_id_does_not_leap_onto_the_road_above(tmp_path, switch, between):
+    """The leader is seen under another id, as high as the deck there; or under two, one of which has no height."""
     t = np.arange(0.0, 12.01, 0.05)
     ego, lead = (
         straight("ego", t, -150.0, -1.75, 0.0, 20.0, 5.0),
@@ -209,6 +210,8 @@ def test_who_gets_another_id_does_not_leap_onto_the_road_above(tmp_path, switch)
     )
     after = t > 2.0 + switch - 0.04
     lead.loc[after, ["id", "z"]] = ["again", 11.0]
+    if between:
+        lead.loc[after & (t < 4.0), ["id", "z"]] = ["without", np.nan]
     lead = lead[after | (t < 2.0)]
     rows = pd.concat([ego, lead]).sort_values("t", kind="stable")
     recording = write_recording(tmp_path, rows, east=FLAT, north=FLAT, deck=HIGH)
