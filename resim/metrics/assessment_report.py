@@ -25,6 +25,8 @@ ABSENT = "not there"
 UNBOUNDED = "unbounded"
 """As of DRAC [m/s²] where no braking avoids contact."""
 
+_TEXTS = np.array([REASONS[state] for state in State], dtype=object)
+
 OverTime = tuple[float | None, ...]
 """Numbers over the times of the scenes, None where there is none."""
 Reasons = tuple[str, ...]
@@ -203,11 +205,13 @@ def _why_none(measure: MeasureValues) -> str:
 
 def _reasons(value: Floats, state: States, present: Bools) -> Reasons:
     """Why there is no number, "" where there is one; unbounded where the value has no bound."""
-    return tuple(
-        UNBOUNDED if np.isinf(v) else REASONS[State(s)] if here or s != State.NOT_COMPUTED else ABSENT
-        for v, s, here in zip(value, state.tolist(), present.tolist(), strict=True)
-    )
+    out = _TEXTS[state]
+    out[(state == State.NOT_COMPUTED) & ~present] = ABSENT
+    out[np.isinf(value)] = UNBOUNDED
+    return tuple(out.tolist())
 
 
 def _numbers(values: Floats) -> OverTime:
-    return tuple(float(value) if np.isfinite(value) else None for value in values)
+    out = np.asarray(values, dtype=float).astype(object)
+    out[~np.isfinite(values)] = None
+    return tuple(out.tolist())

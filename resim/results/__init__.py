@@ -19,7 +19,6 @@ from resim.results.folders import (
 )
 from resim.results.writing import (
     assessment_document,
-    json_text,
     write_assessment,
     write_conversion,
     write_json,
@@ -40,7 +39,6 @@ __all__ = [
     "assessment_document",
     "check_output",
     "explain_os_errors",
-    "json_text",
     "locked",
     "remove_results",
     "whole_file",

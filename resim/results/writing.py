@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +10,7 @@ import duckdb
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash
+from resim.core.json_text import json_text
 from resim.core.sealed import sealed
 from resim.core.spec import read_json, read_sealed_json, to_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN
@@ -26,32 +25,6 @@ if TYPE_CHECKING:  # the catalog lists results without loading all that makes th
 def write_json(data: Any, path: Path) -> None:
     """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
     path.write_text(json_text(data), encoding="utf-8")
-
-
-def json_text(data: Any) -> str:
-    """Give JSON as `write_json` writes it."""
-    return "".join(_json(data, "")) + "\n"
-
-
-def _json(data: Any, indent: str) -> Iterator[str]:
-    """JSON in pieces; dictionaries and lists of them are spread over lines."""
-    deeper = indent + "  "
-    if isinstance(data, Mapping) and data:
-        start = "{\n"
-        for key, value in data.items():
-            yield f"{start}{deeper}{json.dumps(str(key))}: "
-            yield from _json(value, deeper)
-            start = ",\n"
-        yield f"\n{indent}}}"
-    elif isinstance(data, list | tuple) and any(isinstance(value, Mapping | list | tuple) for value in data):
-        start = "[\n"
-        for value in data:
-            yield start + deeper
-            yield from _json(value, deeper)
-            start = ",\n"
-        yield f"\n{indent}]"
-    else:
-        yield json.dumps(data, allow_nan=False)
 
 
 def write_parquet(table: pd.DataFrame, path: Path) -> None:

@@ -32,6 +32,7 @@ from scipy.interpolate import PPoly
 from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import read_file
+from resim.core.json_text import json_text
 from resim.core.tracks import KINDS
 from resim.scenario.scenario import SIZES, RoadPosition, Scenario, ScenarioObject
 
@@ -271,7 +272,7 @@ def write_jscen(scenario: Scenario, path: Path) -> None:
             path, f"this scenario cannot be written: {faults.describe(e.errors(), JscenFile)}"
         ) from e
     beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    beside.write_text(json_text(data), encoding="utf-8")
     beside.replace(path)
 
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from resim.core.files import read_file
+from resim.core.json_text import json_text
 from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import read_sealed_json, to_json
-from resim.results import VERIFICATION, check_output, json_text, whole_file
+from resim.results import VERIFICATION, check_output, whole_file
 from resim.verification.cases import CASES, Traces
 from resim.verification.execution import REPORTS, files_of
 from resim.verification.inputs import VerificationBegun, VerificationRequest

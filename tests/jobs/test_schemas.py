@@ -14,11 +14,11 @@ import pytest
 from conftest import ROOT
 
 import resim
+from resim.core.json_text import json_text
 from resim.core.sealed import sealed
 from resim.core.spec import read_json, read_sealed_json, to_json
 from resim.jobs.schemas import FORMATS, schema_of
 from resim.resimulation import PerceptionSetup, ResimulationOptions
-from resim.results import json_text
 from resim.verification.request import VerifyOptions
 
 PILOT, NEWER = (ROOT / "adfunc" / "builds" / f"highway_pilot-1.{k}.toml" for k in (0, 1))

@@ -20,9 +20,9 @@ from resealed import edit
 from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
 
 from resim.core.errors import InputError
+from resim.core.json_text import json_text
 from resim.core.spec import from_json, read_json, to_json
 from resim.jobs.schemas import schema_of
-from resim.results import json_text
 from resim.sweeps.page import write_sweep_page
 from resim.sweeps.report import SweepReport
 from resim.sweeps.result import read_swept

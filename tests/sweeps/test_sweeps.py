@@ -26,12 +26,12 @@ from processes import below
 from swept import THREE, write_adaptive
 
 from resim.core.errors import InputError
+from resim.core.json_text import json_text
 from resim.core.sealed import sealed as with_checksum
 from resim.core.spec import to_json
 from resim.execution import journal
 from resim.execution.journal import JournalEntry
 from resim.jobs.schemas import schema_of
-from resim.results import json_text
 from resim.sweeps.result import read_swept
 
 ROOT = Path(__file__).parents[2]

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from lxml import etree, html
 
+from resim.core.json_text import json_text
 from resim.core.spec import from_json, to_json
-from resim.results import json_text
 from resim.verification.cases import Traces
 from resim.verification.execution import verify
 from resim.verification.junit import junit

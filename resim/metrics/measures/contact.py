@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Boxes, Floats, boxes_overlap
+from resim.core.geometry import Floats
 
 Rows = NDArray[np.intp]
 
@@ -30,24 +30,12 @@ def first_contact(a: Floats, b: Floats, h: Floats, size_a: Floats, size_b: Float
 
 
 def distance(a: Floats, b: Floats, size_a: Floats, size_b: Floats) -> Floats:
-    """Give the distance [m] between boxes, 0 where they touch: a, b (..., >= 3) x, y, heading; sizes (..., 2).
+    """Give the distance (P, N) [m] between boxes, 0 where they touch.
 
     Exact: the nearest points of two boxes apart are a corner of one and a point of the other.
     """
-    best = np.full(np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), np.inf)
-    for one, two, size_1, size_2 in ((a, b, size_a, size_b), (b, a, size_b, size_a)):
-        c, s = np.cos(two[..., 2]), np.sin(two[..., 2])
-        dx, dy = one[..., 0] - two[..., 0], one[..., 1] - two[..., 1]
-        px, py = c * dx + s * dy, c * dy - s * dx
-        turn = one[..., 2] - two[..., 2]
-        ct, st = np.cos(turn), np.sin(turn)
-        for i, k in ((0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5)):
-            ahead, left = i * size_1[..., 0], k * size_1[..., 1]
-            ox = np.maximum(np.abs(px + ct * ahead - st * left) - 0.5 * size_2[..., 0], 0.0)
-            oy = np.maximum(np.abs(py + st * ahead + ct * left) - 0.5 * size_2[..., 1], 0.0)
-            best = np.minimum(best, np.hypot(ox, oy))
-    touch = boxes_overlap(
-        Boxes(a[..., 0], a[..., 1], a[..., 2], size_a[..., 0], size_a[..., 1]),
-        Boxes(b[..., 0], b[..., 1], b[..., 2], size_b[..., 0], size_b[..., 1]),
-    )
-    return np.where(touch, 0.0, best)
+    from resim.metrics.measures import kernel
+
+    if a.shape != b.shape:
+        raise ValueError(f"motions do not match: {a.shape}, {b.shape}")
+    return np.asarray(kernel.distance(*kernel.plain(a, b, size_a, size_b)))

@@ -16,6 +16,7 @@ from resim.core.geometry import Floats
 
 PARTS = 16
 SLOW = 0.05  # m/s up to which somebody stands
+SMALL = 0.05  # rad; below it the series of `_integrals` is exact to 1e-12
 BULGE = 4.0 / 27.0  # the most that a cubic Hermite strays from its chord, per metre of tangent error
 
 compiled = njit(error_model="numpy")
@@ -55,12 +56,56 @@ def _above(x):
 
 @compiled
 def _place(a, b, f, tangents, beyond, out):
-    """Put into out (4,) x, y and heading at share f from a to b (4,) with tangents [m]; `beyond` [m] straight on."""
+    """Put into out (4,) x, y and heading at share f from a to b with tangents [m]; `beyond` [m] straight on.
+
+    a, b: x, y, heading, its cosine and sine.
+    """
     ma, mb = tangents
-    cos_b, sin_b = math.cos(b[2]), math.sin(b[2])
-    out[0] = _hermite(f, a[0], ma * math.cos(a[2]), b[0], mb * cos_b) + beyond * cos_b
-    out[1] = _hermite(f, a[1], ma * math.sin(a[2]), b[1], mb * sin_b) + beyond * sin_b
+    out[0] = _hermite(f, a[0], ma * a[3], b[0], mb * b[3]) + beyond * b[3]
+    out[1] = _hermite(f, a[1], ma * a[4], b[1], mb * b[4]) + beyond * b[4]
     out[2] = a[2] + f * _wrap(b[2] - a[2])
+
+
+@compiled
+def _turned(path, out):
+    """Put into out (M + 1, 5) x, y, heading of a path (M + 1, 4), and its heading's cosine and sine."""
+    for j in range(len(path)):
+        out[j, 0], out[j, 1], out[j, 2] = path[j, 0], path[j, 1], path[j, 2]
+        out[j, 3], out[j, 4] = math.cos(path[j, 2]), math.sin(path[j, 2])
+
+
+@compiled
+def _integrals(turn, t):
+    """Real and imaginary parts of I0 = ∫ e^(i w s) ds and I1 = ∫ s e^(i w s) ds over 0..t, with turn = w t."""
+    half = 0.5 * turn
+    sinc = math.sin(half) / half if abs(half) > 1e-8 else 1.0
+    x0, y0 = t * math.cos(half) * sinc, t * math.sin(half) * sinc
+    if abs(turn) > SMALL:
+        return x0, y0, t * (t * math.sin(turn) - y0) / turn, -t * (t * math.cos(turn) - x0) / turn
+    square = turn * turn
+    x1 = t * t * (1 / 2 - square * (1 / 8 - square / 144))
+    return x0, y0, x1, t * t * turn * (1 / 3 - square * (1 / 30 - square / 840))
+
+
+@entry
+def ctra(state, t):
+    """See `motion.ctra`."""
+    out = np.empty((*t.shape, 4))
+    for p in range(t.shape[0]):
+        x, y, heading, v, a, rate = state[p]
+        cos, sin = math.cos(heading), math.sin(heading)
+        stop = math.inf
+        if -SLOW <= v <= 0.0:
+            stop = 0.0 if a <= 0.0 else math.inf
+        elif v * a < 0.0:
+            stop = abs(v) / max(abs(a), 1e-12)
+        for n in range(t.shape[1]):
+            until = min(t[p, n], stop)
+            x0, y0, x1, y1 = _integrals(rate * until, until)
+            ahead, aside = v * x0 + a * x1, v * y0 + a * y1
+            out[p, n, 0], out[p, n, 1] = x + cos * ahead - sin * aside, y + sin * ahead + cos * aside
+            out[p, n, 2], out[p, n, 3] = heading + rate * until, v + a * until
+    return out
 
 
 @entry
@@ -80,15 +125,16 @@ def straight(state, t):
 def sample(path, step, t):
     """See `motion.sample`."""
     last = path.shape[1] - 1
-    out = np.empty((*t.shape, 4))
+    out, turned = np.empty((*t.shape, 4)), np.empty((last + 1, 5))
     for p in range(t.shape[0]):
+        _turned(path[p], turned)
         for n in range(t.shape[1]):
             at = t[p, n] / step
             j = min(max(int(at), 0), last - 1)
-            a, b = path[p, j], path[p, j + 1]
-            f, beyond = _share(at - j), _above(t[p, n] - last * step) * b[3]
-            _place(a, b, f, (a[3] * step, b[3] * step), beyond, out[p, n])
-            out[p, n, 3] = a[3] + f * (b[3] - a[3])
+            one, two = path[p, j, 3], path[p, j + 1, 3]
+            f, beyond = _share(at - j), _above(t[p, n] - last * step) * two
+            _place(turned[j], turned[j + 1], f, (one * step, two * step), beyond, out[p, n])
+            out[p, n, 3] = one + f * (two - one)
     return out
 
 
@@ -113,8 +159,9 @@ def _direction(path, first):
 def along(path, s, v):
     """See `motion.along`."""
     last = path.shape[1] - 1
-    out, station = np.empty((*s.shape, 4)), np.zeros(last + 1)
+    out, station, turned = np.empty((*s.shape, 4)), np.zeros(last + 1), np.empty((last + 1, 5))
     for p in range(s.shape[0]):
+        _turned(path[p], turned)
         for k in range(last):
             dx, dy = path[p, k + 1, 0] - path[p, k, 0], path[p, k + 1, 1] - path[p, k, 1]
             station[k + 1] = station[k] + math.hypot(dx, dy)
@@ -130,10 +177,10 @@ def along(path, s, v):
             while j < top and s[p, n] >= station[j + 1]:
                 j += 1
             k = min(j + 1, turn)
-            a, b, ds = path[p, j], path[p, k], station[k] - station[j]
+            ds = station[k] - station[j]
             f = _share((s[p, n] - station[j]) / (ds if ds > 1e-9 else 1.0))
             beyond = ahead * _above(s[p, n] - station[turn])
-            _place(a, b, f, (ahead * ds, ahead * ds), beyond, out[p, n])
+            _place(turned[j], turned[k], f, (ahead * ds, ahead * ds), beyond, out[p, n])
             out[p, n, 3] = ahead * v[p, n]
     return out
 
@@ -234,4 +281,66 @@ def first_contact(a, b, h, size_a, size_b):
                     out[p] = (j + share) * h[p]
                     break
             x0, y0, d0, pace0 = x1, y1, d1, pace1
+    return out
+
+
+@compiled
+def _corner_to_box(dx, dy, heading, turn, own, other):
+    """Square of the distance [m²] from the nearest corner of a box of size `own`, at dx, dy from another and turned
+    against it, to that other of size `other` with this heading.
+    """
+    c, s, ct, st = math.cos(heading), math.sin(heading), math.cos(turn), math.sin(turn)
+    px, py = c * dx + s * dy, c * dy - s * dx
+    best = math.inf
+    for i in (-0.5, 0.5):
+        for k in (-0.5, 0.5):
+            ahead, left = i * own[0], k * own[1]
+            ox = _above(abs(px + ct * ahead - st * left) - 0.5 * other[0])
+            oy = _above(abs(py + st * ahead + ct * left) - 0.5 * other[1])
+            square = ox * ox + oy * oy
+            if square < best or math.isnan(square):
+                best = square
+    return best
+
+
+@entry
+def distance(a, b, size_a, size_b):
+    """See `contact.distance`."""
+    out = np.empty(a.shape[:2])
+    for p in range(a.shape[0]):
+        for n in range(a.shape[1]):
+            one, two = a[p, n], b[p, n]
+            if _overlap(one, two, size_a[p], size_b[p]):
+                out[p, n] = 0.0
+                continue
+            dx, dy, turn = one[0] - two[0], one[1] - two[1], one[2] - two[2]
+            square = min(
+                _corner_to_box(dx, dy, two[2], turn, size_a[p], size_b[p]),
+                _corner_to_box(-dx, -dy, one[2], -turn, size_b[p], size_a[p]),
+            )
+            out[p, n] = math.sqrt(square)
+    return out
+
+
+@entry
+def least_shift(a, b, reach):
+    """Give the fewest steps (P,) between a at one place and b within reach (P,) [m] of it; inf: never.
+
+    a, b: (P, N, 4).
+    """
+    out = np.full(a.shape[0], math.inf)
+    steps = a.shape[1]
+    for p in range(a.shape[0]):
+        square = reach[p] * reach[p]
+        for shift in range(steps):
+            for j in range(steps - shift):
+                for one, two in ((j, j + shift), (j + shift, j)):
+                    x, y = b[p, two, 0] - a[p, one, 0], b[p, two, 1] - a[p, one, 1]
+                    if x * x + y * y <= square:
+                        out[p] = shift
+                        break
+                if out[p] < math.inf:
+                    break
+            if out[p] < math.inf:
+                break
     return out

@@ -6,19 +6,6 @@ import numpy as np
 
 from resim.core.geometry import Floats
 
-SMALL = 0.05  # rad; below it the series of `_integrals` is exact to 1e-12
-SLOW = 0.05  # m/s up to which somebody stands, which way ever noise has him roll
-
-
-def _integrals(turn: Floats, t: Floats) -> tuple[Floats, Floats]:
-    """I0 = ∫ e^(i w s) ds and I1 = ∫ s e^(i w s) ds over 0..t, complex, with turn = w t."""
-    i0 = t * np.exp(0.5j * turn) * np.sinc(turn / (2.0 * np.pi))
-    u = 1j * turn
-    series = t * t * (1 / 2 + u * (1 / 3 + u * (1 / 8 + u * (1 / 30 + u * (1 / 144 + u / 840)))))
-    large = np.abs(turn) > SMALL
-    safe = np.where(large, u, 1.0)
-    return i0, np.where(large, t * (t * np.exp(u) - i0) / safe, series)
-
 
 def ctra(state: Floats, t: Floats) -> Floats:
     """Give the motion (P, N, 4) of constant turn rate and acceleration (Wagner 2021, Eq. 4.1), in closed form.
@@ -26,14 +13,10 @@ def ctra(state: Floats, t: Floats) -> Floats:
     state: (P, 6) x, y, heading, v, a [m/s²], yaw rate [rad/s]; t: (P, N) s. Who brakes to standstill stays there; who
     stands, or seems to roll back a little, does so too but drives off ahead at a > 0.
     """
-    x, y, heading, v, a, rate = (state[:, i, None] for i in range(6))
-    stands = (v >= -SLOW) & (v <= 0.0)
-    stop = np.where(v * a < 0.0, np.abs(v) / np.maximum(np.abs(a), 1e-12), np.inf)
-    stop = np.where(stands, np.where(a <= 0.0, 0.0, np.inf), stop)
-    t = np.minimum(t, stop)
-    i0, i1 = _integrals(rate * t, t)
-    way = np.exp(1j * heading) * (v * i0 + a * i1)
-    return np.stack([x + way.real, y + way.imag, heading + rate * t, v + a * t], axis=-1)
+    # compiled: numba is imported where it is used only
+    from resim.metrics.measures import kernel
+
+    return np.asarray(kernel.ctra(*kernel.plain(state, t)))
 
 
 def straight(state: Floats, t: Floats) -> Floats:

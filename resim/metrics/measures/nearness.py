@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def pmd(pairs: Pairs) -> MeasureValues:
     with acceleration and yaw rate kept. Steps that can hold the minimum are cut in PARTS, and those again. Always a
     value.
     """
-    return pairs.measured(PMD, partial(_nearest, 0))
+    return PMD.values(*_nearest(pairs)[0])
 
 
 TPMD = MeasureDefinition(
@@ -55,10 +55,25 @@ TPMD = MeasureDefinition(
 
 def tpmd(pairs: Pairs) -> MeasureValues:
     """Give the time to PMD (S, K) [s]: when the distance of `pmd` is reached first. Always a value."""
-    return pairs.measured(TPMD, partial(_nearest, 1))
+    return TPMD.values(*_nearest(pairs)[1])
 
 
-def _nearest(which: int, p: CompletePairs) -> tuple[Floats, States]:
+@lru_cache(maxsize=1)
+def _nearest(pairs: Pairs) -> tuple[tuple[Floats, States], tuple[Floats, States]]:
+    """Least distance [m] and when [s] it is reached, values and states (S, K): one search gives both."""
+    times = np.full(pairs.state.shape[:2], np.nan)
+
+    def of(p: CompletePairs) -> tuple[Floats, States]:
+        near, when = _nearest_of(p)
+        times[p.scene, p.column] = when
+        return stated(near, conflict=np.ones(len(near), dtype=bool))
+
+    near = pairs.measured(PMD, of)
+    return (near.value, near.state), (times, near.state)
+
+
+def _nearest_of(p: CompletePairs) -> tuple[Floats, Floats]:
+    """Least distance (P,) [m], and when (P,) [s] it is reached first."""
     t = p.t
     near, at = _apart(p, t), t
     a, b = p.planned(t), p.expected(t)
@@ -83,11 +98,11 @@ def _nearest(which: int, p: CompletePairs) -> tuple[Floats, States]:
         low = np.minimum(low, p.horizon - h)
     contact = planned_contact(p)
     touch = np.isfinite(contact)
-    return stated(np.where(touch, (0.0, contact)[which], (best, when)[which]), conflict=np.ones_like(touch))
+    return np.where(touch, 0.0, best), np.where(touch, contact, when)
 
 
 def _apart(p: CompletePairs, t: Floats) -> Floats:
-    return distance(p.planned(t), p.expected(t), p.ego_size[:, None], p.size[:, None])
+    return distance(p.planned(t), p.expected(t), p.ego_size, p.size)
 
 
 def _first(near: Floats, least: Floats) -> Floats:
@@ -142,15 +157,13 @@ def _pet(p: CompletePairs) -> tuple[Floats, States]:
 
 def _least_shift(p: CompletePairs) -> Floats:
     """Fewest steps (P,) between the circles around both boxes being at one place, less one; inf: never at one."""
-    a, b = p.planned(p.t)[..., :2], p.expected(p.t)[..., :2]
+    from resim.metrics.measures import kernel  # compiled: numba is imported where it is used only
+
+    a, b = p.planned(p.t), p.expected(p.t)
     reach = 0.5 * (np.hypot(*p.ego_size.T) + np.hypot(*p.size.T))
     for path in (a, b):
-        reach = reach + np.hypot(*np.moveaxis(np.diff(path, axis=1), 2, 0)).max(axis=1)
-    least, steps = np.full(len(a), np.inf), np.arange(a.shape[1])
-    for j in steps:
-        near = np.hypot(*np.moveaxis(b - a[:, j, None], 2, 0)) <= reach[:, None]
-        least = np.minimum(least, np.where(near, np.abs(steps - j), np.inf).min(axis=1))
-    return least - 1.0
+        reach = reach + np.hypot(*np.moveaxis(np.diff(path[..., :2], axis=1), 2, 0)).max(axis=1)
+    return np.asarray(kernel.least_shift(*kernel.plain(a, b, reach)) - 1.0)
 
 
 def _share(p: CompletePairs, shift: Floats) -> Bools:

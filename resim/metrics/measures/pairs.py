@@ -23,11 +23,12 @@ CHUNK = 2048  # pairs looked at together: bounds memory
 class CompletePairs:
     """P pairs of the EGO and one object, all complete; fields as in `Pairs`, rows (P, ...).
 
-    every: the scenes that they are of, pair p of scene[p].
+    every: the scenes that they are of, pair p of scene[p] and its object column[p].
     """
 
     every: Pairs
     scene: Rows
+    column: Rows
     plan: Floats
     ego_size: Floats
     state: Floats
@@ -55,8 +56,8 @@ class CompletePairs:
         """Give these pairs."""
         path = None if self.path is None else self.path[rows]
         return replace(
-            self, scene=self.scene[rows], plan=self.plan[rows], ego_size=self.ego_size[rows], state=self.state[rows],
-            size=self.size[rows], path=path,
+            self, scene=self.scene[rows], column=self.column[rows], plan=self.plan[rows],
+            ego_size=self.ego_size[rows], state=self.state[rows], size=self.size[rows], path=path,
         )  # fmt: skip
 
     def planned(self, t: Floats) -> Floats:
@@ -176,7 +177,7 @@ class Pairs:
             state_ij, size = self.state[i, j], self.size[i, j]
             value[i, j], state[i, j] = of(
                 CompletePairs(
-                    self, i, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span
+                    self, i, j, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span
                 )
             )
         return measure.values(value, state)
