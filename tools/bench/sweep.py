@@ -1,10 +1,15 @@
 """Runs of a sweep a second and core, what a second worker brings, what the engine costs, and whether memory grows.
 
-    python tools/bench/sweep.py [--runs 40] [--rounds 6] [--long 0] [--seconds 10]
+    python tools/bench/sweep.py [DATA] [--runs 40] [--rounds 6] [--long 0] [--seconds 10]
 
-A run is a re-simulation of 10 s at 25 Hz with five traffic objects (a drive of tools/bench/verify.py) by
-highway_pilot-1.0 with the trained perception model, with its errors and criticality, risk at 5 Hz. Targets: 15 runs a
-second and core, 30 being the goal; two workers 1.8 times one; less than 5 % for the engine.
+A run is a re-simulation by highway_pilot-1.0 with the trained perception model, with its errors and criticality, risk
+at 5 Hz. First one process does runs of the corner case and, with DATA (../shared/data), of two NGSIM US-101 recordings,
+35 objects over 8 s and 54 over 16.6 s, with both engines in turns: CPU time, least and median. `harness_ms`: that of a
+run of the corner case less what the function took inside `step`. Targets a second and core with the engine direct: 100
+runs of the corner case (300 the goal), 20 (60) and 8 (25) of the recordings; 10 ms (5) for the harness.
+
+Then the runner, with runs of 10 s at 25 Hz with five traffic objects (a drive of tools/bench/verify.py), engine direct.
+Targets: two workers 1.9 times one (1.95); less than 5 % for the runner.
 
 In turns, in each round: the same runs by one worker, in a plain loop in this process, and by two workers, journal and
 all. The other cores are kept busy, as an idle one makes the others of a virtual machine slower, by up to a half.
@@ -34,10 +39,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 
 from resim.execution import journal
+from resim.metrics.criteria import read_criteria
+from resim.perception.model import read_model
+from resim.recordings import read_commonroad, read_recording
+from resim.resimulation import ResimulationOptions
+from resim.simulation.function.interface import Build, load_build
+from resim.sweeps.engines import ENGINES
 from resim.sweeps.execution import begin, execute, inputs, tasks
 from resim.sweeps.file import Sweep, read_sweep, runs
+from resim.sweeps.one_run import prepare_sweep, run_once
 from resim.sweeps.tasks import run
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -50,6 +63,7 @@ criteria = "{root}/scenarios/criteria/highway.toml"
 build = ["{root}/adfunc/builds/highway_pilot-1.0.toml"]
 perception = "{root}/adfunc/perception/proving_ground.json"
 seeds = {seeds}
+engine = "direct"
 
 [[recording]]
 folder = "drive"
@@ -60,6 +74,81 @@ low = 0.0
 high = 1.0
 steps = 10
 """
+
+
+NGSIM = {
+    "US-101-12, 35 objects": ("USA_US101-12_1_T-1", "296"),
+    "US-101-22, 54 objects": ("USA_US101-22_1_T-1", "659"),
+}
+CORNER = "corner case"
+
+
+METERED = """
+import time
+from adfunc.highway_pilot import HighwayPilot
+
+
+class Metered(HighwayPilot):
+    def __init__(self, *, told):
+        super().__init__()
+        self.told, self.inside = told, 0.0
+
+    def step(self, perceived):
+        begun = time.process_time()
+        answer = super().step(perceived)
+        self.inside += time.process_time() - begun
+        return answer
+
+    def close(self):
+        with open(self.told, "w") as file:
+            file.write(repr(self.inside))
+"""
+"""highway_pilot, which tells how much CPU time [s] it took."""
+
+
+def metered(home: Path) -> tuple[Build, Path]:
+    """Give the build of it, and the file in which it tells."""
+    told = home / "told" / "inside.txt"
+    told.parent.mkdir()
+    (home / "metered.py").write_text(METERED, encoding="utf-8")
+    text = f'name = "metered"\nversion = "1.0"\nfactory = "metered:Metered"\n[parameters]\ntold = "{told}"\n'
+    (home / "metered.toml").write_text(text, encoding="utf-8")
+    return load_build(home / "metered.toml"), told
+
+
+def engines(data: Path | None, rounds: int, home: Path) -> dict[str, float]:
+    """Print CPU times of single runs with both engines; give runs a second and core with direct, and harness_ms."""
+    criteria = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
+    build, told = metered(home)
+    model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
+    recordings = {CORNER: read_recording(ROOT / "scenarios" / "cut_in_brake")}
+    for name, (file, ego) in NGSIM.items() if data is not None else ():
+        at = data / "ngsim" / file
+        recordings[name] = read_commonroad(at.with_suffix(".xml"), map=at.with_suffix(".xodr"), ego=ego)
+    out = dict[str, float]()
+    print(
+        "| run | engine | CPU, least [ms] | median [ms] | inside step, median [ms] |\n|---|---|---|---|---|"
+    )
+    for name, recording in recordings.items():
+        prepared, taken = (
+            prepare_sweep(recording, criteria),
+            {engine: list[tuple[float, float]]() for engine in ENGINES},
+        )
+        for seed in range(rounds + 1):
+            for engine, of in taken.items():
+                begun = time.process_time()
+                run_once(prepared, build, model, seed, ResimulationOptions(engine=ENGINES[engine]))
+                of.append((time.process_time() - begun, float(told.read_text(encoding="utf-8"))))
+        for engine, of in taken.items():
+            (least, middle), inside = ((min(c), median(c)) for c in zip(*of[1:], strict=True))
+            row = (1e3 * s for s in (least, middle, inside[1]))
+            print(f"| {name} | {engine} | " + " | ".join(f"{ms:.1f}" for ms in row) + " |", flush=True)
+            if engine == "direct":
+                key = {CORNER: "runs_per_s_core"}.get(name, f"runs_per_s_core, {name}")
+                out[key] = round(1.0 / least, 1)
+                if name == CORNER:
+                    out["harness_ms"] = round(1e3 * min(whole - part for whole, part in of[1:]), 1)
+    return out
 
 
 def sweep_of(home: Path, count: int) -> Sweep:
@@ -149,6 +238,7 @@ def long(sweep: Sweep, home: Path, count: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", nargs="?", type=Path, metavar="DATA", help="folder with ngsim/")
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--long", type=int, default=0)
@@ -160,7 +250,9 @@ def main() -> None:
         if given.long:
             long(sweep_of(home, given.long), home, given.long)
             return
-        print(f"load before {os.getloadavg()[0]:.2f}; seconds a run")
+        print(f"load before {os.getloadavg()[0]:.2f}")
+        single = engines(given.data, 2 * given.rounds, home)
+        print("seconds a run of 10 s with five objects")
         print("| round | plain loop | 1 worker | 2 workers |\n|---|---|---|---|")
         found = []
         for number in range(given.rounds):
@@ -173,7 +265,7 @@ def main() -> None:
             print(f"| {number + 1} | " + " | ".join(f"{s:.4f}" for s in row) + " |", flush=True)
     loop, one, two, engine, start = (min(column) for column in zip(*found, strict=True))
     print(json.dumps({
-        "runs_per_s_core": round(1.0 / one, 1), "goal": 30.0, "target": 15.0,
+        **single, "five_objects_per_s_core": round(1.0 / one, 1),
         "scaling": round(one / two, 2), "overhead": round(engine, 3), "plain_per_s": round(1.0 / loop, 1),
         "start_s": round(start, 1), "python": platform.python_version(), "loop_ns": round(turn()),
     }))  # fmt: skip
