@@ -19,7 +19,8 @@ from resim.road.sumo.conversion import Jump
 class ConversionReport:
     """What conversion.json says of a map and of the SUMO net made of it.
 
-    hash: of all that decides the net. worst, mean: errors [m] of the lanes that are in the net. not_exact: how many
+    hash: of all that decides the net. worst, mean: errors [m] of the lanes that are in the net; simulated:
+    the worst in the net that is simulated in. not_exact: how many
     lanes are missing or beyond their limit. lanes: worst first, missing ones before. connections: linked pairs of SUMO
     lanes. jumps: gaps between linked lanes. lost: links that are not in the net. flaws: what is wrong in the map.
     files: hashes of what was written.
@@ -32,6 +33,7 @@ class ConversionReport:
     hash: str
     worst: float
     mean: float
+    simulated: float
     not_exact: int
     lanes: tuple[LaneError, ...]
     connections: int
@@ -72,6 +74,7 @@ class MapCheck:
             hash=self.net.hash,
             worst=conversion.worst,
             mean=conversion.mean,
+            simulated=conversion.simulated,
             not_exact=len(conversion.bad),
             lanes=conversion.lanes,
             connections=conversion.connections,

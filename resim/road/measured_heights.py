@@ -10,12 +10,16 @@ there is no lane.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from resim.core.geometry import Bools, Floats
 from resim.core.levels import CLEAR, over
@@ -32,8 +36,8 @@ roads rise on the way."""
 MOST = 0.9
 """Share of an object's places at which it has to be on a lane's height."""
 HANDED, MISS, HARDEST = 1.0, 2.0, 10.0
-"""Time [s] within which one id can go on as another, by how far [m] it may miss where it was going to, and what turns
-and brakes add [m/s²]."""
+"""Of one id that goes on as another: time [s] between them, how far [m] the other may begin from where it was going to,
+and what turning and braking add to that [m/s²]."""
 BIN = 1.0
 """Width [m] of the classes in which an offset of all heights is looked for."""
 
@@ -112,42 +116,59 @@ def measured_heights(tracks: Sequence[HeightTrack], network: RoadNetwork) -> Mea
 
 
 def _handed_over(tracks: Sequence[HeightTrack], z: Sequence[Floats]) -> dict[int, str]:
-    """Why nothing is believed of those that one goes on as the other, who would have leapt; by their numbers.
+    """Give the tracks whose height leaps where one id is continued by another, and why, by their numbers.
 
-    z: of each track (K,) m, as it is believed of that alone.
+    All that can be one object are doubted together. z: of each track (K,) m, as it is believed of that alone.
     """
     there = [np.flatnonzero(np.isfinite(k.x + k.y)) for k in tracks]
-    order = sorted((n for n, k in enumerate(there) if len(k)), key=lambda n: float(tracks[n].t[there[n][0]]))
-    ends = {n: _end(tracks[n], there[n]) for n in order}
-    last: dict[
-        int, list[tuple[int, float, float]]
-    ] = {}  # whose height [m] a track ends with, and how far [m] ago
+    some = [n for n, k in enumerate(there) if len(k)]
     out: dict[int, str] = {}
-    for m in order:
-        k, known, way = tracks[m], np.flatnonzero(np.isfinite(z[m])), _way(tracks[m])
-        begin, place = there[m][0], complex(k.x[there[m][0]], k.y[there[m][0]])
-        before = [
-            (one, height, gone + abs(place - ends[n][1]))
-            for n, heights in last.items()
-            if _goes_on(ends[n], float(k.t[begin]), place)
-            for one, height, gone in heights
+    for group in _groups(tracks, there, some):
+        known = [(n, np.flatnonzero(np.isfinite(z[n]))) for n in group]
+        known = sorted(((n, k) for n, k in known if len(k)), key=lambda nk: float(tracks[nk[0]].t[nk[1][0]]))
+        leaps = [
+            (rise, one, other)
+            for (one, k), (other, m) in pairwise(known)
+            if (rise := abs(float(z[other][m[0]] - z[one][k[-1]])))
+            > _can_rise(tracks[one], k, tracks[other], m)
         ]
-        for one, height, gone in before if len(known) else ():
-            rise = abs(float(z[m][known[0]]) - height)
-            if rise > STEP + STEEP * (gone + way[known[0]] - way[begin]):
-                for who, other in ((one, m), (m, one)):
-                    out[who] = f"it is the same as {tracks[other].id!r}, which is {rise:.1f} m above or below"
-        if len(known):
-            last[m] = [(m, float(z[m][known[-1]]), float(way[there[m][-1]] - way[known[-1]]))]
-        else:
-            last[m] = [(one, height, gone + float(way[-1] - way[begin])) for one, height, gone in before]
+        if leaps:
+            rise, one, other = max(leaps)
+            ids = f"{tracks[one].id!r} goes on as {tracks[other].id!r}"
+            out |= dict.fromkeys(group, f"{ids}, which is {rise:.1f} m above or below")
     return out
 
 
-def _goes_on(end: tuple[float, complex, complex], t: float, place: complex) -> bool:
-    """Whether who ends so, at a time and place with a velocity, can be who is first seen at t [s] at this place."""
-    dt = t - end[0]
-    return 0.0 < dt <= HANDED + SAME and abs(place - end[1] - end[2] * dt) <= MISS + HARDEST * dt * dt
+def _can_rise(one: HeightTrack, known: NDArray[np.intp], other: HeightTrack, told: NDArray[np.intp]) -> float:
+    """Give by how much [m] the road can have risen between the last known height of one and the first of another."""
+    k, m = known[-1], told[0]
+    way = math.hypot(other.x[m] - one.x[k], other.y[m] - one.y[k])
+    _, _, velocity = _end(one, np.flatnonzero(np.isfinite(one.x + one.y)))
+    return STEP + STEEP * max(way, abs(velocity) * float(other.t[m] - one.t[k]))
+
+
+def _groups(
+    tracks: Sequence[HeightTrack], there: Sequence[NDArray[np.intp]], some: Sequence[int]
+) -> list[list[int]]:
+    """Give the tracks that can be one object, in groups of two and more: where one ends, another begins soon after."""
+    begins = np.array([float(tracks[n].t[there[n][0]]) for n in some])
+    places = np.array([complex(tracks[n].x[there[n][0]], tracks[n].y[there[n][0]]) for n in some])
+    links: tuple[list[int], list[int]] = ([], [])
+    for k, n in enumerate(some):
+        t, place, velocity = _end(tracks[n], there[n])
+        dt = begins - t
+        soon = (dt > 0.0) & (dt <= HANDED + SAME)
+        near = np.abs(places - place - velocity * dt) <= MISS + HARDEST * dt * dt
+        after = np.flatnonzero(soon & near).tolist()
+        links[0].extend([k] * len(after))
+        links[1].extend(after)
+    count = len(some)
+    graph = coo_array((np.ones(len(links[0])), links), shape=(count, count))
+    label = connected_components(graph, directed=False)[1]
+    groups = [
+        [some[k] for k in np.flatnonzero(label == one).tolist()] for one in range(label.max(initial=-1) + 1)
+    ]
+    return [group for group in groups if len(group) > 1]
 
 
 def _end(track: HeightTrack, there: NDArray[np.intp]) -> tuple[float, complex, complex]:

@@ -4,7 +4,8 @@ A natural spline over knots (K,) is linear in its values there. What one of them
 from knot to knot: beyond REACH knots nothing is left of it, so that all that is done here grows with a trace's length,
 but for pairs of columns of the normal equations.
 
-What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change.
+What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change,
+and is one file, however long.
 """
 
 # mypy: ignore-errors
@@ -200,10 +201,11 @@ def start(measured, knots, ridge_bend, ridge):
         first[i] = np.searchsorted(measured.t, knots[low]) if low > 0 else 0
         last[i] = np.searchsorted(measured.t, knots[high]) if high < count - 1 else len(own)
         for n in range(first[i], last[i]):
-            if own[n] < measured.grid:
-                every[i, n] = values[own[n] - flat.grid[low]]
-            else:
-                every[i, n] = between[own[n] - measured.grid - flat.between[low]]
+            even = own[n] < measured.grid  # a time and its node may lie on two sides of a knot, by a rounding
+            k = own[n] - flat.grid[low] if even else own[n] - measured.grid - flat.between[low]
+            end = flat.grid[high] - flat.grid[low] if even else flat.between[high] - flat.between[low]
+            if 0 <= k < end:
+                every[i, n] = values[k] if even else between[k]
     normal, right = np.zeros((count, count)), np.zeros((count, 2))
     for i in range(count):
         for j in range(i, min(i + 2 * REACH + 3, count)):

@@ -146,19 +146,16 @@ class SimulatedDrive:
     outside: int
     time: float
 
-    def difference(self, other: SimulatedDrive) -> str:
-        """Give the first field in which two drives are not the same to the byte, "" where there is none.
+    def fingerprint(self) -> dict[str, str]:
+        """Give a checksum of each field: two drives with the same ones are the same to the byte.
 
-        How long it took, and where an engine says that it had somebody, is not of the drive.
+        How long it took, and where an engine says that it had somebody, is not of the drive; nor are the words of a
+        failure, which may hold addresses.
         """
-        for field_ in fields(self):
-            name = field_.name
-            mine, others = (
-                drive.case.hash if name == "case" else getattr(drive, name) for drive in (self, other)
-            )
-            if name not in ("time", "control_error") and _bytes(mine) != _bytes(others):
-                return name
-        return ""
+        left = ("time", "control_error", "traceback", "failure")
+        values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in left}
+        values |= {"case": self.case.hash, "failed": bool(self.failure)}
+        return {name: _checksum(value).hexdigest()[:16] for name, value in values.items()}
 
     @property
     def flaw(self) -> str:
@@ -166,13 +163,18 @@ class SimulatedDrive:
         return why_not_whole(self.end, self.failure, float(self.truth.t[-1]))
 
 
-def _bytes(value: Any) -> Any:
-    """A value such that what is equal is the same to the byte."""
+def _checksum(value: Any) -> hashlib._Hash:
+    """Checksum of numbers, texts, arrays, and tuples and dataclasses of them. Raises TypeError for others."""
     if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
+        plain = value.astype(str) if value.dtype == object else value
+        return hashlib.sha256(f"{plain.dtype.str}{plain.shape}".encode() + plain.tobytes())
     if is_dataclass(value):
-        return [_bytes(getattr(value, field_.name)) for field_ in fields(value)]
-    return [_bytes(one) for one in value] if isinstance(value, tuple) else repr(value)
+        value = tuple(getattr(value, one.name) for one in fields(value))
+    if isinstance(value, tuple):
+        return hashlib.sha256(b"".join(_checksum(one).digest() for one in value))
+    if value is None or isinstance(value, str | int | float | np.generic):
+        return hashlib.sha256(f"{type(value).__name__} {value!r}".encode())
+    raise TypeError(f"no checksum of {type(value).__name__}")
 
 
 def why_not_whole(end: End, failure: str, t: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.loop import drive
+from resim.simulation.turn import turn
 
 
 class Direct:
@@ -13,4 +14,5 @@ class Direct:
 
     def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
         """Drive a case (`resim.simulation.engine.Engine`); there is no window to look on by."""
-        return drive(case, None)
+        with turn():
+            return drive(case, None)

@@ -16,7 +16,7 @@ APART = 1.0
 """Difference of height [m] from which on two roads that the EGO can be on have parted."""
 GAP = 10.0
 """Way [m] without a lane that goes on after which nobody knows on which level it comes back."""
-MOST = 5.0
+COUNTED = 5.0
 """Way [m] that counts for how far the road can have risen; roads above each other are 3 m apart and more."""
 
 
@@ -47,7 +47,7 @@ class FollowedHeight:
         """Ask the map for the height at a place."""
         heights = self._network.surfaces(x, y)[1]
         off = np.abs(heights[:, None] - self._may).min(axis=1)
-        may = heights[off <= STEP + STEEPEST * min(self._off, MOST)]
+        may = heights[off <= STEP + STEEPEST * min(self._off, COUNTED)]
         if self._off > GAP or (len(heights) and (not len(may) or np.ptp(may) > APART)):
             self._known = math.nan
         elif len(may):

@@ -6,6 +6,7 @@ import json
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
@@ -31,7 +32,7 @@ from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import load_build
-from resim.sweeps.engines import refuse_difference
+from resim.sweeps.engines import refuse_difference, what_differs
 from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
@@ -205,9 +206,8 @@ def execute(
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
-            for number, result in _tried(todo, sweep.file.time_limit, workers, pool):
+            for number, result in _proved(todo, sweep.file.time_limit, workers, pool):
                 if not isinstance(result, Failure):
-                    refuse_difference(number, result.differs)
                     name = of[number]
                     if name not in examined:
                         examined.add(name)
@@ -235,6 +235,32 @@ def _rows(sweep: Sweep, out: Path) -> dict[int, Row]:
     """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
     needed = sweep.file.planned.grows
     return {entry.run: entry.row if needed else {} for entry in journal.read(out / "journal", type_of)}
+
+
+def _proved(
+    todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
+) -> Iterator[tuple[int, RunResult | Failure]]:
+    """Give the result of each run by its number, those last that are repeated in SUMO.
+
+    Raises ResimError where a run is not the same there.
+    """
+    direct: dict[int, RunResult] = {}
+    for number, result in _tried(todo, time_limit, workers, pool):
+        if isinstance(result, Failure) or result.fingerprint is None:
+            yield number, result
+        else:
+            direct[number] = result
+    again = [replace(task, engine="sumo") for task in todo if task.run in direct]
+    for number, result in _tried(again, time_limit, workers, pool):
+        refuse_difference(number, _difference(direct[number], result))
+        yield number, direct[number]
+
+
+def _difference(one: RunResult, other: RunResult | Failure) -> str:
+    """Where a run and its repetition in SUMO are not the same."""
+    if isinstance(other, Failure) or one.fingerprint is None or other.fingerprint is None:
+        return f"how it ended ({other.reason if isinstance(other, Failure) else 'another case'})"
+    return what_differs((one.fingerprint, one.row), (other.fingerprint, other.row))
 
 
 def _tried(
@@ -272,7 +298,7 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
         yield RunTask(
             number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
             sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
-            file.engine, file.repeated_in_sumo,
+            file.engine, file.repeated_in_sumo if file.engine == "direct" else 0.0,
         )  # fmt: skip
 
 

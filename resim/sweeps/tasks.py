@@ -16,7 +16,7 @@ from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
-from resim.sweeps.engines import ENGINES, EngineName, is_repeated, what_differs
+from resim.sweeps.engines import ENGINES, EngineName, Fingerprint, is_repeated
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_once
 
 PRELOADED = ("resim.resimulation.run",)
@@ -29,7 +29,7 @@ Values = tuple[tuple[str, float], ...]
 class RunTask:
     """One run: `values` are of the parameters that are swept. hash: of the recording's content. vehicle: its model.
 
-    engine: what simulates it; repeated: the share of the runs of the engine "direct" that is repeated in SUMO.
+    engine: what simulates it. repeated: the share of runs with a fingerprint, as they are repeated in SUMO.
     """
 
     run: int
@@ -50,13 +50,13 @@ class RunTask:
 class RunResult:
     """What a run came to (`row`), how long it took [s], and lines on the findings in its recording.
 
-    differs: where its repetition in SUMO is not the same, if it was repeated.
+    fingerprint: of the drive, None of one that is not to be repeated.
     """
 
     row: Row
     time: float
     findings: tuple[str, ...]
-    differs: str
+    fingerprint: Fingerprint | None
 
 
 def run(task: RunTask) -> RunResult:
@@ -66,11 +66,10 @@ def run(task: RunTask) -> RunResult:
     begin = time.perf_counter()
     options = ResimulationOptions(vehicle=task.vehicle, engine=ENGINES[task.engine])
     drive, row = run_once(prepared, build, model, task.seed, options)
-    taken, differs = time.perf_counter() - begin, ""
-    if task.engine == "direct" and is_repeated(drive.case.hash, task.run, task.repeated):
-        in_sumo = run_once(prepared, build, model, task.seed, replace(options, engine=ENGINES["sumo"]))
-        differs = what_differs((drive, row), in_sumo)
-    return RunResult(row, taken, finding_lines(prepared.recording.recording.findings), differs)
+    taken = time.perf_counter() - begin
+    drawn = is_repeated(drive.case.hash, task.run, task.repeated)
+    findings = finding_lines(prepared.recording.recording.findings)
+    return RunResult(row, taken, findings, drive.fingerprint() if drawn else None)
 
 
 @lru_cache(maxsize=32)

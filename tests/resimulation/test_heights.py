@@ -36,6 +36,7 @@ from resim.resimulation import AssessmentOptions, assess_recording, assess_resim
 from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.run import describe_recording, over_seeds
 from resim.resimulation.tables import tracks_frame
+from resim.road.measured_heights import HeightTrack, measured_heights
 from resim.road.opendrive import load
 from resim.road.path import lane_path
 from resim.scenario.jscen import read_jscen, write_jscen
@@ -212,12 +213,27 @@ def test_who_gets_another_id_does_not_leap_onto_the_road_above(tmp_path, switch,
     lead.loc[after, ["id", "z"]] = ["again", 11.0]
     if between:
         lead.loc[after & (t < 4.0), ["id", "z"]] = ["without", np.nan]
+    lead.loc[t > 8.0, "id"] = "third"
     lead = lead[after | (t < 2.0)]
     rows = pd.concat([ego, lead]).sort_values("t", kind="stable")
     recording = write_recording(tmp_path, rows, east=FLAT, north=FLAT, deck=HIGH)
     assert meets(assessed(recording))
     told = [f for f in load_checked(tmp_path, accept=tuple(CODES)).findings if f.code == "HEIGHT"]
-    assert {f.object for f in told} == {"lead", "again"}
+    assert {"lead", "again", "third"} <= {f.object for f in told}
+
+
+def test_many_parts_without_heights_are_looked_at_at_once(tmp_path):
+    """Of two hundred parts each can go on as several of the others."""
+    network = load(write_map(tmp_path / "map.xodr", east=FLAT, north=FLAT, deck=HIGH))
+    parts = [
+        HeightTrack(
+            str(n), np.array([0.2 * n, 0.2 * n + 0.1]), np.zeros(2), np.full(2, -1.75), np.full(2, np.nan)
+        )
+        for n in range(200)
+    ]
+    for n, z in ((0, 5.0), (199, 11.0)):
+        parts[n].z[:] = z
+    assert set(measured_heights(parts, network).doubted) == set(range(200))
 
 
 @pytest.mark.parametrize(

@@ -66,8 +66,7 @@ def test_the_normal_equations_are_those_of_numeric_differences(
     args = (t, rule, v, p_v, h, p_h, 3.0 - 2.0j, weights)
     off = residual(*args)
     size = len(t)
-    inner = ([len(v) - 2] if move else [0])[0], ([len(h) - 2] if move else [0])[0]
-    parts = [len(v), max(inner[0], 0), len(h), max(inner[1], 0), 2]
+    parts = [len(v), len(v) - 2 if move else 0, len(h), len(h) - 2 if move else 0, 2]
     eps = 1e-5
 
     def moved(c: int, by: float):
@@ -128,3 +127,18 @@ def test_what_lies_beyond_the_reach_and_in_other_windows_is_there() -> None:
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((normal - expected) / scale).max() < 1e-7
     np.testing.assert_allclose(gradient, (rows.conj() @ off).real, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("begin", "step"), [(206.91, 0.1), (7.846, 0.1), (0.0, 0.04), (1.7e9, 0.1)])
+def test_the_start_is_the_spline_nearest_to_the_samples(begin: float, step: float) -> None:
+    """Also where a time and its node lie on two sides of a knot, by a rounding, beyond the reach of columns."""
+    t = begin + step * np.arange(int(60.0 / step))
+    knots = np.linspace(t[0], t[-1], 25)
+    rule = Quadrature.over(float(t[0]), t)
+    v, heading = 10.0 + np.sin(0.3 * (t - begin)), 0.1 * np.cos(0.2 * (t - begin))
+    measured = (t, v + 0j, heading, v, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
+    found = [np.linalg.solve(*kernel.start(measured, knots, 1e-9, 1e-9)) for _ in range(5)]
+    assert all(np.array_equal(one, found[0]) for one in found)
+    basis = CubicSpline(knots - begin, np.eye(25), bc_type="natural")(t - begin)
+    expected = np.linalg.lstsq(basis, np.column_stack([v, heading]), rcond=None)[0]
+    np.testing.assert_allclose(found[0], expected, atol=2e-3)

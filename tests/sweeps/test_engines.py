@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,12 @@ import numpy as np
 import pytest
 from conftest import DATA, Call
 
+from resim.core.schema import Row
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.recordings import Recording, read_commonroad, read_recording
 from resim.resimulation import ResimulationOptions
+from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build, load_build
 from resim.sweeps.engines import ENGINES, is_repeated, what_differs
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_once
@@ -47,7 +50,7 @@ def differs(prepared: PreparedRuns, build: Build, seed: int = 3, *, model: bool 
         run_once(prepared, build, sensed, seed, ResimulationOptions(engine=engine))
         for engine in ENGINES.values()
     )
-    return what_differs(one, two), one[0].end
+    return what_differs(*((drive.fingerprint(), row) for drive, row in (one, two))), one[0].end
 
 
 @pytest.mark.parametrize("folder", SHIPPED, ids=lambda p: p.name)
@@ -91,11 +94,33 @@ def test_a_planted_micrometre_is_found() -> None:
     drive, row = run_once(prepared, build, None, 0, ResimulationOptions(engine=ENGINES["direct"]))
     x = drive.truth.x.copy()
     x[1, 7] += 1e-6
-    moved = replace(drive, truth=replace(drive.truth, x=x))
-    assert what_differs((drive, row), (moved, row)) == "truth"
+    own = drive.fingerprint(), row
+
+    def against(other: SimulatedDrive, its: Row = row) -> str:
+        return what_differs(own, (other.fingerprint(), its))
+
+    assert against(replace(drive, truth=replace(drive.truth, x=x))) == "truth"
     x[1, 7] = np.nextafter(drive.truth.x[1, 7], np.inf)
-    assert what_differs((drive, row), (replace(drive, truth=replace(drive.truth, x=x)), row)) == "truth"
-    assert what_differs((drive, row), (replace(drive, time=9.0), row)) == ""
+    assert against(replace(drive, truth=replace(drive.truth, x=x))) == "truth"
+    assert against(replace(drive, time=9.0)) == ""
+    assert against(replace(drive, failure="it raised at 0x7f")) == "failed"
+    assert against(drive, {**row, "risk": 0.5}) == "risk"
+    assert against(drive, {**row, "more": 0.5}) == "which columns there are"
+
+
+def test_words_of_a_failure_may_differ(write_build: Callable[..., Path]) -> None:
+    prepared = prepare_sweep(read_recording(ROOT / "scenarios" / "cut_in_brake"), CRITERIA)
+    build = load_build(write_build(FAILING.replace('"enough"', "f'{object()}'"), name="Raises"))
+    assert differs(prepared, build) == ("", "function_failed")
+
+
+def test_two_threads_drive_one_after_the_other() -> None:
+    prepared = prepare_sweep(read_recording(ROOT / "scenarios" / "rear_end"), CRITERIA)
+    build, options = load_build(BUILDS[3]), ResimulationOptions(engine=ENGINES["direct"])
+    with ThreadPoolExecutor(4) as pool:
+        rows = [*pool.map(lambda _: run_once(prepared, build, None, 0, options)[1], range(8))]
+    assert all(row == rows[0] for row in rows)
+    assert rows[0]["end"] != "function_failed"
 
 
 def test_runs_are_drawn_by_their_hash_in_the_share_that_is_asked_for() -> None:

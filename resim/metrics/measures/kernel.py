@@ -1,4 +1,4 @@
-"""The innermost work of `contact` and `motion`, compiled by numba: a sweep asks for it in every run.
+"""The innermost work of `contact`, `motion` and `nearness`, compiled by numba: a sweep asks for it in every run.
 
 What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change.
 Motions, paths: (P, N, 4) x, y [m], heading [rad], v [m/s]; all arrays as `plain` gives them.

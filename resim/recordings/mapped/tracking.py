@@ -42,7 +42,7 @@ def tracked(
             apart = np.abs(places[seen][:, None] - there)
             dt = np.array([now - t[last[one]] for one in ones])
             changed = np.abs(velocity[seen][:, None] - velocity[[last[one] for one in ones]])
-            apart[changed > FASTER + HARDEST * dt] = np.inf  # nor where one is not known: NaN is not more
+            apart[changed > FASTER + HARDEST * dt] = np.inf  # where one is not known, any will do
             i, j = nearest(apart, gate)
             number[seen[i]] = np.array(ones)[j]
         for row in rows[number[rows] < 0].tolist():

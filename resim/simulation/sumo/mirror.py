@@ -31,7 +31,7 @@ class SumoMirror:
 
     def __init__(self, stage: Stage, session: Session) -> None:
         self._stage, self._session = stage, session
-        self._phases = iter(_told(stage))
+        self._phases = _told(stage)
         self._now = _Told((), (), ())
         self._said = array("d")  # compact: what a step leaves behind slows the next ones
         ego = stage.members[0]
@@ -39,7 +39,7 @@ class SumoMirror:
 
     def enter(self, phase: Phase) -> None:
         """Let objects come and go."""
-        self._now = next(self._phases)
+        self._now = self._phases[phase.first]
         for name in self._now.go:
             self._session.remove(name)
         for one in self._now.come:
@@ -75,9 +75,9 @@ class SumoMirror:
 
 
 @lru_cache(maxsize=8)
-def _told(stage: Stage) -> tuple[_Told, ...]:
-    """What SUMO is told in each phase that it is shown; objects have numbers there, whatever characters ids have."""
-    out, before = [], tuple[str, ...]()
+def _told(stage: Stage) -> dict[int, _Told]:
+    """What SUMO is told in each phase that it is shown, by its first step; objects have numbers there."""
+    out, before = dict[int, _Told](), tuple[str, ...]()
     for phase in stage.shown:
         names = tuple(f"{n}" for n in phase.rows.tolist())
         x, y, heading, v = (
@@ -86,13 +86,13 @@ def _told(stage: Stage) -> tuple[_Told, ...]:
         )
         places = np.stack([*to_sumo(x, y, heading, phase.length), np.abs(v)], axis=-1).tolist()
         size = zip(names, phase.length.tolist(), phase.width.tolist(), np.abs(v[0]).tolist(), strict=True)
-        out.append(_Told(
+        out[phase.first] = _Told(
             come=tuple(one for one in size if one[0] not in before),
             go=tuple(name for name in before if name not in names),
             places=tuple(tuple((n, *p) for n, p in zip(names, step, strict=True)) for step in places),
-        ))  # fmt: skip
+        )  # fmt: skip
         before = names
-    return tuple(out)
+    return out
 
 
 def _followed(read: Floats, meant: Floats) -> float:

@@ -12,7 +12,6 @@ import math
 import os
 import sys
 import tempfile
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.simulation.function.interface import EgoState
+from resim.simulation.turn import turn
 
 EGO = "ego"
 """SUMO's name of the EGO."""
@@ -32,9 +32,7 @@ Placed: TypeAlias = tuple[str, float, float, float, float]
 
 _TYPE = "guided"
 _MATCH = 5.0  # m; moveToXY scans every lane within this distance
-_NEVER = (
-    100_000  # s between two decisions of SUMO's driver models, whom nobody asks: a quarter of a step's time
-)
+_NEVER = 100_000  # s between two decisions of SUMO's driver models: nobody needs them, and they take most of a step
 _TYPES = f"""<additional>
     <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="10000" speedFactor="10000" speedDev="0" sigma="0"
         actionStepLength="{_NEVER}"/>
@@ -161,15 +159,6 @@ def from_sumo(
     return front_x - 0.5 * length * np.cos(heading), front_y - 0.5 * length * np.sin(heading), heading
 
 
-class _Turn:
-    """Whose turn it is: one thread after the other drives, as there is one simulation in a process."""
-
-    def __init__(self) -> None:
-        self.lock, self.thread = threading.Lock(), 0
-
-
-_TURN = _Turn()
-os.register_at_fork(after_in_child=_TURN.__init__)  # type: ignore[misc]
 _open: Session | None = None
 
 
@@ -179,16 +168,8 @@ def held_session(net: Path, step: float, *, gui: bool = False) -> Iterator[Sessi
 
     Raises ResimError within a drive of this thread: code under test cannot drive another one meanwhile.
     """
-    if _TURN.thread == threading.get_ident():
-        raise ResimError(
-            "a drive is being simulated in this thread: wait for its end, or use another process"
-        )
-    with _TURN.lock:
-        _TURN.thread = threading.get_ident()
-        try:
-            yield open_session(net, step, gui=gui)
-        finally:
-            _TURN.thread = 0
+    with turn():
+        yield open_session(net, step, gui=gui)
 
 
 def open_session(net: Path, step: float, *, gui: bool = False) -> Session:

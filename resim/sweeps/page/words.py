@@ -66,6 +66,8 @@ def engine_line(found: SweepReport) -> str:
     """Say what simulated the runs."""
     if found.repeated_in_sumo is MISSING:
         return "SUMO"
+    if not found.repeated_in_sumo:
+        return "direct, without a simulator; no run was repeated in SUMO"
     return (
         f"direct, without a simulator; {found.repeated_in_sumo} of {found.runs} runs repeated in SUMO, "
         "the same to the byte"
