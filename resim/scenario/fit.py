@@ -163,7 +163,7 @@ class _Problem:
         return self.evaluate(knots, p[:, 0].copy(), knots, p[:, 1].copy(), complex(self.place[0]))
 
     def split(self, state: _Candidate) -> _Candidate:
-        """Halve the segment with the largest squared error along or across the motion; of a long trace one in each PIECE."""
+        """Halve the segment with the largest squared error along or across the motion, of a long trace one a PIECE."""
         error = state.off * state.direction[self.own].conj()
         along, across = error.real.copy(), error.imag.copy()
         v, p_v = self.kernel.halved(self.t, state.v, state.p_v, along, MIN_SEGMENT, PIECE)
