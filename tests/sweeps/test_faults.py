@@ -58,6 +58,8 @@ perception = "{root}/adfunc/perception/proving_ground.json"
 plan = "halton"
 points = {points}
 seeds = 1
+engine = "{engine}"
+repeated_in_sumo = 0.1
 time_limit = 20.0
 
 [[recording]]
@@ -75,8 +77,8 @@ high = 1.0
 """
 
 
-@pytest.fixture(scope="module")
-def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module", params=["sumo", "direct"])
+def sweep(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep over the first second and a half of the corner case, and its undisturbed results beside it."""
     home = tmp_path_factory.mktemp("faults")
     short, whole = home / "short", ROOT / "scenarios" / "cut_in_brake"
@@ -90,7 +92,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (home / "faulty.toml").write_text(
         'name = "faulty"\nversion = "1"\nfactory = "faulty:Faulty"\ntime_limit = 0.5\n[parameters]\nfault = 0.0\n'
     )
-    (home / "sweep.toml").write_text(SWEEP.format(root=ROOT, points=POINTS))
+    (home / "sweep.toml").write_text(SWEEP.format(root=ROOT, points=POINTS, engine=request.param))
     assert start("resim", "sweep", str(home / "sweep.toml"), "--out", str(home / "undisturbed")).wait() == 0
     return home / "sweep.toml"
 
