@@ -70,7 +70,7 @@ class ObjectIds:
         firsts = [n for n in range(len(others)) if n not in set(after.values())]
         objects = tuple(joined([others[n] for n in _chain(n, after)]) for n in firsts)
         names = [k.ids[0] for k in others]
-        groups = _groups([n for *_, n, _ in pairs], [m for *_, m in pairs], len(others))
+        groups = linked([n for *_, n, _ in pairs], [m for *_, m in pairs], len(others))
         same = tuple(tuple(names[n] for n in group) for group in groups if len(group) > 1)
         return cls(start, end, me, objects, same)
 
@@ -130,7 +130,7 @@ def _candidates(ids: Sequence[Sightings]) -> _Pairs:
 def _decided(pairs: _Pairs, ids: Sequence[Sightings]) -> list[tuple[int, int]]:
     """Who goes on as whom: of the ends and beginnings that can belong together those that pair off, and are alike."""
     out, count = [], len(ids)
-    for group in _groups([n for *_, n, _ in pairs], [count + m for *_, m in pairs], 2 * count):
+    for group in linked([n for *_, n, _ in pairs], [count + m for *_, m in pairs], 2 * count):
         taken: dict[int, int] = {}
         for *_, n, m in pairs:
             if n in group and n not in taken and m not in taken.values():
@@ -147,8 +147,8 @@ def _alike(one: Sightings, two: Sightings) -> bool:
     return same_kind and bool((large <= ALIKE * small).all())
 
 
-def _groups(one: Sequence[int], two: Sequence[int], count: int) -> list[list[int]]:
-    """Which of `count` hang together by links from one to two."""
+def linked(one: Sequence[int], two: Sequence[int], count: int) -> list[list[int]]:
+    """Give which of `count` hang together by links from one to two, in groups of two and more."""
     links = coo_array(
         (np.ones(len(one)), (np.array(one, dtype=int), np.array(two, dtype=int))), (count, count)
     )

@@ -223,7 +223,8 @@ class _Child:
             alive = self.process.poll() is None
             if forkserver.is_readable(self.results, _TICK if alive else 0.0):
                 part = os.read(self.results, 1 << 20)
-                message, came = message + part, time.monotonic()
+                message += part  # in place: a result may be large
+                came = time.monotonic()
                 if _size(message) > _LONGEST:
                     self.end()
                     return self._blamed(_BETWEEN)

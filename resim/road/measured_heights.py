@@ -18,11 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from resim.core.geometry import Bools, Floats
 from resim.core.levels import CLEAR, over
+from resim.core.objects import linked
 from resim.core.sightings import SAME
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
@@ -162,13 +161,7 @@ def _groups(
         after = np.flatnonzero(soon & near).tolist()
         links[0].extend([k] * len(after))
         links[1].extend(after)
-    count = len(some)
-    graph = coo_array((np.ones(len(links[0])), links), shape=(count, count))
-    label = connected_components(graph, directed=False)[1]
-    groups = [
-        [some[k] for k in np.flatnonzero(label == one).tolist()] for one in range(label.max(initial=-1) + 1)
-    ]
-    return [group for group in groups if len(group) > 1]
+    return [[some[k] for k in group] for group in linked(*links, len(some))]
 
 
 def _end(track: HeightTrack, there: NDArray[np.intp]) -> tuple[float, complex, complex]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -124,8 +125,6 @@ def test_two_threads_drive_one_after_the_other() -> None:
 
 
 def test_runs_are_drawn_by_their_hash_in_the_share_that_is_asked_for() -> None:
-    import hashlib
-
     cases = [hashlib.sha256(f"{n}".encode()).hexdigest() for n in range(20_000)]
     assert 150 < sum(is_repeated(case, 1, 0.01) for case in cases) < 250
     assert is_repeated(cases[0], 0, 1e-9)
