@@ -68,7 +68,7 @@ class Case:
 
     def drive(self, *, window: bool = False) -> SimulatedDrive:
         """Simulate it (`Engine.drive`)."""
-        return self.engine.drive(self, window=window)
+        return self.engine.drive([self], window=window)[0]
 
     @cached_property
     def hash(self) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.loop import drive
 from resim.simulation.turn import turn
@@ -12,7 +14,7 @@ class Direct:
 
     name = "direct"
 
-    def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
-        """Drive a case (`resim.simulation.engine.Engine`); there is no window to look on by."""
+    def drive(self, cases: Sequence[Case], *, window: bool = False) -> list[SimulatedDrive]:
+        """Drive cases (`resim.simulation.engine.Engine`); there is no window to look on by."""
         with turn():
-            return drive(case, None)
+            return drive(cases)

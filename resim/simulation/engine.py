@@ -1,7 +1,8 @@
-"""What a simulator is to resim: it drives a case."""
+"""What a simulator is to resim: it drives cases."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from resim.core.geometry import Floats
@@ -17,10 +18,11 @@ class Engine(Protocol):
     def name(self) -> str:
         """Give its name and version."""
 
-    def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
-        """Drive a case from its lead-in to its end; with `window` somebody may look on.
+    def drive(self, cases: Sequence[Case], *, window: bool = False) -> list[SimulatedDrive]:
+        """Drive cases from their lead-in to their end; with `window` somebody may look on.
 
-        Faults of the function end the drive (`SimulatedDrive.failure`); faults of the input raise ResimError.
+        They are alike in all but their perceptions and seeds; what each gives does not depend on the others. Faults of
+        the function end its drive (`SimulatedDrive.failure`); faults of the input raise ResimError.
         """
 
 

@@ -1,18 +1,17 @@
-"""The closed loop: perceive, answer, move, for one scenario from its lead-in to its end."""
+"""The closed loop: perceive, answer, move, for runs of one scenario from its lead-in to its end."""
 
 from __future__ import annotations
 
+import contextlib
 import linecache
-import math
 import time
-from array import array
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from resim.core.errors import FunctionError
-from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, wrap_angle
+from resim.core.errors import FunctionError, ResimError
+from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, constant, wrap_angle
 from resim.core.levels import over
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
@@ -22,40 +21,40 @@ from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.engine import Mirror
 from resim.simulation.followed_height import FollowedHeight
-from resim.simulation.function.driver import Driver, cycle_steps
-from resim.simulation.function.interface import Command, EgoState, Placement, Setup
+from resim.simulation.function.driver import BatchDriver, Driver, cycle_steps, driver_of
+from resim.simulation.function.interface import EgoState, Placement, Setup
+from resim.simulation.perception import PerceptionBatch
 from resim.simulation.traffic import Stage, staged
-from resim.simulation.vehicles.model import VehicleState
 
 _BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
 
 
-def drive(case: Case, beside: Callable[[Stage], Mirror] | None) -> SimulatedDrive:
-    """Drive a case in closed loop. beside: what makes the simulator that goes along; None for none."""
-    begin, build = time.perf_counter(), case.build
-    cycle = cycle_steps(build, case.step)
-    stage = staged(case.scenario, case.network, case.step, case.lead_in)
-    loop = _Loop(case, stage, None if beside is None else beside(stage))
-    case.perception.reset(np.random.default_rng(case.seed))
-    with (
-        lent(case.network, build.path) as road, Watchdog() as watchdog, build.factory.afresh(case.seed) as opened,
-    ):  # fmt: skip
-        driver = Driver(build, watchdog)
-        try:
-            driver.reset(_setup(case, road, stage, case.step * cycle))
-            loop.run(driver, cycle)
-        except FunctionError as e:
-            loop.failed(f"{build.label} at t = {loop.now:.2f} s {e}{_remedy(opened)}", e.frames)
-        try:
-            driver.close()
-        except FunctionError as e:
-            loop.failure, loop.frames = (
-                loop.failure or f"{build.label} on closing {e}",
-                loop.frames or e.frames,
-            )
-            loop.end = "function_failed" if loop.end == "duration" else loop.end
-    return loop.result(driver, begin, _lines(loop.frames, opened))
+def drive(cases: Sequence[Case], beside: Callable[[Stage], Mirror] | None = None) -> list[SimulatedDrive]:
+    """Drive cases of one scenario in closed loop: at once where function and perceptions can, else one by one.
+
+    cases: alike in all but their perceptions and seeds. beside: what makes the simulator that goes along; None for none.
+
+    What each gives does not depend on the others. Where something fails in a batch its halves are driven, down to the
+    one that fails.
+    """
+    if len(cases) > 1 and cases[0].build.in_batches and beside is None:
+        rngs = [np.random.default_rng(case.seed) for case in cases]
+        perception = cases[0].perception.together([case.perception for case in cases[1:]], rngs)
+        if perception is not None:
+            with contextlib.suppress(FunctionError):
+                return _Loop(cases, perception).drive()
+            half = len(cases) // 2
+            return drive(cases[:half]) + drive(cases[half:])
+    return [one for case in cases for one in _alone(case, beside)]
+
+
+def _alone(case: Case, beside: Callable[[Stage], Mirror] | None) -> list[SimulatedDrive]:
+    """Drive one case."""
+    perception = case.perception.together((), [np.random.default_rng(case.seed)])
+    if perception is None:
+        raise ResimError(f"the perception {case.perception.hash} cannot be simulated")
+    return _Loop([case], perception, beside).drive()
 
 
 def _lines(frames: Sequence[tuple[str, int, str]], opened: OpenedFiles) -> tuple[str, ...]:
@@ -96,166 +95,216 @@ def _setup(case: Case, road: RoadNetwork, stage: Stage, cycle: float) -> Setup:
 
 
 class _Loop:
-    """One run as it happens: the EGO's states and commands, and how it ended."""
+    """B runs as they happen: the EGOs' states and commands, and how each ended.
 
-    def __init__(self, case: Case, stage: Stage, mirror: Mirror | None) -> None:
-        self.case, self.mirror = case, mirror
-        self.stage, self.plan, self.members = stage, stage.plan, stage.members
-        self.steps = 0
-        self.z = array("d")  # of the EGO, where heights are known
-        self.ego = array("d")  # compact: what a step leaves behind slows the next ones
-        self.commands: list[tuple[float, float]] = []
-        self.collisions: list[Collision] = []
-        self.end: End = "duration"
-        self.failure, self.frames = "", tuple[tuple[str, int, str], ...]()
-        self.looked = stage.plan.begin
+    A run that has ended goes on with the others, and what comes after its end is forgotten.
+    """
+
+    def __init__(
+        self,
+        cases: Sequence[Case],
+        perception: PerceptionBatch,
+        beside: Callable[[Stage], Mirror] | None = None,
+    ) -> None:
+        self.began = time.perf_counter()
+        self.cases, self.case, self.perception = cases, cases[0], perception
+        case = self.case
+        self.stage = stage = staged(case.scenario, case.network, case.step, case.lead_in)
+        self.plan, self.members = stage.plan, stage.members
+        self.mirror = None if beside is None else beside(stage)
+        size = (len(stage.plan.t), len(cases))
+        self.ego = np.empty((*size, 6))
+        self.commands = np.full((*size, 2), np.nan)
+        self.z = None if stage.plan.z is None else np.full(size, np.nan)
+        self.steps, self.looked = 0, stage.plan.begin
+        self.runs = [_Run() for _ in cases]
         self.length = np.array([m.length for m in self.members])
         self.width = np.array([m.width for m in self.members])
+
+    def drive(self) -> list[SimulatedDrive]:
+        """Drive from the lead-in's first step to the end. Raises FunctionError where several runs fail with one."""
+        case, build = self.case, self.case.build
+        cycle = cycle_steps(build, case.step)
+        with (
+            lent(case.network, build.path) as road, Watchdog() as watchdog,
+            build.factory.afresh(case.seed) as opened,
+        ):  # fmt: skip
+            driver = driver_of(build, watchdog, len(self.cases))
+            try:
+                driver.reset([_setup(case, road, self.stage, case.step * cycle) for case in self.cases])
+                self.run(driver, cycle)
+            except FunctionError as e:
+                self.failed(e, opened)
+            try:
+                driver.close()
+            except FunctionError as e:
+                self.failed_on_closing(e)
+        return [self.result(b, driver, opened) for b in range(len(self.cases))]
 
     @property
     def now(self) -> float:
         """Time [s] of the last step."""
         return float(self.plan.t[max(self.steps - 1, 0)])
 
-    def run(self, driver: Driver, cycle: int) -> None:
+    def run(self, driver: Driver | BatchDriver, cycle: int) -> None:
         """Take every step, from the lead-in's first to the end."""
-        begin, last = self.plan.begin, len(self.plan.t) - 1
-        dt = float(self.plan.t[1] - self.plan.t[0])
-        case, mirror = self.case, self.mirror
-        perceive, move = case.perception.perceive, case.vehicle.step
-        state: VehicleState | None = None
-        answer: Command | Placement = Command(0.0, 0.0)
-        ego, height = self.plan.state(0, 0), self.height()
+        plan, case, mirror, perceive = self.plan, self.case, self.mirror, self.perception.perceive
+        begin, last, runs = plan.begin, len(plan.t) - 1, len(self.cases)
+        dt = float(plan.t[1] - plan.t[0])
+        guided = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate], axis=2)[0]
+        states: Floats | None = None
+        answer: Floats | Placement = np.zeros((runs, 2))
+        next_ego, heights = guided[0], self.heights()
         for phase in self.stage.phases:
             told = mirror if phase.shown else None
             if told is not None:
                 told.enter(phase)
             for k in range(phase.first, phase.after):
+                self.ego[k] = next_ego
+                ego = constant(self.ego[k])
                 if told is not None:
-                    told.advance(k - phase.first, ego)
-                self.ego.extend(ego)
-                if height is not None:
-                    self.z.append(height.at(ego.x, ego.y) if k >= begin else self.led_in(k))
+                    told.advance(k - phase.first, EgoState(*ego[0].tolist()))
+                if self.z is not None:
+                    self.z[k] = plan.z[0, k] if k < begin else heights(ego)  # type: ignore[index]
                 self.steps = k + 1
                 if k - self.looked >= _BLOCK and self.look():
                     return
                 if k == begin and not case.open_loop:
-                    state = case.vehicle.settle(ego)
+                    states = self.settled(ego)
                 if (k - begin) % cycle == 0:
-                    answer = driver.step(
-                        perceive(phase.world(k, ego, self.z[-1] if self.z else np.nan)), k >= begin
-                    )
+                    z = None if self.z is None else self.z[k]
+                    answer = driver.step(perceive(phase.worlds(k, ego, z)), k >= begin)
                 if k == last:
                     break
-                if state is None:
-                    if k >= begin and isinstance(answer, Command):
-                        self.commands.append((answer.acceleration, answer.curvature))
-                    ego = self.plan.state(0, k + 1)
+                if states is None:
+                    if k >= begin and not isinstance(answer, Placement):
+                        self.commands[k] = answer
+                    next_ego = guided[k + 1]
                 elif isinstance(answer, Placement):
-                    self.commands.append((np.nan, np.nan))
-                    ego = answer.state
-                    state = case.vehicle.settle(ego)
+                    next_ego = np.array(answer.state)
+                    states = self.settled(next_ego[None])
                 else:
-                    self.commands.append((answer.acceleration, answer.curvature))
-                    state = move(state, answer.acceleration, answer.curvature, dt)
-                    ego = state.ego
+                    self.commands[k] = answer
+                    case.vehicle.advance(states, answer, dt)
+                    next_ego = states[:, :6]
         self.look()
 
-    def height(self) -> FollowedHeight | None:
-        """Give the height that the EGO begins the scenario at, to be followed; None where no height is known."""
+    def settled(self, ego: Floats) -> Floats:
+        """Give the states (B, 8) in which vehicles move on as (B, 6) say."""
+        return np.array([self.case.vehicle.settle(EgoState(*one)) for one in ego.tolist()])
+
+    def heights(self) -> Callable[[Floats], list[float]]:
+        """Give what gives the heights [m] of the EGOs at their next places, from the scenario's begin on."""
         plan = self.plan
         if plan.z is None:
-            return None
-        start = plan.state(0, plan.begin)
-        return FollowedHeight(self.case.network, start.x, start.y, float(plan.z[0, plan.begin]))
+            return lambda ego: []
+        start, z = plan.state(0, plan.begin), float(plan.z[0, plan.begin])
+        followed = [FollowedHeight(self.case.network, start.x, start.y, z) for _ in self.cases]
+        return lambda ego: [
+            one.at(x, y) for one, (x, y) in zip(followed, ego[:, :2].tolist(), strict=True)
+        ]
 
-    def led_in(self, k: int) -> float:
-        """Give the height [m] at a step of the lead-in."""
-        return math.nan if self.plan.z is None else float(self.plan.z[0, k])
+    def failed(self, e: FunctionError, opened: OpenedFiles) -> None:
+        """End the run with the function's failure, unless it had ended before. Raises it where there are several."""
+        if self.look():
+            return
+        if len(self.runs) > 1:
+            raise e
+        remedy = opened.remedy()
+        why = f"{self.case.build.label} at t = {self.now:.2f} s {e}" + (f". {remedy}" if remedy else "")
+        self.runs[0].fail(why, e.frames)
 
-    def failed(self, why: str, frames: tuple[tuple[str, int, str], ...]) -> None:
-        """End the run with the function's failure, unless it had ended before."""
-        if not self.look():
-            self.end, self.failure, self.frames = "function_failed", why, frames
+    def failed_on_closing(self, e: FunctionError) -> None:
+        """End the run with that. Raises it where there are several."""
+        if len(self.runs) > 1:
+            raise e
+        self.runs[0].fail(f"{self.case.build.label} on closing {e}", e.frames)
 
     def look(self) -> bool:
-        """Look at the steps since the last look; say whether the run ended in one, and if so forget what came after."""
+        """Look at the steps since the last look; say whether all runs ended in one or before."""
         first, self.looked = self.looked, self.steps
-        if first >= self.steps:
-            return False
-        steps = np.arange(first, self.steps)
-        x, y, heading = np.array(self.ego[6 * first :]).reshape(-1, 6)[:, :3].T
-        hit = self.overlaps(steps, x, y, heading)
-        off = np.flatnonzero(~self.stage.surface.holds(x, y))
-        ends = [(int(off[0]), "off_road")] if len(off) else []
+        on = [b for b, run in enumerate(self.runs) if not run.ended]
+        if first < self.steps and on:
+            x, y, heading = self.ego[first : self.steps, on, :3].transpose(2, 0, 1)
+            hit = self.overlaps(slice(first, self.steps), on, (x, y, heading))
+            off = ~self.stage.surface.holds(x.ravel(), y.ravel()).reshape(x.shape)
+            for k, b in enumerate(on):
+                self.look_at(b, first, hit[:, :, k], off[:, k])
+        return all(run.ended for run in self.runs)
+
+    def look_at(self, b: int, first: int, hit: Bools, off: Bools) -> None:
+        """Look at a run's steps from `first` on: whom it hit (N, K), and when it was off the road (K,)."""
+        run, count = self.runs[b], hit.shape[1]
         struck = hit.any(axis=0)
+        ends = [(int(np.argmax(off)), "off_road")] if off.any() else []
         if self.case.stop_at_collision and struck.any():
             ends.append((int(np.argmax(struck)), "collision"))
-        stop = min(ends)[0] if ends else len(steps) - 1
-        known = {c.id for c in self.collisions}
+        stop = min(ends)[0] if ends else count - 1
+        known = {c.id for c in run.collisions}
         for n in np.flatnonzero(hit[:, : stop + 1].any(axis=1)).tolist():
             name = self.members[n + 1].id
             if name not in known:
-                self.collisions.append(Collision(float(self.plan.t[first + int(np.argmax(hit[n]))]), name))
-        self.collisions.sort(key=lambda c: (c.t, c.id))
-        if not ends:
-            return False
-        self.end = "collision" if (stop, "collision") in ends else "off_road"
-        self.steps = first + stop + 1
-        return True
+                t = float(self.plan.t[first + int(np.argmax(hit[n]))])
+                run.collisions.append(Collision(t, name))
+        run.collisions.sort(key=lambda c: (c.t, c.id))
+        if ends:
+            run.end = "collision" if (stop, "collision") in ends else "off_road"
+            run.steps = first + stop + 1
+            run.shown = (int(self.perception.shown[b]), int(self.perception.outside[b]))
 
-    def overlaps(self, steps: NDArray[np.intp], x: Floats, y: Floats, heading: Floats) -> Bools:
-        """Say (N, K) which traffic objects' boxes overlap the EGO's, for its poses (K,) at these steps."""
-        plan, length, width = self.plan, self.length[:, None], self.width[:, None]
-        px, py = plan.x[1:, steps], plan.y[1:, steps]
+    def overlaps(self, steps: slice, on: list[int], places: Sequence[Floats]) -> Bools:
+        """Say (N, K, R) which traffic objects' boxes overlap the EGOs', for their poses (K, R) at these steps."""
+        plan, length, width = self.plan, self.length[:, None, None], self.width[:, None, None]
+        x, y, heading = places
+        px, py = plan.x[1:, steps, None], plan.y[1:, steps, None]
         reach = 0.5 * (np.hypot(length[1:], width[1:]) + np.hypot(length[0], width[0]))
         hit = np.asarray(np.hypot(px - x, py - y) <= reach)
         if hit.any():
-            others = Boxes(px, py, plan.heading[1:, steps], length[1:], width[1:])
+            others = Boxes(px, py, plan.heading[1:, steps, None], length[1:], width[1:])
             hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), others)
-        if plan.z is not None:
-            hit &= ~over(plan.z[1:, steps], np.array(self.z)[steps])
+        if plan.z is not None and self.z is not None:
+            hit &= ~over(plan.z[1:, steps, None], self.z[steps, on])
         return hit
 
-    def result(self, driver: Driver, began: float, traceback: tuple[str, ...]) -> SimulatedDrive:
-        """Put together what the drive gave, and check what a simulator said. began: s of the process's clock."""
-        kept = slice(self.plan.begin, max(self.steps, self.plan.begin + 1))
-        whole = self.motion()
-        control_error = 0.0 if self.mirror is None else self.mirror.off(whole, self.steps)
+    def result(self, b: int, driver: Driver | BatchDriver, opened: OpenedFiles) -> SimulatedDrive:
+        """Put together what a run gave, and check what a simulator said."""
+        run, case = self.runs[b], self.cases[b]
+        steps = run.steps or self.steps
+        kept = slice(self.plan.begin, max(steps, self.plan.begin + 1))
+        whole = self.motion(b, steps)
+        control_error = 0.0 if self.mirror is None else self.mirror.off(whole, steps)
         t, motion = self.plan.t[kept], whole[:, :, kept]
         x, y, heading, v, a, yaw_rate = motion
         truth = Tracks(
             t=t, ids=np.array([m.id for m in self.members]), kind=np.array([m.kind for m in self.members]),
             x=x, y=y, heading=wrap_angle(heading), v=v, length=self.length, width=self.width,
-            valid=np.isfinite(x), a=a, yaw_rate=yaw_rate, z=self.heights(kept),
+            valid=np.isfinite(x), a=a, yaw_rate=yaw_rate, z=self.known_heights(b, steps, kept),
         )  # fmt: skip
-        commands = np.full((len(t), 2), np.nan)
-        given = self.commands[: len(t)]
-        commands[: len(given)] = np.array(given).reshape(-1, 2)
+        shown, outside = run.shown or (int(self.perception.shown[b]), int(self.perception.outside[b]))
         return SimulatedDrive(
-            case=self.case,
+            case=case,
             truth=truth,
-            perceived=tuple(p for p in driver.seen if p.t <= t[-1]),
-            commands=commands,
-            plans=tuple(p for p in driver.plans if p[0] <= t[-1]),
-            collisions=tuple(self.collisions),
-            end=self.end,
-            failure=self.failure,
+            perceived=driver.seen(b, float(t[-1])),
+            commands=self.commands[kept, b].copy(),
+            plans=driver.plans(b, float(t[-1])),
+            collisions=tuple(run.collisions),
+            end=run.end,
+            failure=run.failure,
             left_route=self.left_route(t, truth),
-            traceback=traceback,
+            traceback=_lines(run.frames, opened),
             control_error=control_error,
-            shown=self.case.perception.shown,
-            outside=self.case.perception.outside,
-            time=time.perf_counter() - began,
+            shown=shown,
+            outside=outside,
+            time=(time.perf_counter() - self.began) / len(self.cases),
         )
 
-    def heights(self, kept: slice) -> Floats | None:
+    def known_heights(self, b: int, steps: int, kept: slice) -> Floats | None:
         """Give the heights (N, T) [m], EGO first; None where none is known."""
-        if self.plan.z is None:
+        if self.plan.z is None or self.z is None:
             return None
         out = self.plan.z.copy()
         out[0] = np.nan
-        out[0, : self.steps] = np.array(self.z)[: self.steps]
+        out[0, :steps] = self.z[:steps, b]
         return out[:, kept]
 
     def left_route(self, t: Floats, truth: Tracks) -> float | None:
@@ -265,11 +314,33 @@ class _Loop:
         first = first_off_route(self.case.network, self.stage.route, *own, z=z)
         return None if first is None else float(t[first])
 
-    def motion(self) -> Floats:
+    def motion(self, b: int, steps: int) -> Floats:
         """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first; NaN after the last step."""
         plan = self.plan
         out = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate])
         out[:, 0] = np.nan
-        out[:, :, self.steps :] = np.nan
-        out[:, 0, : self.steps] = np.array(self.ego).reshape(-1, 6)[: self.steps].T
+        out[:, :, steps:] = np.nan
+        out[:, 0, :steps] = self.ego[:steps, b].T
         return out
+
+
+@dataclass
+class _Run:
+    """How one run ended. steps: that it took, 0 for all; shown: samples on its lists, and those outside of the model."""
+
+    end: End = "duration"
+    steps: int = 0
+    shown: tuple[int, int] | None = None
+    failure: str = ""
+    frames: Sequence[tuple[str, int, str]] = ()
+    collisions: list[Collision] = field(default_factory=list)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it ended before the scenario did."""
+        return self.end != "duration"
+
+    def fail(self, why: str, frames: Sequence[tuple[str, int, str]]) -> None:
+        """End with the function's failure, unless it had ended otherwise; the first one counts."""
+        self.failure, self.frames = self.failure or why, self.frames or frames
+        self.end = self.end if self.ended else "function_failed"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, constant
 from resim.core.tracks import Strings
+from resim.simulation.function.batch import Integers, Keys, PerceivedBatch, batch_of_one
 from resim.simulation.function.interface import EgoState, Perceived, unknown_heights
 
 
@@ -38,47 +40,122 @@ class World(NamedTuple):
         return unknown_heights(len(self.ids)) if self.z is None else constant(self.z - self.ego_z)
 
 
+class Worlds(NamedTuple):
+    """The truth at time t [s] of B runs: the EGOs, and the N traffic objects that all have.
+
+    ego: (B, 6), the fields of `EgoState`. ego_z: (B,) m. The others as `World` has them.
+    """
+
+    t: float
+    ego: Floats
+    ids: Strings
+    kind: Strings
+    position: NDArray[np.complex128]
+    heading: Floats
+    v: Floats
+    length: Floats
+    width: Floats
+    z: Floats | None
+    ego_z: Floats
+
+    def of(self, b: int) -> World:
+        """Give the truth of one run."""
+        return World(self.t, EgoState(*self.ego[b].tolist()), *self[2:10], float(self.ego_z[b]))
+
+
+def worlds_of(world: World) -> Worlds:
+    """Give the truth of one run as that of a batch of it alone."""
+    return Worlds(world.t, np.array([world.ego]), *world[2:10], np.array([world.ego_z]))
+
+
+class PerceptionBatch(Protocol):
+    """The perceptions of B runs of one scenario at once; none depends on the others, nor on how many there are."""
+
+    @property
+    def shown(self) -> Integers:
+        """Of each run (B,): samples of objects on its lists so far."""
+
+    @property
+    def outside(self) -> Integers:
+        """How many of them lie outside of what its perception was trained for."""
+
+    def perceive(self, worlds: Worlds) -> PerceivedBatch:
+        """Give what is perceived of the worlds; called with times that increase."""
+
+
 class Perception(Protocol):
-    """Turns the truth into what the AD function perceives; keeps its own history between calls."""
+    """Turns the truth into what the AD function perceives."""
 
     @property
     def hash(self) -> str:
         """Of all that it follows from."""
 
-    @property
-    def shown(self) -> int:
-        """Samples of objects on the lists since `reset`."""
+    def together(
+        self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+    ) -> PerceptionBatch | None:
+        """Give those of a batch of runs, this one's and the others'; None where they cannot be one batch.
 
-    @property
-    def outside(self) -> int:
-        """How many of them lie outside of what the perception was trained for."""
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Forget the last run; every random draw of the next comes from `rng`."""
-
-    def perceive(self, world: World) -> Perceived:
-        """Give what is perceived of the world; called with times that increase."""
+        rngs: of each run what every random draw of it comes from.
+        """
 
 
 class IdealPerception:
     """Sees every object as it is."""
 
     hash = "ideal"
-    shown = outside = 0
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to forget."""
+    def together(
+        self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+    ) -> PerceptionBatch | None:
+        """Give the ideal perceptions of a batch of runs."""
+        return _Ideal(len(rngs)) if all(isinstance(other, IdealPerception) for other in others) else None
 
-    def perceive(self, world: World) -> Perceived:
-        """Give the true objects in the EGO's frame."""
-        ego = world.ego
-        away = world.position - complex(ego.x, ego.y)
-        c, s = math.cos(ego.heading), math.sin(ego.heading)
-        relative = c * away - complex(0.0, s) * away  # of one complex product, processors round differently
-        relative = np.frombuffer(relative.tobytes(), complex)  # whoever sees it cannot change it
-        turned = math.pi - np.mod((math.pi + ego.heading) - world.heading, 2.0 * math.pi)
-        turned = np.frombuffer(turned.tobytes())
-        return Perceived(
-            world.t, ego, world.ids, world.kind, relative.real, relative.imag, turned, world.v,
-            world.length, world.width, world.z_ego,
-        )  # fmt: skip
+
+class _Ideal:
+    """Sees every object as it is, in B runs."""
+
+    def __init__(self, runs: int) -> None:
+        self.shown = self.outside = np.zeros(runs, dtype=np.intp)
+        self._keys, self._last = Keys(runs), np.empty(0, dtype=str)
+        self._columns: tuple[NDArray[Any], ...] = ()
+
+    def perceive(self, worlds: Worlds) -> PerceivedBatch:
+        """Give the true objects in the EGOs' frames."""
+        ego = worlds.ego
+        if worlds.ids is not self._last:
+            self._last, shape = worlds.ids, (len(ego), len(worlds.ids))
+            shared = (self._keys.of_traffic(worlds.ids), worlds.ids, worlds.kind)
+            self._columns = tuple(np.broadcast_to(constant(c), shape) for c in shared)
+            self._sizes = tuple(np.broadcast_to(c, shape) for c in (worlds.length, worlds.width))
+            self._count = np.full(*shape)
+        away = worlds.position - (ego[:, 0] + 1j * ego[:, 1])[:, None]
+        turns = [(math.cos(heading), math.sin(heading)) for heading in ego[:, 2].tolist()]
+        c, s = np.array(turns).T[:, :, None]
+        relative = c * away - (1j * s) * away  # of one complex product, processors round differently
+        x, y = constant(relative.real), constant(relative.imag)  # whoever sees it cannot change it
+        turned = math.pi - np.mod((math.pi + ego[:, 2, None]) - worlds.heading, 2.0 * math.pi)
+        v = np.broadcast_to(worlds.v, turned.shape)
+        z_ego = z_above(worlds)
+        return PerceivedBatch(
+            worlds.t, ego, self._count, *self._columns, x, y, constant(turned), v, *self._sizes, z_ego
+        )
+
+
+def z_above(worlds: Worlds) -> Floats:
+    """Give heights (B, N) [m] of the road under the objects above that under the EGOs, NaN where not known."""
+    if worlds.z is None:
+        return np.broadcast_to(unknown_heights(len(worlds.ids)), (len(worlds.ego), len(worlds.ids)))
+    return constant(worlds.z - worlds.ego_z[:, None])
+
+
+class OneRun:
+    """The perception of a single run as a batch: what `look` gives of its world."""
+
+    def __init__(self, look: Callable[[World], Perceived]) -> None:
+        self.shown = self.outside = np.zeros(1, dtype=np.intp)
+        self._look, self._keys = look, Keys(1)
+
+    def perceive(self, worlds: Worlds) -> PerceivedBatch:
+        """Give what is perceived."""
+        seen = self._look(worlds.of(0))
+        return batch_of_one(seen, self._keys.of_list(0, seen.ids))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,9 +15,8 @@ from resim.core.tracks import Strings
 from resim.road.driven_route import Route, driven_route
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, ScenarioObject
-from resim.simulation.function.interface import EgoState
 from resim.simulation.guide import Guide, guide
-from resim.simulation.perception import World
+from resim.simulation.perception import Worlds
 from resim.simulation.surface import Surface
 
 Rows = NDArray[np.intp]
@@ -44,11 +42,12 @@ class Phase:
     width: Floats
     z: Floats | None = None
 
-    def world(self, k: int, ego: EgoState, ego_z: float = math.nan) -> World:
-        """Give the truth at step k: where the objects were commanded to be."""
+    def worlds(self, k: int, ego: Floats, ego_z: Floats | None) -> Worlds:
+        """Give the truth at step k: where the objects were commanded to be; ego (B, 6), ego_z (B,) m or None."""
         t, position, heading, v = self.truth[k - self.first]
         z = None if self.z is None else self.z[k - self.first]
-        return World(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width, z, ego_z)
+        under = np.full(len(ego), np.nan) if ego_z is None else ego_z
+        return Worlds(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width, z, under)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from resim.perception.model import PerceptionModel, read_model
 from resim.perception.runtime.sensor import Sensor
 from resim.scenario.maneuvers import MANEUVERS
 from resim.simulation.case import Case
-from resim.simulation.perception import IdealPerception, Perception, World
+from resim.simulation.perception import IdealPerception, Perception, World, worlds_of
 from resim.simulation.sumo.engine import Sumo
 
 
@@ -40,9 +40,10 @@ from resim.simulation.sumo.engine import Sumo
     ],
 )  # fmt: skip
 def test_without_errors_it_sees_what_is_to_the_bit(parts: dict[str, Any]) -> None:
-    sensor, ideal = Sensor(model(**parts)), IdealPerception()
+    sensor, ideal = Sensor(model(**parts)), IdealPerception().together((), [np.random.default_rng(0)])
+    assert ideal is not None
     for t in steps(8.0):
-        assert same(sensor.perceive(changing(t)), ideal.perceive(changing(t)))
+        assert same(sensor.perceive(changing(t)), ideal.perceive(worlds_of(changing(t))).of(0))
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
@@ -121,7 +122,7 @@ def test_in_the_loop(described: Any, network: Any, net: Any, build: Any) -> None
     one, two = drive(sensor, 3), drive(sensor, 3)
     assert as_bytes(list(one.perceived)) == as_bytes(list(two.perceived))
     assert one.failure == ""
-    assert 0 <= sensor.outside < sensor.shown
+    assert 0 <= one.outside < one.shown
 
 
 def first_braking(run: Any) -> float:

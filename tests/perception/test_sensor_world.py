@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from resim.core.geometry import box_corners
 from resim.perception.model import FEATURES
-from resim.perception.runtime.kernel import MANEUVER, V, remember
+from resim.perception.runtime.kernel import PAST_ROWS, V, remember
 from resim.perception.runtime.world import features, occlusion
 from resim.scenario.maneuvers import MANEUVERS, SEEN_ACROSS, SEEN_BRAKING, momentary
 from resim.simulation.function.interface import EgoState
@@ -44,22 +44,22 @@ def test_maneuvers() -> None:
 @given(st.floats(-np.pi, np.pi), st.floats(0.0, 50.0), st.sampled_from([-1.1, -1.0, -0.9, 0.0, 2.0]))
 def test_the_kernel_means_the_same_by_a_maneuver(heading: float, v: float, a: float) -> None:
     dt = 0.04
-    known = np.zeros((5, 2, 1))
+    known, maneuver = np.zeros((PAST_ROWS, 2, 1)), np.zeros((1, 2, 1), dtype=np.int8)
     known[V, 0] = v - a * dt
     gained = (v - known[V, 0, 0]) / dt
     remember(
         known,
+        maneuver,
         1,
         np.zeros(1, dtype=complex),
         np.array([heading]),
         np.array([v]),
-        0.0,
+        np.zeros(1),
         SEEN_BRAKING * dt,
         SEEN_ACROSS,
-        False,
     )
     if abs(gained - SEEN_BRAKING) > 1e-9:  # at the limit itself rounding decides
-        assert known[MANEUVER, 1, 0] == momentary(heading, v, gained)
+        assert maneuver[0, 1, 0] == momentary(heading, v, gained)
 
 
 def test_who_runs_no_model_loads_no_compiler() -> None:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from resim.perception.model import QUANTITIES, PerceptionModel
+from resim.perception.runtime.sensor import Sensor
 from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import Perception, World
+from resim.simulation.perception import Perception, World, worlds_of
 
 MODELS = Path(__file__).parents[2] / "adfunc" / "perception"
 STEP = 0.04
@@ -53,8 +54,13 @@ def look(
     ego: Callable[[float], EgoState] = ego_at,
     seed: int = 1,
 ) -> list[Perceived]:
-    perception.reset(np.random.default_rng(seed))
-    return [perception.perceive(world(t, *motion(t), ego(t))) for t in times]
+    rng = np.random.default_rng(seed)
+    if isinstance(perception, Sensor):
+        perception.reset(rng)
+        return [perception.perceive(world(t, *motion(t), ego(t))) for t in times]
+    batch = perception.together((), [rng])
+    assert batch is not None
+    return [batch.perceive(worlds_of(world(t, *motion(t), ego(t)))).of(0) for t in times]
 
 
 def column(seen: list[Perceived], name: str) -> np.ndarray:

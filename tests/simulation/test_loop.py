@@ -4,7 +4,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,15 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.case import Case, SimulatedDrive
-from resim.simulation.function.interface import Build
+from resim.simulation.function.interface import Build, Perceived
+from resim.simulation.perception import (
+    IdealPerception,
+    OneRun,
+    Perception,
+    PerceptionBatch,
+    World,
+    worlds_of,
+)
 from resim.simulation.sumo.engine import Sumo
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.single_track import SingleTrack
@@ -416,17 +424,20 @@ def test_an_object_of_one_sample_after_windowing_is_no_trouble(
 
 
 def test_a_seed_reaches_the_perception(drive: Drive, function: Make, member: Member) -> None:
-    from resim.simulation.perception import IdealPerception, World
+    class Noisy:
+        hash = "own"
 
-    class Noisy(IdealPerception):
-        hash, shown, outside = "own", 0, 0
+        def together(
+            self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+        ) -> PerceptionBatch:
+            (rng,), ideal = rngs, IdealPerception().together((), rngs)
+            assert ideal is not None
 
-        def reset(self, rng: np.random.Generator) -> None:
-            self.rng = rng
+            def look(world: World) -> Perceived:
+                seen = ideal.perceive(worlds_of(world)).of(0)
+                return replace(seen, x_ego=seen.x_ego + rng.normal(size=len(seen.x_ego)))
 
-        def perceive(self, world: World):  # type: ignore[no-untyped-def]
-            seen = super().perceive(world)
-            return replace(seen, x_ego=seen.x_ego + self.rng.normal(size=len(seen.x_ego)))
+            return OneRun(look)
 
     own = function("return Command(0.1 * (float(perceived.x_ego[0]) - 30.0), 0.0)")
     members = member("e", 300.0, 20.0), member("1", 330.0, 20.0)

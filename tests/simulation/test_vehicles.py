@@ -9,7 +9,7 @@ import pytest
 
 from resim.simulation.function.interface import EgoState
 from resim.simulation.vehicles.kinematic import Kinematic
-from resim.simulation.vehicles.model import Vehicle, VehicleModel, VehicleState, actuate
+from resim.simulation.vehicles.model import Vehicle, VehicleModel, VehicleState
 from resim.simulation.vehicles.single_track import SingleTrack
 
 REFERENCE = Path(__file__).with_name("single_track_reference.csv")
@@ -91,9 +91,9 @@ def test_a_vehicle_brakes_to_a_stop_and_stays(make: Callable[[], VehicleModel]) 
 def test_actuators_follow_with_their_lags() -> None:
     car = Vehicle(max_jerk=1e9, max_steering_rate=1e9)
     state = VehicleState(0.0, 0.0, 0.0, 10.0)
-    a, steering = actuate(car, state, 2.0, 0.01, car.acceleration_lag)
-    assert a == pytest.approx(2.0 * (1.0 - math.exp(-1.0)))
-    _, steering = actuate(car, state, 2.0, 0.01, car.steering_lag)
+    model = Kinematic(car)
+    assert model.step(state, 2.0, 0.01, car.acceleration_lag).a == pytest.approx(2.0 * (1.0 - math.exp(-1.0)))
+    steering = model.step(state, 2.0, 0.01, car.steering_lag).steering
     assert steering == pytest.approx(math.atan(car.wheelbase * 0.01) * (1.0 - math.exp(-1.0)))
 
 

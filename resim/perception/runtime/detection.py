@@ -3,31 +3,51 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resim.core.geometry import Floats
 from resim.perception.model import Detection, FieldOfView
 from resim.perception.runtime.kernel import FRESH
-from resim.perception.runtime.tables import DetectionTables
+from resim.perception.runtime.tables import DetectionTables, changed
 
 Columns = NDArray[np.intp]
 
 
 class DetectionState:
-    """What is seen of N objects: `reach` [m] and `opening` [rad]; `state` (N,) remembers who was detected last."""
+    """What is seen of N objects in B runs: `reach` [m] and `opening` [rad] (B,); `state` (B, N) remembers who was
+    detected last. edges (B, 3, E), bins of occlusion (B,): of the tables.
+    """
 
-    def __init__(self, detection: Detection, view: FieldOfView) -> None:
-        self.tables = DetectionTables(detection)
-        self.edges = self.tables.edges
-        self.reach, self.opening = (math.inf if c is None else c for c in (view.range, view.bearing))
+    def __init__(self, detections: Sequence[Detection], views: Sequence[FieldOfView]) -> None:
+        self.tables = [DetectionTables(detection) for detection in detections]
+        most = max(tables.edges.shape[1] for tables in self.tables)
+        self.edges = np.array([
+            np.pad(tables.edges, ((0, 0), (0, most - tables.edges.shape[1])), constant_values=np.inf)
+            for tables in self.tables
+        ])  # fmt: skip
+        self.bins = np.array([tables.loss.shape[2] for tables in self.tables])
+        shapes = np.array([tables.loss.shape for tables in self.tables]).max(axis=0)
+        self.detected = np.zeros((len(self.tables), 3, *shapes))
+        self._steps = np.full(len(self.tables), np.nan)
+        view = [[math.inf if c is None else c for c in (view.range, view.bearing)] for view in views]
+        self.reach, self.opening = np.array(view).T.copy()
         self.clear()
 
     def clear(self) -> None:
         """Forget all objects."""
-        self.state = np.zeros(0, dtype=np.intp)
+        self.state = np.zeros((len(self.tables), 0), dtype=np.intp)
+
+    def step(self, steps: Floats) -> Floats:
+        """Give the probabilities to be detected after steps (B,) [s], (B, 3, R, B, O) by state and bins."""
+        for b in changed(steps, self._steps):
+            table = self.tables[b].table(float(steps[b]))
+            self.detected[b, :, : table.shape[1], : table.shape[2], : table.shape[3]] = table
+        return self.detected
 
     def regroup(self, kept: Columns, before: Columns, n: int) -> None:
         """Change to n columns: those `before` go to `kept`, and the others are new."""
-        old, self.state = self.state, np.full(n, FRESH)
-        self.state[kept] = old[before]
+        old, self.state = self.state, np.full((len(self.tables), n), FRESH)
+        self.state[:, kept] = old[:, before]

@@ -7,8 +7,7 @@ from collections import deque
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.simulation.function.interface import unknown_heights
-from resim.simulation.perception import World
+from resim.simulation.perception import Worlds
 
 
 class HeightHistory:
@@ -22,25 +21,23 @@ class HeightHistory:
         """Forget everything."""
         self._past: deque[tuple[float, dict[str, float]]] = deque()
 
-    def append(self, world: World) -> None:
+    def append(self, worlds: Worlds) -> None:
         """Take in the truth of now; without heights nothing."""
-        if world.z is None:
+        if worlds.z is None:
             return
-        self._past.append((world.t, dict(zip(world.ids.tolist(), world.z.tolist(), strict=True))))
-        while len(self._past) > 2 and self._past[1][0] <= world.t - self._need:
+        self._past.append((worlds.t, dict(zip(worlds.ids.tolist(), worlds.z.tolist(), strict=True))))
+        while len(self._past) > 2 and self._past[1][0] <= worlds.t - self._need:
             self._past.popleft()
 
-    def z_ego(self, world: World) -> Floats:
-        """Give the heights (N,) [m] that the objects of now had, above that of the EGO now; NaN without heights.
+    def z(self, worlds: Worlds) -> Floats:
+        """Give the heights (N,) [m] that the objects of now had.
 
         Linear between times; of an object that is new, its first.
         """
-        if world.z is None:
-            return unknown_heights(len(world.ids))
         t = np.array([when for when, _ in self._past])
-        then = world.t - self._need
-        out = np.empty(len(world.ids))
-        for n, name in enumerate(world.ids.tolist()):
+        then = worlds.t - self._need
+        out = np.empty(len(worlds.ids))
+        for n, name in enumerate(worlds.ids.tolist()):
             known = [k for k, (_, heights) in enumerate(self._past) if name in heights]
             out[n] = np.interp(then, t[known], [self._past[k][1][name] for k in known])
-        return out - world.ego_z
+        return out

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import is_not
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.perception.model import Objects
-from resim.perception.runtime.kernel import HEADING, MANEUVER, V, X, Y, remember
+from resim.perception.runtime.kernel import HEADING, PAST_ROWS, UNWRAPPED, V, X, Y, remember
 from resim.scenario.maneuvers import SEEN_ACROSS, SEEN_BRAKING, momentary
-from resim.simulation.perception import World
+from resim.simulation.perception import Worlds
 
 _SAME = 1e-9
 """s; below this two times are one."""
@@ -79,65 +80,105 @@ class Lookups:
         self.settled = len(times) - last + 1
 
 
-class History:
-    """The past (5, T, N) of N objects, as the kernel writes it, at times t (T,) [s]; its samples go up to `end`.
+class _Window:
+    """What one run's sensor looks back by: its sets of parameters, and lookups by the time step."""
 
-    sets: parameters, the pooled ones first; set_of (4,): which of them each of MANEUVERS has. An object that is new has
-    driven as it does now for ever.
-    """
-
-    def __init__(self, sets: Sequence[Objects], set_of: Rows) -> None:
-        self.sets, self.set_of = sets, set_of
+    def __init__(self, sets: Sequence[Objects]) -> None:
+        self.sets = sets
         self.need = max(
             max(s.latency.position, s.latency.speed + 0.5 * s.averaging.speed,
                 s.latency.heading + 0.5 * s.averaging.heading) for s in sets
         )  # fmt: skip
-        self.unwrap = any(s.latency.heading > 0.0 for s in sets)
+        self.direction = UNWRAPPED if any(s.latency.heading > 0.0 for s in sets) else HEADING
         self.known: dict[float, Lookups] = {}
+
+    def lookups(self, t: Floats, steady: int, dt: float) -> Lookups:
+        """Give what to look up in samples at t (T,) [s], of which the last `steady` are steps of dt [s]."""
+        if steady * dt > self.need + dt:
+            key = round(dt, 9)
+            if key not in self.known:
+                rows = math.ceil(self.need / dt + _SAME) + 2
+                self.known[key] = Lookups(key * np.arange(1.0 - rows, 1.0), self.sets)
+            return self.known[key]
+        first = max(int(np.searchsorted(t, t[-1] - self.need - _SAME)) - 1, 0)
+        return Lookups(t[min(first, len(t) - 2) :], self.sets)
+
+
+class StackedLookups:
+    """The lookups of B runs, one after the other: weights (S, 4, K), span (S, 4, 2), and settled (B,) of each run."""
+
+    def __init__(self, of: list[Lookups]) -> None:
+        self.of = of
+        most = max(one.weights.shape[2] for one in of)
+        self.weights = np.concatenate(
+            [np.pad(one.weights, ((0, 0), (0, 0), (most - one.weights.shape[2], 0))) for one in of]
+        )
+        self.span = np.concatenate([one.span + (most - one.weights.shape[2]) for one in of])
+        self.settled = np.array([one.settled for one in of])
+
+
+class History:
+    """The past of N objects, as the kernel writes it, at times t (T,) [s]; its samples go up to `end`.
+
+    past (PAST_ROWS, T, N) is that of the world, maneuver (B, T, N) what it looks like from the EGO of each run. sets: of
+    each run its parameters, the pooled ones first. An object that is new has driven as it does now for ever.
+    """
+
+    def __init__(self, sets: Sequence[Sequence[Objects]]) -> None:
+        self._windows = [_Window(own) for own in sets]
+        self.need = max(window.need for window in self._windows)
+        self.direction = np.array([window.direction for window in self._windows])
         self.clear()
 
     def clear(self) -> None:
         """Forget everything."""
         self.end = 0
-        self.look: Lookups | None = None
+        self._look: StackedLookups | None = None
 
-    def begin(self, world: World, dt: float = _STEP) -> None:
+    def begin(self, worlds: Worlds, dt: float = _STEP) -> None:
         """Lay out the time before the first sample, in steps of dt [s]."""
-        self.dt, self.look, rows = dt, None, math.ceil(self.need / dt + _SAME) + 2
+        self.dt, rows = dt, math.ceil(self.need / dt + _SAME) + 2
         self.steady = self.end = rows
         self.t = np.empty(max(8 * rows, 128))
-        self.t[:rows] = world.t - dt * np.arange(rows - 1, -1, -1)
-        self.past = np.empty((5, len(self.t), len(world.v)))
-        self._past(world, np.arange(len(world.v)))
-        self.first: World | None = world
+        self.t[:rows] = worlds.t - dt * np.arange(rows - 1, -1, -1)
+        self._make(len(self.t), len(worlds.v))
+        self._past(worlds, np.arange(len(worlds.v)))
+        self.first: Worlds | None = worlds
 
-    def _past(self, world: World, new: Rows) -> None:
+    def _make(self, size: int, count: int) -> None:
+        """Make room for so many samples of so many objects."""
+        self.past = np.empty((PAST_ROWS, size, count))
+        self.maneuver = np.empty((len(self._windows), size, count), dtype=np.int8)
+
+    def _past(self, worlds: Worlds, new: Rows) -> None:
         """Fill the columns of new objects."""
-        past, heading, v = self.past[:, : self.end], world.heading[new], world.v[new]
-        ago = self.t[: self.end, None] - world.t
-        position = world.position[new] + ago * (v * np.exp(1j * heading))
+        past, heading, v = self.past[:, : self.end], worlds.heading[new], worlds.v[new]
+        ago = self.t[: self.end, None] - worlds.t
+        position = worlds.position[new] + ago * (v * np.exp(1j * heading))
         past[X][:, new], past[Y][:, new] = position.real, position.imag
-        past[V][:, new], past[HEADING][:, new] = v, heading
-        past[MANEUVER][:, new] = momentary(heading - world.ego.heading, v, 0.0)
+        past[V][:, new], past[HEADING][:, new], past[UNWRAPPED][:, new] = v, heading, heading
+        seen = momentary(heading - worlds.ego[:, 2, None], v, 0.0)
+        self.maneuver[:, : self.end, new] = seen[:, None, :]
 
-    def regroup(self, world: World, kept: Rows, before: Rows, new: Rows) -> None:
+    def regroup(self, worlds: Worlds, kept: Rows, before: Rows, new: Rows) -> None:
         """Change the columns: those `before` go to `kept`, and `new` ones begin."""
         self.first = None  # the past keeps the steps that it has
-        old, self.past = self.past, np.empty((5, len(self.t), len(world.v)))
-        self.past[..., kept] = old[..., before]
-        self._past(world, new)
+        past, maneuver = self.past, self.maneuver
+        self._make(len(self.t), len(worlds.v))
+        self.past[..., kept], self.maneuver[..., kept] = past[..., before], maneuver[..., before]
+        self._past(worlds, new)
 
-    def append(self, world: World, step: float) -> None:
+    def append(self, worlds: Worlds, step: float) -> None:
         """Take in the truth of now, `step` [s] after the last."""
         if not abs(step - self.dt) < _SAME:
             self._change(step)
         self.steady, self.first = self.steady + 1, None
         if self.end == len(self.t):
-            self._shift(world.t)
-        self.t[self.end] = world.t
+            self._shift(worlds.t)
+        self.t[self.end] = worlds.t
         remember(
-            self.past, self.end, world.position, world.heading, world.v, world.ego.heading, SEEN_BRAKING * step,
-            SEEN_ACROSS, self.unwrap,
+            self.past, self.maneuver, self.end, worlds.position, worlds.heading, worlds.v, worlds.ego[:, 2],
+            SEEN_BRAKING * step, SEEN_ACROSS,
         )  # fmt: skip
         self.end += 1
 
@@ -146,27 +187,25 @@ class History:
         if self.first is not None:
             self.begin(self.first, step)
         else:
-            self.steady, self.dt, self.look = 0, step, None
+            self.steady, self.dt = 0, step
 
     def _shift(self, t: float) -> None:
-        """Drop what is too old, in place; make room where little is."""
+        """Drop what is too old; make room where little is."""
         first = max(int(np.searchsorted(self.t, t - self.need - _SAME)) - 2, 0)
         rows, size = self.end - first, len(self.t)
         if rows > size // 2:
             size *= 2
-        times, past = np.empty(size), np.empty((5, size, self.past.shape[2]))
-        times[:rows], past[:, :rows] = self.t[first : self.end], self.past[:, first : self.end]
-        self.t, self.past, self.end = times, past, rows
+        times, past, maneuver = self.t, self.past, self.maneuver
+        self.t = np.empty(size)
+        self._make(size, past.shape[2])
+        self.t[:rows], self.past[:, :rows] = times[first : self.end], past[:, first : self.end]
+        self.maneuver[:, :rows] = maneuver[:, first : self.end]
+        self.end = rows
 
-    def lookups(self) -> Lookups:
+    def lookups(self) -> StackedLookups:
         """Give what to look up now."""
-        if self.look is None and self.steady * self.dt > self.need + self.dt:
-            key = round(self.dt, 9)
-            if key not in self.known:
-                rows = math.ceil(self.need / self.dt + _SAME) + 2
-                self.known[key] = Lookups(key * np.arange(1.0 - rows, 1.0), self.sets)
-            self.look = self.known[key]  # for as long as the steps stay the same
-        if self.look is not None:
-            return self.look
-        first = max(int(np.searchsorted(self.t[: self.end], self.t[self.end - 1] - self.need - _SAME)) - 1, 0)
-        return Lookups(self.t[min(first, self.end - 2) : self.end], self.sets)
+        times = self.t[: self.end]
+        of = [window.lookups(times, self.steady, self.dt) for window in self._windows]
+        if self._look is None or any(map(is_not, of, self._look.of)):
+            self._look = StackedLookups(of)  # for as long as the steps stay the same
+        return self._look

@@ -1,4 +1,4 @@
-"""A cycle of a perception model for N objects, compiled by numba: what is remembered, looked up late, and perceived.
+"""A cycle of the perception models of B runs for N objects, compiled by numba: what is remembered, looked up late, and perceived.
 
 What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change.
 """
@@ -14,8 +14,9 @@ from numba import njit
 Q = 6
 """Quantities with errors, in the order of QUANTITIES."""
 
-X, Y, V, HEADING, MANEUVER = range(5)
-"""What is remembered: place in the map [m], speed [m/s], heading without jumps [rad], index into MANEUVERS."""
+X, Y, V, HEADING, UNWRAPPED, PAST_ROWS = range(6)
+"""What is remembered of objects, beside their maneuvers: place in the map [m], speed [m/s], heading [rad] as it was told
+and without jumps; how many rows that is."""
 PLACE, SPEED, ACCELERATION, DIRECTION = range(4)
 """What is looked up, each by weights of its own."""
 FOLLOW, LEFT, RIGHT, BRAKES = range(4)
@@ -41,19 +42,19 @@ entry = njit(cache=True, error_model="numpy")
 
 
 @entry
-def remember(samples, k, position, heading, v, ego_heading, braked, lane_change, unwrap):
-    """Write sample k of samples (5, T, N), one after the last.
+def remember(past, maneuver, k, position, heading, v, ego_heading, braked, lane_change):
+    """Write sample k of past (PAST_ROWS, T, N) and of maneuver (B, T, N), one after the last.
 
-    position (N,) x + iy [m], heading [rad], v [m/s]: in the map. braked: gain of speed [m/s] below which an object
-    brakes. lane_change: speed [m/s] across the EGO's heading above which it changes lane. unwrap: headings go on from
-    the last without a jump of a turn.
+    position (N,) x + iy [m], heading [rad], v [m/s]: in the map. ego_heading (B,) rad. braked: gain of speed [m/s] below
+    which an object brakes. lane_change: speed [m/s] across the EGO's heading above which it changes lane.
     """
     for n in range(v.size):
-        across = v[n] * math.sin(heading[n] - ego_heading)
-        samples[MANEUVER, k, n] = _maneuver(across, v[n] - samples[V, k - 1, n], braked, lane_change)
-        turns = np.rint((samples[HEADING, k - 1, n] - heading[n]) / _FULL) if unwrap else 0.0
-        samples[HEADING, k, n] = heading[n] + turns * _FULL
-        samples[X, k, n], samples[Y, k, n], samples[V, k, n] = position[n].real, position[n].imag, v[n]
+        for b in range(ego_heading.size):
+            across = v[n] * math.sin(heading[n] - ego_heading[b])
+            maneuver[b, k, n] = _maneuver(across, v[n] - past[V, k - 1, n], braked, lane_change)
+        turns = np.rint((past[UNWRAPPED, k - 1, n] - heading[n]) / _FULL)
+        past[HEADING, k, n], past[UNWRAPPED, k, n] = heading[n], heading[n] + turns * _FULL
+        past[X, k, n], past[Y, k, n], past[V, k, n] = position[n].real, position[n].imag, v[n]
 
 
 @compiled
@@ -67,78 +68,91 @@ def _maneuver(across, gained, braked, lane_change):
 
 
 @entry
-def perceive(samples, end, weights, span, settled, set_of, ego_x, ego_y, ego_heading, ego_v, length, width, random,
-             errors, least_size, drift, edges, detected, state, reach, opening, limits, seen, who):  # fmt: skip
-    """Fill seen (Q, M) with x, y, v, heading, length, width of the M objects that are seen, and who (M,) with their
-    columns; give M, and how many of them lie outside of the limits. Drifts and states of detection go on by a step.
+def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego, listed, length, width, rows, row,
+             errors, least_size, drift, edges, detected, bins, state, reach, opening, limits, seen, who, counts):  # fmt: skip
+    """For each of B runs whose list is due (`listed`) fill seen (B, Q, N) with x, y, v, heading, length, width of the
+    objects that are seen, who (B, N) with their columns, and counts (B, 2) with how many these are, and how many of them
+    lie outside of the limits. Drifts and states of detection go on by a step.
 
-    samples, end, weights, span, settled, set_of: what is known of the past (`_look_back`). ego_x, ego_y [m],
-    ego_heading [rad], ego_v [m/s]: in the map. length, width (N,) [m]. random (WIDTH, N). errors (S, ERROR_ROWS, Q);
-    least_size [m]; drift (Q, N), standardised. edges (3, E): inner edges of range [m], |bearing| [rad] and occlusion;
-    detected: the probability (3, R, B, O) to be detected next, by state and bins; state (N,). reach [m], opening
-    [rad]: of the field of view. limits (5, 2): least and largest of the features, and of ego_v.
+    past, maneuver, end, weights, span, settled, direction (B,), set_of (B, 4): what is known of the past (`_look_back`).
+    ego (B, 6): x, y [m], heading [rad], v [m/s] in the map, and more. length, width (N,) [m]. rows (K, B, WIDTH, N) of
+    random numbers, and which row (B,) each takes. errors (S, ERROR_ROWS, Q);
+    least_size (B,) [m]; drift (B, Q, N), standardised. edges (B, 3, E): inner edges of range [m], |bearing| [rad] and
+    occlusion; detected: the probability (B, 3, R, B, O) to be detected next, by state and bins; bins (B,): of occlusion;
+    state (B, N). reach [m], opening [rad] (B,): of the field of view. limits (B, 5, 2): least and largest of the
+    features, and of the EGO's speed.
     """
-    count, beyond = 0, 0
-    chosen, places, late = _look_back(samples, end, weights, span, settled, set_of)
-    relative = (places - complex(ego_x, ego_y)) * complex(math.cos(ego_heading), -math.sin(ego_heading))
-    hidden = _hidden(relative, late[2], ego_heading, length, width, detected.shape[3])
-    for n in range(chosen.size):
-        turned = (math.pi + ego_heading) - late[2, n]
-        distance = math.hypot(relative[n].real, relative[n].imag)
-        bearing = math.atan2(relative[n].imag, relative[n].real)
-        features = (distance, bearing, -ego_v - late[0, n] * math.cos(turned), late[1, n])
-        table = errors[chosen[n]]
-        _go_on(drift, n, table, random)
-        i, j, k = _bin(edges, 0, distance), _bin(edges, 1, abs(bearing)), _bin(edges, 2, hidden[n])
-        state[n] = DETECTED if random[SIGHT, n] < detected[state[n], i, j, k] else LOST
-        if state[n] == LOST or distance > reach or abs(bearing) > opening:
+    for b in range(ego.shape[0]):
+        if not listed[b]:
             continue
-        true = (relative[n].real, relative[n].imag, late[0, n], turned, length[n], width[n])
-        for q in range(Q):
-            seen[q, count] = true[q] + _error(q, features, table, drift[q, n], random[NOISE + q, n])
-        seen[TURN, count] = math.pi - seen[TURN, count] % _FULL
-        seen[LENGTH, count] = max(seen[LENGTH, count], least_size)
-        seen[WIDE, count] = max(seen[WIDE, count], least_size)
-        beyond += _beyond(features, ego_v, limits)
-        who[count] = n
-        count += 1
-    return count, beyond
+        count, beyond = 0, 0
+        ego_x, ego_y, ego_heading, ego_v = ego[b, 0], ego[b, 1], ego[b, 2], ego[b, 3]
+        random = rows[row[b], b]
+        chosen, places, late = _look_back(
+            past, maneuver[b], end, weights, span, settled[b], direction[b], set_of[b]
+        )
+        relative = (places - complex(ego_x, ego_y)) * complex(math.cos(ego_heading), -math.sin(ego_heading))
+        hidden = _hidden(relative, late[2], ego_heading, length, width, bins[b])
+        for n in range(chosen.size):
+            turned = (math.pi + ego_heading) - late[2, n]
+            distance = math.hypot(relative[n].real, relative[n].imag)
+            bearing = math.atan2(relative[n].imag, relative[n].real)
+            features = (distance, bearing, -ego_v - late[0, n] * math.cos(turned), late[1, n])
+            table = errors[chosen[n]]
+            _go_on(drift[b], n, table, random)
+            i, j = _bin(edges[b], 0, distance), _bin(edges[b], 1, abs(bearing))
+            k = _bin(edges[b], 2, hidden[n])
+            found = random[SIGHT, n] < detected[b, state[b, n], i, j, k]
+            state[b, n] = DETECTED if found else LOST
+            if state[b, n] == LOST or distance > reach[b] or abs(bearing) > opening[b]:
+                continue
+            true = (relative[n].real, relative[n].imag, late[0, n], turned, length[n], width[n])
+            for q in range(Q):
+                error = _error(q, features, table, drift[b, q, n], random[NOISE + q, n])
+                seen[b, q, count] = true[q] + error
+            seen[b, TURN, count] = math.pi - seen[b, TURN, count] % _FULL
+            seen[b, LENGTH, count] = max(seen[b, LENGTH, count], least_size[b])
+            seen[b, WIDE, count] = max(seen[b, WIDE, count], least_size[b])
+            beyond += _beyond(features, ego_v, limits[b])
+            who[b, count] = n
+            count += 1
+        counts[b, 0], counts[b, 1] = count, beyond
 
 
 @compiled
-def _look_back(samples, end, weights, span, settled, set_of):
+def _look_back(past, maneuver, end, weights, span, settled, direction, set_of):
     """Give which set of parameters objects have (N,), and what they were by that: places (N,) x + iy [m] in the map,
     and (3, N) speeds [m/s], accelerations [m/s²] and headings [rad] without jumps of a turn.
 
-    samples (5, T, N), of which end - 1 is the newest, and `settled` counts back to the one that says what the maneuver
-    is; set_of (4,): the set of each maneuver. weights (S, 4, K) of the last K samples, not 0 from span (S, 4, 2) on,
-    and to there.
+    past (PAST_ROWS, T, N), maneuver (T, N), of which end - 1 is the newest, and `settled` counts back to the one that
+    says what the maneuver is; direction: HEADING or UNWRAPPED; set_of (4,): the set of each maneuver. weights (S, 4, K) of the last K samples, not 0 from
+    span (S, 4, 2) on, and to there.
     """
-    count, first = samples.shape[2], end - weights.shape[2]
-    past, window = (samples, first), (weights, span)
+    count, first = past.shape[2], end - weights.shape[2]
+    samples, window = (past, first), (weights, span)
     chosen, places, late = np.empty(count, np.intp), np.empty(count, np.complex128), np.empty((3, count))
     for n in range(count):
-        one = set_of[int(samples[MANEUVER, end - settled, n])]
-        x = _weighted(past, window, X, n, one, PLACE)
-        y = _weighted(past, window, Y, n, one, PLACE)
+        one = set_of[maneuver[end - settled, n]]
+        x = _weighted(samples, window, X, n, one, PLACE)
+        y = _weighted(samples, window, Y, n, one, PLACE)
         chosen[n], places[n] = one, complex(x, y)
-        late[0, n] = _weighted(past, window, V, n, one, SPEED)
-        late[1, n] = _weighted(past, window, V, n, one, ACCELERATION)
-        late[2, n] = _weighted(past, window, HEADING, n, one, DIRECTION)
+        late[0, n] = _weighted(samples, window, V, n, one, SPEED)
+        late[1, n] = _weighted(samples, window, V, n, one, ACCELERATION)
+        late[2, n] = _weighted(samples, window, direction, n, one, DIRECTION)
     return chosen, places, late
 
 
 @compiled
-def _weighted(past, window, row, n, one, what):
+def _weighted(samples, window, row, n, one, what):
     """The weighted sum of the last samples of an object.
 
-    past: samples, and the first that is weighed; window: weights and span (`_look_back`). row: X to MANEUVER. one: the
-    object's set of parameters; what: PLACE to DIRECTION.
+    samples: the past, and the first that is weighed; window: weights and span (`_look_back`). row: X to UNWRAPPED. one:
+    the object's set of parameters; what: PLACE to DIRECTION.
     """
-    (samples, first), (weights, span) = past, window
+    (past, first), (weights, span) = samples, window
     total = 0.0
     for k in range(span[one, what, 0], span[one, what, 1]):
-        total += weights[one, what, k] * samples[row, first + k, n]
+        total += weights[one, what, k] * past[row, first + k, n]
     return total
 
 

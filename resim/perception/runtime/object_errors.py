@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from resim.core.geometry import Floats
 from resim.perception.model import Objects
-from resim.perception.runtime.kernel import Q
-from resim.perception.runtime.tables import ErrorTables
+from resim.perception.runtime.kernel import ERROR_ROWS, Q
+from resim.perception.runtime.tables import ErrorTables, changed
 
 LEAST_SIZE = 0.1
 """m; no perceived box is shorter or narrower, if the model has errors of size."""
@@ -19,22 +20,37 @@ Columns = NDArray[np.intp]
 
 
 class ObjectErrorState:
-    """Errors of N objects; `drift` (Q, N) remembers their drifts, in units of their spreads."""
+    """Errors of N objects in B runs; `drift` (B, Q, N) remembers their drifts, in units of their spreads.
 
-    def __init__(self, sets: Sequence[Objects]) -> None:
-        self.tables = ErrorTables([s.errors for s in sets])
-        self.least_size = LEAST_SIZE if self.tables.sizes else -math.inf
+    least_size (B,) m.
+    """
+
+    def __init__(self, sets: Sequence[Sequence[Objects]]) -> None:
+        self.tables = [ErrorTables([s.errors for s in own]) for own in sets]
+        self.least_size = np.array([LEAST_SIZE if tables.sizes else -math.inf for tables in self.tables])
+        self._first = np.cumsum([0, *map(len, sets)]).tolist()
+        self._all = np.zeros((self._first[-1], ERROR_ROWS, Q))
+        self._steps = np.full(len(self.tables), np.nan)
         self.clear()
 
     def clear(self) -> None:
         """Forget all objects."""
-        self.drift = np.zeros((Q, 0))
+        self.drift = np.zeros((len(self.tables), Q, 0))
+
+    def step(self, steps: Floats) -> Floats:
+        """Give the tables (S, ERROR_ROWS, Q) of all sets of all runs for steps (B,) [s]."""
+        for b in changed(steps, self._steps):
+            self._all[self._first[b] : self._first[b + 1]] = self.tables[b].table(float(steps[b]))
+        return self._all
 
     def regroup(
-        self, kept: Columns, before: Columns, streams: dict[int, np.random.Generator], n: int
+        self, kept: Columns, before: Columns, streams: dict[int, list[np.random.Generator]], n: int
     ) -> None:
-        """Change to n columns: those `before` go to `kept`; the others, with these streams of their errors, are new."""
-        old, self.drift = self.drift, np.zeros((Q, n))
-        self.drift[:, kept] = old[:, before]
-        for column, stream in streams.items():
-            self.drift[:, column] = self.tables.root.dot(stream.standard_normal(Q))
+        """Change to n columns: those `before` go to `kept`; the others are new, with these streams of their errors, one a
+        run.
+        """
+        old, self.drift = self.drift, np.zeros((len(self.tables), Q, n))
+        self.drift[:, :, kept] = old[:, :, before]
+        for column, of in streams.items():
+            for b, stream in enumerate(of):
+                self.drift[b, :, column] = self.tables[b].root.dot(stream.standard_normal(Q))

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
 from resim.perception.runtime.kernel import SIGHT, WIDTH
 from resim.perception.runtime.streams import Streams
 
@@ -27,36 +26,39 @@ class ObjectStreams(NamedTuple):
 
 
 class RandomRows:
-    """Random numbers of N objects, BLOCK cycles ahead: rows (WIDTH, N) as the kernel takes them."""
+    """Random numbers of N objects in B runs, BLOCK lists ahead: rows (BLOCK, B, WIDTH, N) as the kernel takes them, and
+    the next one (B,) of each run.
+    """
 
-    def __init__(self) -> None:
-        self.streams: list[ObjectStreams] = []
-        self.rows, self.next = np.empty((BLOCK, WIDTH, 0)), 0
+    def __init__(self, runs: int) -> None:
+        self.streams: list[list[ObjectStreams]] = []  # of each object, one a run
+        self.rows, self.next = np.empty((BLOCK, runs, WIDTH, 0)), np.zeros(runs, dtype=np.intp)
 
     def regroup(
         self,
-        streams: list[ObjectStreams],
+        streams: list[list[ObjectStreams]],
         kept: NDArray[np.intp],
         before: NDArray[np.intp],
         new: NDArray[np.intp],
     ) -> None:
         """Change the columns: those `before` go to `kept`, and `new` ones begin."""
         old, self.streams = self.rows, streams
-        self.rows = np.empty((BLOCK, WIDTH, len(streams)))
-        self.rows[:, :, kept] = old[:, :, before]
-        self._draw(new.tolist(), self.next)
+        self.rows = np.empty((*old.shape[:-1], len(streams)))
+        self.rows[..., kept] = old[..., before]
+        for b, first in enumerate(self.next.tolist()):
+            self._draw(b, new.tolist(), first)
 
-    def take(self) -> Floats:
-        """Give the next row; new ones when all were taken."""
-        if self.next == BLOCK:
-            self._draw(range(len(self.streams)), 0)
-            self.next = 0
-        self.next += 1
-        row: Floats = self.rows[self.next - 1]
-        return row
+    def take(self, listed: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Give which row (B,) is the next of each run that makes a list; new ones are drawn when all were taken."""
+        for b in np.flatnonzero(listed & (self.next == BLOCK)).tolist():
+            self._draw(b, range(len(self.streams)), 0)
+            self.next[b] = 0
+        taken = self.next.copy()
+        self.next += listed
+        return taken
 
-    def _draw(self, columns: list[int] | range, first: int) -> None:
+    def _draw(self, b: int, columns: list[int] | range, first: int) -> None:
         for n in columns:
-            errors, detection = self.streams[n]
-            self.rows[first:, :SIGHT, n] = errors.standard_normal((BLOCK - first, SIGHT))
-            self.rows[first:, SIGHT, n] = detection.random(BLOCK - first)
+            errors, detection = self.streams[n][b]
+            self.rows[first:, b, :SIGHT, n] = errors.standard_normal((BLOCK - first, SIGHT))
+            self.rows[first:, b, SIGHT, n] = detection.random(BLOCK - first)

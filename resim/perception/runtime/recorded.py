@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from resim.core.geometry import Floats, from_frame, to_frame, wrap_angle
 from resim.core.tracks import Tracks, whole_id
 from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import World
+from resim.simulation.perception import OneRun, Perception, PerceptionBatch, World
 
 _SAME = 1e-6  # s
 
@@ -23,8 +24,6 @@ class RecordedPerception:
     truth's. An error is that of the last list before; before the first list, of that one. Errors of position are in
     the EGO's frame, so that an EGO that drives otherwise sees objects as far off.
     """
-
-    shown = outside = 0
 
     def __init__(self, gt: Tracks, sd: Tracks, *, ego: str, senses_ego: bool) -> None:
         true = gt.at(sd.t)
@@ -52,8 +51,11 @@ class RecordedPerception:
             told.update(np.ascontiguousarray(column).tobytes())
         return told.hexdigest()
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Nothing is drawn."""
+    def together(
+        self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+    ) -> PerceptionBatch | None:
+        """Give that of one run; nothing is drawn."""
+        return None if others else OneRun(self.perceive)
 
     def perceive(self, world: World) -> Perceived:
         """Give the objects that were on the list of this time."""

@@ -1,11 +1,15 @@
-"""A perception model in the closed loop: turns the true world into what the model perceives of it."""
+"""Perception models in the closed loop: turn the true world into what the models perceive of it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from resim.core.geometry import Bools, Floats, constant
 from resim.core.tracks import Strings
 from resim.perception.model import PerceptionModel
 from resim.perception.parts.definition import RunningPart
@@ -19,89 +23,123 @@ from resim.perception.runtime.object_errors import ObjectErrorState
 from resim.perception.runtime.random_rows import ObjectStreams, RandomRows
 from resim.perception.runtime.streams import PartStreams, Streams
 from resim.scenario.maneuvers import MANEUVERS
+from resim.simulation.function.batch import Integers, Keys, PerceivedBatch, stacked
 from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import World
+from resim.simulation.perception import (
+    Perception,
+    PerceptionBatch,
+    World,
+    Worlds,
+    worlds_of,
+    z_above,
+)
 
 _SAME = 1e-9  # s
 
 
 class Sensor:
-    """Perceives the world as the model says (`resim.simulation.perception.Perception`).
-
-    Where objects are is relative to the true EGO; what the EGO knows of itself has errors of its own. Latency, errors
-    and detection of the objects are compiled; what comes after them are the parts of `resim.perception.parts`.
-    """
+    """Perceives the world as the model says (`resim.simulation.perception.Perception`)."""
 
     def __init__(self, model: PerceptionModel) -> None:
         self.model, self.hash = model, model.hash
-        sets, own = [model.pooled, *model.maneuvers.values()], list(model.maneuvers)
-        set_of = np.array([own.index(m) + 1 if m in own else 0 for m in MANEUVERS])
-        self._history = History(sets, set_of)
-        self._heights = HeightHistory(model.pooled.latency.position)
-        self._errors = ObjectErrorState(sets)
-        self._sight = DetectionState(model.detection, model.field_of_view)
-        self._limits = limits(model.validity)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget the last run; every random draw of the next comes from `rng`."""
-        self._streams = Streams(rng)
-        self._parts = _running(self.model, self._streams)
-        self._timing = self._streams.of("update")
-        self._t = self._listed = self._due = -math.inf
-        self._held: HeldList | None = None
-        self._names: list[str] = []
-        self._ids: Strings | None = None
-        self._rows = RandomRows()
-        for part in (self._history, self._heights, self._errors, self._sight):
-            part.clear()
-        self._shown_so_far = self._outside = 0
+        """Forget what was perceived; every random draw from now on comes from `rng`."""
+        self._alone = Sensors([self.model], [rng])
 
     @property
     def shown(self) -> int:
         """Samples of objects on the lists so far."""
-        return self._shown_so_far
+        return int(self._alone.shown[0])
 
     @property
     def outside(self) -> int:
         """How many of `shown` lie outside of what the model was trained for (`validity`)."""
-        return self._outside
+        return int(self._alone.outside[0])
 
     def perceive(self, world: World) -> Perceived:
         """Give what is perceived of the world; called with times that increase."""
-        step = self._take_in(world)
-        own = world.ego
-        for part in self._parts:
-            own = part.localise(own, step)
-        if self._held is not None and world.t < self._due - _SAME:
-            return self._held.seen(world.t, own)
-        self._step = world.t - self._listed if self._listed > -math.inf else 0.0
-        seen = self._list(world, own)
-        self._listed = world.t
-        if self.model.update.period > 0.0:
-            self._schedule(world.t)
-            self._held = HeldList(seen)
+        return self._alone.perceive(worlds_of(world)).of(0)
+
+    def together(
+        self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+    ) -> PerceptionBatch | None:
+        """Give the sensors of a batch of runs; None where another has none."""
+        models = [self.model, *(other.model for other in others if isinstance(other, Sensor))]
+        return Sensors(models, rngs) if len(models) == len(rngs) else None
+
+
+class Sensors:
+    """The sensors of B runs of one scenario, each by its model (`resim.simulation.perception.PerceptionBatch`).
+
+    Where objects are is relative to the true EGO; what the EGO knows of itself has errors of its own. Latency, errors
+    and detection of the objects are compiled; what comes after them are the parts of `resim.perception.parts`.
+
+    rngs: of each run what every random draw of it comes from.
+    """
+
+    def __init__(self, models: Sequence[PerceptionModel], rngs: Sequence[np.random.Generator]) -> None:
+        runs = len(models)
+        self._models = models
+        sets = [[model.pooled, *model.maneuvers.values()] for model in models]
+        first = np.cumsum([0, *map(len, sets)])[:-1, None]
+        self._set_of = first + np.array([_set_of(model) for model in models])
+        self._history = History(sets)
+        lags = [model.pooled.latency.position for model in models]
+        self._heights = {lag: HeightHistory(lag) for lag in lags}
+        self._lags = lags
+        self._errors = ObjectErrorState(sets)
+        self._sight = DetectionState([m.detection for m in models], [m.field_of_view for m in models])
+        self._limits = np.array([limits(model.validity) for model in models])
+        self._periodic = np.array([model.update.period > 0.0 for model in models])
+        self._streams = [Streams(rng) for rng in rngs]
+        parts = [_running(model, of) for model, of in zip(models, self._streams, strict=True)]
+        self._localising, self._changing = (
+            {b: own for b, of in enumerate(parts) if (own := [part for part in of if _does(part, what)])}
+            for what in ("localise", "change")
+        )
+        self._timing = [of.of("update") for of in self._streams]
+        self._t, self._listed = -math.inf, np.full(runs, -math.inf)
+        self._due = np.full(runs, -math.inf)
+        self._held: dict[int, HeldList] = {}
+        self._names: list[str] = []
+        self._ids: Strings | None = None
+        self._rows, self._keys = RandomRows(runs), Keys(runs)
+        self.shown, self.outside = np.zeros(runs, dtype=np.intp), np.zeros(runs, dtype=np.intp)
+
+    def perceive(self, worlds: Worlds) -> PerceivedBatch:
+        """Give what is perceived of the worlds; called with times that increase."""
+        step = self._take_in(worlds)
+        own = self._localised(worlds.ego, step)
+        listed = ~self._periodic | ~(worlds.t < self._due - _SAME)
+        steps = np.where(self._listed > -math.inf, worlds.t - self._listed, 0.0)
+        seen = self._list(worlds, own, listed, steps)
+        self._listed[listed] = worlds.t
+        if self._changing or self._periodic.any():
+            return self._changed(seen, worlds, listed, steps)
         return seen
 
-    def _take_in(self, world: World) -> float:
+    def _take_in(self, worlds: Worlds) -> float:
         """Remember the truth; gives the time [s] since the last."""
-        history, t = self._history, world.t
-        if world.ids is not self._ids:
-            self._regroup(world)
+        history, t = self._history, worlds.t
+        if worlds.ids is not self._ids:
+            self._regroup(worlds)
         if self._t == -math.inf:
-            history.begin(world)
+            history.begin(worlds)
             step = math.inf
         else:
             step = t - self._t
-            history.append(world, step)
-        self._heights.append(world)
+            history.append(worlds, step)
+        for heights in self._heights.values():
+            heights.append(worlds)
         self._t = t
         return step
 
-    def _regroup(self, world: World) -> None:
+    def _regroup(self, worlds: Worlds) -> None:
         """Let objects come and go."""
-        names = world.ids.tolist()
-        self._ids = world.ids
+        names = worlds.ids.tolist()
+        self._ids = worlds.ids
         if names == self._names and self._t > -math.inf:
             return
         column = {name: n for n, name in enumerate(self._names)}
@@ -109,48 +147,96 @@ class Sensor:
         before = np.array([column[name] for name in names if name in column], dtype=np.intp)
         new = np.array([n for n, name in enumerate(names) if name not in column], dtype=np.intp)
         if self._t > -math.inf:
-            self._history.regroup(world, kept, before, new)
-        came = {n: ObjectStreams.of(self._streams, names[n]) for n in new.tolist()}
+            self._history.regroup(worlds, kept, before, new)
+        came = {n: [ObjectStreams.of(of, names[n]) for of in self._streams] for n in new.tolist()}
         known = dict(zip(self._names, self._rows.streams, strict=True))
-        self._errors.regroup(kept, before, {n: of.errors for n, of in came.items()}, len(names))
+        errors = {n: [of.errors for of in streams] for n, streams in came.items()}
+        self._errors.regroup(kept, before, errors, len(names))
         self._sight.regroup(kept, before, len(names))
         streams = [came[n] if n in came else known[name] for n, name in enumerate(names)]
         self._rows.regroup(streams, kept, before, new)
-        self._names, self._who = names, np.empty(len(names), dtype=np.intp)
+        self._names, self._key = names, self._keys.of_traffic(worlds.ids)
 
-    def _schedule(self, t: float) -> None:
-        """Set when the next list is due."""
-        update = self.model.update
-        self._due = max(self._due, t - update.period) if self._due > -math.inf else t
-        while self._due <= t + _SAME:
-            jitter = update.jitter * self._timing.standard_normal() if update.jitter > 0.0 else 0.0
-            self._due += max(update.period + jitter, 1e-3)
+    def _localised(self, ego: Floats, step: float) -> Floats:
+        """The EGOs' states (B, 6) as they have them, a step [s] after the last; infinite for the first."""
+        if not self._localising:
+            return ego
+        own = ego.copy()
+        for b, parts in self._localising.items():
+            state = EgoState(*own[b].tolist())
+            for part in parts:
+                state = part.localise(state, step)
+            own[b] = state
+        return own
 
-    def _list(self, world: World, own: EgoState) -> Perceived:
-        """Make a list: the objects as they were, with errors, as far as they are detected."""
-        ego, history, errors, sight = world.ego, self._history, self._errors, self._sight
-        look, random, who, n = history.lookups(), self._rows.take(), self._who, len(self._names)
-        table = np.empty((Q, n))  # kept by who perceives
-        count, beyond = perceive(
-            history.past, history.end, look.weights, look.span, look.settled, history.set_of,
-            ego.x, ego.y, ego.heading, ego.v, world.length, world.width, random,
-            errors.tables.table(self._step), errors.least_size, errors.drift,
-            sight.edges, sight.tables.table(self._step), sight.state, sight.reach, sight.opening,
-            self._limits, table, who,
+    def _list(self, worlds: Worlds, own: Floats, listed: Bools, steps: Floats) -> PerceivedBatch:
+        """Make the lists that are due: the objects as they were, with errors, as far as they are detected."""
+        history, errors, sight = self._history, self._errors, self._sight
+        look, row = history.lookups(), self._rows.take(listed)
+        runs, n = len(own), len(self._names)
+        table, who = np.empty((runs, Q, n)), np.zeros((runs, n), dtype=np.intp)  # kept by who perceives
+        counts = np.zeros((runs, 2), dtype=np.intp)
+        perceive(
+            history.past, history.maneuver, history.end, look.weights, look.span, look.settled, history.direction,
+            self._set_of, worlds.ego, listed, worlds.length, worlds.width, self._rows.rows, row,
+            errors.step(steps), errors.least_size, errors.drift, sight.edges, sight.step(steps), sight.bins,
+            sight.state, sight.reach, sight.opening, self._limits, table, who, counts,
         )  # fmt: skip
-        self._shown_so_far += count
-        self._outside += beyond
-        ids, kind = world.ids, world.kind
-        z_ego = self._heights.z_ego(world)
-        if count < n:
-            who, table = who[:count], table[:, :count]
-            ids, kind = ids[who], kind[who]
-            z_ego = z_ego[who]
-        x, y, v, heading, length, width = table
-        seen = Perceived(world.t, own, ids, kind, x, y, heading, v, length, width, z_ego)
-        for part in self._parts:
-            seen = part.change(seen, world, self._step)
-        return seen
+        self.shown += counts[:, 0]
+        self.outside += counts[:, 1]
+        key, ids, kind, z_ego = (
+            np.broadcast_to(column, who.shape)
+            for column in (self._key, worlds.ids, worlds.kind, self._z_ego(worlds))
+        )
+        if (counts[:, 0] < n).any():
+            key, ids, kind = (column[who] for column in (self._key, worlds.ids, worlds.kind))
+            z_ego = np.take_along_axis(z_ego, who, axis=1)
+            key, ids, kind, z_ego = map(constant, (key, ids, kind, z_ego))
+        x, y, v, heading, length, width = constant(table).transpose(1, 0, 2)
+        return PerceivedBatch(
+            worlds.t, own, counts[:, 0], key, ids, kind, x, y, heading, v, length, width, z_ego
+        )
+
+    def _z_ego(self, worlds: Worlds) -> Floats:
+        """Heights (B, N) [m] that the objects had as each sensor tells them, above that of the EGO now."""
+        if worlds.z is None:
+            return z_above(worlds)
+        then = {lag: heights.z(worlds) for lag, heights in self._heights.items()}
+        return constant(np.array([then[lag] for lag in self._lags]) - worlds.ego_z[:, None])
+
+    def _changed(
+        self, lists: PerceivedBatch, worlds: Worlds, listed: Bools, steps: Floats
+    ) -> PerceivedBatch:
+        """The lists as they are after all parts, and of each run with a period the one that it holds until the next."""
+        of = []
+        for b, (made, periodic) in enumerate(zip(listed.tolist(), self._periodic.tolist(), strict=True)):
+            seen = lists.of(b)
+            if not made:
+                of.append(self._held[b].seen(worlds.t, seen.ego))
+                continue
+            world = worlds.of(b)
+            for part in self._changing.get(b, ()):
+                seen = part.change(seen, world, float(steps[b]))
+            if periodic:
+                self._schedule(b, worlds.t)
+                self._held[b] = HeldList(seen)
+            of.append(seen)
+        return stacked(of, [self._keys.of_list(b, seen.ids) for b, seen in enumerate(of)])
+
+    def _schedule(self, b: int, t: float) -> None:
+        """Set when the next list of a run is due."""
+        update, due = self._models[b].update, float(self._due[b])
+        due = max(due, t - update.period) if due > -math.inf else t
+        while due <= t + _SAME:
+            jitter = update.jitter * self._timing[b].standard_normal() if update.jitter > 0.0 else 0.0
+            due += max(update.period + jitter, 1e-3)
+        self._due[b] = due
+
+
+def _set_of(model: PerceptionModel) -> list[int]:
+    """Which of its sets of parameters each of MANEUVERS has, the pooled ones first."""
+    own = list(model.maneuvers)
+    return [own.index(m) + 1 if m in own else 0 for m in MANEUVERS]
 
 
 def _running(model: PerceptionModel, streams: Streams) -> list[RunningPart]:
@@ -158,3 +244,8 @@ def _running(model: PerceptionModel, streams: Streams) -> list[RunningPart]:
     known = ((part, getattr(model, part.name)) for part in PARTS)
     made = (part.make(of, PartStreams(streams, part.name)) for part, of in known if of is not None)
     return [part for part in made if part is not None]
+
+
+def _does(part: RunningPart, what: str) -> bool:
+    """Whether a part has a method of its own."""
+    return getattr(type(part), what) is not getattr(RunningPart, what)

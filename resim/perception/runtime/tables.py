@@ -26,23 +26,27 @@ _SAME = 1e-9  # s
 _NONE = -1e4  # exp of it is 0
 
 
+def changed(steps: Floats, last: Floats) -> list[int]:
+    """Give which of B runs have another step [s] than the last, which is noted; NaN for none yet."""
+    other = np.flatnonzero(~(np.abs(steps - last) <= _SAME))
+    last[other] = steps[other]
+    return [*other.tolist()]
+
+
 class _ByStep(ABC):
-    """Tables that depend on the time step; they are kept, and while steps are alike the last is at hand."""
+    """Tables that depend on the time step; they are kept."""
 
     def __init__(self) -> None:
         self._made: dict[float, Floats] = {}
-        self._dt, self._last = math.inf, np.empty(0)
 
     def table(self, dt: float) -> Floats:
         """Give the table for a step of dt [s]."""
-        if abs(dt - self._dt) > _SAME:
-            key = round(dt, 9)
-            if key not in self._made:
-                if len(self._made) > _KEPT:
-                    self._made.clear()
-                self._made[key] = self._make(key)
-            self._dt, self._last = dt, self._made[key]
-        return self._last
+        key = round(dt, 9)
+        if key not in self._made:
+            if len(self._made) > _KEPT:
+                self._made.clear()
+            self._made[key] = self._make(key)
+        return self._made[key]
 
     @abstractmethod
     def _make(self, dt: float) -> Floats:

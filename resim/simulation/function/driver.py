@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from resim.core.geometry import Floats, constant
 from resim.core.plugins.descendants import end_strays
 from resim.core.plugins.loading import LOAD_LIMIT
 from resim.core.plugins.watchdog import Watchdog
+from resim.simulation.function.batch import BatchFunction, CommandBatch, PerceivedBatch
 from resim.simulation.function.interface import (
     AdFunction,
     Build,
@@ -46,47 +48,138 @@ class Driver:
     def __init__(self, build: Build, watchdog: Watchdog) -> None:
         self._build, self._watchdog, self._limit = build, watchdog, build.time_limit
         self._function: AdFunction
-        self.seen: list[Perceived] = []
-        self.plans: list[tuple[float, Floats]] = []
+        self._seen: list[Perceived] = []
+        self._plans: list[tuple[float, Floats]] = []
 
-    def reset(self, setup: Setup) -> None:
+    def reset(self, setups: Sequence[Setup]) -> None:
         """Execute the function's modules, make it and prepare it."""
-        self._watchdog.call(LOAD_LIMIT, self._build.factory.load)
-        self._function = self._watchdog.call(_RESET_LIMIT, self._build.make)
+        (setup,) = setups
+        self._function = _made(self._build, self._watchdog)
         self._watchdog.call(_RESET_LIMIT, lambda: self._function.reset(setup))
         self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step)
 
-    def step(self, perceived: Perceived, keep: bool) -> Command | Placement:
-        """Give the function's answer; FunctionError for one that cannot be driven."""
-        answer: Command | Placement = self._watchdog.call(
-            self._limit, self._answer, unchangeable(perceived), keep
+    def step(self, perceived: PerceivedBatch, keep: bool) -> Floats | Placement:
+        """Give the function's answer, (1, 2) acceleration and curvature; FunctionError for one that cannot be driven."""
+        answer: Floats | Placement = self._watchdog.call(
+            self._limit, self._answer, unchangeable(perceived.of(0)), keep
         )
         return answer
 
-    def _answer(self, perceived: Perceived, keep: bool) -> Command | Placement:
+    def seen(self, b: int, until: float) -> tuple[Perceived, ...]:
+        """Give what it saw until then [s]."""
+        return tuple(p for p in self._seen if p.t <= until)
+
+    def plans(self, b: int, until: float) -> tuple[tuple[float, Floats], ...]:
+        """Give when [s] it made which plans until then."""
+        return tuple(plan for plan in self._plans if plan[0] <= until)
+
+    def _answer(self, perceived: Perceived, keep: bool) -> Floats | Placement:
         """Ask and check the answer, which may run code of the function's, too."""
         answer: Command | Placement = self._step(perceived)
+        given: Floats | Placement
         if isinstance(answer, Command):
-            answer = _copied(answer)
-            if keep and answer.plan is not None:
-                self.plans.append((perceived.t, answer.plan))
+            command = _copied(answer)
+            given = np.array([[command.acceleration, command.curvature]])
+            if keep and command.plan is not None:
+                self._plans.append((perceived.t, command.plan))
         elif isinstance(answer, Placement):
             if not self._build.needs_truth:
                 raise FunctionError("answered a Placement; only oracles may, that declare needs_truth = True")
-            answer = _placement(answer)
+            given = _placement(answer)
         else:
             raise FunctionError(f"answered {answer!r:.60}, expected a Command")
         if keep:
-            self.seen.append(perceived)
-        return answer
+            self._seen.append(perceived)
+        return given
 
     def close(self) -> None:
         """End the function, and what it left running. Raises FunctionError where it did."""
-        try:
-            if hasattr(self, "_function"):
-                self._watchdog.call(_RESET_LIMIT, lambda: self._function.close())
-        finally:
-            end_strays()
+        _closed(self._watchdog, getattr(self, "_function", None))
+
+
+def driver_of(build: Build, watchdog: Watchdog, runs: int) -> Driver | BatchDriver:
+    """Give what drives so many runs."""
+    return Driver(build, watchdog) if runs == 1 else BatchDriver(build, watchdog)
+
+
+def _made(build: Build, watchdog: Watchdog) -> Any:
+    """Execute the function's modules, and make it."""
+    watchdog.call(LOAD_LIMIT, build.factory.load)
+    return watchdog.call(_RESET_LIMIT, build.make)
+
+
+class BatchDriver:
+    """One function for several runs; remembers as `Driver` does."""
+
+    def __init__(self, build: Build, watchdog: Watchdog) -> None:
+        self._build, self._watchdog = build, watchdog
+        self._function: BatchFunction
+        self._seen: list[PerceivedBatch] = []
+        self._plans: list[tuple[float, Floats]] = []
+
+    def reset(self, setups: Sequence[Setup]) -> None:
+        """Execute the function's modules, make it and prepare it for all runs."""
+        self._limit = self._build.time_limit * len(setups)
+        self._function = _made(self._build, self._watchdog)
+        self._watchdog.call(_RESET_LIMIT * len(setups), lambda: self._function.reset_batch(setups))
+        self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step_batch)
+
+    def step(self, perceived: PerceivedBatch, keep: bool) -> Floats:
+        """Give the answers (B, 2), acceleration and curvature; FunctionError for some that cannot be driven."""
+        answer: Floats = self._watchdog.call(self._limit, self._answer, perceived, keep)
+        return answer
+
+    def _answer(self, perceived: PerceivedBatch, keep: bool) -> Floats:
+        """Ask and check the answers."""
+        answer, runs = self._step(perceived), len(perceived)
+        if not isinstance(answer, CommandBatch):
+            raise FunctionError(f"answered {answer!r:.60}, expected a CommandBatch")
+        out = np.empty((runs, 2))
+        for column, name in enumerate(("acceleration", "curvature")):
+            out[:, column] = _numbers(getattr(answer, name), (runs,), name)
+        if answer.plan is not None:
+            plan = _numbers(answer.plan, (runs, *np.shape(answer.plan)[1:]), "plan")
+            if plan.ndim != 3 or plan.shape[1] < 1 or plan.shape[2] != 4 or not (np.abs(plan) < _FARTHEST).all():
+                raise FunctionError(
+                    f"answered plans of shape {plan.shape}, expected (B, K, 4), below {_FARTHEST:g}"
+                )
+            if not (np.diff(plan[:, :, 0], axis=1) > 0.0).all():
+                raise FunctionError("answered a plan whose times do not increase")
+            if keep:
+                self._plans.append((perceived.t, plan))
+        if keep:
+            self._seen.append(perceived)
+        return out
+
+    def seen(self, b: int, until: float) -> tuple[Perceived, ...]:
+        """Give what the function of a run saw until then [s]."""
+        return tuple(p.of(b) for p in self._seen if p.t <= until)
+
+    def plans(self, b: int, until: float) -> tuple[tuple[float, Floats], ...]:
+        """Give when [s] the function of a run made which plans until then."""
+        return tuple((t, plan[b]) for t, plan in self._plans if t <= until)
+
+    def close(self) -> None:
+        """End the function, and what it left running. Raises FunctionError where it did."""
+        _closed(self._watchdog, getattr(self, "_function", None))
+
+
+def _closed(watchdog: Watchdog, function: AdFunction | None) -> None:
+    """End a function, None for one that was not made, and what it left running."""
+    try:
+        if function is not None:
+            watchdog.call(_RESET_LIMIT, lambda: function.close())
+    finally:
+        end_strays()
+
+
+def _numbers(given: Any, shape: tuple[int, ...], what: str) -> Floats:
+    """Give a copy of an array of plain finite numbers of this shape."""
+    if isinstance(given, np.ndarray) and given.dtype.kind in "fiu" and not isinstance(given, np.ma.MaskedArray):
+        copy: Floats = given.astype(float, order="C", subok=False)
+        if copy.shape == shape and np.isfinite(copy).all():
+            return copy
+    raise FunctionError(f"answered {what} {given!r:.60}, expected finite numbers of shape {shape}")
 
 
 def unchangeable(p: Perceived) -> Perceived:

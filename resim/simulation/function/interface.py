@@ -41,6 +41,8 @@ class EgoState(NamedTuple):
 
 
 _NOT_GIVEN: Any = None
+_IN_BATCHES = ("reset_batch", "step_batch")
+"""What a function has that can drive several runs at once."""
 
 
 @lru_cache(maxsize=256)
@@ -157,6 +159,7 @@ class Build:
         path: The build file.
         factory: What makes the function.
         needs_truth: Whether the function is an oracle that is given the recorded EGO.
+        in_batches: Whether it can drive several runs at once (`resim.simulation.function.batch.BatchFunction`).
         parameters: What the factory is called with.
         cycle_time: s between two answers, None for every simulation step.
         time_limit: s of wall clock for one answer; `reset` and `close` have a minute, the import of its module three.
@@ -169,6 +172,7 @@ class Build:
     path: Path
     factory: LoadedCallable
     needs_truth: bool
+    in_batches: bool
     parameters: dict[str, Any]
     cycle_time: float | None
     time_limit: float
@@ -221,7 +225,7 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     said = _parsed(copy.raw, path)
     named = load_named(frozen, copy, said.factory, "factory")
     factory = named.load()
-    name = said.factory.partition(":")[2]
+    name, needs_truth = said.factory.partition(":")[2], bool(getattr(factory, "needs_truth", False))
     lacks = [
         call
         for call in ("reset", "step", "close")
@@ -242,7 +246,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         version=said.version,
         path=path,
         factory=named,
-        needs_truth=bool(getattr(factory, "needs_truth", False)),
+        needs_truth=needs_truth,
+        in_batches=not needs_truth and all(callable(getattr(factory, name, None)) for name in _IN_BATCHES),
         parameters=said.parameters,
         cycle_time=said.cycle_time,
         time_limit=said.time_limit,

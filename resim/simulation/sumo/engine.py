@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+from collections.abc import Sequence
 from functools import cache
 
 from resim.road.sumo import sumo_net
@@ -20,10 +21,13 @@ class Sumo:
         """The name, and the version of SUMO."""
         return f"sumo {_version()}"
 
-    def drive(self, case: Case, *, window: bool = False) -> SimulatedDrive:
-        """Drive a case (`resim.simulation.engine.Engine`)."""
+    def drive(self, cases: Sequence[Case], *, window: bool = False) -> list[SimulatedDrive]:
+        """Drive cases (`resim.simulation.engine.Engine`), one by one."""
+        return [self._driven(case, window=window) for case in cases]
+
+    def _driven(self, case: Case, *, window: bool) -> SimulatedDrive:
         with held_session(sumo_net(case.network).simulated, case.step, gui=window) as session:
-            return drive(case, lambda stage: SumoMirror(stage, session))
+            return drive([case], lambda stage: SumoMirror(stage, session))[0]
 
 
 @cache

@@ -8,11 +8,12 @@ the reference point.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
+    from resim.core.geometry import Floats
     from resim.simulation.function.interface import EgoState
 
 
@@ -40,6 +41,11 @@ class Vehicle:
     def wheelbase(self) -> float:
         """Distance between the axles [m]."""
         return self.front + self.rear
+
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """All fields, as `resim.simulation.vehicles.kernel` takes them."""
+        return astuple(self)
 
 
 BMW_320I = Vehicle()
@@ -79,27 +85,15 @@ class VehicleModel(Protocol):
     def settle(self, state: EgoState) -> VehicleState:
         """Give the model's state in which it moves on as `state` says."""
 
+    def advance(self, states: Floats, commands: Floats, dt: float) -> None:
+        """Move B vehicles by dt [s], in place: states (B, 8) as `VehicleState` has them, under constant commands (B, 2):
+        acceleration [m/s²], curvature [1/m].
+        """
+
     def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
-        """Give the state dt [s] later under a constant command: acceleration [m/s²], curvature [1/m]."""
+        """Give the state of one vehicle dt [s] later, as `advance`."""
+        import numpy as np  # which the command line's help spares
 
-
-def actuate(
-    vehicle: Vehicle, state: VehicleState, acceleration: float, curvature: float, dt: float
-) -> tuple[float, float]:
-    """Give acceleration [m/s²] and steering angle [rad] after dt [s] of lag and limits."""
-    a = state.a + _limited(
-        (_limited(acceleration, -vehicle.max_braking, vehicle.max_acceleration) - state.a)
-        * (1.0 - math.exp(-dt / vehicle.acceleration_lag)),
-        -vehicle.max_jerk * dt,
-        vehicle.max_jerk * dt,
-    )
-    if state.v * state.v * abs(curvature) > vehicle.max_lateral:
-        curvature = math.copysign(vehicle.max_lateral / (state.v * state.v), curvature)
-    wanted = _limited(math.atan(vehicle.wheelbase * curvature), -vehicle.max_steering, vehicle.max_steering)
-    most = vehicle.max_steering_rate * dt
-    change = (wanted - state.steering) * (1.0 - math.exp(-dt / vehicle.steering_lag))
-    return a, state.steering + _limited(change, -most, most)
-
-
-def _limited(value: float, low: float, high: float) -> float:
-    return low if value < low else high if value > high else value
+        states = np.array([state])
+        self.advance(states, np.array([[acceleration, curvature]]), dt)
+        return VehicleState(*states[0].tolist())
