@@ -8,17 +8,19 @@ left to overtake the traffic object safely".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from adfunc.lane_keeping import Lane, Neighbour, in_corridor
-from resim.core.geometry import Floats
-from resim.simulation.function.interface import Command, EgoState, Perceived, Setup
+from adfunc.lane_keeping import Integers, Lanes, Neighbours, alone, in_corridor
+from resim.core.geometry import Bools, Floats
+from resim.simulation.function.batch import CommandBatch, Keys, PerceivedBatch
+from resim.simulation.function.interface import Command, Perceived, Setup
 
-Mode = Literal["follow", "brake", "change"]
+FOLLOW, BRAKE, CHANGE = range(3)
+"""Modes."""
 
 PLANNED = np.arange(0.0, 3.01, 0.25)
 """Times [s] ahead of the states of a plan."""
@@ -26,13 +28,15 @@ _RETURN = np.exp(-PLANNED)
 """What is left by then of a distance from the lane's centre."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Lead:
-    """The vehicle to mind: gap [m] between the boxes, its speed [m/s] along the lane, its acceleration [m/s²]."""
+class _Lead(NamedTuple):
+    """The vehicles to mind (B,): whether there is one, the gap [m] between the boxes, and the other's speed [m/s] and
+    acceleration [m/s²] along the lane.
+    """
 
-    gap: float
-    v: float
-    a: float
+    there: Bools
+    gap: Floats
+    v: Floats
+    a: Floats
 
 
 class HighwayPilot:
@@ -72,158 +76,178 @@ class HighwayPilot:
 
     def reset(self, setup: Setup) -> None:
         """Look up the lane."""
-        self.lane = Lane(setup.road, setup.start, setup.route)
-        self.half_length, self.half_width = 0.5 * setup.length, 0.5 * setup.width
-        self.start_speed, self.cycle = max(setup.start.v, 1.0), setup.cycle
-        self.smoothing = 1.0 - math.exp(-setup.cycle / 0.3)
-        self.mode: Mode = "follow"
-        self.change_begin, self.change_from, self.change_to = 0.0, 0.0, 0.0
-        self.speeds: dict[str, tuple[float, float, float]] = {}  # id: t, v, a
+        self.keys = Keys(1)
+        self.reset_batch([setup])
 
     def step(self, perceived: Perceived) -> Command:
         """Decide, then accelerate and steer accordingly."""
-        self.lane.place(perceived.ego)
-        others = list(self.lane.locate(perceived))
-        ego = perceived.ego
-        lead = self.mind(perceived, others)
-        self.decide(perceived.t, ego, others, lead)
-        a = self.accelerate(ego.v, lead)
-        offset, drift, bend = self.lateral(perceived.t, ego)
-        curvature = self.lane.steer(ego.v, offset, drift, bend)
-        return Command(a, curvature, self.plan(perceived.t, ego, a))
+        return alone(self, perceived, self.keys)
+
+    def reset_batch(self, setups: Sequence[Setup]) -> None:
+        """Look up the lanes."""
+        runs, one = len(setups), setups[0]
+        self.lanes = Lanes(setups)
+        self.half_length, self.half_width = 0.5 * one.length, 0.5 * one.width
+        self.start_speed = np.array([max(setup.start.v, 1.0) for setup in setups])
+        self.cycle, self.smoothing = one.cycle, 1.0 - math.exp(-one.cycle / 0.3)
+        self.mode = np.full(runs, FOLLOW)
+        self.change_begin, self.change_from, self.change_to = np.zeros((3, runs))
+        self.speeds = np.zeros((3, runs, 1))  # t, v, a, by key
+        self.seen_in, self.cycles = np.full((runs, 1), -1), 0
+
+    def step_batch(self, perceived: PerceivedBatch) -> CommandBatch:
+        """Decide, then accelerate and steer accordingly."""
+        ego, t = perceived.ego, perceived.t
+        self.lanes.place(ego)
+        others = self.lanes.locate(perceived)
+        lead = self.mind(t, others)
+        self.decide(t, ego, others, lead)
+        v = ego[:, 3]
+        a = self.accelerate(v, lead)
+        curvature = self.lanes.steer(v, *self.lateral(t))
+        return CommandBatch(a, curvature, self.plan(t, v, a))
 
     def close(self) -> None:
         """Nothing to end."""
 
-    def mind(self, perceived: Perceived, others: list[Neighbour]) -> _Lead | None:
-        """Find the nearest vehicle that is in the way, or will be by its drift."""
-        self.remember(perceived.t, others)
-        offset = self.lane.d if self.mode == "change" else 0.0
-        width, horizon = self.half_width + 0.1, self.cut_in_horizon
-        row: Neighbour | None = None
-        for o in others:
-            if o.s <= 0.0 or (row is not None and o.s >= row.s):
-                continue
-            if in_corridor(o.d, o, width, offset) or in_corridor(o.d + horizon * o.v_d, o, width, offset):
-                row = o
-        if row is None:
-            return None
-        gap = row.s - row.half_length - self.half_length
-        return _Lead(max(gap, 0.1), row.v_s, self.speeds[row.id][2])
+    def mind(self, t: float, others: Neighbours) -> _Lead:
+        """Find the nearest vehicles that are in the way, or will be by their drift."""
+        a = self.remember(t, others)
+        offset = np.where(self.mode == CHANGE, self.lanes.d, 0.0)[:, None]
+        width, drifted = self.half_width + 0.1, others.d + self.cut_in_horizon * others.v_d
+        near = in_corridor(others.d, others, width, offset) | in_corridor(drifted, others, width, offset)
+        ahead = np.where(near & (others.s > 0.0), others.s, np.inf)
+        if not ahead.shape[1]:
+            nothing = np.zeros(len(ahead))
+            return _Lead(nothing > 0.0, nothing, nothing, nothing)
+        row = ahead.argmin(axis=1)[:, None]
+        s, v, a, half_length = (
+            np.take_along_axis(column, row, axis=1)[:, 0] for column in (ahead, others.v_s, a, others.half_length)
+        )
+        there = np.isfinite(s)
+        return _Lead(there, np.maximum(s - half_length - self.half_length, 0.1), v, a)
 
-    def remember(self, t: float, others: list[Neighbour]) -> None:
-        """Estimate accelerations from the speeds seen, smoothed over 0.3 s."""
-        known, speeds = self.speeds, {}
-        for o in others:
-            t0, v0, a0 = known.get(o.id, (t - self.cycle, o.v_s, 0.0))
-            a = a0 + self.smoothing * ((o.v_s - v0) / max(t - t0, 1e-3) - a0)
-            speeds[o.id] = (t, o.v_s, a)
-        self.speeds = speeds
+    def remember(self, t: float, others: Neighbours) -> Floats:
+        """Estimate accelerations (B, M) from the speeds seen, smoothed over 0.3 s."""
+        self._make_room(others.key)
+        run, place = np.nonzero(others.there)
+        key, v = others.key[run, place], others.v_s[run, place]
+        new = self.seen_in[run, key] != self.cycles  # not in the list before
+        t0, v0, a0 = np.where(new, [[t - self.cycle], [0.0], [0.0]], self.speeds[:, run, key])
+        v0 = np.where(new, v, v0)
+        a = a0 + self.smoothing * ((v - v0) / np.maximum(t - t0, 1e-3) - a0)
+        self.cycles += 1
+        self.speeds[:, run, key], self.seen_in[run, key] = (np.full(len(v), t), v, a), self.cycles
+        out = np.zeros(others.key.shape)
+        out[run, place] = a
+        return out
 
-    def decide(self, t: float, ego: EgoState, others: list[Neighbour], lead: _Lead | None) -> None:
-        """Change the mode where the situation asks for it."""
-        if self.mode == "change":
-            if t > self.change_begin + self.change_time:
-                self.lane.look_up(ego)
-                self.mode = "follow"
-            return
-        if lead is None or (self.mode == "brake" and ego.v < lead.v - 0.5):
-            self.mode = "follow"
-            return
-        if self.mode == "follow" and self.threatened(ego, lead):
-            side = self.way_out(ego, others, lead)
-            if side == 0.0:
-                self.mode = "brake"
-            else:
-                self.mode, self.change_begin = "change", t
-                self.change_from, self.change_to = self.lane.d, side
+    def _make_room(self, key: Integers) -> None:
+        room, most = self.seen_in.shape[1], int(key.max(initial=0)) + 1
+        if most > room:
+            more = ((0, 0), (0, 2 * most - room))
+            self.speeds = np.pad(self.speeds, ((0, 0), *more))
+            self.seen_in = np.pad(self.seen_in, more, constant_values=-1)
 
-    def threatened(self, ego: EgoState, lead: _Lead) -> bool:
-        """Say whether the vehicle ahead is a threat."""
-        closing = ego.v - lead.v
+    def decide(self, t: float, ego: Floats, others: Neighbours, lead: _Lead) -> None:
+        """Change the modes where the situation asks for it."""
+        mode, v = self.mode, ego[:, 3]
+        changing = mode == CHANGE
+        done = changing & (t > self.change_begin + self.change_time)
+        self.lanes.look_up(np.flatnonzero(done).tolist(), ego)
+        calm = ~changing & (~lead.there | ((mode == BRAKE) & (v < lead.v - 0.5)))
+        asked = ~changing & ~calm & (mode == FOLLOW) & self.threatened(v, lead)
+        mode[done | calm] = FOLLOW
+        for b in np.flatnonzero(asked).tolist():
+            side = self.way_out(b, float(v[b]), others.of(b), lead)
+            mode[b] = BRAKE if side == 0.0 else CHANGE
+            if side != 0.0:
+                self.change_begin[b], self.change_from[b], self.change_to[b] = t, self.lanes.d[b], side
+
+    def threatened(self, v: Floats, lead: _Lead) -> Bools:
+        """Say whose vehicle ahead is a threat."""
+        closing = v - lead.v
         soon = time_to_collision(lead.gap, closing, lead.a) < self.threat_time
-        return soon and closing + 0.5 * max(-lead.a, 0.0) > self.threat_closing
+        return np.asarray(soon & (closing + 0.5 * np.maximum(-lead.a, 0.0) > self.threat_closing))
 
-    def way_out(self, ego: EgoState, others: list[Neighbour], lead: _Lead) -> float:
+    def way_out(self, b: int, v: float, others: Neighbours, lead: _Lead) -> float:
         """Give the lateral offset [m] of the neighbouring lane to evade to, left first; 0 where none is safe."""
-        closing = ego.v - lead.v
-        left_over = lead.gap - closing * self.swerve_time - 0.5 * max(-lead.a, 0.0) * self.swerve_time**2
-        if left_over < self.swerve_gap:
+        gap, lead_v, lead_a = (float(column[b]) for column in lead[1:])
+        braked = 0.5 * max(-lead_a, 0.0) * self.swerve_time**2
+        if gap - (v - lead_v) * self.swerve_time - braked < self.swerve_gap:
             return 0.0
-        here = self.lane.here
+        here = self.lanes.here(b)
         for width, sign in ((here.left_width, 1.0), (here.right_width, -1.0)):
             side = sign * (here.half_width + 0.5 * width)
-            if width > 2.5 and self.free(ego, others, side):
+            if width > 2.5 and self.free(v, others, side):
                 return side
         return 0.0
 
-    def free(self, ego: EgoState, others: list[Neighbour], side: float) -> bool:
-        """Say whether nobody is or comes too near in the lane at lateral offset `side` [m]."""
-        for o in others:
-            closing = ego.v - o.v_s if o.s > 0.0 else o.v_s - ego.v
-            gap = abs(o.s) - o.half_length - self.half_length
-            if in_corridor(o.d, o, self.half_width + 0.3, side) and gap < 5.0 + 2.0 * max(closing, 0.0):
-                return False
-        return True
+    def free(self, v: float, others: Neighbours, side: float) -> bool:
+        """Say whether nobody is or comes too near in the lane at lateral offset `side` [m]; others: of one run."""
+        closing = np.where(others.s > 0.0, v - others.v_s, others.v_s - v)
+        gap = np.abs(others.s) - others.half_length - self.half_length
+        near = gap < 5.0 + 2.0 * np.maximum(closing, 0.0)
+        return not (in_corridor(others.d, others, self.half_width + 0.3, side) & near).any()
 
-    def accelerate(self, v: float, lead: _Lead | None) -> float:
-        """Give the acceleration [m/s²]: towards the desired speed, bounded by the gap ahead."""
-        free = min(max(0.6 * (self._desired() - v), -self.comfort_braking), 1.5)
-        if lead is None:
-            return free
+    def accelerate(self, v: Floats, lead: _Lead) -> Floats:
+        """Give the accelerations (B,) [m/s²]: towards the desired speed, bounded by the gap ahead."""
+        free = np.minimum(np.maximum(0.6 * (self._desired() - v), -self.comfort_braking), 1.5)
         closing = v - lead.v
         wanted = self.standstill_gap + self.time_gap * v
         keep = 0.25 * (lead.gap - wanted) - 0.9 * closing
-        if closing < 0.0:  # the gap opens: no need to brake for it
-            keep = max(keep, -0.3)
-        bounded = min(free, max(keep, -self.comfort_braking))
-        if self.mode != "brake":
-            return bounded
-        room = max(lead.gap - self.standstill_gap, 0.5)
-        needed = max(-lead.a, 0.0) + max(closing, 0.0) ** 2 / (2.0 * room)
-        return max(min(bounded, -1.1 * needed), -self.max_braking)
+        keep = np.where(closing < 0.0, np.maximum(keep, -0.3), keep)  # the gap opens: no need to brake for it
+        bounded = np.minimum(free, np.maximum(keep, -self.comfort_braking))
+        room = np.maximum(lead.gap - self.standstill_gap, 0.5)
+        needed = np.maximum(-lead.a, 0.0) + np.maximum(closing, 0.0) ** 2 / (2.0 * room)
+        hard = np.maximum(np.minimum(bounded, -1.1 * needed), -self.max_braking)
+        return np.where(lead.there, np.where(self.mode == BRAKE, hard, bounded), free)
 
-    def lateral(self, t: float, ego: EgoState) -> tuple[float, float, float]:
-        """Give where to be across the lane [m], and its first and second derivative [m/s, m/s²]."""
-        if self.mode != "change":
-            return 0.0, 0.0, 0.0
-        d, drift, bend = quintic(self.change_from, self.change_to, t - self.change_begin, self.change_time)
-        return float(d), float(drift), float(bend)
+    def lateral(self, t: float) -> Floats:
+        """Give where to be across the lanes [m], and its first and second derivative [m/s, m/s²]: (3, B)."""
+        out = np.zeros((3, len(self.mode)))
+        if (changing := self.mode == CHANGE).any():
+            ends, begin = (self.change_from[changing], self.change_to[changing]), self.change_begin[changing]
+            out[:, changing] = quintic(*ends, t - begin, self.change_time)
+        return out
 
-    def plan(self, t: float, ego: EgoState, a: float) -> Floats:
-        """Give the planned states over the next 3 s."""
-        v = max(ego.v, 0.0)
-        driving = np.minimum(PLANNED, v / -a) if a < 0.0 else PLANNED  # until it stands
-        plan = np.empty((len(PLANNED), 4))
-        plan[:, 0] = t + PLANNED
-        speed = plan[:, 3] = np.maximum(v + a * driving, 0.0)  # a rounding below 0 would be reversing
+    def plan(self, t: float, v: Floats, a: Floats) -> Floats:
+        """Give the planned states (B, K, 4) over the next 3 s."""
+        v = np.maximum(v, 0.0)[:, None]
+        a = a[:, None]
+        with np.errstate(divide="ignore"):
+            stands = np.where(a < 0.0, v / -a, np.inf)
+        driving = np.minimum(PLANNED, stands)  # until it stands
+        plan = np.empty((len(v), len(PLANNED), 4))
+        plan[:, :, 0] = t + PLANNED
+        speed = plan[:, :, 3] = np.maximum(v + a * driving, 0.0)  # a rounding below 0 would be reversing
         run = 0.5 * (v + speed) * driving
-        if self.mode == "change":
-            since = t - self.change_begin + PLANNED
-            d, _, _ = quintic(self.change_from, self.change_to, since, self.change_time)
-        else:
-            d = self.lane.d * _RETURN
-        plan[:, 1], plan[:, 2] = self.lane.path.xy(self.lane.s + run, d)
+        d = self.lanes.d[:, None] * _RETURN
+        if (changing := self.mode == CHANGE).any():
+            begin, *ends = (c[changing, None] for c in (self.change_begin, self.change_from, self.change_to))
+            d[changing] = quintic(*ends, t - begin + PLANNED, self.change_time)[0]
+        plan[:, :, 1], plan[:, :, 2] = self.lanes.paths.xy(self.lanes.s[:, None] + run, d)
         return plan
 
-    def _desired(self) -> float:
-        if self.desired_speed is not None:
-            return self.desired_speed
-        limit = self.lane.path.speed_limit_at(self.lane.s)
-        return min(limit, self.start_speed) if math.isfinite(limit) else self.start_speed
+    def _desired(self) -> Floats:
+        """The speeds (B,) [m/s] to drive at on a free road."""
+        limited = self.lanes.limited(self.desired_speed, self.start_speed)
+        return limited if self.desired_speed is not None else np.minimum(limited, self.start_speed)
 
 
-def time_to_collision(gap: float, closing: float, lead_a: float) -> float:
-    """Give the time [s] until the gap [m] is gone, at this closing speed [m/s] and the lead's braking [m/s²]."""
-    braking = max(-lead_a, 0.0)
-    if braking < 0.1:
-        return gap / closing if closing > 0.0 else math.inf
-    return (-closing + math.sqrt(closing * closing + 2.0 * braking * gap)) / braking
+def time_to_collision(gap: Floats, closing: Floats, lead_a: Floats) -> Floats:
+    """Give the times [s] until the gaps [m] are gone, at these closing speeds [m/s] and the leads' braking [m/s²]."""
+    braking = np.maximum(-lead_a, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steady = np.where(closing > 0.0, gap / closing, np.inf)
+        return np.where(
+            braking < 0.1, steady, (-closing + np.sqrt(closing * closing + 2.0 * braking * gap)) / braking
+        )
 
 
-def quintic(begin: float, end: float, t: ArrayLike, duration: float) -> tuple[Floats, Floats, Floats]:
+def quintic(begin: ArrayLike, end: ArrayLike, t: ArrayLike, duration: float) -> tuple[Floats, Floats, Floats]:
     """Give position, speed and acceleration at times t on the smoothest way from rest at `begin` to `end`."""
-    u, span = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0), end - begin
+    u, span = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0), np.subtract(end, begin)
     return (
         begin + span * u**3 * (10.0 - 15.0 * u + 6.0 * u * u),
         span * 30.0 * (u * (1.0 - u)) ** 2 / duration,

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from adfunc.lane_keeping import Lane, in_corridor
+import numpy as np
+
+from adfunc.lane_keeping import Lanes, alone, in_corridor
+from resim.simulation.function.batch import CommandBatch, Keys, PerceivedBatch
 from resim.simulation.function.interface import Command, Perceived, Setup
 
 
@@ -29,29 +33,36 @@ class Idm:
 
     def reset(self, setup: Setup) -> None:
         """Look up the lane."""
-        self.lane = Lane(setup.road, setup.start, setup.route)
-        self.half_length, self.half_width = 0.5 * setup.length, 0.5 * setup.width
-        self.start_speed = max(setup.start.v, 1.0)
+        self.keys = Keys(1)
+        self.reset_batch([setup])
 
     def step(self, perceived: Perceived) -> Command:
         """Keep the lane and the gap."""
-        self.lane.place(perceived.ego)
-        v = perceived.ego.v
-        a = self.acceleration * (1.0 - (v / self._desired()) ** 4)
-        others = self.lane.locate(perceived, behind=0.0)
-        lead = next((o for o in others if o.s > 0.0 and in_corridor(o.d, o, self.half_width)), None)
-        if lead is not None:
-            gap = max(lead.s - lead.half_length - self.half_length, 0.1)
-            closing = v - lead.v_s
-            wanted = v * self.time_gap + v * closing / (2.0 * math.sqrt(self.acceleration * self.braking))
-            a -= self.acceleration * ((self.standstill_gap + max(wanted, 0.0)) / gap) ** 2
-        return Command(max(a, -9.0), self.lane.steer(v))
+        return alone(self, perceived, self.keys)
+
+    def reset_batch(self, setups: Sequence[Setup]) -> None:
+        """Look up the lanes."""
+        self.lanes = Lanes(setups)
+        self.half_length, self.half_width = 0.5 * setups[0].length, 0.5 * setups[0].width
+        self.start_speed = np.array([max(setup.start.v, 1.0) for setup in setups])
+
+    def step_batch(self, perceived: PerceivedBatch) -> CommandBatch:
+        """Keep the lanes and the gaps."""
+        v, most = perceived.ego[:, 3], self.acceleration
+        self.lanes.place(perceived.ego)
+        ratio = v / self.lanes.limited(self.desired_speed, self.start_speed)
+        free = most * (1.0 - np.array([r**4 for r in ratio.tolist()]))  # as precise alone as with others
+        others = self.lanes.locate(perceived, behind=0.0)
+        ahead = (others.s > 0.0) & in_corridor(others.d, others, self.half_width)
+        led = np.flatnonzero(ahead.any(axis=1))
+        lead = ahead.argmax(axis=1)[led] if len(led) else led
+        s, v_s, half_length = (column[led, lead] for column in (others.s, others.v_s, others.half_length))
+        gap = np.maximum(s - half_length - self.half_length, 0.1)
+        own = v[led]
+        wanted = own * self.time_gap + own * (own - v_s) / (2.0 * math.sqrt(most * self.braking))
+        short = (self.standstill_gap + np.maximum(wanted, 0.0)) / gap
+        free[led] -= most * short**2
+        return CommandBatch(np.maximum(free, -9.0), self.lanes.steer(v))
 
     def close(self) -> None:
         """Nothing to end."""
-
-    def _desired(self) -> float:
-        if self.desired_speed is not None:
-            return self.desired_speed
-        limit = self.lane.path.speed_limit_at(self.lane.s)
-        return limit if math.isfinite(limit) else self.start_speed

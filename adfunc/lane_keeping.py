@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from resim.core.geometry import Bools, Floats
 from resim.road.driven_route import Route, only_roads
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import Path, PathPoint, lane_path
-from resim.simulation.function.interface import EgoState, Perceived
+from resim.road.paths import Paths
+from resim.simulation.function.batch import BatchFunction, Keys, PerceivedBatch, batch_of_one
+from resim.simulation.function.interface import Command, EgoState, Perceived, Setup
+
+Integers = NDArray[np.intp]
 
 AHEAD, BEHIND = 800.0, 350.0
 """How much of a lane to look up at a time [m]."""
@@ -30,20 +35,25 @@ LEVEL, RISE = 2.0, 0.15
 """Objects are on another level that are higher or lower than this [m], and than roads rise on the way [m per m]."""
 
 
-class Neighbour(NamedTuple):
-    """A perceived object along the EGO's lane.
+class Neighbours(NamedTuple):
+    """Perceived objects along the EGOs' lanes in B runs, (B, M), rearmost first; what is behind the last is not `there`.
 
-    s, d: m, of its centre along the lane from the EGO's and left of the lane's centre. v_s, v_d: m/s, speed
-    along and to the left of the lane. half_length, half_width: m.
+    key: a number for each id of a run. s, d: m, of the centres along the lane from the EGO's and left of the lane's
+    centre. v_s, v_d: m/s, speed along and to the left of the lane. half_length, half_width: m.
     """
 
-    id: str
-    s: float
-    d: float
-    v_s: float
-    v_d: float
-    half_length: float
-    half_width: float
+    there: Bools
+    key: Integers
+    s: Floats
+    d: Floats
+    v_s: Floats
+    v_d: Floats
+    half_length: Floats
+    half_width: Floats
+
+    def of(self, b: int) -> Neighbours:
+        """Give those of one run, (1, M)."""
+        return Neighbours(*(column[b : b + 1] for column in self))
 
 
 SMOOTH = 12.0
@@ -66,84 +76,96 @@ def _lane_at(road: RoadNetwork, route: Route, x: float, y: float, heading: float
     return str(at.road[0]), int(at.lane[0]), float(at.s[0])
 
 
-class Lane:
-    """The lane that the EGO keeps, looked up on the map and followed as the EGO goes along, where it can on its route.
+class Lanes:
+    """The lanes that the EGOs of B runs keep, looked up on the map and followed as they go, where they can on their route.
 
-    s, d: m, where the EGO is along it. turn: rad, its heading against the lane.
+    s, d: (B,) m, where the EGOs are along them. turn: (B,) rad, their headings against the lanes.
     """
 
-    def __init__(self, road: RoadNetwork, ego: EgoState, route: Route) -> None:
-        self._road, self._route = road, route
-        self.look_up(ego)
+    def __init__(self, setups: Sequence[Setup]) -> None:
+        self._setups = setups
+        self.paths = Paths([self._path(b, setup.start) for b, setup in enumerate(setups)])
+        self._find(np.array([setup.start for setup in setups]))
 
-    def look_up(self, ego: EgoState) -> None:
-        """Take the lane that the EGO is on from now on."""
-        road, lane, s = _lane_at(self._road, self._route, ego.x, ego.y, ego.heading)
-        anchor = min(max(ANCHOR * round(s / ANCHOR), 0.0), self._road.roads[road].length)
-        if not self._road.has_lane(road, lane, anchor):
+    def _path(self, b: int, ego: EgoState) -> Path:
+        """The lane that the EGO is on."""
+        setup = self._setups[b]
+        road, lane, s = _lane_at(setup.road, setup.route, ego.x, ego.y, ego.heading)
+        anchor = min(max(ANCHOR * round(s / ANCHOR), 0.0), setup.road.roads[road].length)
+        if not setup.road.has_lane(road, lane, anchor):
             anchor = s
-        self.path = _anchored_path(self._road, road, lane, anchor, self._route)
-        self._segments: dict[str, int] = {}
-        self._segment = -1
-        self.s, self.d, heading, self._segment = self.path.track(ego.x, ego.y)
-        self.turn = math.remainder(ego.heading - heading, 2.0 * math.pi)
+        return _anchored_path(setup.road, road, lane, anchor, setup.route)
 
-    def place(self, ego: EgoState) -> None:
-        """Find the EGO along the lane."""
-        self.s, self.d, heading, self._segment = self.path.track(ego.x, ego.y, self._segment)
-        self.turn = math.remainder(ego.heading - heading, 2.0 * math.pi)
-        if self.s > self.path.s[-1] - 250.0 and not self.path.ends:
-            self.look_up(ego)
+    def look_up(self, runs: Sequence[int], ego: Floats) -> None:
+        """Take the lanes that the EGOs (B, 6) of these runs are on from now on."""
+        for b in runs:
+            self.paths.change(b, self._path(b, EgoState(*ego[b].tolist())))
+        if runs:
+            self._find(ego)
 
-    @property
-    def here(self) -> PathPoint:
-        """The lane at the EGO."""
-        return self.path.at(self.s)
+    def place(self, ego: Floats) -> None:
+        """Find the EGOs (B, 6) along the lanes."""
+        self._find(ego)
+        left = [path.s[-1] - 250.0 if not path.ends else math.inf for path in self.paths.paths]
+        self.look_up(np.flatnonzero(self.s > np.array(left)).tolist(), ego)
 
-    def locate(self, perceived: Perceived, *, behind: float = NEAR) -> Iterator[Neighbour]:
-        """Find the objects up to NEAR ahead and `behind` [m] of the EGO, rearmost first, each when it is asked for.
+    def _find(self, ego: Floats) -> None:
+        self.s, self.d, heading = self.paths.place(ego[:, 0], ego[:, 1])
+        turns = (ego[:, 2] - heading).tolist()
+        self.turn = np.array([math.remainder(turn, 2.0 * math.pi) for turn in turns])
+
+    def here(self, b: int) -> PathPoint:
+        """The lane of a run at the EGO."""
+        return self.paths.paths[b].at(float(self.s[b]))
+
+    def locate(self, seen: PerceivedBatch, *, behind: float = NEAR) -> Neighbours:
+        """Find the objects up to NEAR ahead and `behind` [m] of the EGOs.
 
         Who is on another level, such as on a bridge, is left out.
         """
-        ego, seen = perceived.ego, perceived
-        columns: tuple[Any, ...] = (
-            seen.x_ego,
-            seen.y_ego,
-            seen.heading_ego,
-            seen.v,
-            seen.length,
-            seen.width,
-            seen.ids,
+        places = (seen.x_ego, seen.y_ego, seen.heading_ego, seen.v, seen.z_ego)
+        found, who, s, d, v_s, v_d = self.paths.along(
+            seen.ego, seen.count, seen.key, places, levels=(LEVEL, RISE), behind=behind, near=NEAR
         )
-        if not np.isnan(seen.z_ego).all():
-            here = ~(np.abs(seen.z_ego) > LEVEL + RISE * np.hypot(seen.x_ego, seen.y_ego))
-            columns = tuple(column[here] for column in columns)
-        rows = sorted(zip(*[column.tolist() for column in columns], strict=True), key=itemgetter(0))
-        c, s = math.cos(ego.heading), math.sin(ego.heading)
-        track, segments = self.path.track, self._segments
-        for far, aside, turned, v, length, width, name in rows:
-            if far < -behind or far > NEAR or abs(aside) > NEAR:
-                continue
-            x, y = ego.x + c * far - s * aside, ego.y + s * far + c * aside
-            along, d, heading, segments[name] = track(x, y, segments.get(name, -1))
-            course = turned + ego.heading - heading
-            v_s, v_d = v * math.cos(course), v * math.sin(course)
-            yield Neighbour(name, along - self.s, d, v_s, v_d, 0.5 * length, 0.5 * width)
+        columns = (seen.key, seen.length, seen.width)
+        key, length, width = (np.take_along_axis(column, who, axis=1) for column in columns)
+        there = np.arange(who.shape[1]) < found[:, None]
+        return Neighbours(there, key, s - self.s[:, None], d, v_s, v_d, 0.5 * length, 0.5 * width)
 
-    def steer(self, v: float, offset: float = 0.0, drift: float = 0.0, bend: float = 0.0) -> float:
-        """Give the curvature [1/m] that brings the EGO to `offset` [m] left of the lane's centre.
+    def steer(
+        self, v: Floats, offset: Floats | float = 0.0, drift: Floats | float = 0.0, bend: Floats | float = 0.0
+    ) -> Floats:
+        """Give the curvatures (B,) [1/m] that bring the EGOs to `offset` [m] left of the lanes' centres.
 
-        Critically damped at 0.8 rad/s at any speed. drift [m/s] and bend [m/s²] are the offset's first and
+        Critically damped at 0.8 rad/s at any speed. v (B,) m/s. drift [m/s] and bend [m/s²] are the offset's first and
         second derivative, where it is meant to move.
         """
-        v = max(v, 3.0)
+        v = np.maximum(v, 3.0)
         omega = 0.8
-        off, slant = self.d - offset, v * math.sin(self.turn) - drift
-        return self.path.curvature_at(self.s + 0.15 * v) + (
+        off, slant = self.d - offset, v * np.array([math.sin(turn) for turn in self.turn.tolist()]) - drift
+        return self.paths.curvature_at(self.s + 0.15 * v) + (
             bend - omega * omega * off - 2.0 * omega * slant
         ) / (v * v)
 
+    def limited(self, desired: float | None, else_: Floats) -> Floats:
+        """Give the speeds (B,) [m/s] to drive at: `desired`, if given; else the limit, and where there is none `else_`."""
+        if desired is not None:
+            return np.full(len(self.s), desired)
+        limit = self.paths.speed_limit_at(self.s)
+        return np.where(np.isfinite(limit), limit, else_)
 
-def in_corridor(d: float, other: Neighbour, half_width: float, offset: float = 0.0) -> bool:
-    """Say whether an object at d [m] reaches into a corridor of this half width about `offset` [m]."""
-    return abs(d - offset) < half_width + other.half_width
+
+def in_corridor(
+    d: Floats, other: Neighbours, half_width: float, offset: Floats | float = 0.0
+) -> Bools:
+    """Say which objects, if at d (B, M) [m], reach into corridors of this half width [m] about `offset` [m], a number or
+    (B, 1).
+    """
+    return other.there & (np.abs(d - offset) < half_width + other.half_width)
+
+
+def alone(function: BatchFunction, perceived: Perceived, keys: Keys) -> Command:
+    """Give what a function answers in a single run; keys: that the run's ids have had so far."""
+    answer = function.step_batch(batch_of_one(perceived, keys.of_list(0, perceived.ids)))
+    plan = None if answer.plan is None else answer.plan[0]
+    return Command(float(answer.acceleration[0]), float(answer.curvature[0]), plan)

@@ -13,6 +13,7 @@ from numba import float64, int64, njit, types
 
 TRIES, TINY = 12, 1e-9
 TABLE = types.Array(float64, 2, "C", readonly=True)
+SEEN = types.Array(float64, 2, "A", readonly=True)
 
 
 def entry(*arguments):
@@ -47,6 +48,85 @@ def foot(table, i, x, y):
     tx, ty = tx + f * dtx, ty + f * dty
     d = (tx * (ay - f * ey) - ty * (ax - f * ex)) / math.sqrt(tx * tx + ty * ty)
     return s + f * step, d, tx, ty, i, found
+
+
+@njit(error_model="numpy")
+def _nearest(score, x, y):
+    """The segment whose middle is nearest, whence the right one is a step or none away."""
+    best, least = 0, math.inf
+    for k in range(len(score)):
+        far = score[k, 0] * x + score[k, 1] * y + score[k, 2]
+        if far < least:
+            best, least = k, far
+    return best
+
+
+@entry(TABLE, TABLE, int64, float64, float64)
+def track(table, score, i, x, y):
+    """Give s, d, the heading [rad] and the segment of a moving point; i: the segment that it had before, or -1.
+
+    table: as in `foot`. score (K + 1, 3): gives of (x, y, 1) the squared distance to the segments' middles, less a constant.
+    """
+    if i < 0:
+        i = _nearest(score, x, y)
+    s, d, tx, ty, i, found = foot(table, i, x, y)
+    if not found:
+        s, d, tx, ty, i, found = foot(table, _nearest(score, x, y), x, y)
+    return s, d, math.atan2(ty, tx), i
+
+
+@entry(TABLE, TABLE, int64[:, ::1], int64[::1], float64[::1], float64[::1], float64[:, ::1])
+def track_all(tables, scores, spans, segments, x, y, out):
+    """Fill out (3, B) with s, d and heading of B points, each by its own table: the rows of spans (B, 2) of the tables.
+
+    segments (B,): those that they had before, or -1; they get the new ones.
+    """
+    for b in range(x.size):
+        own = slice(spans[b, 0], spans[b, 1])
+        out[0, b], out[1, b], out[2, b], segments[b] = track(tables[own], scores[own], segments[b], x[b], y[b])
+
+
+@entry(
+    TABLE, TABLE, int64[:, ::1], int64[:, ::1], TABLE, types.Array(int64, 1, "A", readonly=True),
+    types.Array(int64, 2, "A", readonly=True), SEEN, SEEN, SEEN, SEEN, SEEN, float64[::1], float64[::1],
+    float64[:, :, ::1], int64[:, ::1], int64[::1],
+)  # fmt: skip
+def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, v, z_ego, levels, range_, out, who, found):
+    """Find the objects of B lists along B paths: fill out (4, B, M) with s, d [m] on the path and speeds along and
+    across it [m/s], rearmost first in the EGO's frame, who (B, M) with their places on the lists, and found (B,) with
+    how many these are.
+
+    tables, scores, spans: as in `track_all`. segments (B, C): those that objects had before, or -1, by their keys. ego (B,
+    6): x, y [m], heading [rad] first. count (B,), key, x_ego, y_ego [m], turn [rad], v [m/s], z_ego [m] (B, M): the lists.
+    levels: who is higher or lower than so much [m], and so much [m per m] on the way, is left out; range_: so is who is
+    farther behind, ahead or to a side than this [m].
+    """
+    for b in range(count.size):
+        own_rows, n = slice(spans[b, 0], spans[b, 1]), 0
+        table, score = tables[own_rows], scores[own_rows]
+        c, s = math.cos(ego[b, 2]), math.sin(ego[b, 2])
+        order = who[b]
+        for k in range(count[b]):
+            far, aside = x_ego[b, k], y_ego[b, k]
+            if far < -range_[0] or far > range_[1] or abs(aside) > range_[1]:
+                continue
+            if abs(z_ego[b, k]) > levels[0] + levels[1] * math.hypot(far, aside):
+                continue
+            at = n
+            while at > 0 and x_ego[b, order[at - 1]] > far:
+                order[at] = order[at - 1]
+                at -= 1
+            order[at] = k
+            n += 1
+        found[b] = n
+        for k in range(n):
+            one = order[k]
+            far, aside, own = x_ego[b, one], y_ego[b, one], key[b, one]
+            x, y = ego[b, 0] + c * far - s * aside, ego[b, 1] + s * far + c * aside
+            at_s, d, heading, segments[b, own] = track(table, score, segments[b, own], x, y)
+            course = turn[b, one] + ego[b, 2] - heading
+            out[0, b, k], out[1, b, k] = at_s, d
+            out[2, b, k], out[3, b, k] = v[b, one] * math.cos(course), v[b, one] * math.sin(course)
 
 
 @entry(TABLE, float64[::1], float64[::1])

@@ -6,7 +6,6 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import atan2
 from typing import NamedTuple
 
 import numpy as np
@@ -80,13 +79,7 @@ class Path:
         i: the segment that the point's call before gave, to look from there; -1 to look everywhere.
         """
         search = self._search
-        if i < 0:
-            i = int(_nearest(search, np.array([x]), np.array([y]))[0])
-        s, d, tx, ty, i, found = search.foot(search.table, i, x, y)
-        if not found:
-            i = int(_nearest(search, np.array([x]), np.array([y]))[0])
-            s, d, tx, ty, i, found = search.foot(search.table, i, x, y)
-        return s, d, atan2(ty, tx), i
+        return search.track(search.table, search.scores, i, x, y)
 
     def xy(self, s: ArrayLike, d: ArrayLike) -> tuple[Floats, Floats]:
         """Give the map positions [m] at s, d metres to the left; inverse of `project`."""
@@ -134,6 +127,11 @@ class Path:
         limits: list[float] = self.speed_limit.tolist()
         return limits
 
+    @property
+    def search_table(self) -> tuple[Floats, Floats]:
+        """A row per segment: what `resim.road.kernel.foot` and `track` take."""
+        return self._search.table, self._search.scores
+
     @cached_property
     def _search(self) -> _ProjectionSearch:
         return _search(self)
@@ -144,13 +142,16 @@ class _ProjectionSearch(NamedTuple):
 
     columns: (10, K + 1): s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
     score: (3, K + 1), gives of (x, y, 1) the squared distance to the middles, less a constant.
-    table: the columns, turned: a row per segment. foot, positions: what is compiled to work on it.
+    table, scores: the columns and the score, turned: a row per segment. foot, track, positions: what is compiled to
+    work on them.
     """
 
     columns: Floats
     score: Floats
     table: Floats
+    scores: Floats
     foot: Callable[..., tuple[float, float, float, float, int, bool]]
+    track: Callable[..., tuple[float, float, float, int]]
     positions: Callable[..., Floats]
 
 
@@ -166,8 +167,9 @@ def _search(path: Path) -> _ProjectionSearch:
     columns = np.array([column[:-1] for column in starts] + [np.diff(column) for column in starts])
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
     score = np.array([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
-    return _ProjectionSearch(
-        constant(columns), constant(score), constant(columns.T), kernel.foot, kernel.positions
+    return _ProjectionSearch(  # fmt: skip
+        constant(columns), constant(score), constant(columns.T), constant(score.T),
+        kernel.foot, kernel.track, kernel.positions,
     )
 
 

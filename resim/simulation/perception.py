@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -144,8 +145,13 @@ class _Ideal:
 def z_above(worlds: Worlds) -> Floats:
     """Give heights (B, N) [m] of the road under the objects above that under the EGOs, NaN where not known."""
     if worlds.z is None:
-        return np.broadcast_to(unknown_heights(len(worlds.ids)), (len(worlds.ego), len(worlds.ids)))
+        return _unknown(len(worlds.ego), len(worlds.ids))
     return constant(worlds.z - worlds.ego_z[:, None])
+
+
+@lru_cache(maxsize=256)
+def _unknown(runs: int, count: int) -> Floats:
+    return np.broadcast_to(unknown_heights(count), (runs, count))
 
 
 class OneRun:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
+from resim.core.geometry import Floats
 from resim.perception.fields import NotNegative, Number, Parameters, Positive
 from resim.perception.parts.definition import PerceptionPart, RunningPart
 from resim.simulation.function.interface import EgoState
@@ -38,30 +42,48 @@ def is_wrong(localisation: Localisation) -> bool:
 
 
 class PerceivedEgoState(RunningPart):
-    """The EGO's state as the EGO has it; its errors are made for many steps ahead, again if the steps change."""
+    """The EGO's state as the EGO has it in one run."""
 
     def __init__(self, localisation: Localisation, rng: np.random.Generator) -> None:
-        parts = [getattr(localisation, part) for part in _PARTS]
-        self.bias, self.drift, self.noise = (
-            np.array([getattr(own, name) for own in parts]) for name in ("bias", "drift", "noise")
-        )
-        self.correlation_time = np.array([own.correlation_time for own in parts])
-        self.rng, self.dt, self.next = rng, math.inf, 0
-        self.normals = np.empty((0, 2 * len(_PARTS)))
-        self.errors: list[list[float]] = []
-        self.drifts = np.zeros((1, len(_PARTS)))
+        self.localisation, self.rng = localisation, rng
+
+    @cached_property
+    def _alone(self) -> EgoErrors:
+        return EgoErrors([self])
 
     def localise(self, ego: EgoState, step: float) -> EgoState:
         """Give the state with the errors a step [s] after the last; infinite for the first."""
+        own = np.array([ego])
+        self._alone.localise(own, _FIRST, step)
+        return EgoState(*own[0].tolist())
+
+
+_FIRST = np.zeros(1, dtype=np.intp)
+
+
+class EgoErrors:
+    """The errors of the EGO's own state in R runs; they are made for many steps ahead, again if the steps change."""
+
+    def __init__(self, parts: Sequence[PerceivedEgoState]) -> None:
+        own = [[getattr(part.localisation, name) for name in _PARTS] for part in parts]
+        self.bias, self.drift, self.noise, self.correlation_time = (
+            np.array([[getattr(one, name) for one in of] for of in own])
+            for name in ("bias", "drift", "noise", "correlation_time")
+        )
+        self.rngs, self.dt, self.next = [part.rng for part in parts], math.inf, 0
+        self.normals = np.empty((0, len(parts), 2 * len(_PARTS)))
+        self.errors = np.empty((0, len(parts), len(_PARTS)))
+        self.drifts = np.zeros((1, *self.bias.shape))
+
+    def localise(self, ego: Floats, rows: NDArray[np.intp], step: float) -> None:
+        """Add errors to the states in these rows (R,) of ego (B, 6), a step [s] after the last; infinite for the first."""
+        # compiled: numba is imported where it is used only
+        from resim.perception.runtime.kernel import localise
+
         if self.next == len(self.errors) or not abs(step - self.dt) < 1e-9:
             self._go_on(step)
-        forward, left, turn, faster = self.errors[self.next]
+        localise(ego, rows, self.errors[self.next])
         self.next += 1
-        c, s = math.cos(ego.heading), math.sin(ego.heading)
-        return EgoState(
-            ego.x + c * forward - s * left, ego.y + s * forward + c * left, ego.heading + turn, ego.v + faster,
-            ego.a, ego.yaw_rate,
-        )  # fmt: skip
 
     def _go_on(self, dt: float) -> None:
         """Make errors for steps of dt [s], from the last that was used on."""
@@ -70,14 +92,18 @@ class PerceivedEgoState(RunningPart):
 
         before, self.normals = self.drifts[self.next], self.normals[self.next :]
         if not len(self.normals):
-            self.normals = self.rng.standard_normal((_BLOCK, 2 * len(_PARTS)))
-        self.dt, self.next = dt, 0
+            drawn = [rng.standard_normal((_BLOCK, 2 * len(_PARTS))) for rng in self.rngs]
+            self.normals = np.stack(drawn, axis=1)
+        self.dt, self.next, count = dt, 0, len(self.normals)
         keep = np.exp(-dt / self.correlation_time)
-        self.drifts = np.empty((len(self.normals) + 1, len(_PARTS)))
+        pushing, noises = np.split(self.normals, 2, axis=2)
+        self.drifts = np.empty((count + 1, *self.bias.shape))
         self.drifts[0] = before
-        drifts(self.drifts, keep, self.drift * np.sqrt(1.0 - keep * keep), self.normals)
-        errors = self.bias + self.drifts[1:] + self.noise * self.normals[:, len(_PARTS) :]
-        self.errors = errors.tolist()
+        drifts(
+            self.drifts.reshape(count + 1, -1), keep.ravel(), (self.drift * np.sqrt(1.0 - keep * keep)).ravel(),
+            pushing.reshape(count, -1),
+        )  # fmt: skip
+        self.errors = self.bias + self.drifts[1:] + self.noise * noises
 
 
 EGO = PerceptionPart(

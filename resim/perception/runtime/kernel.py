@@ -71,7 +71,7 @@ def _maneuver(across, gained, braked, lane_change):
 def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego, listed, length, width, rows, row,
              errors, least_size, drift, edges, detected, bins, state, reach, opening, limits, seen, who, counts):  # fmt: skip
     """For each of B runs whose list is due (`listed`) fill seen (B, Q, N) with x, y, v, heading, length, width of the
-    objects that are seen, who (B, N) with their columns, and counts (B, 2) with how many these are, and how many of them
+    objects that are seen, who (B, N) with their columns, and counts (2, B) with how many these are, and how many of them
     lie outside of the limits. Drifts and states of detection go on by a step.
 
     past, maneuver, end, weights, span, settled, direction (B,), set_of (B, 4): what is known of the past (`_look_back`).
@@ -116,7 +116,7 @@ def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego
             beyond += _beyond(features, ego_v, limits[b])
             who[b, count] = n
             count += 1
-        counts[b, 0], counts[b, 1] = count, beyond
+        counts[0, b], counts[1, b] = count, beyond
 
 
 @compiled
@@ -212,6 +212,19 @@ def _hidden(places, heading, ego_heading, length, width, bins):
     if bins > 1:
         return occlusion(places, heading, ego_heading, length, width)
     return np.zeros(places.size)
+
+
+@entry
+def localise(ego, rows, errors):
+    """Add errors (R, 4) ahead, to the left [m], of heading [rad] and speed [m/s] to states in rows (R,) of ego (B, 6)."""
+    for k in range(rows.size):
+        b = rows[k]
+        forward, left, turn, faster = errors[k, 0], errors[k, 1], errors[k, 2], errors[k, 3]
+        c, s = math.cos(ego[b, 2]), math.sin(ego[b, 2])
+        ego[b, 0] = ego[b, 0] + c * forward - s * left
+        ego[b, 1] = ego[b, 1] + s * forward + c * left
+        ego[b, 2] += turn
+        ego[b, 3] += faster
 
 
 @entry

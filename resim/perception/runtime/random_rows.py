@@ -50,9 +50,10 @@ class RandomRows:
 
     def take(self, listed: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Give which row (B,) is the next of each run that makes a list; new ones are drawn when all were taken."""
-        for b in np.flatnonzero(listed & (self.next == BLOCK)).tolist():
-            self._draw(b, range(len(self.streams)), 0)
-            self.next[b] = 0
+        if self.next.max() == BLOCK:
+            for b in np.flatnonzero(listed & (self.next == BLOCK)).tolist():
+                self._draw(b, range(len(self.streams)), 0)
+                self.next[b] = 0
         taken = self.next.copy()
         self.next += listed
         return taken

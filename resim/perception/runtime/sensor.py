@@ -13,6 +13,7 @@ from resim.core.geometry import Bools, Floats, constant
 from resim.core.tracks import Strings
 from resim.perception.model import PerceptionModel
 from resim.perception.parts.definition import RunningPart
+from resim.perception.parts.ego import EgoErrors, PerceivedEgoState
 from resim.perception.parts.registry import PARTS
 from resim.perception.runtime.detection import DetectionState
 from resim.perception.runtime.height_history import HeightHistory
@@ -92,16 +93,24 @@ class Sensors:
         self._errors = ObjectErrorState(sets)
         self._sight = DetectionState([m.detection for m in models], [m.field_of_view for m in models])
         self._limits = np.array([limits(model.validity) for model in models])
-        self._periodic = np.array([model.update.period > 0.0 for model in models])
+        self._period = np.array([model.update.period for model in models])
+        self._periodic = self._period > 0.0
+        self._jitters = any(model.update.jitter > 0.0 for model in models)
         self._streams = [Streams(rng) for rng in rngs]
         parts = [_running(model, of) for model, of in zip(models, self._streams, strict=True)]
-        self._localising, self._changing = (
+        localising, self._changing = (
             {b: own for b, of in enumerate(parts) if (own := [part for part in of if _does(part, what)])}
             for what in ("localise", "change")
         )
+        plain = {b: own for b, (own, *more) in localising.items() if _is_plain(own) and not more}
+        self._with_errors = np.array([*plain], dtype=np.intp)
+        self._own_errors = EgoErrors([*plain.values()]) if plain else None
+        self._localising = {b: own for b, own in localising.items() if b not in plain}
         self._timing = [of.of("update") for of in self._streams]
         self._t, self._listed = -math.inf, np.full(runs, -math.inf)
         self._due = np.full(runs, -math.inf)
+        self._steps = np.full(runs, np.nan)
+        self._made: dict[int, PerceivedBatch] = {}
         self._held: dict[int, HeldList] = {}
         self._names: list[str] = []
         self._ids: Strings | None = None
@@ -113,11 +122,16 @@ class Sensors:
         step = self._take_in(worlds)
         own = self._localised(worlds.ego, step)
         listed = ~self._periodic | ~(worlds.t < self._due - _SAME)
-        steps = np.where(self._listed > -math.inf, worlds.t - self._listed, 0.0)
-        seen = self._list(worlds, own, listed, steps)
+        seen = self._list(worlds, own, listed)
+        held = {b: self._held_list(b).seen(worlds.t, seen.of(b).ego) for b in np.flatnonzero(~listed).tolist()}
+        changed = self._changed(seen, worlds, listed) | held
+        if changed:
+            lists = [changed[b] if b in changed else seen.of(b) for b in range(len(own))]
+            seen = stacked(lists, [self._keys.of_list(b, one.ids) for b, one in enumerate(lists)])
         self._listed[listed] = worlds.t
-        if self._changing or self._periodic.any():
-            return self._changed(seen, worlds, listed, steps)
+        if self._periodic.any():
+            self._schedule(worlds.t, listed & self._periodic)
+            self._hold(seen, listed)
         return seen
 
     def _take_in(self, worlds: Worlds) -> float:
@@ -156,46 +170,60 @@ class Sensors:
         streams = [came[n] if n in came else known[name] for n, name in enumerate(names)]
         self._rows.regroup(streams, kept, before, new)
         self._names, self._key = names, self._keys.of_traffic(worlds.ids)
+        shape = (len(worlds.ego), len(names))
+        columns = (constant(self._key), worlds.ids, worlds.kind)
+        self._whole = tuple(np.broadcast_to(column, shape) for column in columns)
 
     def _localised(self, ego: Floats, step: float) -> Floats:
         """The EGOs' states (B, 6) as they have them, a step [s] after the last; infinite for the first."""
-        if not self._localising:
+        if self._own_errors is None and not self._localising:
             return ego
         own = ego.copy()
+        if self._own_errors is not None:
+            self._own_errors.localise(own, self._with_errors, step)
         for b, parts in self._localising.items():
             state = EgoState(*own[b].tolist())
             for part in parts:
                 state = part.localise(state, step)
             own[b] = state
-        return own
+        return constant(own)
 
-    def _list(self, worlds: Worlds, own: Floats, listed: Bools, steps: Floats) -> PerceivedBatch:
+    def _list(self, worlds: Worlds, own: Floats, listed: Bools) -> PerceivedBatch:
         """Make the lists that are due: the objects as they were, with errors, as far as they are detected."""
         history, errors, sight = self._history, self._errors, self._sight
+        self._step(worlds.t)
         look, row = history.lookups(), self._rows.take(listed)
         runs, n = len(own), len(self._names)
-        table, who = np.empty((runs, Q, n)), np.zeros((runs, n), dtype=np.intp)  # kept by who perceives
-        counts = np.zeros((runs, 2), dtype=np.intp)
+        table, who = np.empty((runs, Q, n)), np.zeros((runs, n), dtype=np.intp)
+        counts = np.zeros((2, runs), dtype=np.intp)
         perceive(
             history.past, history.maneuver, history.end, look.weights, look.span, look.settled, history.direction,
             self._set_of, worlds.ego, listed, worlds.length, worlds.width, self._rows.rows, row,
-            errors.step(steps), errors.least_size, errors.drift, sight.edges, sight.step(steps), sight.bins,
+            errors.all, errors.least_size, errors.drift, sight.edges, sight.detected, sight.bins,
             sight.state, sight.reach, sight.opening, self._limits, table, who, counts,
         )  # fmt: skip
-        self.shown += counts[:, 0]
-        self.outside += counts[:, 1]
-        key, ids, kind, z_ego = (
-            np.broadcast_to(column, who.shape)
-            for column in (self._key, worlds.ids, worlds.kind, self._z_ego(worlds))
-        )
-        if (counts[:, 0] < n).any():
-            key, ids, kind = (column[who] for column in (self._key, worlds.ids, worlds.kind))
-            z_ego = np.take_along_axis(z_ego, who, axis=1)
-            key, ids, kind, z_ego = map(constant, (key, ids, kind, z_ego))
+        count, beyond = counts
+        self.shown += count
+        self.outside += beyond
+        key, ids, kind = self._whole
+        z_ego = self._z_ego(worlds)
+        if count.min() < n:
+            key, ids, kind = (constant(c[who]) for c in (self._key, worlds.ids, worlds.kind))
+            z_ego = constant(np.take_along_axis(z_ego, who, axis=1))
         x, y, v, heading, length, width = constant(table).transpose(1, 0, 2)
-        return PerceivedBatch(
-            worlds.t, own, counts[:, 0], key, ids, kind, x, y, heading, v, length, width, z_ego
-        )
+        return PerceivedBatch(worlds.t, own, count, key, ids, kind, x, y, heading, v, length, width, z_ego)
+
+    def _step(self, t: float) -> None:
+        """Note how long ago [s] the last list of each run was, 0 before the first, and take its parameters for that."""
+        steps = t - self._listed
+        steps[self._listed == -math.inf] = 0.0
+        other = ~(np.abs(steps - self._steps) <= _SAME)
+        if other.any():
+            for b in np.flatnonzero(other).tolist():
+                self._errors.step(b, float(steps[b]))
+                self._sight.step(b, float(steps[b]))
+            self._steps = np.where(other, steps, self._steps)
+        self._exactly = steps
 
     def _z_ego(self, worlds: Worlds) -> Floats:
         """Heights (B, N) [m] that the objects had as each sensor tells them, above that of the EGO now."""
@@ -204,33 +232,50 @@ class Sensors:
         then = {lag: heights.z(worlds) for lag, heights in self._heights.items()}
         return constant(np.array([then[lag] for lag in self._lags]) - worlds.ego_z[:, None])
 
-    def _changed(
-        self, lists: PerceivedBatch, worlds: Worlds, listed: Bools, steps: Floats
-    ) -> PerceivedBatch:
-        """The lists as they are after all parts, and of each run with a period the one that it holds until the next."""
-        of = []
-        for b, (made, periodic) in enumerate(zip(listed.tolist(), self._periodic.tolist(), strict=True)):
-            seen = lists.of(b)
-            if not made:
-                of.append(self._held[b].seen(worlds.t, seen.ego))
-                continue
-            world = worlds.of(b)
-            for part in self._changing.get(b, ()):
-                seen = part.change(seen, world, float(steps[b]))
-            if periodic:
-                self._schedule(b, worlds.t)
-                self._held[b] = HeldList(seen)
-            of.append(seen)
-        return stacked(of, [self._keys.of_list(b, seen.ids) for b, seen in enumerate(of)])
+    def _changed(self, lists: PerceivedBatch, worlds: Worlds, listed: Bools) -> dict[int, Perceived]:
+        """The lists that are due of the runs with parts that change lists, as they are after these."""
+        out = {}
+        for b, parts in self._changing.items():
+            if listed[b]:
+                seen, world = lists.of(b), worlds.of(b)
+                for part in parts:
+                    seen = part.change(seen, world, float(self._exactly[b]))
+                out[b] = seen
+        return out
 
-    def _schedule(self, b: int, t: float) -> None:
-        """Set when the next list of a run is due."""
-        update, due = self._models[b].update, float(self._due[b])
-        due = max(due, t - update.period) if due > -math.inf else t
-        while due <= t + _SAME:
-            jitter = update.jitter * self._timing[b].standard_normal() if update.jitter > 0.0 else 0.0
-            due += max(update.period + jitter, 1e-3)
-        self._due[b] = due
+    def _schedule(self, t: float, listed: Bools) -> None:
+        """Set when the next list is due of runs whose last one is made."""
+        period = self._period[listed]
+        due = np.where(self._due[listed] > -math.inf, np.maximum(self._due[listed], t - period), t)
+        while (over := due <= t + _SAME).any():
+            due[over] += np.maximum(period + self._jitter(listed, over), 1e-3)[over]
+        self._due[listed] = due
+
+    def _jitter(self, listed: Bools, over: Bools) -> Floats:
+        """By how much [s] the periods (R,) of runs that are listed are longer; drawn by those where another is due."""
+        out = np.zeros(len(over))
+        for k, b in enumerate(np.flatnonzero(listed).tolist()) if self._jitters else ():
+            jitter = self._models[b].update.jitter
+            if over[k] and jitter > 0.0:
+                out[k] = jitter * self._timing[b].standard_normal()
+        return out
+
+    def _hold(self, seen: PerceivedBatch, listed: Bools) -> None:
+        """Keep the lists that were made, to be shown until the next."""
+        for b in np.flatnonzero(listed).tolist():
+            self._made[b] = seen
+            self._held.pop(b, None)
+
+    def _held_list(self, b: int) -> HeldList:
+        """The last list of a run."""
+        if b not in self._held:
+            self._held[b] = HeldList(self._made[b].of(b))
+        return self._held[b]
+
+
+def _is_plain(part: RunningPart) -> bool:
+    """Whether a part is the errors of the EGO's own state as they come with resim."""
+    return type(part) is PerceivedEgoState
 
 
 def _set_of(model: PerceptionModel) -> list[int]:

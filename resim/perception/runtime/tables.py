@@ -26,13 +26,6 @@ _SAME = 1e-9  # s
 _NONE = -1e4  # exp of it is 0
 
 
-def changed(steps: Floats, last: Floats) -> list[int]:
-    """Give which of B runs have another step [s] than the last, which is noted; NaN for none yet."""
-    other = np.flatnonzero(~(np.abs(steps - last) <= _SAME))
-    last[other] = steps[other]
-    return [*other.tolist()]
-
-
 class _ByStep(ABC):
     """Tables that depend on the time step; they are kept."""
 

@@ -1,0 +1,113 @@
+"""The paths of several runs, asked together; what each gives is what its `Path` alone gives, to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resim.core.geometry import Floats, constant
+from resim.road.path import Path
+
+Integers = NDArray[np.intp]
+
+
+class Along(NamedTuple):
+    """Objects of B lists along their runs' paths, rearmost in the EGO's frame first; `found` (B,) of each row.
+
+    who (B, M): their places on the lists. s, d: m, along the path and left of it. v_s, v_d: m/s along and to the left.
+    """
+
+    found: Integers
+    who: Integers
+    s: Floats
+    d: Floats
+    v_s: Floats
+    v_d: Floats
+
+
+class Paths:
+    """The paths of B runs, and the segments of them on which the EGOs and the objects are."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.paths = [*paths]
+        self._egos = np.full(len(paths), -1)
+        self._objects = np.full((len(paths), 1), -1)
+
+    def change(self, b: int, path: Path) -> None:
+        """Put another path in a run's place."""
+        self.paths[b] = path
+        self._egos[b] = self._objects[b] = -1
+        self.__dict__.pop("_stacked", None)
+
+    def place(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        """Give s, d [m] and the paths' headings [rad] (B,) where the EGOs are."""
+        # compiled: numba is imported where it is used only
+        from resim.road import kernel
+
+        out = np.empty((3, len(self.paths)))
+        x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
+        kernel.track_all(*self._stacked, self._egos, x, y, out)
+        return out[0], out[1], out[2]
+
+    def along(
+        self,
+        ego: Floats,
+        count: Integers,
+        key: Integers,
+        places: Sequence[Floats],
+        *,
+        levels: tuple[float, float],
+        behind: float,
+        near: float,
+    ) -> Along:
+        """Find the objects of B lists of up to M up to `near` ahead and to the sides, and `behind` [m] of the EGOs.
+
+        ego: (B, 6) x, y [m], heading [rad] first. count: (B,) how many are on each list. key: (B, M) a whole number for
+        each object of a run. places: x, y [m], heading [rad] in the EGO's frame, v [m/s], and height [m] above the EGO,
+        each (B, M). levels: who is higher or lower than so much [m], and so much [m per m] on the way, is left out.
+        """
+        # compiled: numba is imported where it is used only
+        from resim.road import kernel
+
+        self._make_room(key)
+        who, found, out = np.zeros(key.shape, np.intp), np.zeros(len(key), np.intp), np.zeros((4, *key.shape))
+        limits = np.array(levels), np.array([behind, near])
+        kernel.along(*self._stacked, self._objects, ego, count, key, *places, *limits, out, who, found)
+        return Along(found, who, *out)
+
+    def _make_room(self, key: Integers) -> None:
+        """Have a place for the segment of each object."""
+        room, most = self._objects.shape[1], int(key.max(initial=0)) + 1
+        if most > room:
+            more = np.full((len(self.paths), 2 * most - room), -1)
+            self._objects = np.concatenate([self._objects, more], axis=1)
+
+    def xy(self, s: Floats, d: Floats) -> tuple[Floats, Floats]:
+        """Give the map positions (B, K) [m] at s (B, K), d (B, K) metres to the left."""
+        places = np.empty((2, *s.shape))
+        for path in {id(path): path for path in self.paths}.values():
+            rows = [b for b, own in enumerate(self.paths) if own is path]
+            places[:, rows] = path.xy(s[rows], d[rows])
+        return places[0], places[1]
+
+    def curvature_at(self, s: Floats) -> Floats:
+        """Give the curvatures (B,) [1/m] at s (B,) [m]."""
+        return np.array([path.curvature_at(at) for path, at in zip(self.paths, s.tolist(), strict=True)])
+
+    def speed_limit_at(self, s: Floats) -> Floats:
+        """Give the speed limits (B,) [m/s] at s (B,) [m], NaN where there is none."""
+        return np.array([path.speed_limit_at(at) for path, at in zip(self.paths, s.tolist(), strict=True)])
+
+    @cached_property
+    def _stacked(self) -> tuple[Floats, Floats, Integers]:
+        """Tables and scores of the paths that there are, one after the other, and which rows are each run's (B, 2)."""
+        which = {id(path): path for path in self.paths}
+        tables = [path.search_table for path in which.values()]
+        ends = np.cumsum([0, *(len(table) for table, _ in tables)])
+        spans = {name: ends[k : k + 2] for k, name in enumerate(which)}
+        rows, scores = (constant(np.concatenate(parts)) for parts in zip(*tables, strict=True))
+        return rows, scores, np.array([spans[id(path)] for path in self.paths])
