@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from adfunc.lane_keeping import Integers, Lanes, Neighbours, alone, in_corridor
+from adfunc.lane_keeping import Integers, Lanes, alone, in_corridor
 from resim.core.geometry import Bools, Floats
+from resim.driving import kernel
+from resim.road.paths import Along
 from resim.simulation.function.batch import CommandBatch, Keys, PerceivedBatch
 from resim.simulation.function.interface import Command, Perceived, Setup
 
@@ -29,14 +31,14 @@ _RETURN = np.exp(-PLANNED)
 
 
 class _Lead(NamedTuple):
-    """The vehicles to mind (B,): whether there is one, the gap [m] between the boxes, and the other's speed [m/s] and
-    acceleration [m/s²] along the lane.
+    """The vehicles to mind (B,): the gap [m] between the boxes, infinite without one, the other's speed [m/s] and
+    acceleration [m/s²] along the lane, and how soon [s] the gap is gone.
     """
 
-    there: Bools
     gap: Floats
     v: Floats
     a: Floats
+    soon: Floats
 
 
 class HighwayPilot:
@@ -92,71 +94,46 @@ class HighwayPilot:
         self.cycle, self.smoothing = one.cycle, 1.0 - math.exp(-one.cycle / 0.3)
         self.mode = np.full(runs, FOLLOW)
         self.change_begin, self.change_from, self.change_to = np.zeros((3, runs))
-        self.speeds = np.zeros((3, runs, 1))  # t, v, a, by key
-        self.seen_in, self.cycles = np.full((runs, 1), -1), 0
+        self.known, self.last = np.full((runs, 1, 3), np.nan), math.nan  # t, v, a by key; t of the last list
 
     def step_batch(self, perceived: PerceivedBatch) -> CommandBatch:
         """Decide, then accelerate and steer accordingly."""
         ego, t = perceived.ego, perceived.t
         self.lanes.place(ego)
         others = self.lanes.locate(perceived)
-        lead = self.mind(t, others)
+        lead = self.mind(t, ego[:, 3], others)
         self.decide(t, ego, others, lead)
         v = ego[:, 3]
         a = self.accelerate(v, lead)
-        curvature = self.lanes.steer(v, *self.lateral(t))
+        curvature = self.lanes.steer(v, self.lateral(t))
         return CommandBatch(a, curvature, self.plan(t, v, a))
 
     def close(self) -> None:
         """Nothing to end."""
 
-    def mind(self, t: float, others: Neighbours) -> _Lead:
+    def mind(self, t: float, v: Floats, others: Along) -> _Lead:
         """Find the nearest vehicles that are in the way, or will be by their drift."""
-        a = self.remember(t, others)
-        offset = np.where(self.mode == CHANGE, self.lanes.d, 0.0)[:, None]
-        width, drifted = self.half_width + 0.1, others.d + self.cut_in_horizon * others.v_d
-        near = in_corridor(others.d, others, width, offset) | in_corridor(drifted, others, width, offset)
-        ahead = np.where(near & (others.s > 0.0), others.s, np.inf)
-        if not ahead.shape[1]:
-            nothing = np.zeros(len(ahead))
-            return _Lead(nothing > 0.0, nothing, nothing, nothing)
-        row = ahead.argmin(axis=1)[:, None]
-        s, v, a, half_length = (
-            np.take_along_axis(column, row, axis=1)[:, 0] for column in (ahead, others.v_s, a, others.half_length)
-        )
-        there = np.isfinite(s)
-        return _Lead(there, np.maximum(s - half_length - self.half_length, 0.1), v, a)
-
-    def remember(self, t: float, others: Neighbours) -> Floats:
-        """Estimate accelerations (B, M) from the speeds seen, smoothed over 0.3 s."""
-        self._make_room(others.key)
-        run, place = np.nonzero(others.there)
-        key, v = others.key[run, place], others.v_s[run, place]
-        new = self.seen_in[run, key] != self.cycles  # not in the list before
-        t0, v0, a0 = np.where(new, [[t - self.cycle], [0.0], [0.0]], self.speeds[:, run, key])
-        v0 = np.where(new, v, v0)
-        a = a0 + self.smoothing * ((v - v0) / np.maximum(t - t0, 1e-3) - a0)
-        self.cycles += 1
-        self.speeds[:, run, key], self.seen_in[run, key] = (np.full(len(v), t), v, a), self.cycles
-        out = np.zeros(others.key.shape)
-        out[run, place] = a
-        return out
-
-    def _make_room(self, key: Integers) -> None:
-        room, most = self.seen_in.shape[1], int(key.max(initial=0)) + 1
+        room, most = self.known.shape[1], int(others.key.max()) + 1 if others.key.size else 0
         if most > room:
-            more = ((0, 0), (0, 2 * most - room))
-            self.speeds = np.pad(self.speeds, ((0, 0), *more))
-            self.seen_in = np.pad(self.seen_in, more, constant_values=-1)
+            self.known = np.pad(self.known, ((0, 0), (0, 2 * most - room), (0, 0)), constant_values=np.nan)
+        out, offset = np.empty((4, len(v))), np.where(self.mode == CHANGE, self.lanes.d, 0.0)
+        how = (self.half_width + 0.1, self.cut_in_horizon, self.half_length, self.cycle, self.smoothing)
+        kernel.mind(*others, v, offset, how, self.known, (t, self.last), out)
+        self.last = t
+        return _Lead(*out)
 
-    def decide(self, t: float, ego: Floats, others: Neighbours, lead: _Lead) -> None:
+    def decide(self, t: float, ego: Floats, others: Along, lead: _Lead) -> None:
         """Change the modes where the situation asks for it."""
         mode, v = self.mode, ego[:, 3]
+        threat = self.threatened(v, lead)
+        if not threat.any() and not mode.any():
+            return  # all follow, and go on
         changing = mode == CHANGE
         done = changing & (t > self.change_begin + self.change_time)
         self.lanes.look_up(np.flatnonzero(done).tolist(), ego)
-        calm = ~changing & (~lead.there | ((mode == BRAKE) & (v < lead.v - 0.5)))
-        asked = ~changing & ~calm & (mode == FOLLOW) & self.threatened(v, lead)
+        none = lead.gap == kernel.NO_LEAD
+        calm = ~changing & (none | ((mode == BRAKE) & (v < lead.v - 0.5)))
+        asked = (mode == FOLLOW) & ~calm & threat
         mode[done | calm] = FOLLOW
         for b in np.flatnonzero(asked).tolist():
             side = self.way_out(b, float(v[b]), others.of(b), lead)
@@ -166,13 +143,14 @@ class HighwayPilot:
 
     def threatened(self, v: Floats, lead: _Lead) -> Bools:
         """Say whose vehicle ahead is a threat."""
-        closing = v - lead.v
-        soon = time_to_collision(lead.gap, closing, lead.a) < self.threat_time
-        return np.asarray(soon & (closing + 0.5 * np.maximum(-lead.a, 0.0) > self.threat_closing))
+        soon = lead.soon < self.threat_time
+        if not soon.any():
+            return soon
+        return soon & (v - lead.v + 0.5 * np.maximum(-lead.a, 0.0) > self.threat_closing)
 
-    def way_out(self, b: int, v: float, others: Neighbours, lead: _Lead) -> float:
+    def way_out(self, b: int, v: float, others: Along, lead: _Lead) -> float:
         """Give the lateral offset [m] of the neighbouring lane to evade to, left first; 0 where none is safe."""
-        gap, lead_v, lead_a = (float(column[b]) for column in lead[1:])
+        gap, lead_v, lead_a, _ = (float(column[b]) for column in lead)
         braked = 0.5 * max(-lead_a, 0.0) * self.swerve_time**2
         if gap - (v - lead_v) * self.swerve_time - braked < self.swerve_gap:
             return 0.0
@@ -183,7 +161,7 @@ class HighwayPilot:
                 return side
         return 0.0
 
-    def free(self, v: float, others: Neighbours, side: float) -> bool:
+    def free(self, v: float, others: Along, side: float) -> bool:
         """Say whether nobody is or comes too near in the lane at lateral offset `side` [m]; others: of one run."""
         closing = np.where(others.s > 0.0, v - others.v_s, others.v_s - v)
         gap = np.abs(others.s) - others.half_length - self.half_length
@@ -192,16 +170,9 @@ class HighwayPilot:
 
     def accelerate(self, v: Floats, lead: _Lead) -> Floats:
         """Give the accelerations (B,) [m/s²]: towards the desired speed, bounded by the gap ahead."""
-        free = np.minimum(np.maximum(0.6 * (self._desired() - v), -self.comfort_braking), 1.5)
-        closing = v - lead.v
-        wanted = self.standstill_gap + self.time_gap * v
-        keep = 0.25 * (lead.gap - wanted) - 0.9 * closing
-        keep = np.where(closing < 0.0, np.maximum(keep, -0.3), keep)  # the gap opens: no need to brake for it
-        bounded = np.minimum(free, np.maximum(keep, -self.comfort_braking))
-        room = np.maximum(lead.gap - self.standstill_gap, 0.5)
-        needed = np.maximum(-lead.a, 0.0) + np.maximum(closing, 0.0) ** 2 / (2.0 * room)
-        hard = np.maximum(np.minimum(bounded, -1.1 * needed), -self.max_braking)
-        return np.where(lead.there, np.where(self.mode == BRAKE, hard, bounded), free)
+        out, limits = np.empty(len(v)), (self.standstill_gap, self.time_gap, self.comfort_braking, self.max_braking)
+        kernel.follow(v, self._desired(), *lead[:3], self.mode == BRAKE, limits, out)
+        return out
 
     def lateral(self, t: float) -> Floats:
         """Give where to be across the lanes [m], and its first and second derivative [m/s, m/s²]: (3, B)."""
@@ -213,36 +184,18 @@ class HighwayPilot:
 
     def plan(self, t: float, v: Floats, a: Floats) -> Floats:
         """Give the planned states (B, K, 4) over the next 3 s."""
-        v = np.maximum(v, 0.0)[:, None]
-        a = a[:, None]
-        with np.errstate(divide="ignore"):
-            stands = np.where(a < 0.0, v / -a, np.inf)
-        driving = np.minimum(PLANNED, stands)  # until it stands
-        plan = np.empty((len(v), len(PLANNED), 4))
-        plan[:, :, 0] = t + PLANNED
-        speed = plan[:, :, 3] = np.maximum(v + a * driving, 0.0)  # a rounding below 0 would be reversing
-        run = 0.5 * (v + speed) * driving
-        d = self.lanes.d[:, None] * _RETURN
+        plan, places = np.empty((len(v), len(PLANNED), 4)), np.empty((2, len(v), len(PLANNED)))
+        kernel.plan(t, v, a, self.lanes.s, self.lanes.d, PLANNED, _RETURN, plan, places)
         if (changing := self.mode == CHANGE).any():
             begin, *ends = (c[changing, None] for c in (self.change_begin, self.change_from, self.change_to))
-            d[changing] = quintic(*ends, t - begin + PLANNED, self.change_time)[0]
-        plan[:, :, 1], plan[:, :, 2] = self.lanes.paths.xy(self.lanes.s[:, None] + run, d)
+            places[1, changing] = quintic(*ends, t - begin + PLANNED, self.change_time)[0]
+        plan[:, :, 1], plan[:, :, 2] = self.lanes.paths.xy(*places)
         return plan
 
     def _desired(self) -> Floats:
         """The speeds (B,) [m/s] to drive at on a free road."""
         limited = self.lanes.limited(self.desired_speed, self.start_speed)
         return limited if self.desired_speed is not None else np.minimum(limited, self.start_speed)
-
-
-def time_to_collision(gap: Floats, closing: Floats, lead_a: Floats) -> Floats:
-    """Give the times [s] until the gaps [m] are gone, at these closing speeds [m/s] and the leads' braking [m/s²]."""
-    braking = np.maximum(-lead_a, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        steady = np.where(closing > 0.0, gap / closing, np.inf)
-        return np.where(
-            braking < 0.1, steady, (-closing + np.sqrt(closing * closing + 2.0 * braking * gap)) / braking
-        )
 
 
 def quintic(begin: ArrayLike, end: ArrayLike, t: ArrayLike, duration: float) -> tuple[Floats, Floats, Floats]:

@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
+from resim.driving import kernel
 from resim.road.driven_route import Route, only_roads
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import Path, PathPoint, lane_path
-from resim.road.paths import Paths
+from resim.road.paths import Along, Paths
 from resim.simulation.function.batch import BatchFunction, Keys, PerceivedBatch, batch_of_one
 from resim.simulation.function.interface import Command, EgoState, Perceived, Setup
 
@@ -33,27 +33,6 @@ NEAR = 200.0
 
 LEVEL, RISE = 2.0, 0.15
 """Objects are on another level that are higher or lower than this [m], and than roads rise on the way [m per m]."""
-
-
-class Neighbours(NamedTuple):
-    """Perceived objects along the EGOs' lanes in B runs, (B, M), rearmost first; what is behind the last is not `there`.
-
-    key: a number for each id of a run. s, d: m, of the centres along the lane from the EGO's and left of the lane's
-    centre. v_s, v_d: m/s, speed along and to the left of the lane. half_length, half_width: m.
-    """
-
-    there: Bools
-    key: Integers
-    s: Floats
-    d: Floats
-    v_s: Floats
-    v_d: Floats
-    half_length: Floats
-    half_width: Floats
-
-    def of(self, b: int) -> Neighbours:
-        """Give those of one run, (1, M)."""
-        return Neighbours(*(column[b : b + 1] for column in self))
 
 
 SMOOTH = 12.0
@@ -106,11 +85,13 @@ class Lanes:
     def place(self, ego: Floats) -> None:
         """Find the EGOs (B, 6) along the lanes."""
         self._find(ego)
-        left = [path.s[-1] - 250.0 if not path.ends else math.inf for path in self.paths.paths]
-        self.look_up(np.flatnonzero(self.s > np.array(left)).tolist(), ego)
+        paths = zip(self.s.tolist(), self.paths.paths, strict=True)
+        late = [b for b, (s, path) in enumerate(paths) if s > path.s[-1] - 250.0 and not path.ends]
+        if late:
+            self.look_up(late, ego)
 
     def _find(self, ego: Floats) -> None:
-        self.s, self.d, heading = self.paths.place(ego[:, 0], ego[:, 1])
+        self.s, self.d, heading = self.paths.place(ego)
         turns = (ego[:, 2] - heading).tolist()
         self.turn = np.array([math.remainder(turn, 2.0 * math.pi) for turn in turns])
 
@@ -118,34 +99,24 @@ class Lanes:
         """The lane of a run at the EGO."""
         return self.paths.paths[b].at(float(self.s[b]))
 
-    def locate(self, seen: PerceivedBatch, *, behind: float = NEAR) -> Neighbours:
+    def locate(self, seen: PerceivedBatch, *, behind: float = NEAR) -> Along:
         """Find the objects up to NEAR ahead and `behind` [m] of the EGOs.
 
         Who is on another level, such as on a bridge, is left out.
         """
-        places = (seen.x_ego, seen.y_ego, seen.heading_ego, seen.v, seen.z_ego)
-        found, who, s, d, v_s, v_d = self.paths.along(
-            seen.ego, seen.count, seen.key, places, levels=(LEVEL, RISE), behind=behind, near=NEAR
+        lists = (seen.x_ego, seen.y_ego, seen.heading_ego, seen.v, seen.length, seen.width, seen.z_ego)
+        return self.paths.along(
+            seen.ego, seen.count, seen.key, lists, levels=(LEVEL, RISE), behind=behind, near=NEAR
         )
-        columns = (seen.key, seen.length, seen.width)
-        key, length, width = (np.take_along_axis(column, who, axis=1) for column in columns)
-        there = np.arange(who.shape[1]) < found[:, None]
-        return Neighbours(there, key, s - self.s[:, None], d, v_s, v_d, 0.5 * length, 0.5 * width)
 
-    def steer(
-        self, v: Floats, offset: Floats | float = 0.0, drift: Floats | float = 0.0, bend: Floats | float = 0.0
-    ) -> Floats:
-        """Give the curvatures (B,) [1/m] that bring the EGOs to `offset` [m] left of the lanes' centres.
+    def steer(self, v: Floats, aim: Floats | None = None) -> Floats:
+        """Give the curvatures (B,) [1/m] that keep the EGOs on the lanes' centres, at speeds v (B,) [m/s].
 
-        Critically damped at 0.8 rad/s at any speed. v (B,) m/s. drift [m/s] and bend [m/s²] are the offset's first and
-        second derivative, where it is meant to move.
+        aim (3, B): where to be left of them [m] instead, and its first and second derivative, where it is meant to move.
         """
-        v = np.maximum(v, 3.0)
-        omega = 0.8
-        off, slant = self.d - offset, v * np.array([math.sin(turn) for turn in self.turn.tolist()]) - drift
-        return self.paths.curvature_at(self.s + 0.15 * v) + (
-            bend - omega * omega * off - 2.0 * omega * slant
-        ) / (v * v)
+        out, bend = np.empty(len(v)), self.paths.curvature_at(self.s + 0.15 * np.maximum(v, 3.0))
+        kernel.steer(v, self.d, self.turn, bend, np.zeros((3, len(v))) if aim is None else aim, out)
+        return out
 
     def limited(self, desired: float | None, else_: Floats) -> Floats:
         """Give the speeds (B,) [m/s] to drive at: `desired`, if given; else the limit, and where there is none `else_`."""
@@ -155,13 +126,11 @@ class Lanes:
         return np.where(np.isfinite(limit), limit, else_)
 
 
-def in_corridor(
-    d: Floats, other: Neighbours, half_width: float, offset: Floats | float = 0.0
-) -> Bools:
+def in_corridor(d: Floats, other: Along, half_width: float, offset: Floats | float = 0.0) -> Bools:
     """Say which objects, if at d (B, M) [m], reach into corridors of this half width [m] about `offset` [m], a number or
     (B, 1).
     """
-    return other.there & (np.abs(d - offset) < half_width + other.half_width)
+    return np.asarray(np.abs(d - offset) < half_width + other.half_width)
 
 
 def alone(function: BatchFunction, perceived: Perceived, keys: Keys) -> Command:

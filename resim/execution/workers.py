@@ -94,11 +94,12 @@ def run_all(
     workers: int,
     time_limit: float,
     pool: Executor | None = None,
+    size: Callable[[Task], int] = lambda task: 1,
 ) -> Iterator[tuple[int, Result | Failure]]:
     """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
 
-    function: of a module, as children import it anew. time_limit: s of wall clock for one task, from when its process
-    took it up. pool: that of a cluster of so many workers; threads of this machine, if none is given. Closing the
+    function: of a module, as children import it anew. time_limit: s of wall clock for a task of size 1, from when its
+    process took it up; one of another `size` has as many times that. pool: that of a cluster of so many workers; threads of this machine, if none is given. Closing the
     iterator kills what still runs here.
     """
     children: list[_Child] = []
@@ -109,7 +110,7 @@ def run_all(
     todo = iter(range(len(tasks)))
     try:
         for k in todo:
-            waiting[there.submit(supervised, function, tasks[k], time_limit)] = k
+            waiting[there.submit(supervised, function, tasks[k], size(tasks[k]) * time_limit)] = k
             if len(waiting) < _AHEAD * workers:
                 continue
             yield from _finished(waiting)

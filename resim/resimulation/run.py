@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -320,11 +320,25 @@ def run_on_gt(result: Resimulation, *, perception: Perception | None = None, see
 
     What describes it is the EGO alone: traffic is that of rGT, and its fit with it.
     """
-    recording, network, source = result.recording, result.network, of_seed(seed)
-    case = result.options.case(
-        result.described["GT"], network, result.build, perception=perception, seed=seed
-    )
-    drive = case.drive()
+    return runs_on_gt(result, [(perception, seed)])[0]
+
+
+def runs_on_gt(
+    result: Resimulation, runs: Sequence[tuple[Perception | None, int]]
+) -> list[Resimulation]:
+    """Give for each perception and seed what `run_on_gt` gives; the engine may drive them at once."""
+    cases = [
+        result.options.case(
+            result.described["GT"], result.network, result.build, perception=perception, seed=seed
+        )
+        for perception, seed in runs
+    ]
+    return [_with(result, drive) for drive in result.options.engine.drive(cases)]
+
+
+def _with(result: Resimulation, drive: SimulatedDrive) -> Resimulation:
+    """The re-simulation with a drive on GT, described, and its pipeline error."""
+    recording, network, source = result.recording, result.network, of_seed(drive.case.seed)
     refits, errors = {**result.refits}, {**result.errors}
     if _is_describable(drive):
         refits[source] = _describe(drive.truth.select([recording.ego]), recording, network, source)

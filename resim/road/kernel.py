@@ -75,42 +75,43 @@ def track(table, score, i, x, y):
     return s, d, math.atan2(ty, tx), i
 
 
-@entry(TABLE, TABLE, int64[:, ::1], int64[::1], float64[::1], float64[::1], float64[:, ::1])
-def track_all(tables, scores, spans, segments, x, y, out):
+@entry(TABLE, TABLE, int64[:, ::1], int64[::1], TABLE, float64[:, ::1])
+def track_all(tables, scores, spans, segments, places, out):
     """Fill out (3, B) with s, d and heading of B points, each by its own table: the rows of spans (B, 2) of the tables.
 
-    segments (B,): those that they had before, or -1; they get the new ones.
+    places (B, 2 or more): x, y first. segments (B,): those that they had before, or -1; they get the new ones.
     """
-    for b in range(x.size):
+    for b in range(len(places)):
+        x, y = places[b, 0], places[b, 1]
         own = slice(spans[b, 0], spans[b, 1])
-        out[0, b], out[1, b], out[2, b], segments[b] = track(tables[own], scores[own], segments[b], x[b], y[b])
+        out[0, b], out[1, b], out[2, b], segments[b] = track(tables[own], scores[own], segments[b], x, y)
 
 
 @entry(
     TABLE, TABLE, int64[:, ::1], int64[:, ::1], TABLE, types.Array(int64, 1, "A", readonly=True),
-    types.Array(int64, 2, "A", readonly=True), SEEN, SEEN, SEEN, SEEN, SEEN, float64[::1], float64[::1],
-    float64[:, :, ::1], int64[:, ::1], int64[::1],
+    types.Array(int64, 2, "A", readonly=True), SEEN, SEEN, SEEN, SEEN, SEEN, SEEN, SEEN, float64, float64, float64,
+    float64, float64[::1], float64[:, :, ::1], int64[:, ::1],
 )  # fmt: skip
-def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, v, z_ego, levels, range_, out, who, found):
-    """Find the objects of B lists along B paths: fill out (4, B, M) with s, d [m] on the path and speeds along and
-    across it [m/s], rearmost first in the EGO's frame, who (B, M) with their places on the lists, and found (B,) with
-    how many these are.
+def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, v, length, width, z_ego,
+          above, rise, behind, near, s, out, keys):  # fmt: skip
+    """Find the objects of B lists along B paths: fill out (6, B, M) with s from the EGO's, d [m] on the path, speeds along
+    and across it [m/s], half length and half width [m], and keys (B, M), rearmost first in the EGO's frame; what is
+    behind the last is left as it is.
 
     tables, scores, spans: as in `track_all`. segments (B, C): those that objects had before, or -1, by their keys. ego (B,
-    6): x, y [m], heading [rad] first. count (B,), key, x_ego, y_ego [m], turn [rad], v [m/s], z_ego [m] (B, M): the lists.
-    levels: who is higher or lower than so much [m], and so much [m per m] on the way, is left out; range_: so is who is
-    farther behind, ahead or to a side than this [m].
+    6): x, y [m], heading [rad] first. count (B,), key, x_ego, y_ego [m], turn [rad], v [m/s], length, width, z_ego [m]
+    (B, M): the lists. above, rise: who is higher or lower than so much [m], and so much [m per m] on the way, is left out;
+    behind, near: so is who is farther behind, ahead or to a side than this [m]. s (B,) m: of the EGOs.
     """
+    order = np.empty(key.shape[1], np.int64)
     for b in range(count.size):
-        own_rows, n = slice(spans[b, 0], spans[b, 1]), 0
-        table, score = tables[own_rows], scores[own_rows]
-        c, s = math.cos(ego[b, 2]), math.sin(ego[b, 2])
-        order = who[b]
+        rows, n = slice(spans[b, 0], spans[b, 1]), 0
+        table, score = tables[rows], scores[rows]
         for k in range(count[b]):
             far, aside = x_ego[b, k], y_ego[b, k]
-            if far < -range_[0] or far > range_[1] or abs(aside) > range_[1]:
+            if far < -behind or far > near or abs(aside) > near:
                 continue
-            if abs(z_ego[b, k]) > levels[0] + levels[1] * math.hypot(far, aside):
+            if abs(z_ego[b, k]) > above + rise * math.hypot(far, aside):
                 continue
             at = n
             while at > 0 and x_ego[b, order[at - 1]] > far:
@@ -118,15 +119,16 @@ def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, 
                 at -= 1
             order[at] = k
             n += 1
-        found[b] = n
+        cosine, sine = math.cos(ego[b, 2]), math.sin(ego[b, 2])
         for k in range(n):
             one = order[k]
             far, aside, own = x_ego[b, one], y_ego[b, one], key[b, one]
-            x, y = ego[b, 0] + c * far - s * aside, ego[b, 1] + s * far + c * aside
-            at_s, d, heading, segments[b, own] = track(table, score, segments[b, own], x, y)
+            x, y = ego[b, 0] + cosine * far - sine * aside, ego[b, 1] + sine * far + cosine * aside
+            there, d, heading, segments[b, own] = track(table, score, segments[b, own], x, y)
             course = turn[b, one] + ego[b, 2] - heading
-            out[0, b, k], out[1, b, k] = at_s, d
+            out[0, b, k], out[1, b, k], keys[b, k] = there - s[b], d, own
             out[2, b, k], out[3, b, k] = v[b, one] * math.cos(course), v[b, one] * math.sin(course)
+            out[4, b, k], out[5, b, k] = 0.5 * length[b, one], 0.5 * width[b, one]
 
 
 @entry(TABLE, float64[::1], float64[::1])

@@ -16,17 +16,23 @@ Integers = NDArray[np.intp]
 
 
 class Along(NamedTuple):
-    """Objects of B lists along their runs' paths, rearmost in the EGO's frame first; `found` (B,) of each row.
+    """Objects of B lists along their runs' paths, (B, M), rearmost in the EGO's frame first; behind the last NaN.
 
-    who (B, M): their places on the lists. s, d: m, along the path and left of it. v_s, v_d: m/s along and to the left.
+    key: whose they are, -1 for none. s, d: m, of the centres along the path from the EGO's and left of the path. v_s,
+    v_d: m/s along the path and to its left. half_length, half_width: m.
     """
 
-    found: Integers
-    who: Integers
+    key: Integers
     s: Floats
     d: Floats
     v_s: Floats
     v_d: Floats
+    half_length: Floats
+    half_width: Floats
+
+    def of(self, b: int) -> Along:
+        """Give those of one run, (1, M)."""
+        return Along(*(column[b : b + 1] for column in self))
 
 
 class Paths:
@@ -43,14 +49,14 @@ class Paths:
         self._egos[b] = self._objects[b] = -1
         self.__dict__.pop("_stacked", None)
 
-    def place(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        """Give s, d [m] and the paths' headings [rad] (B,) where the EGOs are."""
+    def place(self, ego: Floats) -> tuple[Floats, Floats, Floats]:
+        """Give s, d [m] and the paths' headings [rad] (B,) where the EGOs are; ego: (B, 6) x, y [m] first."""
         # compiled: numba is imported where it is used only
         from resim.road import kernel
 
         out = np.empty((3, len(self.paths)))
-        x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
-        kernel.track_all(*self._stacked, self._egos, x, y, out)
+        kernel.track_all(*self._stacked, self._egos, ego, out)
+        self._s = out[0]
         return out[0], out[1], out[2]
 
     def along(
@@ -58,36 +64,42 @@ class Paths:
         ego: Floats,
         count: Integers,
         key: Integers,
-        places: Sequence[Floats],
+        lists: Sequence[Floats],
         *,
         levels: tuple[float, float],
         behind: float,
         near: float,
     ) -> Along:
-        """Find the objects of B lists of up to M up to `near` ahead and to the sides, and `behind` [m] of the EGOs.
+        """Find the objects of B lists of up to M up to `near` ahead and to the sides, and `behind` [m] of the EGOs, which
+        were placed before.
 
         ego: (B, 6) x, y [m], heading [rad] first. count: (B,) how many are on each list. key: (B, M) a whole number for
-        each object of a run. places: x, y [m], heading [rad] in the EGO's frame, v [m/s], and height [m] above the EGO,
-        each (B, M). levels: who is higher or lower than so much [m], and so much [m per m] on the way, is left out.
+        each object of a run. lists: x, y [m], heading [rad] in the EGO's frame, v [m/s], length, width [m], and height
+        [m] above the EGO, each (B, M). levels: who is higher or lower than so much [m], and so much [m per m] on the way,
+        is left out.
         """
         # compiled: numba is imported where it is used only
         from resim.road import kernel
 
         self._make_room(key)
-        who, found, out = np.zeros(key.shape, np.intp), np.zeros(len(key), np.intp), np.zeros((4, *key.shape))
-        limits = np.array(levels), np.array([behind, near])
-        kernel.along(*self._stacked, self._objects, ego, count, key, *places, *limits, out, who, found)
-        return Along(found, who, *out)
+        keys, out = np.full(key.shape, -1), np.full((6, *key.shape), np.nan)
+        kernel.along(
+            *self._stacked, self._objects, ego, count, key, *lists, *levels, behind, near, self._s, out, keys
+        )
+        return Along(keys, *out)
 
     def _make_room(self, key: Integers) -> None:
         """Have a place for the segment of each object."""
-        room, most = self._objects.shape[1], int(key.max(initial=0)) + 1
+        room, most = self._objects.shape[1], int(key.max()) + 1 if key.size else 0
         if most > room:
             more = np.full((len(self.paths), 2 * most - room), -1)
             self._objects = np.concatenate([self._objects, more], axis=1)
 
     def xy(self, s: Floats, d: Floats) -> tuple[Floats, Floats]:
         """Give the map positions (B, K) [m] at s (B, K), d (B, K) metres to the left."""
+        first = self.paths[0]
+        if all(path is first for path in self.paths):
+            return first.xy(s, d)
         places = np.empty((2, *s.shape))
         for path in {id(path): path for path in self.paths}.values():
             rows = [b for b, own in enumerate(self.paths) if own is path]

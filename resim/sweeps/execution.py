@@ -36,7 +36,16 @@ from resim.sweeps.engines import refuse_difference, what_differs
 from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
-from resim.sweeps.tasks import RunResult, RunTask, Values, run, swept_model, with_values
+from resim.sweeps.tasks import (
+    RunBatch,
+    RunResult,
+    RunTask,
+    Values,
+    in_batches,
+    run,
+    swept_model,
+    with_values,
+)
 from resim.verification.inputs import HashedFile, NamedBuild
 
 ATTEMPTS = 3
@@ -266,15 +275,27 @@ def _difference(one: RunResult, other: RunResult | Failure) -> str:
 def _tried(
     todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
 ) -> Iterator[tuple[int, RunResult | Failure]]:
-    """Give the result of each run by its number; what crashes is tried again after all others."""
-    for attempt in range(1, ATTEMPTS + 1):
-        crashed = []
-        for k, result in run_all(run, todo, workers=workers, time_limit=time_limit, pool=pool):
-            if isinstance(result, Failure) and result.crashed and attempt < ATTEMPTS:
-                crashed.append(todo[k])
+    """Give the result of each run by its number; what crashes is tried again after all others.
+
+    A batch without results is done again in halves, down to the run that is to blame.
+    """
+    batches, tries = in_batches(todo, workers), dict.fromkeys((task.run for task in todo), 0)
+    while batches:
+        again = list[RunBatch]()
+        for k, results in run_all(run, batches, workers=workers, time_limit=time_limit, pool=pool, size=len):
+            batch, half = batches[k], len(batches[k]) // 2
+            if not isinstance(results, Failure):
+                yield from ((task.run, result) for task, result in zip(batch, results, strict=True))
+            elif half:
+                again += [batch[:half], batch[half:]]
             else:
-                yield todo[k].run, result
-        todo = sorted(crashed, key=lambda task: task.run)
+                number = batch[0].run
+                tries[number] += 1
+                if results.crashed and tries[number] < ATTEMPTS:
+                    again.append(batch)
+                else:
+                    yield number, results
+        batches = sorted(again, key=lambda batch: batch[0].run)
 
 
 def _entry(result: RunResult | Failure, number: int, plan: str, sweep: Sweep) -> JournalEntry:
@@ -305,10 +326,13 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
 def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> tuple[float | None, float, list[str]]:
     """Do a few runs and give the median time [s] of one, its size [bytes], and why any failed."""
     some = list(tasks(sweep, wanted.groupby(["recording", "build"], sort=False).head(4).head(16)))
-    done = run_all(run, some, workers=min(workers, len(some)), time_limit=sweep.file.time_limit)
+    batches = in_batches(some, 1)
+    done = run_all(
+        run, batches, workers=min(workers, len(batches)), time_limit=sweep.file.time_limit, size=len
+    )
     found = [result for _, result in sorted(done, key=itemgetter(0))]
     failures = [r.reason for r in found if isinstance(r, Failure)]
-    good = [r for r in found if not isinstance(r, Failure)]
+    good = [r for batch in found if not isinstance(batch, Failure) for r in batch]
     if not good:
         return None, 0.0, failures
     size = sum(len(json.dumps(r.row)) for r in good) / len(good) / 4.0  # as Parquet packs it

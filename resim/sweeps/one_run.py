@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from resim.core.schema import Cell, Row
@@ -15,7 +15,7 @@ from resim.resimulation.compute_outcome import seed_outcome
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import PreparedRecording, Resimulation, ResimulationOptions
-from resim.resimulation.run import prepare, run_on_gt
+from resim.resimulation.run import prepare, runs_on_gt
 from resim.scenario import maneuvers
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
@@ -65,8 +65,26 @@ def run_once(
 
     Times in s, errors in m, m/s and rad; `reaction_difference` and `same_decision` are against the measured drive.
     """
+    return run_together(prepared, build, [(model, seed)], options)[0]
+
+
+def run_together(
+    prepared: PreparedRuns,
+    build: Build,
+    runs: Sequence[tuple[PerceptionModel | None, int]],
+    options: ResimulationOptions = ResimulationOptions(),
+) -> list[tuple[SimulatedDrive, Row]]:
+    """Give for each model and seed what `run_once` gives; the engine may drive them at once."""
     result = Resimulation(prepared.recording, build, options)
-    result = run_on_gt(result, perception=None if model is None else Sensor(model), seed=seed)
+    sensed = [(None if model is None else Sensor(model), seed) for model, seed in runs]
+    return [
+        _came_to(prepared, one, seed)
+        for one, (_, seed) in zip(runs_on_gt(result, sensed), runs, strict=True)
+    ]
+
+
+def _came_to(prepared: PreparedRuns, result: Resimulation, seed: int) -> tuple[SimulatedDrive, Row]:
+    """The drive of a seed, and what it came to."""
     drive, _, pipe = result.of(seed)
     found = seed_outcome(
         result, seed, AssessmentOptions(criteria=prepared.criteria, only=COMPARED, rate=RATE)

@@ -98,8 +98,8 @@ def _unchanged(folder: Path, told: HashedFile, hash_of: Callable[[Path], str]) -
 def repeat(swept: SweepResult, task: RunTask) -> dict[str, tuple[Any, Any]]:
     """Do a run again, in a child process, and give the columns that differ: in the table, and now."""
     row = _row(swept, task.run)
-    _, result = next(run_all(run, [task], workers=1, time_limit=swept.file.time_limit))
-    now = {"end": "failed", "failure": result.reason} if isinstance(result, Failure) else result.row
+    _, result = next(run_all(run, [(task,)], workers=1, time_limit=swept.file.time_limit))
+    now = {"end": "failed", "failure": result.reason} if isinstance(result, Failure) else result[0].row
     made = list(swept.rows.columns)[list(swept.rows.columns).index("end") :]
     pairs = {name: (_plain(row[name]), _plain(now.get(name))) for name in made}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}

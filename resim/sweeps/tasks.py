@@ -1,8 +1,9 @@
-"""What a child process does for one run of a sweep; what it has loaded serves the next."""
+"""What a child process does for runs of a sweep; what it has loaded serves the next."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +18,7 @@ from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
 from resim.sweeps.engines import ENGINES, EngineName, Fingerprint, is_repeated
-from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_once
+from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
 
 PRELOADED = ("resim.resimulation.run",)
 """What a child has before it starts."""
@@ -46,9 +47,18 @@ class RunTask:
     repeated: float = 0.0
 
 
+RunBatch = tuple[RunTask, ...]
+"""Runs that one process does at once."""
+MOST = 32
+"""Runs of a batch: more save little, and their lists take memory."""
+_EACH = 4
+"""Batches that each worker has at least, so that all end at about the same time."""
+
+
 @dataclass(frozen=True)
 class RunResult:
-    """What a run came to (`row`), how long it took [s], and lines on the findings in its recording.
+    """What a run came to (`row`), how long it took [s] as its share of its batch, and lines on the findings in its
+    recording.
 
     fingerprint: of the drive, None of one that is not to be repeated.
     """
@@ -59,17 +69,39 @@ class RunResult:
     fingerprint: Fingerprint | None
 
 
-def run(task: RunTask) -> RunResult:
-    """Do the run."""
+def run(tasks: RunBatch) -> tuple[RunResult, ...]:
+    """Do runs that are alike (`in_batches`), at once where their engine and function can."""
+    task = tasks[0]
     prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
-    build, model = with_values(_build(task.build), task.values), swept_model(task.perception, task.values)
+    build = with_values(_build(task.build), task.values)
+    sensed = [(swept_model(one.perception, one.values), one.seed) for one in tasks]
     begin = time.perf_counter()
     options = ResimulationOptions(vehicle=task.vehicle, engine=ENGINES[task.engine])
-    drive, row = run_once(prepared, build, model, task.seed, options)
-    taken = time.perf_counter() - begin
-    drawn = is_repeated(drive.case.hash, task.run, task.repeated)
+    done = run_together(prepared, build, sensed, options)
+    taken = (time.perf_counter() - begin) / len(tasks)
     findings = finding_lines(prepared.recording.recording.findings)
-    return RunResult(row, taken, findings, drive.fingerprint() if drawn else None)
+    drawn = [is_repeated(d.case.hash, one.run, one.repeated) for one, (d, _) in zip(tasks, done, strict=True)]
+    return tuple(
+        RunResult(row, taken, findings, drive.fingerprint() if again else None)
+        for (drive, row), again in zip(done, drawn, strict=True)
+    )
+
+
+def in_batches(tasks: Sequence[RunTask], workers: int) -> list[RunBatch]:
+    """Group runs into batches, each of runs that are alike in all but their seeds and perceptions; in SUMO of one each.
+
+    They are smaller than MOST where each of the workers would have few.
+    """
+    alike: dict[object, list[RunTask]] = {}
+    for task in tasks:
+        values = tuple(value for value in task.values if not value[0].startswith("perception."))
+        alike.setdefault(replace(task, run=0, seed=0, values=values), []).append(task)
+    most = min(MOST, max(len(tasks) // (_EACH * workers), 1))
+    out = []
+    for group in alike.values():
+        size = most if group[0].engine == "direct" else 1
+        out += [tuple(group[k : k + size]) for k in range(0, len(group), size)]
+    return out
 
 
 @lru_cache(maxsize=32)

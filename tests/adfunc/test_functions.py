@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from adfunc.constant_velocity import ConstantVelocity
-from adfunc.highway_pilot import HighwayPilot, quintic, time_to_collision
+from adfunc.highway_pilot import HighwayPilot, quintic
 from adfunc.highway_pilot_mirrored import MirroredHighwayPilot
 from adfunc.idm import Idm
-from adfunc.lane_keeping import Lane, in_corridor
+from adfunc.lane_keeping import Lanes, in_corridor
 from resim.recordings.settings import SETTINGS, read_settings
-from resim.road.driven_route import Route
+from resim.driving.kernel import time_to_collision
 from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.batch import batch_of_one
 from resim.simulation.function.interface import (
     AdFunction,
     Command,
@@ -44,7 +45,7 @@ class World:
         c, s = math.cos(self.state.heading), math.sin(self.state.heading)
         dx, dy, n = cars[:, 0] - self.state.x, cars[:, 1] - self.state.y, len(cars)
         return Perceived(
-            self.t, self.state, np.array(list(self.cars), dtype=str), np.array(["car"] * n, dtype=str),
+            self.t, self.state.ego, np.array(list(self.cars), dtype=str), np.array(["car"] * n, dtype=str),
             c * dx + s * dy, c * dy - s * dx, np.full(n, -self.state.heading), cars[:, 2], np.full(n, 4.7),
             np.full(n, 1.9),
         )  # fmt: skip
@@ -154,7 +155,7 @@ def test_the_pilot_decides_at_its_threshold(network: RoadNetwork) -> None:
 def test_the_pilots_plan_stops_without_going_backwards(network: RoadNetwork) -> None:
     world = World(network, HighwayPilot()).run(0.1)
     for v, a in np.random.default_rng(3).uniform((0.1, -8.0), (25.0, -0.1), (500, 2)).tolist():
-        plan = world.function.plan(0.0, EgoState(300.0, RIGHT, 0.0, v), a)  # type: ignore[attr-defined]
+        plan = world.function.plan(0.0, np.array([v]), np.array([a]))[0]  # type: ignore[attr-defined]
         assert (plan[:, 3] >= 0.0).all()
         assert (np.diff(plan[:, 1]) >= 0.0).all()
         assert plan[-1, 3] == pytest.approx(max(v + 3.0 * a, 0.0))
@@ -194,7 +195,7 @@ def test_builds_of_one_function_differ_in_their_hash_and_the_recorded_one_is_tha
 def test_time_to_collision_is_that_of_constant_motion() -> None:
     assert time_to_collision(20.0, 5.0, 0.0) == 4.0
     assert time_to_collision(20.0, -1.0, 0.0) == math.inf
-    for closing in (5.0, -3.0):
+    for closing in (-3.0, 0.0, 6.0):
         t = time_to_collision(20.0, closing, -4.0)
         assert closing * t + 0.5 * 4.0 * t * t == pytest.approx(20.0)
 
@@ -209,20 +210,26 @@ def test_the_quintic_rests_at_both_ends_and_its_derivatives_are_its_own() -> Non
 
 
 def test_a_lane_locates_objects_along_itself(network: RoadNetwork) -> None:
-    lane = Lane(network, EgoState(300.0, RIGHT, 0.0, 25.0), Route())
-    assert (lane.d, lane.turn) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-9))
+    ego = EgoState(300.0, RIGHT, 0.0, 25.0)
+    lanes = Lanes([Setup(network, ego, (900.0, RIGHT), 4.7, 1.9, 0.04, 0)])
+    assert (lanes.d[0], lanes.turn[0]) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-9))
     seen = Perceived(
-        0.0, EgoState(300.0, RIGHT, 0.0, 25.0), np.array(["far", "left", "back"]), np.array(["car"] * 3),
+        0.0, ego, np.array(["far", "left", "back"]), np.array(["car"] * 3),
         np.array([250.0, 40.0, -30.0]), np.array([0.0, 3.5, 0.0]), np.array([0.0, 0.1, 0.0]),
         np.array([20.0, 20.0, 30.0]), np.full(3, 4.0), np.full(3, 2.0),
     )  # fmt: skip
-    back, left = list(lane.locate(seen))
-    assert (back.id, left.id) == ("back", "left")
-    np.testing.assert_allclose((left.s, left.d), (40.0, 3.5), atol=1e-6)
-    np.testing.assert_allclose((left.v_s, left.v_d), (20.0 * math.cos(0.1), 20.0 * math.sin(0.1)), atol=1e-6)
-    assert [n.id for n in lane.locate(seen, behind=0.0)] == ["left"]
-    assert not in_corridor(left.d, left, 0.95)
-    assert in_corridor(left.d, left, 0.95, offset=2.0)
+    batch = batch_of_one(seen, np.arange(3))
+    found = lanes.locate(batch)
+    assert found.key.tolist() == [[2, 1, -1]]
+    assert np.isnan(found.s[0, 2])
+    np.testing.assert_allclose((found.s[0, 1], found.d[0, 1]), (40.0, 3.5), atol=1e-6)
+    np.testing.assert_allclose(
+        (found.v_s[0, 1], found.v_d[0, 1]), (20.0 * math.cos(0.1), 20.0 * math.sin(0.1)), atol=1e-6
+    )
+    np.testing.assert_allclose((found.half_length[0, :2], found.half_width[0, :2]), [[2.0, 2.0], [1.0, 1.0]])
+    assert lanes.locate(batch, behind=0.0).key.tolist() == [[1, -1, -1]]
+    assert in_corridor(found.d, found, 0.95).tolist() == [[True, False, False]]
+    assert in_corridor(found.d, found, 0.95, offset=2.0).tolist() == [[False, True, False]]
 
 
 def test_functions_drive_the_whole_test_track(network: RoadNetwork) -> None:
@@ -237,8 +244,8 @@ def test_functions_drive_the_whole_test_track(network: RoadNetwork) -> None:
         worst = 0.0
         none = np.array([], dtype=float)
         for k in range(round(25.0 / 0.04)):
-            seen = Perceived(0.04 * k, state, none.astype(str), none.astype(str), *[none] * 6)
+            seen = Perceived(0.04 * k, state.ego, none.astype(str), none.astype(str), *[none] * 6)
             answer = function.step(seen)
-            worst = max(worst, abs(function.lane.d))
+            worst = max(worst, abs(float(function.lanes.d[0])))
             state = Kinematic().step(state, answer.acceleration, answer.curvature, 0.04)
         assert worst < 0.3, (road, worst)

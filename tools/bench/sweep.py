@@ -51,7 +51,7 @@ from resim.sweeps.engines import ENGINES
 from resim.sweeps.execution import begin, execute, inputs, tasks
 from resim.sweeps.file import Sweep, read_sweep, runs
 from resim.sweeps.one_run import prepare_sweep, run_once
-from resim.sweeps.tasks import run
+from resim.sweeps.tasks import in_batches, run
 
 sys.path.insert(0, str(Path(__file__).parent))
 from verify import drive, record
@@ -173,10 +173,10 @@ def turn() -> float:
 def plain(sweep: Sweep) -> float:
     """Seconds a run in a loop in this process."""
     every = list(tasks(sweep, runs(sweep)))
-    run(every[0])
+    run((every[0],))
     begun = time.perf_counter()
-    for task in every:
-        run(task)
+    for batch in in_batches(every, 1):
+        run(batch)
     return (time.perf_counter() - begun) / len(every)
 
 

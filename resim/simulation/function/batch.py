@@ -24,7 +24,7 @@ class PerceivedBatch:
 
     ego: (B, 6), the fields of `EgoState`. count: (B,). key: (B, M), a whole number from 0 on for each id of a run, the
     same as long as the run lasts. ids, kind: (B, M). The others: (B, M), in the units of `Perceived`. What is behind the
-    last object of a row means nothing.
+    last object of a row means nothing. lists: what it was made of, if it was made of the runs' own lists.
     """
 
     t: float
@@ -40,6 +40,7 @@ class PerceivedBatch:
     length: Floats
     width: Floats
     z_ego: Floats
+    lists: Sequence[Perceived] | None = None
 
     def __len__(self) -> int:
         """How many runs these are."""
@@ -52,6 +53,8 @@ class PerceivedBatch:
 
     def of(self, b: int) -> Perceived:
         """Give what the function of one run sees."""
+        if self.lists is not None:
+            return self.lists[b]
         n = int(self.count[b])
         return Perceived(
             self.t, EgoState(*self.ego[b].tolist()), self.ids[b, :n], self.kind[b, :n], self.x_ego[b, :n],
@@ -90,7 +93,7 @@ def batch_of_one(perceived: Perceived, key: Integers) -> PerceivedBatch:
     p = perceived
     return PerceivedBatch(
         p.t, np.array([p.ego]), np.array([len(p.ids)]), key[None], p.ids[None], p.kind[None],
-        *(getattr(p, name)[None] for name in NUMBERS),
+        *(getattr(p, name)[None] for name in NUMBERS), (p,),
     )  # fmt: skip
 
 
@@ -109,7 +112,7 @@ def stacked(lists: Sequence[Perceived], keys: Sequence[Integers]) -> PerceivedBa
     numbers = [filled([getattr(p, name) for p in lists], np.nan) for name in NUMBERS]
     ids, kind = (filled([getattr(p, name) for p in lists], "") for name in ("ids", "kind"))
     ego = np.array([p.ego for p in lists])
-    return PerceivedBatch(lists[0].t, ego, count, filled(keys, 0), ids, kind, *numbers)
+    return PerceivedBatch(lists[0].t, ego, count, filled(keys, 0), ids, kind, *numbers, lists)
 
 
 class Keys:
