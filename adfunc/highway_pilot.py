@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from adfunc.lane_keeping import Integers, Lanes, alone, in_corridor
+from adfunc.lane_keeping import Lanes, alone, in_corridor
 from resim.core.geometry import Bools, Floats
 from resim.driving import kernel
 from resim.road.paths import Along
@@ -118,8 +118,8 @@ class HighwayPilot:
             self.known = np.pad(self.known, ((0, 0), (0, 2 * most - room), (0, 0)), constant_values=np.nan)
         out, offset = np.empty((4, len(v))), np.where(self.mode == CHANGE, self.lanes.d, 0.0)
         how = (self.half_width + 0.1, self.cut_in_horizon, self.half_length, self.cycle, self.smoothing)
-        kernel.mind(*others, v, offset, how, self.known, (t, self.last), out)
-        self.last = t
+        kernel.mind(*others, v, offset, tuple(map(float, how)), self.known, (float(t), self.last), out)
+        self.last = float(t)
         return _Lead(*out)
 
     def decide(self, t: float, ego: Floats, others: Along, lead: _Lead) -> None:
@@ -170,8 +170,9 @@ class HighwayPilot:
 
     def accelerate(self, v: Floats, lead: _Lead) -> Floats:
         """Give the accelerations (B,) [m/s²]: towards the desired speed, bounded by the gap ahead."""
-        out, limits = np.empty(len(v)), (self.standstill_gap, self.time_gap, self.comfort_braking, self.max_braking)
-        kernel.follow(v, self._desired(), *lead[:3], self.mode == BRAKE, limits, out)
+        limits = (self.standstill_gap, self.time_gap, self.comfort_braking, self.max_braking)
+        out, hard = np.empty(len(v)), self.mode == BRAKE
+        kernel.follow(v, self._desired(), *lead[:3], hard, tuple(map(float, limits)), out)
         return out
 
     def lateral(self, t: float) -> Floats:
@@ -185,10 +186,11 @@ class HighwayPilot:
     def plan(self, t: float, v: Floats, a: Floats) -> Floats:
         """Give the planned states (B, K, 4) over the next 3 s."""
         plan, places = np.empty((len(v), len(PLANNED), 4)), np.empty((2, len(v), len(PLANNED)))
-        kernel.plan(t, v, a, self.lanes.s, self.lanes.d, PLANNED, _RETURN, plan, places)
+        kernel.plan(float(t), v, a, self.lanes.s, self.lanes.d, PLANNED, _RETURN, plan, places)
         if (changing := self.mode == CHANGE).any():
-            begin, *ends = (c[changing, None] for c in (self.change_begin, self.change_from, self.change_to))
-            places[1, changing] = quintic(*ends, t - begin + PLANNED, self.change_time)[0]
+            since = t - self.change_begin[changing, None] + PLANNED
+            ends = self.change_from[changing, None], self.change_to[changing, None]
+            places[1, changing] = quintic(*ends, since, self.change_time)[0]
         plan[:, :, 1], plan[:, :, 2] = self.lanes.paths.xy(*places)
         return plan
 
@@ -198,9 +200,11 @@ class HighwayPilot:
         return limited if self.desired_speed is not None else np.minimum(limited, self.start_speed)
 
 
-def quintic(begin: ArrayLike, end: ArrayLike, t: ArrayLike, duration: float) -> tuple[Floats, Floats, Floats]:
+def quintic(
+    begin: Floats | float, end: Floats | float, t: ArrayLike, duration: float
+) -> tuple[Floats, Floats, Floats]:
     """Give position, speed and acceleration at times t on the smoothest way from rest at `begin` to `end`."""
-    u, span = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0), np.subtract(end, begin)
+    u, span = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0), end - begin
     return (
         begin + span * u**3 * (10.0 - 15.0 * u + 6.0 * u * u),
         span * 30.0 * (u * (1.0 - u)) ** 2 / duration,

@@ -56,7 +56,8 @@ def _lane_at(road: RoadNetwork, route: Route, x: float, y: float, heading: float
 
 
 class Lanes:
-    """The lanes that the EGOs of B runs keep, looked up on the map and followed as they go, where they can on their route.
+    """The lanes that the EGOs of B runs keep, looked up on the map and followed as they go, where they can on their
+    route.
 
     s, d: (B,) m, where the EGOs are along them. turn: (B,) rad, their headings against the lanes.
     """
@@ -112,14 +113,15 @@ class Lanes:
     def steer(self, v: Floats, aim: Floats | None = None) -> Floats:
         """Give the curvatures (B,) [1/m] that keep the EGOs on the lanes' centres, at speeds v (B,) [m/s].
 
-        aim (3, B): where to be left of them [m] instead, and its first and second derivative, where it is meant to move.
+        aim (3, B): where to be left of them [m] instead, and its first and second derivative, where it is meant to
+        move.
         """
         out, bend = np.empty(len(v)), self.paths.curvature_at(self.s + 0.15 * np.maximum(v, 3.0))
         kernel.steer(v, self.d, self.turn, bend, np.zeros((3, len(v))) if aim is None else aim, out)
         return out
 
     def limited(self, desired: float | None, else_: Floats) -> Floats:
-        """Give the speeds (B,) [m/s] to drive at: `desired`, if given; else the limit, and where there is none `else_`."""
+        """Give the speeds (B,) [m/s] to drive at: `desired`; without it the limit, and where none is `else_`."""
         if desired is not None:
             return np.full(len(self.s), desired)
         limit = self.paths.speed_limit_at(self.s)
@@ -127,8 +129,8 @@ class Lanes:
 
 
 def in_corridor(d: Floats, other: Along, half_width: float, offset: Floats | float = 0.0) -> Bools:
-    """Say which objects, if at d (B, M) [m], reach into corridors of this half width [m] about `offset` [m], a number or
-    (B, 1).
+    """Say which objects, if at d (B, M) [m], reach into corridors of this half width [m] about `offset` [m], a number
+    or (B, 1).
     """
     return np.asarray(np.abs(d - offset) < half_width + other.half_width)
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import boolean, float64, int64, njit, types
 
 VECTOR = types.Array(float64, 1, "A", readonly=True)
@@ -54,10 +53,10 @@ def mind(key, s, d, v_s, v_d, half_length, half_width, v, offset, how, known, wh
 
     That is the nearest one ahead that reaches into the corridor about `offset` (B,) [m], or will by its drift.
 
-    key, s, d, ...: (B, M) as `resim.road.paths.Along`. v (B,) m/s: of the EGOs. how: half width of the corridor [m]; time
-    [s] of drift; from the EGO's centre to its front [m]; cycle [s]; share of the new in smoothed accelerations. known (B,
-    C, 3): when [s] each key was seen last, how fast [m/s], and its acceleration then; it goes on. when: now, and when the
-    list before was [s]; who was not on it begins anew, seen a cycle ago.
+    key, s, d, ...: (B, M) as `resim.road.paths.Along`. v (B,) m/s: of the EGOs. how: half width of the corridor [m];
+    time [s] of drift; from the EGO's centre to its front [m]; cycle [s]; share of the new in smoothed accelerations.
+    known (B, C, 3): when [s] each key was seen last, how fast [m/s], and its acceleration then; it goes on. when: now,
+    and when the list before was [s]; who was not on it begins anew, seen a cycle ago.
     """
     width, horizon, front, cycle, smoothing = how
     for b in range(key.shape[0]):
@@ -105,8 +104,8 @@ def follow(v, desired, gap, lead_v, lead_a, hard, limits, out):
 def steer(v, d, turn, bend, aim, out):
     """Fill out (B,) with the curvatures [1/m] that bring EGOs back, critically damped at 0.8 rad/s at any speed.
 
-    v (B,) m/s. d (B,) m, turn (B,) rad: where they are left of the path and how they stand against it. bend (B,) 1/m: the
-    path's curvature. aim (3, B): where to be left of the path [m], and its first and second derivative.
+    v (B,) m/s. d (B,) m, turn (B,) rad: where they are left of the path and how they stand against it. bend (B,) 1/m:
+    the path's curvature. aim (3, B): where to be left of the path [m], and its first and second derivative.
     """
     omega = 0.8
     for b in range(v.size):
@@ -117,10 +116,11 @@ def steer(v, d, turn, bend, aim, out):
 
 @entry(float64, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64[:, :, ::1], float64[:, :, ::1])
 def plan(t, v, a, s, d, ahead, left, out, places):
-    """Fill in times [s] and speeds [m/s] of plans out (B, K, 4), and places (2, B, K): s and d [m] on the paths by then.
+    """Fill in times [s] and speeds [m/s] of plans out (B, K, 4), and places (2, B, K): s and d [m] on the paths by
+    then.
 
-    t: now [s]. v [m/s], a [m/s²] (B,): braking ends at standstill. s, d (B,): now. ahead (K,): s from now; left (K,): what
-    is left of d by then.
+    t: now [s]. v [m/s], a [m/s²] (B,): braking ends at standstill. s, d (B,): now. ahead (K,): s from now; left (K,):
+    what is left of d by then.
     """
     for b in range(v.size):
         begin = max(v[b], 0.0)

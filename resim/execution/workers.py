@@ -99,8 +99,8 @@ def run_all(
     """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
 
     function: of a module, as children import it anew. time_limit: s of wall clock for a task of size 1, from when its
-    process took it up; one of another `size` has as many times that. pool: that of a cluster of so many workers; threads of this machine, if none is given. Closing the
-    iterator kills what still runs here.
+    process took it up; one of another `size` has as many times that. pool: that of a cluster of so many workers;
+    threads of this machine, if none is given. Closing the iterator kills what still runs here.
     """
     children: list[_Child] = []
     over = threading.Event()

@@ -323,9 +323,7 @@ def run_on_gt(result: Resimulation, *, perception: Perception | None = None, see
     return runs_on_gt(result, [(perception, seed)])[0]
 
 
-def runs_on_gt(
-    result: Resimulation, runs: Sequence[tuple[Perception | None, int]]
-) -> list[Resimulation]:
+def runs_on_gt(result: Resimulation, runs: Sequence[tuple[Perception | None, int]]) -> list[Resimulation]:
     """Give for each perception and seed what `run_on_gt` gives; the engine may drive them at once."""
     cases = [
         result.options.case(

@@ -65,7 +65,8 @@ def _nearest(score, x, y):
 def track(table, score, i, x, y):
     """Give s, d, the heading [rad] and the segment of a moving point; i: the segment that it had before, or -1.
 
-    table: as in `foot`. score (K + 1, 3): gives of (x, y, 1) the squared distance to the segments' middles, less a constant.
+    table: as in `foot`. score (K + 1, 3): gives of (x, y, 1) the squared distance to the segments' middles, less a
+    constant.
     """
     if i < 0:
         i = _nearest(score, x, y)
@@ -94,14 +95,14 @@ def track_all(tables, scores, spans, segments, places, out):
 )  # fmt: skip
 def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, v, length, width, z_ego,
           above, rise, behind, near, s, out, keys):  # fmt: skip
-    """Find the objects of B lists along B paths: fill out (6, B, M) with s from the EGO's, d [m] on the path, speeds along
-    and across it [m/s], half length and half width [m], and keys (B, M), rearmost first in the EGO's frame; what is
-    behind the last is left as it is.
+    """Find the objects of B lists along B paths: fill out (6, B, M) with s from the EGO's, d [m] on the path, speeds
+    along and across it [m/s], half length and half width [m], and keys (B, M), rearmost first in the EGO's frame; what
+    is behind the last is left as it is.
 
-    tables, scores, spans: as in `track_all`. segments (B, C): those that objects had before, or -1, by their keys. ego (B,
-    6): x, y [m], heading [rad] first. count (B,), key, x_ego, y_ego [m], turn [rad], v [m/s], length, width, z_ego [m]
-    (B, M): the lists. above, rise: who is higher or lower than so much [m], and so much [m per m] on the way, is left out;
-    behind, near: so is who is farther behind, ahead or to a side than this [m]. s (B,) m: of the EGOs.
+    tables, scores, spans: as in `track_all`. segments (B, C): those that objects had before, or -1, by their keys. ego
+    (B, 6): x, y [m], heading [rad] first. count (B,), key, x_ego, y_ego [m], turn [rad], v [m/s], length, width, z_ego
+    [m] (B, M): the lists. above, rise: who is higher or lower than so much [m], and so much [m per m] on the way, is
+    left out; behind, near: so is who is farther behind, ahead or to a side than this [m]. s (B,) m: of the EGOs.
     """
     order = np.empty(key.shape[1], np.int64)
     for b in range(count.size):

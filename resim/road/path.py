@@ -167,9 +167,14 @@ def _search(path: Path) -> _ProjectionSearch:
     columns = np.array([column[:-1] for column in starts] + [np.diff(column) for column in starts])
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
     score = np.array([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
-    return _ProjectionSearch(  # fmt: skip
-        constant(columns), constant(score), constant(columns.T), constant(score.T),
-        kernel.foot, kernel.track, kernel.positions,
+    return _ProjectionSearch(
+        constant(columns),
+        constant(score),
+        constant(columns.T),
+        constant(score.T),
+        kernel.foot,
+        kernel.track,
+        kernel.positions,
     )
 
 

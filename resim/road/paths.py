@@ -32,7 +32,7 @@ class Along(NamedTuple):
 
     def of(self, b: int) -> Along:
         """Give those of one run, (1, M)."""
-        return Along(*(column[b : b + 1] for column in self))
+        return Along(self.key[b : b + 1], *(column[b : b + 1] for column in self[1:]))
 
 
 class Paths:
@@ -70,13 +70,13 @@ class Paths:
         behind: float,
         near: float,
     ) -> Along:
-        """Find the objects of B lists of up to M up to `near` ahead and to the sides, and `behind` [m] of the EGOs, which
-        were placed before.
+        """Find the objects of B lists of up to M up to `near` ahead and to the sides, and `behind` [m] of the EGOs,
+        which were placed before.
 
         ego: (B, 6) x, y [m], heading [rad] first. count: (B,) how many are on each list. key: (B, M) a whole number for
         each object of a run. lists: x, y [m], heading [rad] in the EGO's frame, v [m/s], length, width [m], and height
-        [m] above the EGO, each (B, M). levels: who is higher or lower than so much [m], and so much [m per m] on the way,
-        is left out.
+        [m] above the EGO, each (B, M). levels: who is higher or lower than so much [m], and so much [m per m] on the
+        way, is left out.
         """
         # compiled: numba is imported where it is used only
         from resim.road import kernel

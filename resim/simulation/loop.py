@@ -33,7 +33,8 @@ _BLOCK = 100
 def drive(cases: Sequence[Case], beside: Callable[[Stage], Mirror] | None = None) -> list[SimulatedDrive]:
     """Drive cases of one scenario in closed loop: at once where function and perceptions can, else one by one.
 
-    cases: alike in all but their perceptions and seeds. beside: what makes the simulator that goes along; None for none.
+    cases: alike in all but their perceptions and seeds. beside: what makes the simulator that goes along; None for
+    none.
 
     What each gives does not depend on the others. Where something fails in a batch its halves are driven, down to the
     one that fails.
@@ -200,9 +201,7 @@ class _Loop:
             return lambda ego: []
         start, z = plan.state(0, plan.begin), float(plan.z[0, plan.begin])
         followed = [FollowedHeight(self.case.network, start.x, start.y, z) for _ in self.cases]
-        return lambda ego: [
-            one.at(x, y) for one, (x, y) in zip(followed, ego[:, :2].tolist(), strict=True)
-        ]
+        return lambda ego: [one.at(x, y) for one, (x, y) in zip(followed, ego[:, :2].tolist(), strict=True)]
 
     def failed(self, e: FunctionError, opened: OpenedFiles) -> None:
         """End the run with the function's failure, unless it had ended before. Raises it where there are several."""
@@ -326,7 +325,7 @@ class _Loop:
 
 @dataclass
 class _Run:
-    """How one run ended. steps: that it took, 0 for all; shown: samples on its lists, and those outside of the model."""
+    """How one run ended. steps: 0 for all; shown: samples on its lists, and those outside of the model."""
 
     end: End = "duration"
     steps: int = 0

@@ -118,16 +118,15 @@ class _Ideal:
     def __init__(self, runs: int) -> None:
         self.shown = self.outside = np.zeros(runs, dtype=np.intp)
         self._keys, self._last = Keys(runs), np.empty(0, dtype=str)
-        self._columns: tuple[NDArray[Any], ...] = ()
 
     def perceive(self, worlds: Worlds) -> PerceivedBatch:
         """Give the true objects in the EGOs' frames."""
         ego = worlds.ego
         if worlds.ids is not self._last:
             self._last, shape = worlds.ids, (len(ego), len(worlds.ids))
-            shared = (self._keys.of_traffic(worlds.ids), worlds.ids, worlds.kind)
-            self._columns = tuple(np.broadcast_to(constant(c), shape) for c in shared)
-            self._sizes = tuple(np.broadcast_to(c, shape) for c in (worlds.length, worlds.width))
+            key = constant(self._keys.of_traffic(worlds.ids))
+            columns = (key, worlds.ids, worlds.kind, worlds.length, worlds.width)
+            self._columns: list[NDArray[Any]] = [np.broadcast_to(column, shape) for column in columns]
             self._count = np.full(*shape)
         away = worlds.position - (ego[:, 0] + 1j * ego[:, 1])[:, None]
         turns = [(math.cos(heading), math.sin(heading)) for heading in ego[:, 2].tolist()]
@@ -137,8 +136,9 @@ class _Ideal:
         turned = math.pi - np.mod((math.pi + ego[:, 2, None]) - worlds.heading, 2.0 * math.pi)
         v = np.broadcast_to(worlds.v, turned.shape)
         z_ego = z_above(worlds)
+        key, ids, kind, length, width = self._columns
         return PerceivedBatch(
-            worlds.t, ego, self._count, *self._columns, x, y, constant(turned), v, *self._sizes, z_ego
+            worlds.t, ego, self._count, key, ids, kind, x, y, constant(turned), v, length, width, z_ego
         )
 
 

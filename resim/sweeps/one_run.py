@@ -78,8 +78,7 @@ def run_together(
     result = Resimulation(prepared.recording, build, options)
     sensed = [(None if model is None else Sensor(model), seed) for model, seed in runs]
     return [
-        _came_to(prepared, one, seed)
-        for one, (_, seed) in zip(runs_on_gt(result, sensed), runs, strict=True)
+        _came_to(prepared, one, seed) for one, (_, seed) in zip(runs_on_gt(result, sensed), runs, strict=True)
     ]
 
 

@@ -12,8 +12,8 @@ from adfunc.highway_pilot import HighwayPilot, quintic
 from adfunc.highway_pilot_mirrored import MirroredHighwayPilot
 from adfunc.idm import Idm
 from adfunc.lane_keeping import Lanes, in_corridor
-from resim.recordings.settings import SETTINGS, read_settings
 from resim.driving.kernel import time_to_collision
+from resim.recordings.settings import SETTINGS, read_settings
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.batch import batch_of_one
 from resim.simulation.function.interface import (

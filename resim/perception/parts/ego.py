@@ -76,7 +76,7 @@ class EgoErrors:
         self.drifts = np.zeros((1, *self.bias.shape))
 
     def localise(self, ego: Floats, rows: NDArray[np.intp], step: float) -> None:
-        """Add errors to the states in these rows (R,) of ego (B, 6), a step [s] after the last; infinite for the first."""
+        """Add errors to these rows (R,) of ego (B, 6), a step [s] after the last; infinite for the first."""
         # compiled: numba is imported where it is used only
         from resim.perception.runtime.kernel import localise
 

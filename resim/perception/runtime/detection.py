@@ -17,8 +17,8 @@ Columns = NDArray[np.intp]
 
 class DetectionState:
     """What is seen of N objects in B runs: `reach` [m] and `opening` [rad] (B,); `state` (B, N) remembers who was
-    detected last. edges (B, 3, E), bins of occlusion (B,): of the tables. detected (B, 3, R, B, O): the probabilities to
-    be detected next, by state and bins.
+    detected last. edges (B, 3, E), bins of occlusion (B,): of the tables. detected (B, 3, R, B, O): the probabilities
+    to be detected next, by state and bins.
     """
 
     def __init__(self, detections: Sequence[Detection], views: Sequence[FieldOfView]) -> None:

@@ -120,8 +120,8 @@ class StackedLookups:
 class History:
     """The past of N objects, as the kernel writes it, at times t (T,) [s]; its samples go up to `end`.
 
-    past (PAST_ROWS, T, N) is that of the world, maneuver (B, T, N) what it looks like from the EGO of each run. sets: of
-    each run its parameters, the pooled ones first. An object that is new has driven as it does now for ever.
+    past (PAST_ROWS, T, N) is that of the world, maneuver (B, T, N) what it looks like from the EGO of each run. sets:
+    of each run its parameters, the pooled ones first. An object that is new has driven as it does now for ever.
     """
 
     def __init__(self, sets: Sequence[Sequence[Objects]]) -> None:

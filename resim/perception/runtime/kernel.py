@@ -1,4 +1,5 @@
-"""A cycle of the perception models of B runs for N objects, compiled by numba: what is remembered, looked up late, and perceived.
+"""A cycle of the perception models of B runs for N objects, compiled by numba: what is remembered, looked up late, and
+perceived.
 
 What is compiled is kept on disk by the source of this module alone, so it takes nothing from others that may change.
 """
@@ -15,8 +16,8 @@ Q = 6
 """Quantities with errors, in the order of QUANTITIES."""
 
 X, Y, V, HEADING, UNWRAPPED, PAST_ROWS = range(6)
-"""What is remembered of objects, beside their maneuvers: place in the map [m], speed [m/s], heading [rad] as it was told
-and without jumps; how many rows that is."""
+"""What is remembered of objects, beside their maneuvers: place in the map [m], speed [m/s], heading [rad] as it was
+told and without jumps; how many rows that is."""
 PLACE, SPEED, ACCELERATION, DIRECTION = range(4)
 """What is looked up, each by weights of its own."""
 FOLLOW, LEFT, RIGHT, BRAKES = range(4)
@@ -45,8 +46,8 @@ entry = njit(cache=True, error_model="numpy")
 def remember(past, maneuver, k, position, heading, v, ego_heading, braked, lane_change):
     """Write sample k of past (PAST_ROWS, T, N) and of maneuver (B, T, N), one after the last.
 
-    position (N,) x + iy [m], heading [rad], v [m/s]: in the map. ego_heading (B,) rad. braked: gain of speed [m/s] below
-    which an object brakes. lane_change: speed [m/s] across the EGO's heading above which it changes lane.
+    position (N,) x + iy [m], heading [rad], v [m/s]: in the map. ego_heading (B,) rad. braked: gain of speed [m/s]
+    below which an object brakes. lane_change: speed [m/s] across the EGO's heading above which it changes lane.
     """
     for n in range(v.size):
         for b in range(ego_heading.size):
@@ -68,19 +69,20 @@ def _maneuver(across, gained, braked, lane_change):
 
 
 @entry
-def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego, listed, length, width, rows, row,
-             errors, least_size, drift, edges, detected, bins, state, reach, opening, limits, seen, who, counts):  # fmt: skip
+def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego, listed, length, width, rows,
+             row, errors, least_size, drift, edges, detected, bins, state, reach, opening, limits, seen, who,
+             counts):  # fmt: skip
     """For each of B runs whose list is due (`listed`) fill seen (B, Q, N) with x, y, v, heading, length, width of the
-    objects that are seen, who (B, N) with their columns, and counts (2, B) with how many these are, and how many of them
-    lie outside of the limits. Drifts and states of detection go on by a step.
+    objects that are seen, who (B, N) with their columns, and counts (2, B) with how many these are, and how many of
+    them lie outside of the limits. Drifts and states of detection go on by a step.
 
-    past, maneuver, end, weights, span, settled, direction (B,), set_of (B, 4): what is known of the past (`_look_back`).
-    ego (B, 6): x, y [m], heading [rad], v [m/s] in the map, and more. length, width (N,) [m]. rows (K, B, WIDTH, N) of
-    random numbers, and which row (B,) each takes. errors (S, ERROR_ROWS, Q);
-    least_size (B,) [m]; drift (B, Q, N), standardised. edges (B, 3, E): inner edges of range [m], |bearing| [rad] and
-    occlusion; detected: the probability (B, 3, R, B, O) to be detected next, by state and bins; bins (B,): of occlusion;
-    state (B, N). reach [m], opening [rad] (B,): of the field of view. limits (B, 5, 2): least and largest of the
-    features, and of the EGO's speed.
+    past, maneuver, end, weights, span, settled, direction (B,), set_of (B, 4): what is known of the past
+    (`_look_back`). ego (B, 6): x, y [m], heading [rad], v [m/s] in the map, and more. length, width (N,) [m]. rows (K,
+    B, WIDTH, N) of random numbers, and which row (B,) each takes. errors (S, ERROR_ROWS, Q); least_size (B,) [m]; drift
+    (B, Q, N), standardised. edges (B, 3, E): inner edges of range [m], |bearing| [rad] and occlusion; detected: the
+    probability (B, 3, R, B, O) to be detected next, by state and bins; bins (B,): of occlusion; state (B, N). reach
+    [m], opening [rad] (B,): of the field of view. limits (B, 5, 2): least and largest of the features, and of the EGO's
+    speed.
     """
     for b in range(ego.shape[0]):
         if not listed[b]:
@@ -125,8 +127,8 @@ def _look_back(past, maneuver, end, weights, span, settled, direction, set_of):
     and (3, N) speeds [m/s], accelerations [m/s²] and headings [rad] without jumps of a turn.
 
     past (PAST_ROWS, T, N), maneuver (T, N), of which end - 1 is the newest, and `settled` counts back to the one that
-    says what the maneuver is; direction: HEADING or UNWRAPPED; set_of (4,): the set of each maneuver. weights (S, 4, K) of the last K samples, not 0 from
-    span (S, 4, 2) on, and to there.
+    says what the maneuver is; direction: HEADING or UNWRAPPED; set_of (4,): the set of each maneuver. weights (S, 4, K)
+    of the last K samples, not 0 from span (S, 4, 2) on, and to there.
     """
     count, first = past.shape[2], end - weights.shape[2]
     samples, window = (past, first), (weights, span)
@@ -216,7 +218,7 @@ def _hidden(places, heading, ego_heading, length, width, bins):
 
 @entry
 def localise(ego, rows, errors):
-    """Add errors (R, 4) ahead, to the left [m], of heading [rad] and speed [m/s] to states in rows (R,) of ego (B, 6)."""
+    """Add errors (R, 4) ahead, to the left [m], of heading [rad], of speed [m/s] to rows (R,) of ego (B, 6)."""
     for k in range(rows.size):
         b = rows[k]
         forward, left, turn, faster = errors[k, 0], errors[k, 1], errors[k, 2], errors[k, 3]

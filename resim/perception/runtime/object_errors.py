@@ -42,8 +42,8 @@ class ObjectErrorState:
     def regroup(
         self, kept: Columns, before: Columns, streams: dict[int, list[np.random.Generator]], n: int
     ) -> None:
-        """Change to n columns: those `before` go to `kept`; the others are new, with these streams of their errors, one a
-        run.
+        """Change to n columns: those `before` go to `kept`; the others are new, with these streams of their errors, one
+        a run.
         """
         old, self.drift = self.drift, np.zeros((len(self.tables), Q, n))
         self.drift[:, :, kept] = old[:, :, before]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, constant
 from resim.core.tracks import Strings
@@ -24,7 +22,7 @@ from resim.perception.runtime.object_errors import ObjectErrorState
 from resim.perception.runtime.random_rows import ObjectStreams, RandomRows
 from resim.perception.runtime.streams import PartStreams, Streams
 from resim.scenario.maneuvers import MANEUVERS
-from resim.simulation.function.batch import Integers, Keys, PerceivedBatch, stacked
+from resim.simulation.function.batch import Keys, PerceivedBatch, stacked
 from resim.simulation.function.interface import EgoState, Perceived
 from resim.simulation.perception import (
     Perception,
@@ -102,7 +100,9 @@ class Sensors:
             {b: own for b, of in enumerate(parts) if (own := [part for part in of if _does(part, what)])}
             for what in ("localise", "change")
         )
-        plain = {b: own for b, (own, *more) in localising.items() if _is_plain(own) and not more}
+        plain = {
+            b: own for b, (own, *more) in localising.items() if type(own) is PerceivedEgoState and not more
+        }
         self._with_errors = np.array([*plain], dtype=np.intp)
         self._own_errors = EgoErrors([*plain.values()]) if plain else None
         self._localising = {b: own for b, own in localising.items() if b not in plain}
@@ -123,7 +123,9 @@ class Sensors:
         own = self._localised(worlds.ego, step)
         listed = ~self._periodic | ~(worlds.t < self._due - _SAME)
         seen = self._list(worlds, own, listed)
-        held = {b: self._held_list(b).seen(worlds.t, seen.of(b).ego) for b in np.flatnonzero(~listed).tolist()}
+        held = {
+            b: self._held_list(b).seen(worlds.t, seen.of(b).ego) for b in np.flatnonzero(~listed).tolist()
+        }
         changed = self._changed(seen, worlds, listed) | held
         if changed:
             lists = [changed[b] if b in changed else seen.of(b) for b in range(len(own))]
@@ -271,11 +273,6 @@ class Sensors:
         if b not in self._held:
             self._held[b] = HeldList(self._made[b].of(b))
         return self._held[b]
-
-
-def _is_plain(part: RunningPart) -> bool:
-    """Whether a part is the errors of the EGO's own state as they come with resim."""
-    return type(part) is PerceivedEgoState
 
 
 def _set_of(model: PerceptionModel) -> list[int]:

@@ -20,11 +20,12 @@ NUMBERS = ("x_ego", "y_ego", "heading_ego", "v", "length", "width", "z_ego")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PerceivedBatch:
-    """What the functions of B runs see at time t [s]: a list a run, in rows of M, of which the first `count` are objects.
+    """What the functions of B runs see at time t [s]: a list a run, in rows of M, of which the first `count` are
+    objects.
 
     ego: (B, 6), the fields of `EgoState`. count: (B,). key: (B, M), a whole number from 0 on for each id of a run, the
-    same as long as the run lasts. ids, kind: (B, M). The others: (B, M), in the units of `Perceived`. What is behind the
-    last object of a row means nothing. lists: what it was made of, if it was made of the runs' own lists.
+    same as long as the run lasts. ids, kind: (B, M). The others: (B, M), in the units of `Perceived`. What is behind
+    the last object of a row means nothing. lists: what it was made of, if it was made of the runs' own lists.
     """
 
     t: float
@@ -92,8 +93,8 @@ def batch_of_one(perceived: Perceived, key: Integers) -> PerceivedBatch:
     """Give what one run sees as a batch; key (M,): as `PerceivedBatch.key`."""
     p = perceived
     return PerceivedBatch(
-        p.t, np.array([p.ego]), np.array([len(p.ids)]), key[None], p.ids[None], p.kind[None],
-        *(getattr(p, name)[None] for name in NUMBERS), (p,),
+        p.t, np.array([p.ego]), np.array([len(p.ids)]), key[None], p.ids[None], p.kind[None], p.x_ego[None],
+        p.y_ego[None], p.heading_ego[None], p.v[None], p.length[None], p.width[None], p.z_ego[None], (p,),
     )  # fmt: skip
 
 
@@ -109,10 +110,12 @@ def stacked(lists: Sequence[Perceived], keys: Sequence[Integers]) -> PerceivedBa
             row[: len(column)] = column
         return constant(out)
 
-    numbers = [filled([getattr(p, name) for p in lists], np.nan) for name in NUMBERS]
+    x, y, heading, v, length, width, z = (filled([getattr(p, n) for p in lists], np.nan) for n in NUMBERS)
     ids, kind = (filled([getattr(p, name) for p in lists], "") for name in ("ids", "kind"))
     ego = np.array([p.ego for p in lists])
-    return PerceivedBatch(lists[0].t, ego, count, filled(keys, 0), ids, kind, *numbers, lists)
+    return PerceivedBatch(
+        lists[0].t, ego, count, filled(keys, 0), ids, kind, x, y, heading, v, length, width, z, lists
+    )
 
 
 class Keys:

@@ -59,7 +59,7 @@ class Driver:
         self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step)
 
     def step(self, perceived: PerceivedBatch, keep: bool) -> Floats | Placement:
-        """Give the function's answer, (1, 2) acceleration and curvature; FunctionError for one that cannot be driven."""
+        """Give the function's answer, (1, 2) acceleration and curvature; FunctionError for none that can be driven."""
         answer: Floats | Placement = self._watchdog.call(
             self._limit, self._answer, unchangeable(perceived.of(0)), keep
         )
@@ -139,7 +139,12 @@ class BatchDriver:
             out[:, column] = _numbers(getattr(answer, name), (runs,), name)
         if answer.plan is not None:
             plan = _numbers(answer.plan, (runs, *np.shape(answer.plan)[1:]), "plan")
-            if plan.ndim != 3 or plan.shape[1] < 1 or plan.shape[2] != 4 or not (np.abs(plan) < _FARTHEST).all():
+            if (
+                plan.ndim != 3
+                or plan.shape[1] < 1
+                or plan.shape[2] != 4
+                or not (np.abs(plan) < _FARTHEST).all()
+            ):
                 raise FunctionError(
                     f"answered plans of shape {plan.shape}, expected (B, K, 4), below {_FARTHEST:g}"
                 )
@@ -175,7 +180,11 @@ def _closed(watchdog: Watchdog, function: AdFunction | None) -> None:
 
 def _numbers(given: Any, shape: tuple[int, ...], what: str) -> Floats:
     """Give a copy of an array of plain finite numbers of this shape."""
-    if isinstance(given, np.ndarray) and given.dtype.kind in "fiu" and not isinstance(given, np.ma.MaskedArray):
+    if (
+        isinstance(given, np.ndarray)
+        and given.dtype.kind in "fiu"
+        and not isinstance(given, np.ma.MaskedArray)
+    ):
         copy: Floats = given.astype(float, order="C", subok=False)
         if copy.shape == shape and np.isfinite(copy).all():
             return copy

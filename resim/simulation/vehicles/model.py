@@ -86,8 +86,8 @@ class VehicleModel(Protocol):
         """Give the model's state in which it moves on as `state` says."""
 
     def advance(self, states: Floats, commands: Floats, dt: float) -> None:
-        """Move B vehicles by dt [s], in place: states (B, 8) as `VehicleState` has them, under constant commands (B, 2):
-        acceleration [m/s²], curvature [1/m].
+        """Move B vehicles by dt [s], in place: states (B, 8) as `VehicleState` has them, under constant commands (B,
+        2): acceleration [m/s²], curvature [1/m].
         """
 
     def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
