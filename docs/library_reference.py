@@ -31,6 +31,7 @@ import resim.road.path
 import resim.scenario.jscen
 import resim.scenario.scenario
 import resim.simulation.case
+import resim.simulation.function.batch
 import resim.simulation.function.interface
 
 API = {
@@ -45,6 +46,7 @@ API = {
     "Re-simulation": resim.resimulation,
     "Cases and simulated drives": resim.simulation.case,
     "AD functions": resim.simulation.function.interface,
+    "AD functions in batches": resim.simulation.function.batch,
     "Recordings": resim.recordings,
     "Tracks": resim.core.tracks,
     "Scenarios": resim.scenario.scenario,
@@ -61,6 +63,7 @@ API = {
 
 IN_FULL: tuple[Any, ...] = (
     resim.simulation.function.interface,
+    resim.simulation.function.batch,
     resim.road.driven_route.Route,
     resim.road.path,
     resim.road.opendrive.RoadNetwork,

@@ -17,8 +17,11 @@ from pages import DOCS, PAGES, ROOT
 from recordings.mapped.strangers import LON_0, convergence, geographic
 
 from resim.core.geometry import to_frame
+from resim.metrics.criteria import read_criteria
+from resim.perception.model import read_model
 from resim.recordings import read_recording
 from resim.recordings.settings import read_settings
+from resim.resimulation import ResimulationOptions
 from resim.road.driven_route import Route
 from resim.road.opendrive import load
 from resim.simulation.function.interface import (
@@ -30,6 +33,8 @@ from resim.simulation.function.interface import (
     load_build,
 )
 from resim.simulation.vehicles.kinematic import Kinematic
+from resim.sweeps.engines import ENGINES, what_differs
+from resim.sweeps.one_run import prepare_sweep, run_together
 from resim.verification.suite import read_suite
 
 Done = Callable[..., None]
@@ -118,6 +123,22 @@ def test_the_example_function_plugs_in(done: Done, tmp_path: Path) -> None:
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["build"] == {"name": "my_pilot", "version": "0.1", "drove": False}
     assert report["decision"]["rGT"] == ["brake"]
+
+
+def test_the_example_drives_many_runs_at_once(tmp_path: Path) -> None:
+    for name in ("batch_pilot.py", "batch_pilot.toml"):
+        (tmp_path / name).write_text(example(GUIDES / "function.md", name))
+    build = load_build(tmp_path / "batch_pilot.toml")
+    criteria = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
+    prepared = prepare_sweep(read_recording(ROOT / "scenarios" / "rear_end"), criteria)
+    model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
+    direct = ResimulationOptions(engine=ENGINES["direct"])
+    assert build.in_batches
+    together = run_together(prepared, build, [(model, seed) for seed in range(3)], direct)
+    for seed, (drive, row) in enumerate(together):
+        ((alone, its),) = run_together(prepared, build, [(model, seed)], direct)
+        assert what_differs((drive.fingerprint(), row), (alone.fingerprint(), its)) == ""
+        assert drive.failure == ""
 
 
 def acc_pilot(folder: Path, *, acc: str = "") -> Path:

@@ -77,7 +77,10 @@ class VehicleState(NamedTuple):
 
 
 class VehicleModel(Protocol):
-    """Moves a vehicle. name: of the model, as `--vehicle` takes it. Made without arguments, or of another vehicle."""
+    """Moves vehicles. name: of the model, as `--vehicle` takes it. Made without arguments, or of another vehicle.
+
+    A model has `step`, for one vehicle, or `advance`, for many at once; the one gives the other.
+    """
 
     name: str
     vehicle: Vehicle
@@ -86,12 +89,14 @@ class VehicleModel(Protocol):
         """Give the model's state in which it moves on as `state` says."""
 
     def advance(self, states: Floats, commands: Floats, dt: float) -> None:
-        """Move B vehicles by dt [s], in place: states (B, 8) as `VehicleState` has them, under constant commands (B,
-        2): acceleration [m/s²], curvature [1/m].
+        """Move B vehicles by dt [s], in place: states (B, 8) as `VehicleState` has them, under constant commands
+        (B, 2): acceleration [m/s²], curvature [1/m].
         """
+        for state, (acceleration, curvature) in zip(states, commands.tolist(), strict=True):
+            state[:] = self.step(VehicleState(*state.tolist()), acceleration, curvature, dt)
 
     def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
-        """Give the state of one vehicle dt [s] later, as `advance`."""
+        """Give the state of one vehicle dt [s] later under a constant command."""
         import numpy as np  # which the command line's help spares
 
         states = np.array([state])
