@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby, pairwise, zip_longest
@@ -109,9 +109,37 @@ def first_off_route(
     Who goes on over the end of its last road has not left it, wherever he goes then; of a route without roads nobody
     knows. Roads are to be taken in their order: who comes to a later one by another way has left it, too.
     """
+    return first_off_routes(network, route, [(x, y, heading, z)])[0]
+
+
+def first_off_routes(
+    network: RoadNetwork, route: Route, drives: Sequence[tuple[Floats, Floats, Floats, Floats | None]]
+) -> list[int | None]:
+    """Give what `first_off_route` gives of each of several drives: x, y, heading and z, None where it is not known."""
     if not route.steps:
-        return None
-    lanes = network.driving_lanes(x, y)
+        return [None] * len(drives)
+    ends = np.cumsum([0, *(len(x) for x, *_ in drives)])
+    x, y = np.concatenate([x for x, *_ in drives]), np.concatenate([y for _, y, *_ in drives])
+    every = network.driving_lanes(x, y)
+    out = []
+    for drive, (first, after) in zip(drives, pairwise(ends.tolist()), strict=True):
+        low, high = np.searchsorted(every.point, (first, after))
+        of = slice(int(low), int(high))
+        lanes = DrivingLanes(every.point[of] - first, every.road[of], every.heading[of], every.z[of])
+        out.append(_first_off(network, route, lanes, *drive))
+    return out
+
+
+def _first_off(
+    network: RoadNetwork,
+    route: Route,
+    lanes: DrivingLanes,
+    x: Floats,
+    y: Floats,
+    heading: Floats,
+    z: Floats | None,
+) -> int | None:
+    """The first sample off the route; lanes: at the samples."""
     held = np.isin(lanes.road, route.roads)
     if z is not None:
         held &= ~(np.abs(lanes.z - z[lanes.point]) > LEVEL)
@@ -147,6 +175,9 @@ def _taken(
     there: the steps (S, K) that it goes along. From a step it comes to the next, at once where both are at one place,
     goes back to the one before, and passes those that are no longer than its way since it was on a step.
     """
+    # compiled: numba is imported where it is used only
+    from resim.road.kernel import taken
+
     if len(route.steps) == 1:
         return np.ones((1, len(x)), dtype=bool), len(x)
     lengths = [min(network.roads[name].length for name in step) for step in route.steps]
@@ -155,20 +186,8 @@ def _taken(
     between[np.tril_indices(len(ends))] = np.inf
     between[here, here] = between[here[1:], here[:-1]] = 0.0
     went = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    known, at, latest = np.zeros_like(there), np.zeros(len(there), dtype=bool), 0.0
-    for k in range(len(x)):
-        if not at.any():
-            at[np.flatnonzero(there[:, k])[:1]] = True
-            latest = went[k]
-        elif there[:, k].any():
-            at = there[:, k] & (between[at] <= _CORNER * (went[k] - latest) + _SAMPLE).any(axis=0)
-            latest = went[k]
-            if not at.any():
-                return known, k
-        for step in np.flatnonzero(there[1:, k]).tolist():  # where one lies on the next, it is on both
-            at[step + 1] |= at[step]
-        known[:, k] = at
-    return known, len(x)
+    known = np.zeros_like(there)
+    return known, taken(there, between, went, _CORNER, _SAMPLE, known)
 
 
 def _ended(network: RoadNetwork, route: Route, x: Floats, y: Floats, heading: Floats, last: int) -> bool:

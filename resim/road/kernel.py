@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import float64, int64, njit, types
+from numba import boolean, float64, int64, njit, types
 
 TRIES, TINY = 12, 1e-9
 TABLE = types.Array(float64, 2, "C", readonly=True)
@@ -130,6 +130,46 @@ def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, 
             out[0, b, k], out[1, b, k], keys[b, k] = there - s[b], d, own
             out[2, b, k], out[3, b, k] = v[b, one] * math.cos(course), v[b, one] * math.sin(course)
             out[4, b, k], out[5, b, k] = 0.5 * length[b, one], 0.5 * width[b, one]
+
+
+@entry(
+    boolean[:, ::1], float64[:, ::1], float64[::1], float64, float64, boolean[:, ::1],
+)  # fmt: skip
+def taken(there, between, went, corner, sample, known):
+    """Fill known (S, K) with the steps of a route that a drive can be on at each sample; give the first sample at which
+    there is none, K where there always is (`resim.road.driven_route`).
+
+    there (S, K): the steps that it goes along. between (S, S): m, from the end of a step to the start of another. went
+    (K,) m: its way by then. corner: how much longer the way may be than the drive's; sample [m]: what one may miss.
+    """
+    steps, count = there.shape
+    at, before, latest, begun = np.zeros(steps, np.bool_), np.zeros(steps, np.bool_), 0.0, False
+    for k in range(count):
+        some = False
+        for step in range(steps):
+            some = some or there[step, k]
+        if some and not begun:
+            for step in range(steps):
+                if there[step, k]:
+                    at[step] = True
+                    break
+            begun, latest = True, went[k]
+        elif some:
+            before[:], begun = at, False
+            for step in range(steps):
+                at[step] = False
+                for other in range(steps):
+                    if there[step, k] and before[other]:
+                        at[step] = at[step] or between[other, step] <= corner * (went[k] - latest) + sample
+                begun = begun or at[step]
+            latest = went[k]
+            if not begun:
+                return k
+        for step in range(steps - 1):  # where one lies on the next, it is on both
+            if there[step + 1, k] and at[step]:
+                at[step + 1] = True
+        known[:, k] = at
+    return count
 
 
 @entry(TABLE, float64[::1], float64[::1])

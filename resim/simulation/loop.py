@@ -6,7 +6,7 @@ import contextlib
 import linecache
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from resim.core.levels import over
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
-from resim.road.driven_route import first_off_route
+from resim.road.driven_route import first_off_routes
 from resim.road.opendrive import RoadNetwork, lent
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.engine import Mirror
@@ -56,6 +56,11 @@ def _alone(case: Case, beside: Callable[[Stage], Mirror] | None) -> list[Simulat
     if perception is None:
         raise ResimError(f"the perception {case.perception.hash} cannot be simulated")
     return _Loop([case], perception, beside).drive()
+
+
+def _own_z(truth: Tracks) -> Floats | None:
+    """Heights (T,) [m] of the EGO."""
+    return None if truth.z is None else truth.z[0]
 
 
 def _lines(frames: Sequence[tuple[str, int, str]], opened: OpenedFiles) -> tuple[str, ...]:
@@ -140,7 +145,9 @@ class _Loop:
                 driver.close()
             except FunctionError as e:
                 self.failed_on_closing(e)
-        return [self.result(b, driver, opened) for b in range(len(self.cases))]
+        drives = [self.result(b, driver, opened) for b in range(len(self.cases))]
+        left, taken = self.left_routes(drives), (time.perf_counter() - self.began) / len(drives)
+        return [replace(d, left_route=when, time=taken) for d, when in zip(drives, left, strict=True)]
 
     @property
     def now(self) -> float:
@@ -266,7 +273,7 @@ class _Loop:
         return hit
 
     def result(self, b: int, driver: Driver | BatchDriver, opened: OpenedFiles) -> SimulatedDrive:
-        """Put together what a run gave, and check what a simulator said."""
+        """Put together what a run gave, but for its route and its time, and check what a simulator said."""
         run, case = self.runs[b], self.cases[b]
         steps = run.steps or self.steps
         kept = slice(self.plan.begin, max(steps, self.plan.begin + 1))
@@ -289,12 +296,12 @@ class _Loop:
             collisions=tuple(run.collisions),
             end=run.end,
             failure=run.failure,
-            left_route=self.left_route(t, truth),
+            left_route=None,
             traceback=_lines(run.frames, opened),
             control_error=control_error,
             shown=shown,
             outside=outside,
-            time=(time.perf_counter() - self.began) / len(self.cases),
+            time=0.0,
         )
 
     def known_heights(self, b: int, steps: int, kept: slice) -> Floats | None:
@@ -306,12 +313,11 @@ class _Loop:
         out[0, :steps] = self.z[:steps, b]
         return out[:, kept]
 
-    def left_route(self, t: Floats, truth: Tracks) -> float | None:
-        """Give when [s] the EGO left the measured route."""
-        own = (truth.x[0], truth.y[0], truth.heading[0])
-        z = None if truth.z is None else truth.z[0]
-        first = first_off_route(self.case.network, self.stage.route, *own, z=z)
-        return None if first is None else float(t[first])
+    def left_routes(self, drives: Sequence[SimulatedDrive]) -> list[float | None]:
+        """Give when [s] each EGO left the measured route."""
+        ways = [(d.truth.x[0], d.truth.y[0], d.truth.heading[0], _own_z(d.truth)) for d in drives]
+        first = first_off_routes(self.case.network, self.stage.route, ways)
+        return [None if k is None else float(d.truth.t[k]) for k, d in zip(first, drives, strict=True)]
 
     def motion(self, b: int, steps: int) -> Floats:
         """Give what was commanded: (6, N, T) x, y, heading, v, a, yaw rate, EGO first; NaN after the last step."""
