@@ -140,9 +140,9 @@ class Tracks:
             known = np.flatnonzero(self.valid[n])
             if not len(known):
                 continue
-            if own_times and len(known) == len(t):  # nothing lies between samples
+            if own_times and known[-1] - known[0] < len(known):  # nothing lies between samples
                 for name in columns:
-                    out[name][n] = getattr(self, name)[n]
+                    out[name][n, known] = getattr(self, name)[n, known]
                 continue
             own = self.t[known]
             after = np.clip(np.searchsorted(own, t - _SAME, side="left"), 0, len(own) - 1)

@@ -429,4 +429,6 @@ def longest(broken: Bools, t: Floats) -> float:
 
 def _step(t: Floats) -> float:
     """The time [s] between scenes; 0 for one alone."""
-    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    steps = np.sort(np.diff(t))
+    middle = steps[(len(steps) - 1) // 2 : len(steps) // 2 + 1]
+    return float(middle.sum() / len(middle)) if len(steps) else 0.0  # np.median takes ten times as long

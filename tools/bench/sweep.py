@@ -4,8 +4,9 @@
 
 A run is a re-simulation by highway_pilot-1.0 with the trained perception model, with its errors and criticality, risk
 at 5 Hz. First one process does runs of the corner case and, with DATA (../shared/data), of two NGSIM US-101 recordings,
-35 objects over 8 s and 54 over 16.6 s, with both engines in turns: CPU time, least and median. `harness_ms`: that of a
-run of the corner case less what the function took inside `step`. Targets a second and core with the engine direct: 100
+35 objects over 8 s and 54 over 16.6 s, with both engines, one by one and as many at once as a sweep does, in turns: CPU
+time a run, least and median. `harness_ms`: that of a run of the corner case by a function that has `step` alone, less
+what the function took inside it. Targets a second and core with the engine direct: 100
 runs of the corner case (300 the goal), 20 (60) and 8 (25) of the recordings; 10 ms (5) for the harness.
 
 Then the runner, with runs of 10 s at 25 Hz with five traffic objects (a drive of tools/bench/verify.py), engine direct.
@@ -50,8 +51,8 @@ from resim.simulation.function.interface import Build, load_build
 from resim.sweeps.engines import ENGINES
 from resim.sweeps.execution import begin, execute, inputs, tasks
 from resim.sweeps.file import Sweep, read_sweep, runs
-from resim.sweeps.one_run import prepare_sweep, run_once
-from resim.sweeps.tasks import in_batches, run
+from resim.sweeps.one_run import prepare_sweep, run_together
+from resim.sweeps.tasks import MOST, in_batches, run
 
 sys.path.insert(0, str(Path(__file__).parent))
 from verify import drive, record
@@ -88,14 +89,16 @@ import time
 from adfunc.highway_pilot import HighwayPilot
 
 
-class Metered(HighwayPilot):
+class Metered:
     def __init__(self, *, told):
-        super().__init__()
-        self.told, self.inside = told, 0.0
+        self.pilot, self.told, self.inside = HighwayPilot(), told, 0.0
+
+    def reset(self, setup):
+        self.pilot.reset(setup)
 
     def step(self, perceived):
         begun = time.process_time()
-        answer = super().step(perceived)
+        answer = self.pilot.step(perceived)
         self.inside += time.process_time() - begun
         return answer
 
@@ -103,7 +106,7 @@ class Metered(HighwayPilot):
         with open(self.told, "w") as file:
             file.write(repr(self.inside))
 """
-"""highway_pilot, which tells how much CPU time [s] it took."""
+"""highway_pilot with `step` alone, which tells how much CPU time [s] it took."""
 
 
 def metered(home: Path) -> tuple[Build, Path]:
@@ -117,37 +120,48 @@ def metered(home: Path) -> tuple[Build, Path]:
 
 
 def engines(data: Path | None, rounds: int, home: Path) -> dict[str, float]:
-    """Print CPU times of single runs with both engines; give runs a second and core with direct, and harness_ms."""
+    """Print CPU times of runs with both engines, and of a function with `step` alone; give runs a second and core with
+    direct, and harness_ms.
+    """
     criteria = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
-    build, told = metered(home)
+    build, (step_alone, told) = (
+        load_build(ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"),
+        metered(home),
+    )
     model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
     recordings = {CORNER: read_recording(ROOT / "scenarios" / "cut_in_brake")}
     for name, (file, ego) in NGSIM.items() if data is not None else ():
         at = data / "ngsim" / file
         recordings[name] = read_commonroad(at.with_suffix(".xml"), map=at.with_suffix(".xodr"), ego=ego)
+    sumo, direct = (ResimulationOptions(engine=ENGINES[name]) for name in ("sumo", "direct"))
+    ways = {
+        "sumo": (build, 1, sumo), "direct": (build, 1, direct), "direct, at once": (build, MOST, direct),
+        "direct, step alone": (step_alone, 1, direct),
+    }  # fmt: skip
     out = dict[str, float]()
-    print(
-        "| run | engine | CPU, least [ms] | median [ms] | inside step, median [ms] |\n|---|---|---|---|---|"
-    )
+    print("| run | engine | runs at once | CPU a run, least [ms] | median [ms] |\n|---|---|---|---|---|")
     for name, recording in recordings.items():
-        prepared, taken = (
+        prepared, taken, inside = (
             prepare_sweep(recording, criteria),
-            {engine: list[tuple[float, float]]() for engine in ENGINES},
+            {way: list[float]() for way in ways},
+            0.0,
         )
-        for seed in range(rounds + 1):
-            for engine, of in taken.items():
+        for turn in range(rounds + 1):
+            for way, (of, count, options) in ways.items():
+                seeds = [(model, turn * MOST + k) for k in range(count)]
                 begun = time.process_time()
-                run_once(prepared, build, model, seed, ResimulationOptions(engine=ENGINES[engine]))
-                of.append((time.process_time() - begun, float(told.read_text(encoding="utf-8"))))
-        for engine, of in taken.items():
-            (least, middle), inside = ((min(c), median(c)) for c in zip(*of[1:], strict=True))
-            row = (1e3 * s for s in (least, middle, inside[1]))
-            print(f"| {name} | {engine} | " + " | ".join(f"{ms:.1f}" for ms in row) + " |", flush=True)
-            if engine == "direct":
-                key = {CORNER: "runs_per_s_core"}.get(name, f"runs_per_s_core, {name}")
-                out[key] = round(1.0 / least, 1)
-                if name == CORNER:
-                    out["harness_ms"] = round(1e3 * min(whole - part for whole, part in of[1:]), 1)
+                run_together(prepared, of, seeds, options)
+                taken[way].append((time.process_time() - begun) / count)
+            least = min(taken["direct, step alone"][1:], default=0.0)
+            if taken["direct, step alone"][-1] == least:
+                inside = float(told.read_text(encoding="utf-8"))
+        for way, (_, count, _) in ways.items():
+            row = (1e3 * of(taken[way][1:]) for of in (min, median))
+            print(f"| {name} | {way} | {count} | " + " | ".join(f"{ms:.1f}" for ms in row) + " |", flush=True)
+        key = {CORNER: "runs_per_s_core"}.get(name, f"runs_per_s_core, {name}")
+        out[key] = round(1.0 / min(taken["direct, at once"][1:]), 1)
+        if name == CORNER:
+            out["harness_ms"] = round(1e3 * (least - inside), 1)
     return out
 
 
