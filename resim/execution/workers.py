@@ -99,8 +99,9 @@ def run_all(
     """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
 
     function: of a module, as children import it anew. time_limit: s of wall clock for a task of size 1, from when its
-    process took it up; one of another `size` has as many times that. pool: that of a cluster of so many workers;
-    threads of this machine, if none is given. Closing the iterator kills what still runs here.
+    process took it up; one of another `size` has as many times that, and is given up where the function under test ends
+    its process, as who gave it may give its parts. pool: that of a cluster of so many workers; threads of this machine,
+    if none is given. Closing the iterator kills what still runs here.
     """
     children: list[_Child] = []
     over = threading.Event()
@@ -110,7 +111,8 @@ def run_all(
     todo = iter(range(len(tasks)))
     try:
         for k in todo:
-            waiting[there.submit(supervised, function, tasks[k], size(tasks[k]) * time_limit)] = k
+            many = size(tasks[k])
+            waiting[there.submit(supervised, function, tasks[k], many * time_limit, many == 1)] = k
             if len(waiting) < _AHEAD * workers:
                 continue
             yield from _finished(waiting)
@@ -143,11 +145,14 @@ def _finished(waiting: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
         yield waiting.pop(future), result
 
 
-def supervised(function: Callable[[Task], Result], task: Task, time_limit: float) -> Result | Failure:
+def supervised(
+    function: Callable[[Task], Result], task: Task, time_limit: float, again: bool = True
+) -> Result | Failure:
     """Give the result of a task from this thread's child process, or why there is none.
 
-    Where the function under test ends its process, the task is done again, and that call fails instead. A process that
-    was killed in a call may have been so from outside: the function is to blame if it is in the same call once more.
+    Where the function under test ends its process, the task is done `again`, and that call fails instead. A process
+    that was killed in a call may have been so from outside: the function is to blame if it is in the same call once
+    more.
     """
     broken: dict[int, str] = {}
     killed = set[int]()
@@ -160,6 +165,8 @@ def supervised(function: Callable[[Task], Result], task: Task, time_limit: float
             found: Result | Failure = child.work(function, task, time_limit, broken, killed)
         except OSError as e:
             return Failure(f"no process could be started: {e}", crashed=True)
+        if not again:
+            return found
         if child.killed and child.call not in killed:
             killed.add(child.call)
             continue

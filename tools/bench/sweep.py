@@ -1,6 +1,6 @@
 """Runs of a sweep a second and core, what a second worker brings, what the engine costs, and whether memory grows.
 
-    python tools/bench/sweep.py [DATA] [--runs 40] [--rounds 6] [--long 0] [--seconds 10]
+    python tools/bench/sweep.py [DATA] [--runs 240] [--rounds 6] [--long 0] [--seconds 10]
 
 A run is a re-simulation by highway_pilot-1.0 with the trained perception model, with its errors and criticality, risk
 at 5 Hz. First one process does runs of the corner case and, with DATA (../shared/data), of two NGSIM US-101 recordings,
@@ -14,7 +14,7 @@ Targets: two workers 1.9 times one (1.95); less than 5 % for the runner.
 
 In turns, in each round: the same runs by one worker, in a plain loop in this process, and by two workers, journal and
 all. The other cores are kept busy, as an idle one makes the others of a virtual machine slower, by up to a half.
-Counted from the first result of each worker on: what a worker loads first is told as `start_s`. The best of the rounds
+Counted from the first batch of each worker on: what a worker loads first is told as `start_s`. The best of the rounds
 counts, as what else the machine does only slows; so rounds are short and many. `overhead`: the share of one worker's
 time that it did not spend in runs. Half of a run is the interpreter's own time, so `loop_ns` tells how fast that is:
 one turn of a plain loop. (Built with its makers' optimisations, as distributions do and pyenv by itself does not, it
@@ -65,6 +65,7 @@ build = ["{root}/adfunc/builds/highway_pilot-1.0.toml"]
 perception = "{root}/adfunc/perception/proving_ground.json"
 seeds = {seeds}
 engine = "direct"
+repeated_in_sumo = 0.0
 
 [[recording]]
 folder = "drive"
@@ -202,9 +203,12 @@ def swept(sweep: Sweep, home: Path, workers: int) -> tuple[float, float, float]:
     came: list[float] = []
     begun = time.perf_counter()
     execute(sweep, out, workers=workers, tell=lambda failed: came.append(time.perf_counter()))
-    inside = [entry.time for entry in journal.read(out / "journal")][workers:]
-    each = (came[-1] - came[workers - 1]) / len(inside)
-    return each, each * workers * len(inside) / sum(inside) - 1.0, came[workers - 1] - begun
+    first = workers * len(
+        in_batches([*tasks(sweep, runs(sweep))], workers)[0]
+    )  # of each worker its first batch
+    inside = [entry.time for entry in journal.read(out / "journal")][first:]
+    each = (came[-1] - came[first - 1]) / len(inside)
+    return each, each * workers * len(inside) / sum(inside) - 1.0, came[first - 1] - begun
 
 
 @contextmanager
@@ -253,7 +257,7 @@ def long(sweep: Sweep, home: Path, count: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", nargs="?", type=Path, metavar="DATA", help="folder with ngsim/")
-    parser.add_argument("--runs", type=int, default=40)
+    parser.add_argument("--runs", type=int, default=240)
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--long", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=10.0)
