@@ -196,6 +196,15 @@ def test_a_function_with_step_alone_is_driven_run_by_run(write_build: Callable[.
     assert set(differing(run_together(prepared, of, runs, DIRECT), alone(prepared, of, runs))) == {""}
 
 
+def test_who_overrides_step_alone_is_not_driven_by_the_step_batch_of_another(
+    write_build: Callable[..., Path],
+) -> None:
+    heir = "\n\nclass Heir(Own):\n    def {}(self, *a):\n        return super().{}(*a)\n"
+    for name, at_once in (("step", False), ("reset", False), ("step_batch", True), ("answers", True)):
+        build = load_build(write_build(BATCHED + heir.format(name, name), name="Heir", module=f"heir_{name}"))
+        assert build.in_batches is at_once
+
+
 def test_batches_are_of_runs_that_are_alike(write_build: Callable[..., Path]) -> None:
     of = load_build(write_build(BATCHED)).frozen
 

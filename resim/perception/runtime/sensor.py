@@ -92,7 +92,8 @@ class Sensors:
         self._sight = DetectionState([m.detection for m in models], [m.field_of_view for m in models])
         self._limits = np.array([limits(model.validity) for model in models])
         self._period = np.array([model.update.period for model in models])
-        self._periodic = self._period > 0.0
+        self._periodic, self._all = self._period > 0.0, np.ones(runs, dtype=bool)
+        self._always = not self._periodic.any()  # whether all make a list at each time
         self._jitters = any(model.update.jitter > 0.0 for model in models)
         self._streams = [Streams(rng) for rng in rngs]
         parts = [_running(model, of) for model, of in zip(models, self._streams, strict=True)]
@@ -121,17 +122,17 @@ class Sensors:
         """Give what is perceived of the worlds; called with times that increase."""
         step = self._take_in(worlds)
         own = self._localised(worlds.ego, step)
-        listed = ~self._periodic | ~(worlds.t < self._due - _SAME)
+        listed = self._all if self._always else ~(worlds.t < self._due - _SAME)
         seen = self._list(worlds, own, listed)
-        held = {
-            b: self._held_list(b).seen(worlds.t, seen.of(b).ego) for b in np.flatnonzero(~listed).tolist()
-        }
-        changed = self._changed(seen, worlds, listed) | held
+        changed = self._changed(seen, worlds, listed)
+        if not self._always and not listed.all():
+            for b in np.flatnonzero(~listed).tolist():
+                changed[b] = self._held_list(b).seen(worlds.t, seen.of(b).ego)
         if changed:
             lists = [changed[b] if b in changed else seen.of(b) for b in range(len(own))]
             seen = stacked(lists, [self._keys.of_list(b, one.ids) for b, one in enumerate(lists)])
         self._listed[listed] = worlds.t
-        if self._periodic.any():
+        if not self._always:
             self._schedule(worlds.t, listed & self._periodic)
             self._hold(seen, listed)
         return seen

@@ -41,8 +41,8 @@ class EgoState(NamedTuple):
 
 
 _NOT_GIVEN: Any = None
-_IN_BATCHES = ("reset_batch", "step_batch")
-"""What a function has that can drive several runs at once."""
+_IN_BATCHES = (("reset", "reset_batch"), ("step", "step_batch"))
+"""What a function has for one run and, if it can drive several at once, for them."""
 
 
 @lru_cache(maxsize=256)
@@ -247,12 +247,19 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         path=path,
         factory=named,
         needs_truth=needs_truth,
-        in_batches=not needs_truth and all(callable(getattr(factory, name, None)) for name in _IN_BATCHES),
+        in_batches=not needs_truth and all(_has_both(factory, *names) for names in _IN_BATCHES),
         parameters=said.parameters,
         cycle_time=said.cycle_time,
         time_limit=said.time_limit,
         frozen=frozen,
     )
+
+
+def _has_both(factory: Any, one: str, many: str) -> bool:
+    """Whether a class has a method for many runs that belongs to the one it has for one: not overridden since."""
+    owners = [next((k for k, kind in enumerate(getattr(factory, "__mro__", ())) if name in vars(kind)), None)
+              for name in (one, many)]  # fmt: skip
+    return None not in owners and owners[1] <= owners[0]  # type: ignore[operator]
 
 
 def _parsed(raw: bytes, path: Path) -> BuildFile:
