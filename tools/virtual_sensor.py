@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from resim.core.geometry import from_frame, to_frame, wrap_angle
 from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import World
+from resim.simulation.perception import OneRun, Perception, PerceptionBatch, World
 
 STEP = 0.04
 """s between two images of the sensors, and between two steps of the simulation."""
@@ -41,8 +42,6 @@ class SensorErrors:
 class Sensor:
     """A perception whose objects are too far ahead, and whose speeds and headings are derived, hence late."""
 
-    shown = outside = 0
-
     def __init__(self, errors: SensorErrors = SensorErrors()) -> None:
         self.errors, self.hash = errors, repr(errors)
 
@@ -51,6 +50,15 @@ class Sensor:
         self.rng = rng
         self.drift: dict[str, float] = {}
         self.seen: dict[str, list[tuple[float, float, float]]] = {}
+
+    def together(
+        self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+    ) -> PerceptionBatch | None:
+        """Give that of one run."""
+        if others:
+            return None
+        self.reset(rngs[0])
+        return OneRun(self.perceive)
 
     def perceive(self, world: World) -> Perceived:
         """Give what the sensors make of the world."""

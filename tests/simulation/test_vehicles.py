@@ -167,3 +167,21 @@ def test_the_single_track_model_slows_through_its_switch_to_the_kinematic_one() 
     np.testing.assert_allclose(way, 0.02 * (v[1:] + v[:-1]), atol=2e-3)
     turn = np.diff([s.yaw_rate for s in again])
     assert np.abs(turn).max() < 0.05
+
+
+class Weak(SingleTrack):
+    """Has a `step` of its own, which counts for many vehicles, too."""
+
+    def step(self, state: VehicleState, acceleration: float, curvature: float, dt: float) -> VehicleState:
+        return super().step(state, 0.5 * acceleration, curvature, dt)
+
+
+def test_many_vehicles_move_as_each_of_them_does() -> None:
+    for model in (Kinematic(), SingleTrack(), Weak()):
+        states = [model.settle(start(v, 0.01)) for v in (0.0, 3.0, 4.99, 5.0, 33.0)]
+        commands = np.array([[2.0, 0.02], [-9.0, 0.1], [1.0, -0.02], [-3.0, 0.0], [5.0, 0.5]])
+        together = np.array(states)
+        for _ in range(20):
+            model.advance(together, commands, 0.04)
+            states = [model.step(s, *c, 0.04) for s, c in zip(states, commands.tolist(), strict=True)]
+        assert together.tobytes() == np.array(states).tobytes()

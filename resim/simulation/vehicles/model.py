@@ -79,11 +79,17 @@ class VehicleState(NamedTuple):
 class VehicleModel(Protocol):
     """Moves vehicles. name: of the model, as `--vehicle` takes it. Made without arguments, or of another vehicle.
 
-    A model has `step`, for one vehicle, or `advance`, for many at once; the one gives the other.
+    A model has `step`, for one vehicle, or `advance`, for many at once; the one gives the other. Of a model that
+    inherits one and has the other, what it has itself counts.
     """
 
     name: str
     vehicle: Vehicle
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "step" in vars(cls) and "advance" not in vars(cls):
+            cls.advance = VehicleModel.advance  # type: ignore[method-assign]
 
     def settle(self, state: EgoState) -> VehicleState:
         """Give the model's state in which it moves on as `state` says."""
@@ -99,6 +105,8 @@ class VehicleModel(Protocol):
         """Give the state of one vehicle dt [s] later under a constant command."""
         import numpy as np  # which the command line's help spares
 
+        own = (vars(kind).get("advance") for kind in type(self).__mro__)
+        advance = next(method for method in own if method not in (None, VehicleModel.advance))
         states = np.array([state])
-        self.advance(states, np.array([[acceleration, curvature]]), dt)
+        advance(self, states, np.array([[acceleration, curvature]]), dt)
         return VehicleState(*states[0].tolist())
