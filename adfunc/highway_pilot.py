@@ -111,12 +111,18 @@ class HighwayPilot:
     def close(self) -> None:
         """Nothing to end."""
 
+    @property
+    def changing(self) -> bool:
+        """Whether any changes lane."""
+        return CHANGE in self.mode.tolist()
+
     def mind(self, t: float, v: Floats, others: Along) -> _Lead:
         """Find the nearest vehicles that are in the way, or will be by their drift."""
-        room, most = self.known.shape[1], int(others.key.max()) + 1 if others.key.size else 0
-        if most > room:
-            self.known = np.pad(self.known, ((0, 0), (0, 2 * most - room), (0, 0)), constant_values=np.nan)
-        out, offset = np.empty((4, len(v))), np.where(self.mode == CHANGE, self.lanes.d, 0.0)
+        if (more := self.lanes.paths.room - self.known.shape[1]) > 0:
+            self.known = np.pad(self.known, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+        out, offset = np.empty((4, len(v))), np.zeros(len(v))
+        if self.changing:
+            offset = np.where(self.mode == CHANGE, self.lanes.d, 0.0)
         how = (self.half_width + 0.1, self.cut_in_horizon, self.half_length, self.cycle, self.smoothing)
         kernel.mind(*others, v, offset, tuple(map(float, how)), self.known, (float(t), self.last), out)
         self.last = float(t)
@@ -126,8 +132,9 @@ class HighwayPilot:
         """Change the modes where the situation asks for it."""
         mode, v = self.mode, ego[:, 3]
         threat = self.threatened(v, lead)
-        if not threat.any() and not mode.any():
+        if threat is None and max(mode.tolist()) == FOLLOW:
             return  # all follow, and go on
+        threat = np.zeros(len(v), dtype=bool) if threat is None else threat
         changing = mode == CHANGE
         done = changing & (t > self.change_begin + self.change_time)
         self.lanes.look_up(np.flatnonzero(done).tolist(), ego)
@@ -141,12 +148,12 @@ class HighwayPilot:
             if side != 0.0:
                 self.change_begin[b], self.change_from[b], self.change_to[b] = t, self.lanes.d[b], side
 
-    def threatened(self, v: Floats, lead: _Lead) -> Bools:
-        """Say whose vehicle ahead is a threat."""
-        soon = lead.soon < self.threat_time
-        if not soon.any():
-            return soon
-        return soon & (v - lead.v + 0.5 * np.maximum(-lead.a, 0.0) > self.threat_closing)
+    def threatened(self, v: Floats, lead: _Lead) -> Bools | None:
+        """Say whose vehicle ahead is a threat; None where nobody's is."""
+        if min(lead.soon.tolist()) >= self.threat_time:
+            return None
+        towards = v - lead.v + 0.5 * np.maximum(-lead.a, 0.0)
+        return np.asarray((lead.soon < self.threat_time) & (towards > self.threat_closing))
 
     def way_out(self, b: int, v: float, others: Along, lead: _Lead) -> float:
         """Give the lateral offset [m] of the neighbouring lane to evade to, left first; 0 where none is safe."""
@@ -178,7 +185,8 @@ class HighwayPilot:
     def lateral(self, t: float) -> Floats:
         """Give where to be across the lanes [m], and its first and second derivative [m/s, m/s²]: (3, B)."""
         out = np.zeros((3, len(self.mode)))
-        if (changing := self.mode == CHANGE).any():
+        if self.changing:
+            changing = self.mode == CHANGE
             ends, begin = (self.change_from[changing], self.change_to[changing]), self.change_begin[changing]
             out[:, changing] = quintic(*ends, t - begin, self.change_time)
         return out
@@ -187,7 +195,8 @@ class HighwayPilot:
         """Give the planned states (B, K, 4) over the next 3 s."""
         plan, places = np.empty((len(v), len(PLANNED), 4)), np.empty((2, len(v), len(PLANNED)))
         kernel.plan(float(t), v, a, self.lanes.s, self.lanes.d, PLANNED, _RETURN, plan, places)
-        if (changing := self.mode == CHANGE).any():
+        if self.changing:
+            changing = self.mode == CHANGE
             since = t - self.change_begin[changing, None] + PLANNED
             ends = self.change_from[changing, None], self.change_to[changing, None]
             places[1, changing] = quintic(*ends, since, self.change_time)[0]

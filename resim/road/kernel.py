@@ -97,7 +97,7 @@ def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, 
           above, rise, behind, near, s, out, keys):  # fmt: skip
     """Find the objects of B lists along B paths: fill out (6, B, M) with s from the EGO's, d [m] on the path, speeds
     along and across it [m/s], half length and half width [m], and keys (B, M), rearmost first in the EGO's frame; what
-    is behind the last is left as it is.
+    is behind the last is NaN and -1.
 
     tables, scores, spans: as in `track_all`. segments (B, C): those that objects had before, or -1, by their keys. ego
     (B, 6): x, y [m], heading [rad] first. count (B,), key, x_ego, y_ego [m], turn [rad], v [m/s], length, width, z_ego
@@ -120,6 +120,7 @@ def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, 
                 at -= 1
             order[at] = k
             n += 1
+        keys[b, n:], out[:, b, n:] = -1, np.nan
         cosine, sine = math.cos(ego[b, 2]), math.sin(ego[b, 2])
         for k in range(n):
             one = order[k]

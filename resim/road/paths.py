@@ -82,11 +82,16 @@ class Paths:
         from resim.road import kernel
 
         self._make_room(key)
-        keys, out = np.full(key.shape, -1), np.full((6, *key.shape), np.nan)
+        keys, out = np.empty(key.shape, np.intp), np.empty((6, *key.shape))
         kernel.along(
             *self._stacked, self._objects, ego, count, key, *lists, *levels, behind, near, self._s, out, keys
         )
         return Along(keys, *out)
+
+    @property
+    def room(self) -> int:
+        """One more than the largest key that an object can have, as far as it is known."""
+        return self._objects.shape[1]
 
     def _make_room(self, key: Integers) -> None:
         """Have a place for the segment of each object."""

@@ -15,6 +15,7 @@ from resim.core.tracks import Strings
 from resim.road.driven_route import Route, driven_route
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, ScenarioObject
+from resim.simulation.function.interface import unknown_heights
 from resim.simulation.guide import Guide, guide
 from resim.simulation.perception import Worlds
 from resim.simulation.surface import Surface
@@ -46,7 +47,7 @@ class Phase:
         """Give the truth at step k: where the objects were commanded to be; ego (B, 6), ego_z (B,) m or None."""
         t, position, heading, v = self.truth[k - self.first]
         z = None if self.z is None else self.z[k - self.first]
-        under = np.full(len(ego), np.nan) if ego_z is None else ego_z
+        under = unknown_heights(len(ego)) if ego_z is None else ego_z
         return Worlds(t, ego, self.ids, self.kind, position, heading, v, self.length, self.width, z, under)
 
 

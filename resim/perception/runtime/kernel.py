@@ -74,7 +74,7 @@ def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego
              counts):  # fmt: skip
     """For each of B runs whose list is due (`listed`) fill seen (B, Q, N) with x, y, v, heading, length, width of the
     objects that are seen, who (B, N) with their columns, and counts (2, B) with how many these are, and how many of
-    them lie outside of the limits. Drifts and states of detection go on by a step.
+    them lie outside of the limits; give how many are seen in all. Drifts and states of detection go on by a step.
 
     past, maneuver, end, weights, span, settled, direction (B,), set_of (B, 4): what is known of the past
     (`_look_back`). ego (B, 6): x, y [m], heading [rad], v [m/s] in the map, and more. length, width (N,) [m]. rows (K,
@@ -84,6 +84,7 @@ def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego
     [m], opening [rad] (B,): of the field of view. limits (B, 5, 2): least and largest of the features, and of the EGO's
     speed.
     """
+    total = 0
     for b in range(ego.shape[0]):
         if not listed[b]:
             continue
@@ -119,6 +120,8 @@ def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego
             who[b, count] = n
             count += 1
         counts[0, b], counts[1, b] = count, beyond
+        total += count
+    return total
 
 
 @compiled

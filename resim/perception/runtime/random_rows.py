@@ -27,12 +27,13 @@ class ObjectStreams(NamedTuple):
 
 class RandomRows:
     """Random numbers of N objects in B runs, BLOCK lists ahead: rows (BLOCK, B, WIDTH, N) as the kernel takes them, and
-    the next one (B,) of each run.
+    which one (B,) each run has now, and which is the next.
     """
 
     def __init__(self, runs: int) -> None:
         self.streams: list[list[ObjectStreams]] = []  # of each object, one a run
         self.rows, self.next = np.empty((BLOCK, runs, WIDTH, 0)), np.zeros(runs, dtype=np.intp)
+        self.row = self.next.copy()
 
     def regroup(
         self,
@@ -48,15 +49,13 @@ class RandomRows:
         for b, first in enumerate(self.next.tolist()):
             self._draw(b, new.tolist(), first)
 
-    def take(self, listed: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """Give which row (B,) is the next of each run that makes a list; new ones are drawn when all were taken."""
-        if self.next.max() == BLOCK:
-            for b in np.flatnonzero(listed & (self.next == BLOCK)).tolist():
+    def take(self, runs: NDArray[np.intp], count: int) -> None:
+        """Set the row of runs that make their count-th list; new ones are drawn when all were taken."""
+        row = count % BLOCK
+        if count and row == 0:
+            for b in runs.tolist():
                 self._draw(b, range(len(self.streams)), 0)
-                self.next[b] = 0
-        taken = self.next.copy()
-        self.next += listed
-        return taken
+        self.row[runs], self.next[runs] = row, row + 1
 
     def _draw(self, b: int, columns: list[int] | range, first: int) -> None:
         for n in columns:

@@ -7,17 +7,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from resim.core.geometry import Bools, Floats, constant
+from resim.core.geometry import Floats, constant
 from resim.core.tracks import Strings
 from resim.perception.model import PerceptionModel
 from resim.perception.parts.definition import RunningPart
 from resim.perception.parts.ego import EgoErrors, PerceivedEgoState
 from resim.perception.parts.registry import PARTS
+from resim.perception.runtime.clock import Clock, clocks
 from resim.perception.runtime.detection import DetectionState
 from resim.perception.runtime.height_history import HeightHistory
 from resim.perception.runtime.history import History
 from resim.perception.runtime.kernel import Q, perceive
-from resim.perception.runtime.lists import HeldList, limits
+from resim.perception.runtime.lists import limits
 from resim.perception.runtime.object_errors import ObjectErrorState
 from resim.perception.runtime.random_rows import ObjectStreams, RandomRows
 from resim.perception.runtime.streams import PartStreams, Streams
@@ -32,8 +33,6 @@ from resim.simulation.perception import (
     worlds_of,
     z_above,
 )
-
-_SAME = 1e-9  # s
 
 
 class Sensor:
@@ -91,10 +90,6 @@ class Sensors:
         self._errors = ObjectErrorState(sets)
         self._sight = DetectionState([m.detection for m in models], [m.field_of_view for m in models])
         self._limits = np.array([limits(model.validity) for model in models])
-        self._period = np.array([model.update.period for model in models])
-        self._periodic, self._all = self._period > 0.0, np.ones(runs, dtype=bool)
-        self._always = not self._periodic.any()  # whether all make a list at each time
-        self._jitters = any(model.update.jitter > 0.0 for model in models)
         self._streams = [Streams(rng) for rng in rngs]
         parts = [_running(model, of) for model, of in zip(models, self._streams, strict=True)]
         localising, self._changing = (
@@ -107,12 +102,9 @@ class Sensors:
         self._with_errors = np.array([*plain], dtype=np.intp)
         self._own_errors = EgoErrors([*plain.values()]) if plain else None
         self._localising = {b: own for b, own in localising.items() if b not in plain}
-        self._timing = [of.of("update") for of in self._streams]
-        self._t, self._listed = -math.inf, np.full(runs, -math.inf)
-        self._due = np.full(runs, -math.inf)
-        self._steps = np.full(runs, np.nan)
-        self._made: dict[int, PerceivedBatch] = {}
-        self._held: dict[int, HeldList] = {}
+        timing = [of.of("update") for of in self._streams]
+        self._clocks = clocks([model.update for model in models], timing)
+        self._t, self._all = -math.inf, np.ones(runs, dtype=bool)
         self._names: list[str] = []
         self._ids: Strings | None = None
         self._rows, self._keys = RandomRows(runs), Keys(runs)
@@ -122,19 +114,17 @@ class Sensors:
         """Give what is perceived of the worlds; called with times that increase."""
         step = self._take_in(worlds)
         own = self._localised(worlds.ego, step)
-        listed = self._all if self._always else ~(worlds.t < self._due - _SAME)
-        seen = self._list(worlds, own, listed)
-        changed = self._changed(seen, worlds, listed)
-        if not self._always and not listed.all():
-            for b in np.flatnonzero(~listed).tolist():
-                changed[b] = self._held_list(b).seen(worlds.t, seen.of(b).ego)
+        due = [clock for clock in self._clocks if clock.is_due(worlds.t)]
+        seen = self._list(worlds, own, due)
+        changed = self._changed(seen, worlds, due)
+        for clock in self._clocks if len(due) < len(self._clocks) else ():
+            for b in clock.rows.tolist() if clock not in due else ():
+                changed[b] = clock.held(b).seen(worlds.t, seen.of(b).ego)
         if changed:
             lists = [changed[b] if b in changed else seen.of(b) for b in range(len(own))]
             seen = stacked(lists, [self._keys.of_list(b, one.ids) for b, one in enumerate(lists)])
-        self._listed[listed] = worlds.t
-        if not self._always:
-            self._schedule(worlds.t, listed & self._periodic)
-            self._hold(seen, listed)
+        for clock in due:
+            clock.hold(seen)
         return seen
 
     def _take_in(self, worlds: Worlds) -> float:
@@ -191,17 +181,23 @@ class Sensors:
             own[b] = state
         return constant(own)
 
-    def _list(self, worlds: Worlds, own: Floats, listed: Bools) -> PerceivedBatch:
+    def _list(self, worlds: Worlds, own: Floats, due: list[Clock]) -> PerceivedBatch:
         """Make the lists that are due: the objects as they were, with errors, as far as they are detected."""
-        history, errors, sight = self._history, self._errors, self._sight
-        self._step(worlds.t)
-        look, row = history.lookups(), self._rows.take(listed)
-        runs, n = len(own), len(self._names)
+        history, errors, sight, listed = self._history, self._errors, self._sight, self._all
+        if len(due) < len(self._clocks):
+            listed = np.zeros(len(own), dtype=bool)
+            listed[[b for clock in due for b in clock.rows.tolist()]] = True
+        for clock in due:
+            self._rows.take(clock.rows, clock.count)
+            for b in clock.rows.tolist() if clock.tick(worlds.t) else ():
+                errors.step(b, clock.since)
+                sight.step(b, clock.since)
+        look, runs, n = history.lookups(), len(own), len(self._names)
         table, who = np.empty((runs, Q, n)), np.zeros((runs, n), dtype=np.intp)
         counts = np.zeros((2, runs), dtype=np.intp)
-        perceive(
+        found = perceive(
             history.past, history.maneuver, history.end, look.weights, look.span, look.settled, history.direction,
-            self._set_of, worlds.ego, listed, worlds.length, worlds.width, self._rows.rows, row,
+            self._set_of, worlds.ego, listed, worlds.length, worlds.width, self._rows.rows, self._rows.row,
             errors.all, errors.least_size, errors.drift, sight.edges, sight.detected, sight.bins,
             sight.state, sight.reach, sight.opening, self._limits, table, who, counts,
         )  # fmt: skip
@@ -210,23 +206,11 @@ class Sensors:
         self.outside += beyond
         key, ids, kind = self._whole
         z_ego = self._z_ego(worlds)
-        if count.min() < n:
+        if found < runs * n:
             key, ids, kind = (constant(c[who]) for c in (self._key, worlds.ids, worlds.kind))
             z_ego = constant(np.take_along_axis(z_ego, who, axis=1))
         x, y, v, heading, length, width = constant(table).transpose(1, 0, 2)
         return PerceivedBatch(worlds.t, own, count, key, ids, kind, x, y, heading, v, length, width, z_ego)
-
-    def _step(self, t: float) -> None:
-        """Note how long ago [s] the last list of each run was, 0 before the first, and take its parameters for that."""
-        steps = t - self._listed
-        steps[self._listed == -math.inf] = 0.0
-        other = ~(np.abs(steps - self._steps) <= _SAME)
-        if other.any():
-            for b in np.flatnonzero(other).tolist():
-                self._errors.step(b, float(steps[b]))
-                self._sight.step(b, float(steps[b]))
-            self._steps = np.where(other, steps, self._steps)
-        self._exactly = steps
 
     def _z_ego(self, worlds: Worlds) -> Floats:
         """Heights (B, N) [m] that the objects had as each sensor tells them, above that of the EGO now."""
@@ -235,45 +219,17 @@ class Sensors:
         then = {lag: heights.z(worlds) for lag, heights in self._heights.items()}
         return constant(np.array([then[lag] for lag in self._lags]) - worlds.ego_z[:, None])
 
-    def _changed(self, lists: PerceivedBatch, worlds: Worlds, listed: Bools) -> dict[int, Perceived]:
+    def _changed(self, lists: PerceivedBatch, worlds: Worlds, due: list[Clock]) -> dict[int, Perceived]:
         """The lists that are due of the runs with parts that change lists, as they are after these."""
         out = {}
-        for b, parts in self._changing.items():
-            if listed[b]:
-                seen, world = lists.of(b), worlds.of(b)
-                for part in parts:
-                    seen = part.change(seen, world, float(self._exactly[b]))
-                out[b] = seen
+        for clock in due if self._changing else ():
+            for b in clock.rows.tolist():
+                if parts := self._changing.get(b):
+                    seen, world = lists.of(b), worlds.of(b)
+                    for part in parts:
+                        seen = part.change(seen, world, clock.exactly)
+                    out[b] = seen
         return out
-
-    def _schedule(self, t: float, listed: Bools) -> None:
-        """Set when the next list is due of runs whose last one is made."""
-        period = self._period[listed]
-        due = np.where(self._due[listed] > -math.inf, np.maximum(self._due[listed], t - period), t)
-        while (over := due <= t + _SAME).any():
-            due[over] += np.maximum(period + self._jitter(listed, over), 1e-3)[over]
-        self._due[listed] = due
-
-    def _jitter(self, listed: Bools, over: Bools) -> Floats:
-        """By how much [s] the periods (R,) of runs that are listed are longer; drawn by those where another is due."""
-        out = np.zeros(len(over))
-        for k, b in enumerate(np.flatnonzero(listed).tolist()) if self._jitters else ():
-            jitter = self._models[b].update.jitter
-            if over[k] and jitter > 0.0:
-                out[k] = jitter * self._timing[b].standard_normal()
-        return out
-
-    def _hold(self, seen: PerceivedBatch, listed: Bools) -> None:
-        """Keep the lists that were made, to be shown until the next."""
-        for b in np.flatnonzero(listed).tolist():
-            self._made[b] = seen
-            self._held.pop(b, None)
-
-    def _held_list(self, b: int) -> HeldList:
-        """The last list of a run."""
-        if b not in self._held:
-            self._held[b] = HeldList(self._made[b].of(b))
-        return self._held[b]
 
 
 def _set_of(model: PerceptionModel) -> list[int]:
