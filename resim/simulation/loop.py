@@ -124,6 +124,7 @@ class _Loop:
         self.z = None if stage.plan.z is None else np.full(size, np.nan)
         self.steps, self.looked = 0, stage.plan.begin
         self.runs = [_Run() for _ in cases]
+        self.broken: FunctionError | None = None  # what several runs failed with
         self.length = np.array([m.length for m in self.members])
         self.width = np.array([m.width for m in self.members])
 
@@ -145,6 +146,8 @@ class _Loop:
                 driver.close()
             except FunctionError as e:
                 self.failed_on_closing(e)
+        if self.broken is not None:
+            raise self.broken
         drives = [self.result(b, driver, opened) for b in range(len(self.cases))]
         left, taken = self.left_routes(drives), (time.perf_counter() - self.began) / len(drives)
         return [replace(d, left_route=when, time=taken) for d, when in zip(drives, left, strict=True)]
@@ -211,19 +214,21 @@ class _Loop:
         return lambda ego: [one.at(x, y) for one, (x, y) in zip(followed, ego[:, :2].tolist(), strict=True)]
 
     def failed(self, e: FunctionError, opened: OpenedFiles) -> None:
-        """End the run with the function's failure, unless it had ended before. Raises it where there are several."""
+        """End the run with the function's failure, unless it had ended before."""
         if self.look():
             return
         if len(self.runs) > 1:
-            raise e
+            self.broken = e
+            return
         remedy = opened.remedy()
         why = f"{self.case.build.label} at t = {self.now:.2f} s {e}" + (f". {remedy}" if remedy else "")
         self.runs[0].fail(why, e.frames)
 
     def failed_on_closing(self, e: FunctionError) -> None:
-        """End the run with that. Raises it where there are several."""
+        """End the run with that."""
         if len(self.runs) > 1:
-            raise e
+            self.broken = self.broken or e
+            return
         self.runs[0].fail(f"{self.case.build.label} on closing {e}", e.frames)
 
     def look(self) -> bool:

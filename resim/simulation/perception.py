@@ -127,7 +127,7 @@ class _Ideal:
             key = constant(self._keys.of_traffic(worlds.ids))
             columns = (key, worlds.ids, worlds.kind, worlds.length, worlds.width)
             self._columns: list[NDArray[Any]] = [np.broadcast_to(column, shape) for column in columns]
-            self._count = np.full(*shape)
+            self._count = constant(np.full(*shape))
         away = worlds.position - (ego[:, 0] + 1j * ego[:, 1])[:, None]
         turns = [(math.cos(heading), math.sin(heading)) for heading in ego[:, 2].tolist()]
         c, s = np.array(turns).T[:, :, None]

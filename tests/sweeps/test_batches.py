@@ -179,6 +179,34 @@ def test_a_function_that_answers_otherwise_in_batches_is_found(write_build: Call
     assert "" not in differing(run_together(prepared, of, runs, DIRECT), alone(prepared, of, runs))
 
 
+VANDAL = """
+    def step_batch(self, perceived):
+        names = "ego count key ids kind x_ego y_ego heading_ego v length width z_ego"
+        for column in [getattr(perceived, name) for name in names.split()]:
+            for write in (lambda: column.setflags(write=True), lambda: column.fill(0)):
+                try:
+                    write()
+                except ValueError:
+                    pass
+        return super().step_batch(perceived)
+"""
+
+
+@pytest.mark.parametrize("changes", [None, (), ("id_switch=0.7", "false_objects.rate=2.0")])
+def test_a_function_cannot_change_what_is_kept_of_what_it_saw(
+    changes: tuple[str, ...] | None, write_build: Callable[..., Path]
+) -> None:
+    prepared = shipped("cut_in_brake")
+    builds = [
+        load_build(write_build(f"{BATCHED}\n\nclass Heir(Own):\n{body}", name="Heir", module=module))
+        for body, module in ((VANDAL, "vandal"), ("    pass\n", "good"))
+    ]
+    done = [run_together(prepared, of, [(model(changes), k) for k in range(3)], DIRECT) for of in builds]
+    for (one, _), (other, _) in zip(*done, strict=True):
+        mine, others = one.fingerprint(), other.fingerprint()
+        assert {name for name in mine if mine[name] != others[name]} == {"case"}
+
+
 def test_one_bit_is_found() -> None:
     prepared = shipped("rear_end")
     build = load_build(ROOT / "adfunc" / "builds" / "idm-1.0.toml")

@@ -210,7 +210,9 @@ class Sensors:
             key, ids, kind = (constant(c[who]) for c in (self._key, worlds.ids, worlds.kind))
             z_ego = constant(np.take_along_axis(z_ego, who, axis=1))
         x, y, v, heading, length, width = constant(table).transpose(1, 0, 2)
-        return PerceivedBatch(worlds.t, own, count, key, ids, kind, x, y, heading, v, length, width, z_ego)
+        return PerceivedBatch(
+            worlds.t, own, constant(count), key, ids, kind, x, y, heading, v, length, width, z_ego
+        )
 
     def _z_ego(self, worlds: Worlds) -> Floats:
         """Heights (B, N) [m] that the objects had as each sensor tells them, above that of the EGO now."""

@@ -112,9 +112,22 @@ def stacked(lists: Sequence[Perceived], keys: Sequence[Integers]) -> PerceivedBa
 
     x, y, heading, v, length, width, z = (filled([getattr(p, n) for p in lists], np.nan) for n in NUMBERS)
     ids, kind = (filled([getattr(p, name) for p in lists], "") for name in ("ids", "kind"))
-    ego = np.array([p.ego for p in lists])
+    ego = constant(np.array([p.ego for p in lists]))
     return PerceivedBatch(
-        lists[0].t, ego, count, filled(keys, 0), ids, kind, x, y, heading, v, length, width, z, lists
+        lists[0].t,
+        ego,
+        constant(count),
+        filled(keys, 0),
+        ids,
+        kind,
+        x,
+        y,
+        heading,
+        v,
+        length,
+        width,
+        z,
+        lists,
     )
 
 
