@@ -49,6 +49,8 @@ RUN_HERE = {
     "my_acc.py",
     "acc_pilot.py",
     "acc_pilot.toml",
+    "batch_pilot.py",
+    "batch_pilot.toml",
     "my_measures.py",
     "recording.toml",
     "mapping.toml",
