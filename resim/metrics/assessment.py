@@ -111,10 +111,7 @@ def assess(
     fill, where sizes or places are in doubt: what could fail by either does not pass.
     """
     drive = inputs.drive
-    every = inputs.definitions
-    if only is not None:
-        wanted = {*only, *(c.measure for c in (criteria.criteria if criteria is not None else ()))}
-        every = tuple(o for o in every if o.name in wanted)
+    every = asked(inputs, criteria, only)
     measures = {o.name: inputs.measure(o.name) for o in every}
     definitions = {o.name: o for o in every}
     verdicts = {}
@@ -131,6 +128,16 @@ def assess(
         verdicts[c.name] = verdict
     found = Assessment(drive, measures, definitions, inputs.risk, inputs.contacts, verdicts, flaw)
     return replace(found, verdicts={name: _with_object(v, found) for name, v in verdicts.items()})
+
+
+def asked(
+    inputs: MeasureInputs, criteria: Criteria | None, only: Collection[str] | None
+) -> tuple[MeasureDefinition, ...]:
+    """Give the measures to compute: all, or `only` these and those that criteria ask for."""
+    if only is None:
+        return inputs.definitions
+    wanted = {*only, *(c.measure for c in (criteria.criteria if criteria is not None else ()))}
+    return tuple(o for o in inputs.definitions if o.name in wanted)
 
 
 def _with_object(verdict: Verdict, found: Assessment) -> Verdict:

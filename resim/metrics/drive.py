@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -121,6 +121,24 @@ def drive(
     return DriveScenes(
         t, ids, everybody, everybody.select([ego]), scenes, present, chosen, covered, expected.name, apart
     )
+
+
+def joined(drives: Sequence[DriveScenes]) -> DriveScenes:
+    """Give the scenes of drives of the same objects, none of which keeps to lanes, one drive after the other.
+
+    It is for what follows from scenes alone: there is no time from one drive to the next, and the tracks are those of
+    the first.
+    """
+
+    def rows(name: str) -> Any:
+        return np.concatenate([getattr(one.scenes, name) for one in drives])
+
+    scenes = Scenes(*map(rows, ("plan", "ego_size", "state", "size", "inputs", "motion")))
+    present, covered, t = (
+        np.concatenate([getattr(one, name) for one in drives]) for name in ("present", "covered", "t")
+    )
+    path = tuple(of for one in drives for of in one.path)
+    return replace(drives[0], t=t, scenes=scenes, present=present, covered=covered, path=path, apart=None)
 
 
 def _states(tracks: Tracks) -> Floats:

@@ -11,7 +11,6 @@ import numpy as np
 from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.finding import Finding
-from resim.metrics.assessment import Assessment
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
@@ -94,23 +93,15 @@ def assess_resimulation(
     return replace(found, model=runs, misfits=tuple(result.misfits.values()))
 
 
-def assess_drive(
-    drive: SimulatedDrive,
-    scenario: Scenario,
-    network: RoadNetwork,
-    how: AssessmentOptions,
-    doubts: Doubts = WHOLE,
-    measured: Scenario | None = None,
-) -> Assessment:
-    """Assess one simulation by the scenario that describes it. doubts, measured: of what its traffic is of."""
-    t = np.array([p.t for p in drive.perceived])
-    hits = tuple((c.t, c.id) for c in drive.collisions)
-    counts = [len(p.ids) for p in drive.perceived]
-    ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in drive.perceived)])
+def drive_block(
+    drive: SimulatedDrive, scenario: Scenario, doubts: Doubts = WHOLE, measured: Scenario | None = None
+) -> Block:
+    """Give the block of one simulation and what describes it. doubts, measured: of what its traffic is of."""
+    t, counts, ids = drive.perceived.columns()
     functioning = functioning_of(np.repeat(t, counts), ids, t, t, 0.0)
+    hits = tuple((c.t, c.id) for c in drive.collisions)
     left = doubts.simulated(scenario.ego.id)
-    block = Block(scenario, drive.plans, functioning, hits, drive.flaw, left, measured)
-    return assess_block(block, network, how)
+    return Block(scenario, drive.plans, functioning, hits, drive.flaw, left, measured)
 
 
 def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessment:

@@ -33,10 +33,9 @@ def answers_frame(result: Resimulation) -> pd.DataFrame:
     """
     parts = []
     for source, drive in result.drives.items():
-        t = np.array([p.t for p in drive.perceived])
+        t, counts, _ = drive.perceived.columns()
         step = np.clip(np.searchsorted(drive.truth.t, t - 1e-9), 0, max(len(drive.truth.t) - 1, 0))
         acceleration, curvature = drive.commands[step].T if len(t) else np.empty((2, 0))
-        counts = np.array([len(p.ids) for p in drive.perceived], dtype=int)
         columns = dict(zip(ANSWER_COLUMNS, (t, acceleration, curvature, counts), strict=True))
         parts.append(pd.DataFrame({SOURCE: source, **columns}))
     return pd.concat(parts, ignore_index=True)
@@ -63,7 +62,7 @@ def plan_frame(plans: Mapping[str, Sequence[tuple[float, Floats]]]) -> pd.DataFr
     )
 
 
-def perceived_frame(perceived: tuple[Perceived, ...]) -> pd.DataFrame:
+def perceived_frame(perceived: Sequence[Perceived]) -> pd.DataFrame:
     """Give perceived lists as a table in map coordinates, one row per time and object."""
     if not perceived:
         return pd.DataFrame({"t": [], "id": []})

@@ -14,6 +14,7 @@ from numba import boolean, float64, int64, njit, types
 TRIES, TINY = 12, 1e-9
 TABLE = types.Array(float64, 2, "C", readonly=True)
 SEEN = types.Array(float64, 2, "A", readonly=True)
+SEEN_ROW = types.Array(float64, 1, "A", readonly=True)
 
 
 def entry(*arguments):
@@ -59,6 +60,15 @@ def _nearest(score, x, y):
         if far < least:
             best, least = k, far
     return best
+
+
+@entry(TABLE, TABLE, SEEN_ROW, SEEN_ROW)
+def project(table, score, x, y):
+    """Give (2, N) s and d of points x, y (N,); table and score: as in `track`."""
+    out = np.empty((2, x.size))
+    for n in range(x.size):
+        out[0, n], out[1, n], _, _, _, _ = foot(table, _nearest(score, x[n], y[n]), x[n], y[n])
+    return out
 
 
 @entry(TABLE, TABLE, int64, float64, float64)

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, constant, sealed
@@ -18,8 +18,6 @@ from resim.road.lane_following import SHORTEST, RouteStretch, follow
 from resim.road.opendrive import RoadNetwork
 
 FAR = 1e4
-FEW, CHUNK = 12, 1024
-TRIES, TINY = 12, 1e-9
 SPIKE = 0.5
 MOST_ASTRAY = 8
 
@@ -66,12 +64,9 @@ class Path:
         are continuous, and `xy` inverts them. Beyond its ends the path is straight.
         """
         search = self._search
-        if np.size(x) <= FEW:
-            return _project_few(search, np.ravel(x), np.ravel(y))
         x_, y_ = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-        at = range(0, len(x_), CHUNK)
-        parts = [_project_many(search, x_[k : k + CHUNK], y_[k : k + CHUNK]) for k in at]
-        return np.concatenate([s for s, _ in parts]), np.concatenate([d for _, d in parts])
+        s, d = search.project(search.table, search.scores, x_.ravel(), y_.ravel())
+        return s, d
 
     def track(self, x: float, y: float, i: int = -1) -> tuple[float, float, float, int]:
         """Give s, d [m] and the path's heading there [rad] for one moving point, as `project`, and its segment.
@@ -140,17 +135,14 @@ class Path:
 class _ProjectionSearch(NamedTuple):
     """What `project` needs, with a far point added to either end: K + 1 segments.
 
-    columns: (10, K + 1): s, x, y, tx, ty where a segment starts (tx, ty: tangent), then what each gains over it.
-    score: (3, K + 1), gives of (x, y, 1) the squared distance to the middles, less a constant.
-    table, scores: the columns and the score, turned: a row per segment. foot, track, positions: what is compiled to
-    work on them.
+    table: (K + 1, 10), per segment s, x, y, tx, ty where it starts (tx, ty: tangent), then what each gains over it.
+    scores: (K + 1, 3), gives of (x, y, 1) the squared distance to the middles, less a constant. project, track,
+    positions: what is compiled to work on them.
     """
 
-    columns: Floats
-    score: Floats
     table: Floats
     scores: Floats
-    foot: Callable[..., tuple[float, float, float, float, int, bool]]
+    project: Callable[..., Floats]
     track: Callable[..., tuple[float, float, float, int]]
     positions: Callable[..., Floats]
 
@@ -168,47 +160,8 @@ def _search(path: Path) -> _ProjectionSearch:
     middle_x, middle_y = x[:-1] + 0.5 * np.diff(x), y[:-1] + 0.5 * np.diff(y)
     score = np.array([-2.0 * middle_x, -2.0 * middle_y, middle_x**2 + middle_y**2])
     return _ProjectionSearch(
-        constant(columns),
-        constant(score),
-        constant(columns.T),
-        constant(score.T),
-        kernel.foot,
-        kernel.track,
-        kernel.positions,
+        constant(columns.T), constant(score.T), kernel.project, kernel.track, kernel.positions
     )
-
-
-def _nearest(search: _ProjectionSearch, x: Floats, y: Floats) -> NDArray[np.intp]:
-    """Give the segment (N,) whose middle is nearest, whence the right one is a step or none away."""
-    q = np.empty((len(x), 3))
-    q[:, 0], q[:, 1], q[:, 2] = x, y, 1.0
-    return np.asarray((q @ search.score).argmin(axis=1))
-
-
-def _project_few(search: _ProjectionSearch, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """As `_project_many`, point by point: three times faster for the handful that a step asks for."""
-    nearest = _nearest(search, x, y).tolist()
-    places = zip(nearest, x.tolist(), y.tolist(), strict=True)
-    found = [search.foot(search.table, *place)[:2] for place in places]
-    out = np.array(found, dtype=float).reshape(-1, 2)
-    return out[:, 0], out[:, 1]
-
-
-def _project_many(search: _ProjectionSearch, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Give s and d (N,) of points (N,), by the equations of `kernel.foot`."""
-    i, top = _nearest(search, x, y), len(search.table) - 1
-    for _ in range(TRIES):
-        s, px, py, tx, ty, step, ex, ey, dtx, dty = search.columns.take(i, axis=1)
-        ax, ay = x - px, y - py
-        c0, c1 = ax * tx + ay * ty, ax * dtx + ay * dty - ex * tx - ey * ty
-        root = np.sqrt(np.maximum(c1 * c1 + 4.0 * c0 * (ex * dtx + ey * dty), 0.0))
-        f = 2.0 * c0 / np.maximum(root - c1, TINY)
-        back, on = (f < -TINY) & (i > 0), (f > 1.0 + TINY) & (i < top)
-        if not (back | on).any():
-            break
-        i = i + on - back
-    tx, ty = tx + f * dtx, ty + f * dty
-    return s + f * step, (tx * (ay - f * ey) - ty * (ax - f * ex)) / np.hypot(tx, ty)
 
 
 @lru_cache(maxsize=64)

@@ -20,10 +20,19 @@ from numba import njit
 REACH = 16
 """Knots to both sides of one beyond which its spline is 0: 0.27 to the power of 16."""
 WINDOW = 256
-"""Samples whose part of the normal equations is one product of matrices."""
+"""Samples whose part of the normal equations is summed up at once."""
 
 STEP = 0.02
 """Width [s] of the trapezoids (`resim.scenario.trace.STEP`)."""
+
+MIN_SEGMENT = 0.1
+"""Least time [s] between two knots (Eq. 5.5)."""
+PIECE = 30.0
+"""Length [s] of trace for each segment that is halved at a time."""
+HEADING_OFF = 0.5
+"""rad; how far off a measured heading may be, a priori: it speaks where positions say nothing."""
+BEND_V, BEND_HEADING = 10.0, 0.5
+"""m/s³, rad/s²; how much second derivatives of what drives are, a priori."""
 
 compiled = njit(cache=True, error_model="numpy")
 inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -34,6 +43,12 @@ Measured = namedtuple("Measured", "t place heading v nodes grid before own half"
 
 What is called from outside takes it as a tuple: numba's cache would look for the class before it looks at the version.
 """
+
+Candidate = namedtuple(
+    "Candidate",
+    "v p_v heading p_heading start weights direction motion off mean heading_off v_bend heading_bend cost",
+)
+"""Knots and values of both splines, the start [m], and what follows (`_evaluated`); vectors in the map are x + iy."""
 
 Spline = namedtuple("Spline", "knots values bend weights grid between")
 """A spline: knots, values, second derivatives (K,). At the nodes: weights (4, T) of the values and second derivatives
@@ -181,13 +196,12 @@ def _column(spline, centre, value, kink, bend, firsts, begin, out):
                 out[n - start] += value * weights[1, begin + n]
 
 
-@compiled
-def start(measured, knots, ridge_bend, ridge):
-    """Give matrix (K, K) and right side (K, 2) of the values of the splines nearest to the speeds and headings.
+@inner
+def _nearest(measured, knots, ridge_bend, ridge):
+    """Give matrix (K, K) and right sides (2, K) of the values of the splines nearest to the speeds and headings.
 
     ridge_bend, ridge: weights of the squares of second derivatives and of values.
     """
-    measured = Measured(*measured)
     count, own = len(knots), measured.own
     _, value, kink, bend = _columns(knots, np.zeros(count), False)
     flat = spline(knots, np.zeros(count), measured)
@@ -206,7 +220,7 @@ def start(measured, knots, ridge_bend, ridge):
             end = flat.grid[high] - flat.grid[low] if even else flat.between[high] - flat.between[low]
             if 0 <= k < end:
                 every[i, n] = values[k] if even else between[k]
-    normal, right = np.zeros((count, count)), np.zeros((count, 2))
+    normal, right = np.zeros((count, count)), np.zeros((2, count))
     for i in range(count):
         for j in range(i, min(i + 2 * REACH + 3, count)):
             total = 0.0
@@ -217,20 +231,20 @@ def start(measured, knots, ridge_bend, ridge):
             normal[i, j] = normal[j, i] = total
         normal[i, i] += ridge
         for n in range(first[i], last[i]):
-            right[i, 0] += every[i, n] * measured.v[n]
-            right[i, 1] += every[i, n] * measured.heading[n]
+            right[0, i] += every[i, n] * measured.v[n]
+            right[1, i] += every[i, n] * measured.heading[n]
     return normal, right
 
 
-@compiled
-def evaluate(measured, v_knots, v_values, heading_knots, heading_values, start, by_heading, by_v, by_turn):
-    """Give what follows from splines of speed and heading, and a start x + iy [m].
+@inner
+def _evaluated(measured, v_knots, v_values, heading_knots, heading_values, start, noise):
+    """Give a candidate of splines of speed and heading, a start x + iy [m], and the positions' noise [m].
 
-    direction (1 m long) and motion [m/s] at the nodes, x + iy; how far off positions are (T,) [m], their mean distance,
-    and the rest of the residual: headings (T,), second derivatives of speed and heading (K,), with the weights
-    by_heading, by_v, by_turn; the sum of all squares.
+    weights: of the headings and of second derivatives of speed and heading, by the noise. direction (1 m long) and
+    motion [m/s] at the nodes; how far off positions are (T,) [m], their mean distance; the rest of the residual,
+    weighted: headings (T,), second derivatives (K,); cost, the sum of all squares.
     """
-    measured = Measured(*measured)
+    by_heading, by_v, by_turn = weights = (noise / HEADING_OFF, noise / BEND_V, noise / BEND_HEADING)
     v, heading = spline(v_knots, v_values, measured), spline(heading_knots, heading_values, measured)
     speed, angle = at_nodes(v, measured.grid), at_nodes(heading, measured.grid)
     direction, motion = np.empty(len(speed), np.complex128), np.empty(len(speed), np.complex128)
@@ -256,7 +270,10 @@ def evaluate(measured, v_knots, v_values, heading_knots, heading_values, start, 
     for bend in (bend_v, bend_heading):
         for k in range(len(bend)):
             cost += bend[k] ** 2
-    return direction, motion, off, mean / len(before), heading_off, bend_v, bend_heading, cost
+    return Candidate(
+        v_knots, v_values, heading_knots, heading_values, start, weights, direction, motion, off, mean / len(before),
+        heading_off, bend_v, bend_heading, cost,
+    )  # fmt: skip
 
 
 @inner
@@ -295,16 +312,13 @@ def _place_column(values, between, g0, b0, factor, factor_between, measured, s0,
     return STEP * (x - begin_x), STEP * (y - begin_y)
 
 
-@compiled
-def normal_equations(
-    measured, v_knots, v_values, heading_knots, heading_values, direction, motion, off, heading_off, bend_v,
-    bend_heading, by_heading, by_v, by_turn, move,
-):  # fmt: skip
+@inner
+def _normal_equations(measured, state, move):
     """Give normal matrix (P, P) and gradient (P,) of the residual by the values of speed (and, with `move`, times of
-    inner knots), the same of heading, and the start. The rest: as of `evaluate`.
+    inner knots), the same of heading, and the start.
     """
-    measured = Measured(*measured)
-    v, heading = spline(v_knots, v_values, measured), spline(heading_knots, heading_values, measured)
+    v, heading = spline(state.v, state.p_v, measured), spline(state.heading, state.p_heading, measured)
+    direction, motion, (by_heading, by_v, by_turn) = state.direction, state.motion, state.weights
     samples, grid, before, own = len(measured.before), measured.grid, measured.before, measured.own
     v_centre, v_value, v_kink, v_bends = _columns(v.knots, v.values, move)
     h_centre, h_value, h_kink, h_bends = _columns(heading.knots, heading.values, move)
@@ -351,12 +365,30 @@ def normal_equations(
     normal, gradient = np.zeros((count, count)), np.zeros(count)
     for w0 in range(0, samples, WINDOW):
         _add_window(
-            w0, min(w0 + WINDOW, samples), cv, s0, s1, offset, places, angles, after, off, heading_off,
+            w0, min(w0 + WINDOW, samples), cv, s0, s1, offset, places, angles, after, state.off, state.heading_off,
             normal, gradient,
         )  # fmt: skip
-    _add_bends(len(v.knots), 0, v_bends, bend_v, by_v, normal, gradient)
-    _add_bends(len(heading.knots), cv, h_bends, bend_heading, by_turn, normal, gradient)
+    _add_bends(len(v.knots), 0, v_bends, state.v_bend, by_v, normal, gradient)
+    _add_bends(len(heading.knots), cv, h_bends, state.heading_bend, by_turn, normal, gradient)
     return normal, gradient
+
+
+@inner
+def _products(rows, rest):
+    """Give the products of the columns of rows (N, C) with each other, above the diagonal, and with rest (N,).
+
+    N is a multiple of four. In a fixed order, as those of a library depend on the processor and on its threads.
+    """
+    count = rows.shape[1]
+    products, along = np.zeros((count, count)), np.zeros(count)
+    for n in range(0, len(rows), 4):  # four at a time take half as long
+        r0, r1, r2, r3 = rows[n], rows[n + 1], rows[n + 2], rows[n + 3]
+        for a in range(count):
+            v0, v1, v2, v3, out = r0[a], r1[a], r2[a], r3[a], products[a]
+            along[a] += v0 * rest[n] + v1 * rest[n + 1] + v2 * rest[n + 2] + v3 * rest[n + 3]
+            for e in range(a, count):
+                out[e] += v0 * r0[e] + v1 * r1[e] + v2 * r2[e] + v3 * r3[e]
+    return products, along
 
 
 @inner
@@ -375,39 +407,41 @@ def _add_window(
             active[actives] = c
             actives += 1
             turning += c >= cv
-    rows, turns = np.zeros((actives, 2 * size)), np.zeros((turning, size))
+    whole = (size + 3) // 4 * 4
+    rows, turns = np.zeros((2 * whole, actives)), np.zeros((whole, turning))
     straight = actives - turning
     for a in range(actives):
         c = active[a]
         for n in range(max(s0[c], w0), w1):
             if n < s1[c]:
-                rows[a, 2 * (n - w0)] = places[offset[c] + n - s0[c], 0]
-                rows[a, 2 * (n - w0) + 1] = places[offset[c] + n - s0[c], 1]
+                rows[2 * (n - w0), a] = places[offset[c] + n - s0[c], 0]
+                rows[2 * (n - w0) + 1, a] = places[offset[c] + n - s0[c], 1]
                 if a >= straight:
-                    turns[a - straight, n - w0] = angles[offset[c] + n - s0[c]]
+                    turns[n - w0, a - straight] = angles[offset[c] + n - s0[c]]
             else:
-                rows[a, 2 * (n - w0)], rows[a, 2 * (n - w0) + 1] = after[c, 0], after[c, 1]
-    rest = np.empty(2 * size)
+                rows[2 * (n - w0), a], rows[2 * (n - w0) + 1, a] = after[c, 0], after[c, 1]
+    rest, headings = np.zeros(2 * whole), np.zeros(whole)
     fore, aside = 0.0, 0.0
     for n in range(size):
         rest[2 * n], rest[2 * n + 1] = off[w0 + n].real, off[w0 + n].imag
         fore += rest[2 * n]
         aside += rest[2 * n + 1]
-    products, along = np.dot(rows, rows.T), np.dot(rows, rest)
-    turned, angle = np.dot(turns, turns.T), np.dot(turns, heading_off[w0:w1])
+        headings[n] = heading_off[w0 + n]
+    products, along = _products(rows, rest)
+    turned, angle = _products(turns, headings)
     for a in range(actives):
         gradient[active[a]] += along[a]
         for e in range(actives):
-            normal[active[a], active[e]] += products[a, e]
+            normal[active[a], active[e]] += products[min(a, e), max(a, e)]
         if a >= straight:
             gradient[active[a]] += angle[a - straight]
             for e in range(straight, actives):
-                normal[active[a], active[e]] += turned[a - straight, e - straight]
+                normal[active[a], active[e]] += turned[min(a, e) - straight, max(a, e) - straight]
     sums = np.zeros((actives, 2))
     for a in range(actives):
         for n in range(size):
-            sums[a, 0] += rows[a, 2 * n]
-            sums[a, 1] += rows[a, 2 * n + 1]
+            sums[a, 0] += rows[2 * n, a]
+            sums[a, 1] += rows[2 * n + 1, a]
     for p in range(pasts):
         c = past[p]
         gradient[c] += after[c, 0] * fore + after[c, 1] * aside
@@ -433,10 +467,10 @@ def _add_bends(count, first, bends, residual, weight, normal, gradient):
             normal[first + i, first + j] += weight * weight * total
 
 
-@compiled
-def apart(knots, least):
-    """Give the knots in their order with so much [s] between them, ends fixed (Eq. 5.5)."""
-    out, last = knots.copy(), len(knots) - 1
+@inner
+def apart(knots):
+    """Give the knots in their order with MIN_SEGMENT between them, ends fixed (Eq. 5.5)."""
+    out, last, least = knots.copy(), len(knots) - 1, MIN_SEGMENT
     for k in range(1, last + 1):
         out[k] = max(out[k], out[k - 1] + least)
     out[last] = knots[last]
@@ -447,20 +481,20 @@ def apart(knots, least):
     return out
 
 
-@compiled
-def halved(t, knots, values, error, least, piece):
+@inner
+def halved(t, knots, values, error):
     """Give knots and values with the segment halved that has the largest squared error (T,) at times t (T,).
 
-    Of a spline longer than `piece` [s] one is halved in each so long part of it. least: s between knots.
+    Of a spline longer than PIECE one is halved in each so long part of it.
     """
-    bend, count = second(knots, values), len(knots) - 1
+    bend, count, least = second(knots, values), len(knots) - 1, MIN_SEGMENT
     squares = np.zeros(count)
     s = 0
     for n in range(len(error)):
         while s < count - 1 and t[n] >= knots[s + 1]:
             s += 1
         squares[s] += error[n] ** 2
-    pieces = max(1, int((knots[-1] - knots[0]) / piece))
+    pieces = max(1, int((knots[-1] - knots[0]) / PIECE))
     size = (knots[-1] - knots[0]) / pieces
     worst, largest = np.full(pieces, -1), np.full(pieces, -1.0)
     for s in range(count):
@@ -486,4 +520,106 @@ def halved(t, knots, values, error, least, piece):
             at += 1
             new_knots[k + at] = 0.5 * (knots[k] + knots[k + 1])
             new_values[k + at] = 0.5 * (values[k] + values[k + 1]) - width**2 / 16.0 * (bend[k] + bend[k + 1])
-    return apart(new_knots, least), new_values
+    return apart(new_knots), new_values
+
+
+@inner
+def _solve_positive(matrix, right):
+    """Solve for right (P,) in place by Cholesky; say whether the matrix (P, P), which is overwritten, is positive."""
+    count = len(right)
+    for k in range(count):
+        if not matrix[k, k] > 0.0:
+            return False
+        pivot = math.sqrt(matrix[k, k])
+        for j in range(k, count):
+            matrix[k, j] /= pivot
+        for i in range(k + 1, count):
+            factor = matrix[k, i]
+            for j in range(i, count):
+                matrix[i, j] -= factor * matrix[k, j]
+    for k in range(count):
+        right[k] /= matrix[k, k]
+        for j in range(k + 1, count):
+            right[j] -= matrix[k, j] * right[k]
+    for k in range(count - 1, -1, -1):
+        for j in range(k + 1, count):
+            right[k] -= matrix[k, j] * right[j]
+        right[k] /= matrix[k, k]
+    return True
+
+
+@compiled
+def even(measured, segments):
+    """Give knots and values of speed, the same of heading, and the start x + iy [m], with evenly spaced knots and the
+    measured speed and heading.
+    """
+    measured = Measured(*measured)
+    t, knots = measured.t, np.empty(segments + 1)
+    for k in range(segments + 1):
+        knots[k] = t[0] + k * ((t[-1] - t[0]) / segments)
+    knots[segments] = t[-1]
+    matrix, right = _nearest(measured, knots, 1e-6 * len(t), 1e-9)
+    again = matrix.copy()
+    _solve_positive(matrix, right[0])
+    _solve_positive(again, right[1])
+    return knots, right[0].copy(), knots, right[1].copy(), measured.place[0]
+
+
+@compiled
+def split(t, splines, error):
+    """Give splines and start (as `even`) after halving the segment with the largest squared error along the motion
+    (error (T,), real) or across it (imaginary) at times t (T,), of a long trace one a PIECE.
+    """
+    v, p_v, heading, p_heading, start = splines
+    new_v, new_p_v = halved(t, v, p_v, error.real)
+    new_heading, new_p_heading = halved(t, heading, p_heading, error.imag)
+    return new_v, new_p_v, new_heading, new_p_heading, start
+
+
+@inner
+def _moved(knots, values, delta, first, move):
+    """Give knots and values after a step, and where in it the next spline's part begins."""
+    count = len(values)
+    if not move or count < 3:
+        return knots, values + delta[first : first + count], first + count
+    there = knots.copy()
+    there[1:-1] += delta[first + count : first + 2 * count - 2]
+    return apart(there), values + delta[first : first + count], first + 2 * count - 2
+
+
+@compiled
+def improved(measured, splines, noise, rounds, move):
+    """Take up to `rounds` Levenberg-Marquardt steps from splines and start (as `even`), with `move` of knots as well.
+
+    measured: the fields of `Measured`. noise: of positions [m]. Gives the new splines and start; how far off positions
+    are (T,), x + iy [m], the same along and across the motion; and their mean distance.
+    """
+    measured = Measured(*measured)
+    v, p_v, heading, p_heading, start = splines
+    state, damping = _evaluated(measured, v, p_v, heading, p_heading, start, noise), 1e-2
+    for _ in range(rounds):
+        normal, gradient = _normal_equations(measured, state, move)
+        better, trial = False, state
+        for _ in range(4):
+            damped, delta = normal.copy(), -gradient
+            for k in range(len(delta)):
+                damped[k, k] += damping * (normal[k, k] + 1e-9)
+            if _solve_positive(damped, delta):
+                v, p_v, first = _moved(state.v, state.p_v, delta, 0, move)
+                heading, p_heading, first = _moved(state.heading, state.p_heading, delta, first, move)
+                start = state.start + complex(delta[first], delta[first + 1])
+                trial = _evaluated(measured, v, p_v, heading, p_heading, start, noise)
+                better = trial.cost < state.cost
+                if better:
+                    break
+            damping *= 10.0
+        if not better:
+            break
+        settled = state.cost - trial.cost < 1e-3 * state.cost
+        state, damping = trial, damping * 0.1
+        if settled:
+            break
+    error = np.empty(len(state.off), np.complex128)
+    for n in range(len(error)):
+        error[n] = state.off[n] * np.conj(state.direction[measured.own[n]])
+    return (state.v, state.p_v, state.heading, state.p_heading, state.start), state.off, error, state.mean

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
-from resim.road.opendrive import RoadNetwork
-from resim.road.path import lane_path
+from resim.road.opendrive import RoadNetwork, RoadPositions
+from resim.road.path import Path, lane_path
 
 REACTED = -0.5
 """Acceleration [m/s²] of the EGO below which it has reacted (Wagner 2021, Section 5.3.2): that of splines, with little
@@ -37,6 +37,9 @@ to leave a lane, as some lane changes begin or end outside of the recording).
 """
 TURNED_OFF = 0.3
 """Heading [rad] against the lane from which on leaving it is turning off and not changing lane (our choice)."""
+
+BEGINS, ENDS = 20.0, 100.0
+"""Steps [m] along the road in which a path begins on which a drive is looked at, and in which its length grows."""
 
 MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 """What an object can be seen to do, in the order of `momentary`."""
@@ -104,9 +107,7 @@ def _leaves_lane(
     A lane change ends in another lane, oncoming or not, and runs along the one it leaves.
     """
     at = network.to_road(x[:1], y[:1], heading=heading[:1], z=None if z is None else z[:1])
-    driven = float(np.hypot(np.diff(x), np.diff(y)).sum())
-    length = 100.0 * math.ceil(driven / 100.0 + 0.2)  # in such steps drives of one scenario share their path
-    path = lane_path(network, str(at.road[0]), int(at.lane[0]), float(at.s[0]), length, behind=20.0)
+    path = _lane_ahead(network, at, float(np.hypot(np.diff(x), np.diff(y)).sum()))
     s, d = path.project(x, y)
     beyond = np.flatnonzero(np.abs(d) > np.interp(s, path.s, path.half_width))
     if not len(beyond):
@@ -120,3 +121,15 @@ def _leaves_lane(
     if turned[np.searchsorted(beyond, first)]:
         return first, ""
     return first, "lane_change_left" if d[first] > 0.0 else "lane_change_right"
+
+
+def _lane_ahead(network: RoadNetwork, at: RoadPositions, driven: float) -> Path:
+    """The lane of a position from a bit before it to a bit beyond a drive of so many metres.
+
+    It begins and ends in steps, so that drives of one scenario share it.
+    """
+    road, s = str(at.road[0]), float(at.s[0])
+    section = network.roads[road].sections[network.roads[road].section_index(s)]
+    begin = min(max(BEGINS * math.floor(s / BEGINS), section.start), section.end)
+    length = ENDS * math.ceil((driven + BEGINS) / ENDS + 0.2)
+    return lane_path(network, road, int(at.lane[0]), begin, length, behind=2.0 * BEGINS)

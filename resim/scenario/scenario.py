@@ -126,13 +126,18 @@ def heights_of(members: Sequence[ScenarioObject], t: Floats) -> Floats | None:
 
 
 def _traces(members: Sequence[ScenarioObject], network: RoadNetwork) -> tuple[Trace, ...]:
-    starts = [m.start for m in members]
+    places = zip(*_starts(tuple(m.start for m in members), network), members, strict=True)
+    return tuple(Trace(x0, y0, member.v, member.heading) for x0, y0, member in places)
+
+
+@lru_cache(maxsize=64)
+def _starts(starts: tuple[RoadPosition, ...], network: RoadNetwork) -> tuple[list[float], list[float]]:
+    """Where places are in the map, x and y [m]; kept, as drives are looked at several times."""
     x, y = network.to_xy(
         np.array([p.road for p in starts]), np.array([p.lane for p in starts]),
         np.array([p.s for p in starts]), np.array([p.t for p in starts]),
     )  # fmt: skip
-    places = zip(x.tolist(), y.tolist(), members, strict=True)
-    return tuple(Trace(x0, y0, member.v, member.heading) for x0, y0, member in places)
+    return x.tolist(), y.tolist()
 
 
 def _states(members: Sequence[ScenarioObject], network: RoadNetwork, t: Floats) -> Floats:

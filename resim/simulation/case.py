@@ -16,7 +16,8 @@ from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.jscen import jscen
 from resim.scenario.scenario import Scenario
-from resim.simulation.function.interface import Build, Perceived
+from resim.simulation.function.batch import PerceivedLists
+from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.model import VehicleModel
@@ -133,7 +134,7 @@ class SimulatedDrive:
 
     case: Case
     truth: Tracks
-    perceived: tuple[Perceived, ...]
+    perceived: PerceivedLists
     commands: Floats
     plans: tuple[tuple[float, Floats], ...]
     collisions: tuple[Collision, ...]
@@ -154,7 +155,7 @@ class SimulatedDrive:
         """
         left = ("time", "control_error", "traceback", "failure")
         values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in left}
-        values |= {"case": self.case.hash, "failed": bool(self.failure)}
+        values |= {"case": self.case.hash, "failed": bool(self.failure), "perceived": tuple(self.perceived)}
         return {name: _checksum(value).hexdigest()[:16] for name, value in values.items()}
 
     @property

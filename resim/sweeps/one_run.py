@@ -11,7 +11,7 @@ from resim.perception.model import PerceptionModel
 from resim.perception.runtime.sensor import Sensor
 from resim.recordings import Recording
 from resim.resimulation.assessed import AssessmentOptions
-from resim.resimulation.compute_outcome import seed_outcome
+from resim.resimulation.compute_outcome import seed_outcomes
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import PreparedRecording, Resimulation, ResimulationOptions
@@ -77,17 +77,17 @@ def run_together(
     """Give for each model and seed what `run_once` gives; the engine may drive them at once."""
     result = Resimulation(prepared.recording, build, options)
     sensed = [(None if model is None else Sensor(model), seed) for model, seed in runs]
-    return [
-        _came_to(prepared, one, seed) for one, (_, seed) in zip(runs_on_gt(result, sensed), runs, strict=True)
-    ]
+    done = [(one, seed) for one, (_, seed) in zip(runs_on_gt(result, sensed), runs, strict=True)]
+    how = AssessmentOptions(criteria=prepared.criteria, only=COMPARED, rate=RATE)
+    outcomes = seed_outcomes(done, how)
+    return [_came_to(prepared, *of, found) for of, found in zip(done, outcomes, strict=True)]
 
 
-def _came_to(prepared: PreparedRuns, result: Resimulation, seed: int) -> tuple[SimulatedDrive, Row]:
+def _came_to(
+    prepared: PreparedRuns, result: Resimulation, seed: int, found: DriveOutcome
+) -> tuple[SimulatedDrive, Row]:
     """The drive of a seed, and what it came to."""
     drive, _, pipe = result.of(seed)
-    found = seed_outcome(
-        result, seed, AssessmentOptions(criteria=prepared.criteria, only=COMPARED, rate=RATE)
-    )
     run = FinishedRun(drive, pipe, found, prepared.decision, prepared.reaction)
     row: dict[str, Cell] = {
         "end": drive.end,

@@ -11,7 +11,7 @@ from resim.recordings import Recording
 from resim.recordings.checked import finding_lines
 from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.assessments import assess_resimulation
-from resim.resimulation.compute_outcome import first_divergence, outcomes, seed_outcome
+from resim.resimulation.compute_outcome import first_divergence, outcomes, seed_outcomes
 from resim.resimulation.drive_outcome import DriveOutcome
 from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import Resimulation, ResimulationOptions, of_seed
@@ -99,4 +99,8 @@ def _runs(
     if result.perceiving is None:
         found = outcomes(result, assess_resimulation(result, how))
         return {None: (found["rGT"], result.drives["rGT"])}
-    return {seed: (seed_outcome(result, seed, how), result.drives[of_seed(seed)]) for seed in result.seeds}
+    outcomes_of = seed_outcomes([(result, seed) for seed in result.seeds], how)
+    return {
+        seed: (found, result.drives[of_seed(seed)])
+        for seed, found in zip(result.seeds, outcomes_of, strict=True)
+    }

@@ -12,7 +12,7 @@ from resim.core.errors import ResimError
 from resim.metrics.assessment import Assessment
 from resim.perception.runtime.sensor import Sensor
 from resim.resimulation.assessed import AssessmentOptions
-from resim.resimulation.compute_outcome import seed_outcome
+from resim.resimulation.compute_outcome import seed_outcomes
 from resim.resimulation.drive_outcome import Kpi
 from resim.resimulation.result import Resimulation
 from resim.resimulation.run import run_on_gt
@@ -54,7 +54,7 @@ def _unlike(result: Resimulation, measured: Mapping[str, Kpi], how: AssessmentOp
         bare = run_on_gt(bare, perception=None if seen is None else Sensor(seen.model), seed=seed)
     if any(drive.failure for drive in bare.drives.values()):
         return (FAILED,)
-    each = [seed_outcome(bare, seed, how).kpis for seed in bare.seeds]
+    each = [found.kpis for found in seed_outcomes([(bare, seed) for seed in bare.seeds], how)]
     out = []
     for name, kpi in measured.items():
         found = Counter(kpis[name].outcome if name in kpis else "INVALID" for kpis in each)

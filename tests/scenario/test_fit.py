@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from resim.scenario.fit import MIN_SEGMENT, TraceFit, fit_trace
+from resim.scenario.fit import TraceFit, fit_trace
+from resim.scenario.kernel import MIN_SEGMENT
 from resim.scenario.trace import Trace
 
 RATE = 25.0

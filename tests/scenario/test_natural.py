@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scipy.interpolate import CubicSpline
 
 from resim.scenario import kernel
 from resim.scenario.natural import natural_spline
 from resim.scenario.trace import STEP, Quadrature
+
+MEASURED, EVALUATED = kernel.Measured, kernel._evaluated
+NORMAL_EQUATIONS, NEAREST = kernel._normal_equations, kernel._nearest
+
+
+@njit
+def evaluated(measured, v, p_v, h, p_h, start, noise):
+    """What the compiled search sees of a candidate, and its normal equations without and with moves of knots."""
+    measured = MEASURED(*measured)
+    state = EVALUATED(measured, v, p_v, h, p_h, start, noise)
+    fixed, moving = NORMAL_EQUATIONS(measured, state, False), NORMAL_EQUATIONS(measured, state, True)
+    seen = state.direction, state.motion, state.off, state.mean
+    return seen, (state.heading_off, state.v_bend, state.heading_bend), state.cost, fixed, moving
+
+
+@njit
+def nearest(measured, knots, ridge_bend, ridge):
+    return NEAREST(MEASURED(*measured), knots, ridge_bend, ridge)
+
 
 GAPS = st.lists(st.floats(0.1, 3.0), min_size=1, max_size=12)
 SEED = st.integers(0, 2**31)
@@ -25,6 +47,12 @@ def test_it_is_scipys_natural_spline(gaps: list[float], seed: int) -> None:
     expected = CubicSpline(knots, values, bc_type="natural")
     np.testing.assert_allclose(kernel.second(knots, values), expected(knots, 2), atol=1e-7)
     np.testing.assert_allclose(natural_spline(knots, values)(nodes), expected(nodes), atol=1e-9)
+
+
+def test_a_search_does_not_depend_on_what_multiplies_matrices() -> None:
+    """The kernel of the fit calls no library of matrices, whose sums depend on processor and threads."""
+    source = inspect.getsource(kernel)
+    assert not any(word in source for word in ("np.dot", "np.linalg", "@ ", "np.matmul"))
 
 
 def residual(t, rule, v, p_v, h, p_h, start, weights):
@@ -62,7 +90,8 @@ def test_the_normal_equations_are_those_of_numeric_differences(
     t[0] = v[0]
     rule = Quadrature.over(float(t[0]), t)
     p_v, p_h = rng.normal(10.0, 2.0, len(v)), rng.normal(0.0, 0.5, len(h))
-    weights = (0.3, 0.01, 0.02)
+    noise = 0.1
+    weights = (noise / kernel.HEADING_OFF, noise / kernel.BEND_V, noise / kernel.BEND_HEADING)
     args = (t, rule, v, p_v, h, p_h, 3.0 - 2.0j, weights)
     off = residual(*args)
     size = len(t)
@@ -90,15 +119,13 @@ def test_the_normal_equations_are_those_of_numeric_differences(
     jacobian[np.ix_(knot_times, bends)] = 0.0  # what the prior says of second derivatives is held there
     nothing = np.zeros(size)
     measured = (t, nothing + 0j, nothing, nothing, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
-    found = kernel.evaluate(measured, v, p_v, h, p_h, 3.0 - 2.0j, *weights)
-    direction, motion, places, mean, *rest, cost = found
+    seen, rest, cost, *equations = evaluated(measured, v, p_v, h, p_h, 3.0 - 2.0j, noise)
+    _, _, places, mean = seen
     np.testing.assert_allclose(places, off[:size] + 1j * off[size : 2 * size], rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(np.concatenate(rest), off[2 * size :], rtol=1e-7, atol=1e-6)
     assert cost == pytest.approx(off @ off)
     assert mean == pytest.approx(np.abs(places).mean())
-    normal, gradient = kernel.normal_equations(
-        measured, v, p_v, h, p_h, direction, motion, places, *rest, *weights, move
-    )
+    normal, gradient = equations[move]
     expected = jacobian @ jacobian.T
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-6
     assert np.abs((normal - expected) / scale).max() < 1e-4
@@ -114,10 +141,8 @@ def test_what_lies_beyond_the_reach_and_in_other_windows_is_there() -> None:
     p_v, p_h = rng.normal(10.0, 2.0, 81), rng.normal(0.0, 0.3, 81)
     nothing = np.zeros(len(t))
     measured = (t, nothing + 0j, nothing, nothing, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
-    found = kernel.evaluate(measured, knots, p_v, knots, p_h, 0j, 0.0, 0.0, 0.0)
-    direction, motion, off, _, *rest, _ = found
-    normal, gradient = kernel.normal_equations(
-        measured, knots, p_v, knots, p_h, direction, motion, off, *rest, 0.0, 0.0, 0.0, False
+    (direction, motion, off, _), _, _, (normal, gradient), _ = evaluated(
+        measured, knots, p_v, knots, p_h, 0j, 0.0
     )
     basis = CubicSpline(knots, np.eye(81), bc_type="natural")(rule.nodes).T
     rows = np.vstack(
@@ -137,7 +162,10 @@ def test_the_start_is_the_spline_nearest_to_the_samples(begin: float, step: floa
     rule = Quadrature.over(float(t[0]), t)
     v, heading = 10.0 + np.sin(0.3 * (t - begin)), 0.1 * np.cos(0.2 * (t - begin))
     measured = (t, v + 0j, heading, v, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
-    found = [np.linalg.solve(*kernel.start(measured, knots, 1e-9, 1e-9)) for _ in range(5)]
+    found = []
+    for _ in range(5):
+        matrix, right = nearest(measured, knots, 1e-9, 1e-9)
+        found.append(np.linalg.solve(matrix, right.T))
     assert all(np.array_equal(one, found[0]) for one in found)
     basis = CubicSpline(knots - begin, np.eye(25), bc_type="natural")(t - begin)
     expected = np.linalg.lstsq(basis, np.column_stack([v, heading]), rcond=None)[0]

@@ -18,7 +18,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
-from resim.scenario.fit import GAIN, MIN_SEGMENT, fit_trace
+from resim.scenario.fit import GAIN, fit_trace
+from resim.scenario.kernel import MIN_SEGMENT
 
 
 def cut_in_and_brake(noise: float, *, seed: int = 0) -> tuple[np.ndarray, ...]:

@@ -27,6 +27,7 @@ RISK = MeasureDefinition(
     source="Wagner 2021, chapter 4, Eq. 4.10",
     meaning="accident risk, 0 to 1",
     of=lambda inputs: risk(inputs),
+    by_scene=True,
     unseen=lambda absent: absent.contact(1.0),
     whom=_riskiest,
 )

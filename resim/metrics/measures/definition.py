@@ -10,11 +10,13 @@ from resim.core.geometry import Floats
 from resim.metrics.measures.values import MeasureValues, States, WorstEnd
 
 if TYPE_CHECKING:
+    from resim.core.tracks import Tracks
     from resim.metrics.doubts.absent import AbsentObject
     from resim.metrics.drive import DriveScenes
     from resim.metrics.measures.horizon import LookAhead
     from resim.metrics.measures.inputs import MeasureInputs
     from resim.metrics.risk import Risk
+    from resim.road.opendrive import RoadNetwork
 
 Kind = Literal["functional", "quantitative", "legal"]
 """functional: what the function and its perception did; quantitative: how near, how hard, how risky; legal: what rules
@@ -44,7 +46,10 @@ class MeasureDefinition:
     """A measure as it is registered, in the module of its function.
 
     worst: which end is the worse one. source: paper and equation or section, or the rule. meaning: what it is, in a
-    few words. of: gives its values, (S,) of the EGO or the whole scene, or (S, K) of the EGO with each object.
+    few words. of: gives its values, (S,) of the EGO or the whole scene, or (S, K) of the EGO with each object; or own:
+    gives (N, T) of the tracks of N EGOs, where nothing else is asked for. by_scene: what it is in a scene follows from
+    the `Scenes` of that scene alone. Both can be computed for several drives at once. made_of: measures that it asks
+    for.
 
     The rest is for criteria. alone: it is of the EGO alone, whoever else is there. needs: how far ahead a limit asks to
     look, None where that is never farther than usual. open_beyond: how bad (S, 1) it can still be where there is
@@ -59,12 +64,22 @@ class MeasureDefinition:
     kind: Kind
     source: str
     meaning: str
-    of: Callable[[MeasureInputs], MeasureValues]
+    of: Callable[[MeasureInputs], MeasureValues] | None = None
+    own: Callable[[Tracks, RoadNetwork], MeasureValues] | None = None
+    by_scene: bool = False
+    made_of: tuple[str, ...] = ()
     alone: bool = False
     needs: Callable[[MeasureInputs, float], LookAhead] | None = None
     open_beyond: Callable[[MeasureInputs], Floats] | None = None
     unseen: Callable[[AbsentObject], Floats] | None = None
     whom: Callable[[DriveDangers, int], str] | None = None
+
+    def compute(self, inputs: MeasureInputs) -> MeasureValues:
+        """Give its values in a drive."""
+        if self.own is not None:
+            return self.own(inputs.drive.own, inputs.network).track()
+        assert self.of is not None
+        return self.of(inputs)
 
     def values(self, value: Floats, state: States) -> MeasureValues:
         """Give values of this measure, of any shape; state: see `State`."""

@@ -24,7 +24,7 @@ LONGITUDINAL_ACCELERATION = MeasureDefinition(
     kind="quantitative",
     source="ISO 15622 (adaptive cruise control), which limits it",
     meaning="of the EGO; forward is positive",
-    of=lambda inputs: longitudinal_acceleration(inputs.drive.own).track(),
+    own=lambda tracks, network: longitudinal_acceleration(tracks),
     alone=True,
 )
 
@@ -46,7 +46,7 @@ LATERAL_ACCELERATION = MeasureDefinition(
     kind="quantitative",
     source="UN regulation 79 (steering), which limits it",
     meaning="of the EGO; left is positive",
-    of=lambda inputs: lateral_acceleration(inputs.drive.own).track(),
+    own=lambda tracks, network: lateral_acceleration(tracks),
     alone=True,
 )
 
@@ -66,7 +66,7 @@ LONGITUDINAL_JERK = MeasureDefinition(
     kind="quantitative",
     source="ISO 15622 (adaptive cruise control), which limits it",
     meaning="of the EGO; forward is positive",
-    of=lambda inputs: longitudinal_jerk(inputs.drive.own).track(),
+    own=lambda tracks, network: longitudinal_jerk(tracks),
     alone=True,
 )
 
@@ -87,7 +87,7 @@ LATERAL_JERK = MeasureDefinition(
     kind="quantitative",
     source="UN regulation 79 (steering), which limits it",
     meaning="of the EGO; left is positive",
-    of=lambda inputs: lateral_jerk(inputs.drive.own).track(),
+    own=lambda tracks, network: lateral_jerk(tracks),
     alone=True,
 )
 

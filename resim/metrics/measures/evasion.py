@@ -32,6 +32,7 @@ TTB = MeasureDefinition(
     source="Hillenbrand 2006; Wagner 2021, 3.2.3.1",
     meaning="time to brake: latest start of full braking that still avoids the collision",
     of=lambda inputs: ttb(inputs.pairs, inputs.parameters),
+    by_scene=True,
     open_beyond=later_braked,
     unseen=lambda absent: absent.contact(0.0),
 )
@@ -56,6 +57,7 @@ TTK = MeasureDefinition(
     source="Hillenbrand 2006; Wagner 2021, 3.2.3.1",
     meaning="time to kickdown: the same for full acceleration",
     of=lambda inputs: ttk(inputs.pairs, inputs.parameters),
+    by_scene=True,
     open_beyond=later,
     unseen=lambda absent: absent.contact(0.0),
 )
@@ -74,6 +76,7 @@ TTS = MeasureDefinition(
     source="Hillenbrand 2006; Wagner 2021, 3.2.3.1",
     meaning="time to steer: the same for full steering to the better side",
     of=lambda inputs: tts(inputs.pairs, inputs.parameters),
+    by_scene=True,
     open_beyond=later,
     unseen=lambda absent: absent.contact(0.0),
 )
@@ -95,6 +98,8 @@ TTR = MeasureDefinition(
     source="Wagner 2021, Eq. 3.6",
     meaning="time to react: the largest of TTB, TTK and TTS",
     of=lambda inputs: longest(*map(inputs.measure, ("TTB", "TTK", "TTS"))),
+    made_of=("TTB", "TTK", "TTS"),
+    by_scene=True,
     open_beyond=later_braked,
     unseen=lambda absent: absent.contact(0.0),
 )
@@ -182,6 +187,7 @@ DRAC = MeasureDefinition(
     source="Cooper and Ferguson 1976",
     meaning="least constant deceleration of the EGO that avoids a crash",
     of=lambda inputs: drac(inputs.pairs),
+    by_scene=True,
     needs=lambda inputs, limit: for_time(inputs, 0.5 * fastest(inputs) / limit if limit > 0.0 else np.inf),
     open_beyond=lambda inputs: 0.5 * speed(inputs) / inputs.seen.horizon,
     unseen=lambda absent: absent.at_worst(np.inf, np.isfinite(absent.touches("goes on", steady=True))),

@@ -12,7 +12,7 @@ from resim.core.geometry import Floats, to_frame, wrap_angle
 from resim.metrics.measures import motion
 from resim.metrics.measures.contact import first_contact
 from resim.metrics.measures.definition import MeasureDefinition
-from resim.metrics.measures.horizon import RANGE, fastest, for_way, speed
+from resim.metrics.measures.horizon import FARTHEST, RANGE, fastest, for_way, speed
 from resim.metrics.measures.pairs import CompletePairs, Pairs
 from resim.metrics.measures.values import MeasureValues, State, States, stated
 
@@ -33,6 +33,7 @@ GAP_AHEAD = MeasureDefinition(
     source="the distance d of TTC and THW (Wagner 2021, Eq. 3.2 and 3.5)",
     meaning="gap along the EGO's path to the object's box",
     of=lambda inputs: gap_ahead(inputs.pairs, reach=inputs.seen.reach),
+    by_scene=True,
     needs=for_way,
     open_beyond=lambda inputs: inputs.seen.reach + 0.0 * speed(inputs),
     unseen=lambda absent: np.where(np.isfinite(gap := absent.gap()), gap, np.nan),
@@ -73,6 +74,7 @@ HALF_SPEEDOMETER = MeasureDefinition(
     source="Kaefer 2022, Eq. 4.1; case law to section 4 of the German road traffic act",
     meaning="gap beyond the least distance (half the speedometer reading); negative is too near",
     of=lambda inputs: half_speedometer(inputs.pairs, reach=inputs.seen.reach),
+    by_scene=True,
     needs=lambda inputs, limit: for_way(inputs, limit + 0.5 * KMH * fastest(inputs)),
     open_beyond=lambda inputs: inputs.seen.reach - 0.5 * KMH * speed(inputs),
     unseen=lambda absent: _spare(absent),
@@ -93,9 +95,11 @@ def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE)
     """
     v = np.maximum(pairs.plan[:, 0, 3], 0.0)
     least = v if urban else 0.5 * KMH * v
-    gap = gap_ahead(pairs, reach=float(np.nanmax(least, initial=reach)))
-    spare = gap.value - least[:, None]
-    return HALF_SPEEDOMETER.values(spare, gap.state)
+    gap = gap_ahead(pairs, reach=reach)
+    if (fast := np.flatnonzero(least > reach)).size:
+        farther = gap_ahead(pairs.scenes(fast), reach=max(reach, FARTHEST))
+        gap.value[fast], gap.state[fast] = farther.value, farther.state
+    return HALF_SPEEDOMETER.values(gap.value - least[:, None], gap.state)
 
 
 TAILGATING = MeasureDefinition(
@@ -108,6 +112,7 @@ TAILGATING = MeasureDefinition(
     of=lambda inputs: tailgating(
         inputs.drive.t, inputs.drive.scenes.plan[:, 0, 3], inputs.measure("half speedometer")
     ),
+    made_of=("half speedometer",),
     unseen=lambda absent: absent.at_worst(np.inf, _spare(absent) < 0.0),
 )
 
@@ -142,6 +147,7 @@ OVERTAKING_RIGHT = MeasureDefinition(
     source="German road traffic act, section 5 (1)",
     meaning="how much faster the EGO passes an object on the right",
     of=lambda inputs: overtaking_right(inputs.pairs),
+    by_scene=True,
     unseen=lambda absent: absent.at_worst(np.inf, absent.now() <= BESIDE),
 )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from resim.metrics.drive import DriveScenes
+from resim.core.tracks import Tracks
+from resim.metrics.drive import DriveScenes, joined
 from resim.metrics.measures.collision import contacts
 from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.functional import FunctionActivity
@@ -25,7 +27,7 @@ class MeasureInputs:
     """What measures are computed from: the drive, its road, and what function and perception did, if known.
 
     hits: when [s] the EGO's box touched whose (`contacts`), if that is known finer than by scenes. own: the user's own
-    measures. seen: how far is looked ahead.
+    measures. seen: how far is looked ahead. found: the accident risk, if it is known.
     """
 
     drive: DriveScenes
@@ -35,6 +37,7 @@ class MeasureInputs:
     hits: tuple[tuple[float, str], ...] | None = None
     own: tuple[MeasureDefinition, ...] = ()
     farther: LookAhead | None = None
+    found: Risk | None = None
     _known: dict[str, MeasureValues] = field(default_factory=dict)
     _looking: dict[LookAhead, MeasureInputs] = field(default_factory=dict)
 
@@ -50,7 +53,7 @@ class MeasureInputs:
     def measure(self, name: str) -> MeasureValues:
         """Give the values of a measure by its name; computed once."""
         if name not in self._known:
-            self._known[name] = self.definition(name).of(self)
+            self._known[name] = self.definition(name).compute(self)
         return self._known[name]
 
     def judged(self, name: str, side: str, limit: float) -> tuple[MeasureValues, LookAhead]:
@@ -105,4 +108,72 @@ class MeasureInputs:
     @cached_property
     def risk(self) -> Risk:
         """The accident risk of each scene."""
-        return self.drive.risk(self.parameters)
+        return self.drive.risk(self.parameters) if self.found is None else self.found
+
+
+def look_together(drives: Sequence[MeasureInputs], names: Iterable[str]) -> list[MeasureInputs]:
+    """Give the inputs of drives on one map with those of these measures known that can be computed for all at once.
+
+    They are what they are alone, to the bit, and so is the risk. Where the drives do not have the same objects they are
+    left as they are.
+    """
+    one = drives[0]
+    if len(drives) == 1 or not all(_are_alike(one, other) for other in drives[1:]):
+        return list(drives)
+    asked = [one.definition(name) for name in names]
+    every = [*asked, *(one.definition(name) for measure in asked for name in measure.made_of)]
+    risks, known = _of_scenes(drives, [measure.name for measure in every if measure.by_scene])
+    for measure in every:
+        if measure.own is not None:
+            for mine, values in zip(known, _of_own(drives, measure.own), strict=True):
+                mine[measure.name] = values
+    return [
+        replace(each, found=risk, _known=mine, _looking={})
+        for each, risk, mine in zip(drives, risks, known, strict=True)
+    ]
+
+
+def _of_scenes(
+    drives: Sequence[MeasureInputs], names: Sequence[str]
+) -> tuple[list[Risk], list[dict[str, MeasureValues]]]:
+    """The risk and these measures of each drive, computed for the scenes of all."""
+    every = replace(drives[0], drive=joined([each.drive for each in drives]), _known={}, _looking={})
+    ends = np.cumsum([len(each.drive.t) for each in drives]).tolist()
+    parts = [slice(end - len(each.drive.t), end) for each, end in zip(drives, ends, strict=True)]
+    found = {name: every.measure(name) for name in names}
+    known = [{name: values.scenes(part) for name, values in found.items()} for part in parts]
+    return [every.risk.scenes(part) for part in parts], known
+
+
+def _of_own(
+    drives: Sequence[MeasureInputs], own: Callable[[Tracks, RoadNetwork], MeasureValues]
+) -> list[MeasureValues]:
+    """A measure of the EGO's track of each drive, computed for all that have the same times."""
+    alike = dict[object, list[int]]()
+    for n, each in enumerate(drives):
+        alike.setdefault((each.drive.t.tobytes(), each.drive.own.z is None), []).append(n)
+    out = dict[int, MeasureValues]()
+    for rows in alike.values():
+        tracks = _stacked(tuple(drives[n].drive.own for n in rows))
+        found = own(tracks, drives[0].network)
+        out |= {n: found.track(row) for row, n in enumerate(rows)}
+    return [out[n] for n in range(len(drives))]
+
+
+@lru_cache(maxsize=8)
+def _stacked(tracks: tuple[Tracks, ...]) -> Tracks:
+    """Give tracks of one object each, at the same times, as those of as many objects; their ids are numbers.
+
+    Kept, for the next measure of the same drives.
+    """
+    named = [replace(one, ids=np.array([str(n)])) for n, one in enumerate(tracks)]
+    return Tracks.concatenate(named)
+
+
+def _are_alike(one: MeasureInputs, other: MeasureInputs) -> bool:
+    """Whether two drives have the same objects, and are looked at in the same way."""
+    a, b = one.drive, other.drive
+    return (
+        a.ids == b.ids and a.scenes.plan.shape[1:] == b.scenes.plan.shape[1:] and one.parameters == other.parameters
+        and a.scenes.ways is None and b.scenes.ways is None
+    )  # fmt: skip

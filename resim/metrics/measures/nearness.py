@@ -27,6 +27,7 @@ PMD = MeasureDefinition(
     source="Wagner 2021, 3.2.3.1",
     meaning="predicted minimum distance between both boxes",
     of=lambda inputs: pmd(inputs.pairs),
+    by_scene=True,
     unseen=lambda absent: absent.apart(),
 )
 
@@ -49,6 +50,7 @@ TPMD = MeasureDefinition(
     source="Wagner 2021, 3.2.3.1",
     meaning="time until that distance is reached",
     of=lambda inputs: tpmd(inputs.pairs),
+    by_scene=True,
     unseen=lambda absent: absent.contact(0.0),
 )
 

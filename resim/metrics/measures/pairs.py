@@ -116,6 +116,14 @@ class Pairs:
         """Give the pairs of risk scenes whose plan has this step [s]."""
         return cls(scenes.plan, scenes.ego_size, scenes.state, scenes.size, step, horizon)
 
+    def scenes(self, rows: Rows) -> Pairs:
+        """Give those of some scenes."""
+        path = None if self.path is None else self.path[rows]
+        return replace(
+            self, plan=self.plan[rows], ego_size=self.ego_size[rows], state=self.state[rows], size=self.size[rows],
+            path=path,
+        )  # fmt: skip
+
     @property
     def span(self) -> float:
         """The horizon [s]."""

@@ -19,7 +19,7 @@ SPEED_OVER_LIMIT = MeasureDefinition(
     kind="legal",
     source="the map's limit (ASAM OpenDRIVE: road type and lane speed)",
     meaning="speed above the map's limit; negative is below it",
-    of=lambda inputs: speed_over_limit(inputs.drive.own, inputs.network).track(),
+    own=lambda tracks, network: speed_over_limit(tracks, network),
     alone=True,
 )
 
@@ -42,7 +42,7 @@ LANE_OVERHANG = MeasureDefinition(
     kind="legal",
     source="German road traffic act, section 7 (lanes)",
     meaning="how far the box reaches over its lane's border",
-    of=lambda inputs: lane_overhang(inputs.drive.own, inputs.network).track(),
+    own=lambda tracks, network: lane_overhang(tracks, network),
     alone=True,
 )
 
@@ -69,7 +69,7 @@ OFF_ROAD = MeasureDefinition(
     kind="legal",
     source="German road traffic act, section 2 (1) (carriageways)",
     meaning="corners of the box that are on no lane for vehicles",
-    of=lambda inputs: off_road(inputs.drive.own, inputs.network).track(),
+    own=lambda tracks, network: off_road(tracks, network),
     alone=True,
 )
 

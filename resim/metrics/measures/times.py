@@ -20,6 +20,7 @@ TTC = MeasureDefinition(
     source="Hayward 1972; Wagner 2021, Eq. 3.2",
     meaning="time to collision: first contact of both boxes at present speeds",
     of=lambda inputs: ttc(inputs.pairs),
+    by_scene=True,
     needs=for_time,
     open_beyond=later,
     unseen=lambda absent: absent.time("goes on", steady=True),
@@ -49,6 +50,7 @@ ETTC = MeasureDefinition(
     source="Wagner 2021, Eq. 3.4",
     meaning="enhanced TTC: the same with accelerations",
     of=lambda inputs: ettc(inputs.pairs),
+    by_scene=True,
     open_beyond=later,
     unseen=lambda absent: absent.time("anything"),
 )
@@ -83,6 +85,7 @@ THW = MeasureDefinition(
     source="Wagner 2021, Eq. 3.5",
     meaning="time headway: until the EGO's box is where the object's box is now",
     of=lambda inputs: thw(inputs.pairs),
+    by_scene=True,
     needs=for_time,
     open_beyond=later,
     unseen=lambda absent: np.where(absent.v > 0.0, absent.time("stays", steady=True), np.nan),

@@ -70,6 +70,10 @@ class MeasureValues:
         """Give those of one track (T,), of many (N, T)."""
         return replace(self, value=self.value[row], state=self.state[row])
 
+    def scenes(self, part: slice) -> MeasureValues:
+        """Give those of some scenes, of many (S, ...)."""
+        return replace(self, value=self.value[part], state=self.state[part])
+
     def count(self, state: State) -> int:
         """Give how many entries are in this state."""
         return int((self.state == state).sum())

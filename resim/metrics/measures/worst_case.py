@@ -41,6 +41,7 @@ WTTC = MeasureDefinition(
     source="Wachenfeld et al. 2016, Eq. 5; Wagner 2021, 3.2.3.1",
     meaning="worst time to collision: earliest contact of any drivable motions of both",
     of=lambda inputs: wttc(inputs.pairs),
+    by_scene=True,
     needs=for_time,
     open_beyond=later,
     unseen=lambda absent: absent.time("anything", strays=2.0 * FRICTION * GRAVITY),
@@ -66,6 +67,7 @@ WTTR = MeasureDefinition(
     source="Wagner 2021, 4.2.1",
     meaning="worst TTR over the samples of the risk's prediction",
     of=lambda inputs: wttr(inputs.drive.scenes, inputs.risk, inputs.parameters),
+    by_scene=True,
     open_beyond=lambda inputs: np.maximum(later_braked(inputs) - inputs.parameters.step, 0.0),
     unseen=lambda absent: absent.contact(0.0),
 )

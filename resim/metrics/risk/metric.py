@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -113,6 +113,10 @@ class Risk:
     collision: Floats
     ttc: Floats
     ttr: Floats
+
+    def scenes(self, part: slice) -> Risk:
+        """Give that of some scenes."""
+        return Risk(*(getattr(self, one.name)[part] for one in fields(self)))
 
 
 @lru_cache(maxsize=16)

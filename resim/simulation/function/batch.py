@@ -64,6 +64,47 @@ class PerceivedBatch:
         )  # fmt: skip
 
 
+class PerceivedLists(Sequence[Perceived]):
+    """The lists of one run, in order of time."""
+
+    def __init__(self, lists: Sequence[Perceived]) -> None:
+        self._lists = lists
+
+    def __len__(self) -> int:
+        return len(self._lists)
+
+    def __getitem__(self, k: Any) -> Any:
+        return self._lists[k]
+
+    def columns(self) -> tuple[Floats, Integers, Strings]:
+        """Give times (L,) [s] of the lists, how many objects each has (L,), and the ids of all, list by list."""
+        count = np.array([len(p.ids) for p in self._lists], dtype=np.intp)
+        ids = np.concatenate([np.empty(0, dtype=str), *(p.ids for p in self._lists)])
+        return np.array([p.t for p in self._lists]), count, ids
+
+
+class ListsOfBatch(PerceivedLists):
+    """Those of run b of several: each is made when it is asked for."""
+
+    def __init__(self, batches: Sequence[PerceivedBatch], b: int) -> None:
+        self._batches, self._b = batches, b
+
+    def __len__(self) -> int:
+        return len(self._batches)
+
+    def __getitem__(self, k: Any) -> Any:
+        if isinstance(k, slice):
+            return tuple(batch.of(self._b) for batch in self._batches[k])
+        return self._batches[k].of(self._b)
+
+    def columns(self) -> tuple[Floats, Integers, Strings]:
+        """Give what `PerceivedLists.columns` gives."""
+        b, count = self._b, np.array([p.count[self._b] for p in self._batches], dtype=np.intp)
+        listed = (p.ids[b, :n] for p, n in zip(self._batches, count.tolist(), strict=True))
+        ids = np.concatenate([np.empty(0, dtype=str), *listed])
+        return np.array([p.t for p in self._batches]), count, ids
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CommandBatch:
     """What the functions of B runs answer: acceleration [m/s²] and curvature [1/m, left positive] (B,), and their plans

@@ -13,7 +13,13 @@ from resim.core.geometry import Floats, constant
 from resim.core.plugins.descendants import end_strays
 from resim.core.plugins.loading import LOAD_LIMIT
 from resim.core.plugins.watchdog import Watchdog
-from resim.simulation.function.batch import BatchFunction, CommandBatch, PerceivedBatch
+from resim.simulation.function.batch import (
+    BatchFunction,
+    CommandBatch,
+    ListsOfBatch,
+    PerceivedBatch,
+    PerceivedLists,
+)
 from resim.simulation.function.interface import (
     AdFunction,
     Build,
@@ -65,9 +71,9 @@ class Driver:
         )
         return answer
 
-    def seen(self, b: int, until: float) -> tuple[Perceived, ...]:
+    def seen(self, b: int, until: float) -> PerceivedLists:
         """Give what it saw until then [s]."""
-        return tuple(p for p in self._seen if p.t <= until)
+        return PerceivedLists(tuple(p for p in self._seen if p.t <= until))
 
     def plans(self, b: int, until: float) -> tuple[tuple[float, Floats], ...]:
         """Give when [s] it made which plans until then."""
@@ -156,9 +162,9 @@ class BatchDriver:
             self._seen.append(perceived)
         return out
 
-    def seen(self, b: int, until: float) -> tuple[Perceived, ...]:
+    def seen(self, b: int, until: float) -> PerceivedLists:
         """Give what the function of a run saw until then [s]."""
-        return tuple(p.of(b) for p in self._seen if p.t <= until)
+        return ListsOfBatch([p for p in self._seen if p.t <= until], b)
 
     def plans(self, b: int, until: float) -> tuple[tuple[float, Floats], ...]:
         """Give when [s] the function of a run made which plans until then."""
