@@ -68,7 +68,7 @@ def _place(a, b, f, tangents, beyond, out):
 
 @compiled
 def _turned(path, out):
-    """Put into out (M + 1, 5) x, y, heading of a path (M + 1, 4), and its heading's cosine and sine."""
+    """Put into out (M + 1, 5 or more) x, y, heading of a path (M + 1, 4), and its heading's cosine and sine."""
     for j in range(len(path)):
         out[j, 0], out[j, 1], out[j, 2] = path[j, 0], path[j, 1], path[j, 2]
         out[j, 3], out[j, 4] = math.cos(path[j, 2]), math.sin(path[j, 2])
@@ -122,18 +122,28 @@ def straight(state, t):
 
 
 @entry
-def sample(path, step, t):
-    """See `motion.sample`."""
-    last = path.shape[1] - 1
-    out, turned = np.empty((*t.shape, 4)), np.empty((last + 1, 5))
+def turned(path):
+    """Give paths (P, M + 1, 4) as (P, M + 1, 6): x, y, heading, its cosine and sine, v."""
+    out = np.empty((path.shape[0], path.shape[1], 6))
+    for p in range(path.shape[0]):
+        _turned(path[p], out[p])
+        out[p, :, 5] = path[p, :, 3]
+    return out
+
+
+@entry
+def sample(turned, rows, step, t):
+    """See `motion.sample`, of the paths in these rows (P,) of `turned`."""
+    last = turned.shape[1] - 1
+    out = np.empty((*t.shape, 4))
     for p in range(t.shape[0]):
-        _turned(path[p], turned)
+        path = turned[rows[p]]
         for n in range(t.shape[1]):
             at = t[p, n] / step
             j = min(max(int(at), 0), last - 1)
-            one, two = path[p, j, 3], path[p, j + 1, 3]
+            one, two = path[j, 5], path[j + 1, 5]
             f, beyond = _share(at - j), _above(t[p, n] - last * step) * two
-            _place(turned[j], turned[j + 1], f, (one * step, two * step), beyond, out[p, n])
+            _place(path[j], path[j + 1], f, (one * step, two * step), beyond, out[p, n])
             out[p, n, 3] = one + f * (two - one)
     return out
 
@@ -308,12 +318,13 @@ def distance(a, b, size_a, size_b):
     """See `contact.distance`."""
     out = np.empty(a.shape[:2])
     for p in range(a.shape[0]):
+        reach = 0.5 * (math.hypot(size_a[p, 0], size_a[p, 1]) + math.hypot(size_b[p, 0], size_b[p, 1])) + 1e-6
         for n in range(a.shape[1]):
             one, two = a[p, n], b[p, n]
-            if _overlap(one, two, size_a[p], size_b[p]):
+            dx, dy, turn = one[0] - two[0], one[1] - two[1], one[2] - two[2]
+            if dx * dx + dy * dy <= reach * reach and _overlap(one, two, size_a[p], size_b[p]):
                 out[p, n] = 0.0
                 continue
-            dx, dy, turn = one[0] - two[0], one[1] - two[1], one[2] - two[2]
             square = min(
                 _corner_to_box(dx, dy, two[2], turn, size_a[p], size_b[p]),
                 _corner_to_box(-dx, -dy, one[2], -turn, size_b[p], size_a[p]),

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
+
+Rows = NDArray[np.intp]
 
 
 def ctra(state: Floats, t: Floats) -> Floats:
@@ -35,12 +38,28 @@ def _hermite(f: Floats, p0: Floats, m0: Floats, p1: Floats, m1: Floats) -> Float
 
 def sample(path: Floats, step: float, t: Floats) -> Floats:
     """Give a sampled path (P, M + 1, 4) at times t (P, N) s, by cubic Hermite; after its end straight on."""
+    if len(path) != len(t):
+        raise ValueError(f"pairs do not match: {path.shape}, {t.shape}")
+    return sample_rows(turned(path), np.arange(len(path)), step, t)
+
+
+def turned(path: Floats) -> Floats:
+    """Give sampled paths (P, M + 1, 4) as `sample_rows` takes them, with what takes long in it done."""
     # compiled: numba is imported where it is used only
     from resim.metrics.measures import kernel
 
-    path, t = kernel.plain(path, t)
     _has_length(path)
-    return np.asarray(kernel.sample(path, step, t))
+    return np.asarray(kernel.turned(*kernel.plain(path)))
+
+
+def sample_rows(turned: Floats, rows: Rows, step: float, t: Floats) -> Floats:
+    """Give paths at times t (P, N) s, as `sample`, each that in its row (P,) of what `turned` gives."""
+    from resim.metrics.measures import kernel
+
+    if len(rows) != len(t) or (len(rows) and not 0 <= rows.min() <= rows.max() < len(turned)):
+        raise ValueError(f"pairs do not match: {rows.shape} of {turned.shape}, {t.shape}")
+    times = np.require(t, float, ("C", "W"))
+    return np.asarray(kernel.sample(turned, np.require(rows, np.intp, ("C", "W")), step, times))
 
 
 def way(path: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
 from resim.metrics.measures import motion
-from resim.metrics.measures.contact import Rows
+from resim.metrics.measures.contact import Rows, first_contact
 from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.values import MeasureValues, State, States
 from resim.metrics.risk import Scenes
@@ -62,7 +62,7 @@ class CompletePairs:
 
     def planned(self, t: Floats) -> Floats:
         """Give the EGO's plan (P, N, 4) at t (P, N)."""
-        return motion.sample(self.plan, self.step, t)
+        return motion.sample_rows(self.every.turned_plan, self.scene, self.step, t)
 
     @property
     def steady(self) -> Floats:
@@ -73,7 +73,8 @@ class CompletePairs:
         """Give the objects (P, N, 4): their driven path if it is known, else acceleration and yaw rate kept."""
         if self.path is None:
             return motion.ctra(self.state, t)
-        return motion.sample(self.path, self.step, t)
+        rows = self.scene * self.every.state.shape[1] + self.column
+        return motion.sample_rows(self.every.turned_path, rows, self.step, t)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +137,28 @@ class Pairs:
         pace = np.repeat(np.abs(self.plan[:, 0, 3, None]), n + 1, axis=1)
         return motion.along(self.plan, pace * (np.arange(n + 1) * (self.span / n)), pace)
 
+    @cached_property
+    def turned_plan(self) -> Floats:
+        """The EGO's plans as `motion.sample_rows` takes them."""
+        return motion.turned(self.plan)
+
+    @cached_property
+    def turned_path(self) -> Floats:
+        """The objects' driven paths, scene by scene, as `motion.sample_rows` takes them."""
+        assert self.path is not None
+        return motion.turned(self.path.reshape(-1, *self.path.shape[2:]))
+
+    @cached_property
+    def contact(self) -> Floats:
+        """The first contact (S, K) [s] of the EGO's plan with the expected motion of each object, inf for none.
+
+        NaN of pairs that are not complete.
+        """
+        out = np.full(self.state.shape[:2], np.nan)
+        for p in self.complete_pairs():
+            out[p.scene, p.column] = first_contact(p.planned(p.t), p.expected(p.t), p.h, p.ego_size, p.size)
+        return out
+
     @property
     def going(self) -> Floats:
         """The EGO (S, N + 1, 4) as planned over the horizon, straight on after the plan's end."""
@@ -178,14 +201,17 @@ class Pairs:
         """
         shape = self.state.shape[:2]
         value, state = np.full(shape, np.nan), np.full(shape, State.NOT_COMPUTED, dtype=np.uint8)
+        for p in self.complete_pairs(columns):
+            value[p.scene, p.column], state[p.scene, p.column] = of(p)
+        return measure.values(value, state)
+
+    def complete_pairs(self, columns: int = 6) -> Iterator[CompletePairs]:
+        """Give the pairs that are complete, as `complete` has it, in parts that memory holds."""
         s, k = np.nonzero(self.complete(columns))
         for begin in range(0, len(s), CHUNK):
             i, j = s[begin : begin + CHUNK], k[begin : begin + CHUNK]
             path = None if self.path is None else self.path[i, j]
-            state_ij, size = self.state[i, j], self.size[i, j]
-            value[i, j], state[i, j] = of(
-                CompletePairs(
-                    self, i, j, self.plan[i], self.ego_size[i], state_ij, size, path, self.step, self.span
-                )
+            size = self.size[i, j]
+            yield CompletePairs(
+                self, i, j, self.plan[i], self.ego_size[i], self.state[i, j], size, path, self.step, self.span
             )
-        return measure.values(value, state)

@@ -74,7 +74,7 @@ def _ettc(p: CompletePairs) -> tuple[Floats, States]:
 
 def planned_contact(p: CompletePairs) -> Floats:
     """Give the first contact (P,) [s] of the EGO's plan with the expected motion of the objects, inf for none."""
-    return first_contact(p.planned(p.t), p.expected(p.t), p.h, p.ego_size, p.size)
+    return p.every.contact[p.scene, p.column]
 
 
 THW = MeasureDefinition(
