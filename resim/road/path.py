@@ -96,20 +96,17 @@ class Path:
             point[:4] = float(x), float(y), point[2], 0.0
         return PathPoint._make([*point, self._limits[i + (f == 1.0)]])
 
-    def curvature_at(self, s: float) -> float:
-        """Give the curvature [1/m] at one s [m], linear between points, that of the ends beyond them."""
-        stations, values = self._curvatures
-        i = min(max(bisect_right(stations, s) - 1, 0), len(stations) - 2)
-        f = min(max((s - stations[i]) / (stations[i + 1] - stations[i]), 0.0), 1.0)
-        return values[i] + f * (values[i + 1] - values[i])
+    def curvature_at(self, s: ArrayLike) -> Floats:
+        """Give the curvatures (N,) [1/m] at s (N,) [m], linear between points, those of the ends beyond them."""
+        s_ = np.atleast_1d(np.asarray(s, dtype=float))
+        i = np.minimum(np.maximum(self.s.searchsorted(s_, "right") - 1, 0), len(self.s) - 2)
+        f = np.minimum(np.maximum((s_ - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0), 1.0)
+        return np.asarray(self.curvature[i] + f * (self.curvature[i + 1] - self.curvature[i]))
 
-    def speed_limit_at(self, s: float) -> float:
-        """Give the speed limit [m/s] at one s [m], NaN where there is none."""
-        return self._limits[min(max(bisect_right(self._curvatures[0], s) - 1, 0), len(self._limits) - 1)]
-
-    @cached_property
-    def _curvatures(self) -> tuple[list[float], list[float]]:
-        return self.s.tolist(), self.curvature.tolist()
+    def speed_limit_at(self, s: ArrayLike) -> Floats:
+        """Give the speed limits (N,) [m/s] at s (N,) [m], NaN where there is none."""
+        s_ = np.atleast_1d(np.asarray(s, dtype=float))
+        return np.asarray(self.speed_limit[np.maximum(self.s.searchsorted(s_, "right") - 1, 0)])
 
     @cached_property
     def _rows(self) -> tuple[list[float], list[list[float]], list[list[float]]]:

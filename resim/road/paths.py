@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -102,22 +102,33 @@ class Paths:
 
     def xy(self, s: Floats, d: Floats) -> tuple[Floats, Floats]:
         """Give the map positions (B, K) [m] at s (B, K), d (B, K) metres to the left."""
-        first = self.paths[0]
-        if all(path is first for path in self.paths):
-            return first.xy(s, d)
-        places = np.empty((2, *s.shape))
-        for path in {id(path): path for path in self.paths}.values():
-            rows = [b for b, own in enumerate(self.paths) if own is path]
-            places[:, rows] = path.xy(s[rows], d[rows])
-        return places[0], places[1]
+        x, y = np.empty(s.shape), np.empty(s.shape)
+        for path, rows in self._each():
+            x[rows], y[rows] = path.xy(s[rows], d[rows])
+        return x, y
 
     def curvature_at(self, s: Floats) -> Floats:
         """Give the curvatures (B,) [1/m] at s (B,) [m]."""
-        return np.array([path.curvature_at(at) for path, at in zip(self.paths, s.tolist(), strict=True)])
+        out = np.empty(len(s))
+        for path, rows in self._each():
+            out[rows] = path.curvature_at(s[rows])
+        return out
 
     def speed_limit_at(self, s: Floats) -> Floats:
         """Give the speed limits (B,) [m/s] at s (B,) [m], NaN where there is none."""
-        return np.array([path.speed_limit_at(at) for path, at in zip(self.paths, s.tolist(), strict=True)])
+        out = np.empty(len(s))
+        for path, rows in self._each():
+            out[rows] = path.speed_limit_at(s[rows])
+        return out
+
+    def _each(self) -> Iterator[tuple[Path, slice | list[int]]]:
+        """Each path that there is, and which runs are on it."""
+        first = self.paths[0]
+        if all(path is first for path in self.paths):
+            yield first, slice(None)
+            return
+        for path in {id(path): path for path in self.paths}.values():
+            yield path, [b for b, own in enumerate(self.paths) if own is path]
 
     @cached_property
     def _stacked(self) -> tuple[Floats, Floats, Integers]:
