@@ -22,7 +22,8 @@ from resim.road.sumo.coarse import coarse
 from resim.road.sumo.conversion import Conversion, measure
 from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
 from resim.road.sumo.patch import patch
-from resim.road.sumo.plain import names, plain, write
+from resim.road.sumo.plain import plain
+from resim.road.sumo.plainxml import names, write
 
 VERSION = 7
 """Counts up when the same map gives another net."""

@@ -13,7 +13,8 @@ from lxml import etree
 
 from resim.core.errors import ConversionError
 from resim.core.geometry import Floats
-from resim.road.sumo.plain import Plain, SumoConnection, shape_text
+from resim.road.sumo.plain import Plain, SumoConnection
+from resim.road.sumo.plainxml import shape_text
 from resim.road.sumo.shapes import length
 
 SHORTEST = 0.1
