@@ -21,6 +21,12 @@ from resim.road.sumo.shapes import LaneStretch, mean_widths, polylines, sample
 
 NARROWEST = 0.01
 
+Ends = tuple[str, str]
+"""The SUMO lanes that a connection leads from and to."""
+
+EdgePair = tuple[str, str]
+"""The edges that a connection leads from and to: by them SUMO is told what goes before what."""
+
 
 @dataclass(frozen=True, eq=False)
 class LaneLine:
@@ -46,6 +52,16 @@ class SumoConnection:
     line: Floats
     width: float
     jump: float
+
+    @property
+    def ends(self) -> Ends:
+        """The lanes that it leads from and to."""
+        return self.origin, self.target
+
+    @property
+    def edges(self) -> EdgePair:
+        """The edges that it leads from and to."""
+        return self.origin.rpartition("_")[0], self.target.rpartition("_")[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +95,6 @@ def plain(network: RoadNetwork) -> Plain:
     return Plain(pieces, lanes, tuple(_with_lines(network, lanes, found)))
 
 
-Ends = tuple[str, str]
-
-
 def _together(found: Collection[Ends], pieces: Pieces) -> list[tuple[RoadEnd, RoadEnd]]:
     """The ends of roads whose lanes are linked, but which no link makes one node: SUMO connects at nodes only.
 
@@ -102,10 +115,10 @@ def _connected(graph: Graph, inside: Collection[str], pieces: Pieces) -> dict[En
     found: dict[Ends, tuple[LaneKey, ...]] = {}
     for key, own in pieces.of_lane.items():
         for before, after in pairwise(own):
-            found[_lane(before, key.lane), _lane(after, key.lane)] = ()
+            found[lane_id(before, key.lane), lane_id(after, key.lane)] = ()
         for way in ways(graph, key, inside) if key.road not in inside else ():
             if way[-1] in pieces.of_lane:
-                ends = _lane(own[-1], key.lane), _lane(pieces.of_lane[way[-1]][0], way[-1].lane)
+                ends = lane_id(own[-1], key.lane), lane_id(pieces.of_lane[way[-1]][0], way[-1].lane)
                 found.setdefault(ends, way[:-1])
     return found
 
@@ -128,7 +141,8 @@ def _bridged(graph: Graph, empty: Collection[LaneKey]) -> Graph:
     return out
 
 
-def _lane(piece: Piece, lane: int) -> str:
+def lane_id(piece: Piece, lane: int) -> str:
+    """Give the SUMO id of a lane of the map on an edge."""
     return f"{piece.id}_{piece.lanes.index(lane)}"
 
 

@@ -13,6 +13,7 @@ from lxml import etree
 from resim.core.geometry import Floats
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo.plain import Plain
+from resim.road.sumo.rules import Rules
 
 ALLOWED = {
     "sidewalk": "pedestrian",
@@ -38,9 +39,13 @@ def names(made: Plain) -> dict[str, str]:
     return out | {name: str(own.stretch.key) for name, own in made.lanes.items()}
 
 
-def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
+def write(network: RoadNetwork, made: Plain, rules: Rules, folder: Path) -> list[str]:
     """Write nodes, edges and connections into the folder; give the arguments that make netconvert read them."""
-    trees = {"node": _nodes(made), "edge": _edges(network, made), "connection": _connection_xml(made)}
+    trees = {
+        "node": _nodes(made, rules),
+        "edge": _edges(network, made),
+        "connection": _connection_xml(made, rules),
+    }
     arguments = []
     for name, root in trees.items():
         path = folder / f"map.{name}.xml"
@@ -49,18 +54,19 @@ def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
     return arguments
 
 
-def _nodes(made: Plain) -> etree._Element:
-    """Every node in the mean of the lane ends that meet there."""
+def _nodes(made: Plain, rules: Rules) -> etree._Element:
+    """Every node in the mean of the lane ends that meet there, with the kind of right of way."""
     ends: dict[str, list[Floats]] = defaultdict(list)
     for piece in made.pieces.all:
         for index in range(len(piece.lanes)):
             line = made.lanes[f"{piece.id}_{index}"].line
             ends[piece.origin].append(line[0])
             ends[piece.target].append(line[-1])
+    kinds = dict.fromkeys(rules.all_way, "allway_stop") | dict.fromkeys(rules.lit, "traffic_light")
     root = etree.Element("nodes")
     for name, points in ends.items():
         x, y = np.mean(points, axis=0)
-        etree.SubElement(root, "node", id=name, x=_number(x), y=_number(y), type="priority")
+        etree.SubElement(root, "node", id=name, x=_number(x), y=_number(y), type=kinds.get(name, "priority"))
     return root
 
 
@@ -89,7 +95,7 @@ def _permission(kind: str) -> tuple[str, str]:
     return ("allow", ALLOWED[kind]) if kind in ALLOWED else ("allow", "authority")
 
 
-def _connection_xml(made: Plain) -> etree._Element:
+def _connection_xml(made: Plain, rules: Rules) -> etree._Element:
     root = etree.Element("connections")
     left: dict[str, str] = {}
     for connection in made.connections:
@@ -100,10 +106,15 @@ def _connection_xml(made: Plain) -> etree._Element:
         attributes = {"from": origin, "to": target, "fromLane": before, "toLane": after}
         if connection.stretches:
             attributes["shape"] = shape_text(connection.line)
+        if rules.node[connection.ends] in rules.lit and connection.ends not in rules.lights:
+            attributes["uncontrolled"] = "true"
         etree.SubElement(root, "connection", attributes)
     for piece in made.pieces.all:
         if piece.id not in left:  # said, or netconvert guesses where it might lead
             etree.SubElement(root, "connection", {"from": piece.id})
+    for pair in rules.before:
+        first, second = (f"{origin}->{target}" for origin, target in pair)
+        etree.SubElement(root, "prohibition", prohibitor=first, prohibited=second)
     return root
 
 
