@@ -159,6 +159,20 @@ def test_controllers_are_green_in_turn_in_the_order_of_the_junction(made):
     assert green(read(own)) == [{"s"}, {"n"}, {"w", "e"}]
 
 
+def test_controllers_that_switch_all_lights_make_no_program(made):
+    rules = made(
+        **LIGHTS, controllers=controller("A", "lw") + controller("B", "lw", "le", "ls", "ln")
+    ).conversion.rules
+    assert rules.programs[0].controllers == ()
+    assert rules.programs[0].remark == "controller B switches all its lights"
+
+
+def test_lights_without_a_controller_leave_the_program_to_netconvert(made):
+    rules = made(**LIGHTS, controllers=controller("A", "lw") + controller("B", "le", "ls")).conversion.rules
+    assert rules.programs[0].controllers == ()
+    assert rules.programs[0].remark == "no controller switches its lights ln"
+
+
 def test_two_controllers_give_what_netconvert_gives(made):
     """Its own program for this cross is one of the two that are right, letter by letter."""
 
@@ -205,7 +219,11 @@ LEFT_OUT = {
         {"W": '<signalReference id="x" s="85" t="0" orientation="+"/>'}, ("sign", "x"), "is not in the map",
     ),
     "a sign at a traffic light": (
-        {"W": light("l") + signal("x", 205)}, ("sign", "x"), "a traffic light rules its ways",
+        {"W": light("l") + signal("x", 205)}, ("sign", "x"), "traffic lights rule its junction",
+    ),
+    "a priority at a traffic light": (
+        {"W": light("l"), "junction": '<priority high="we" low="sn"/>'},
+        ("priority", "junction 9: we before sn"), "traffic lights rule their junction",
     ),
     "a speed that no sign shows": ({"W": signal("x", 274)}, ("speed sign", "x"), "no speed that a sign can show"),
     "a controller of nothing": ({"controllers": controller("c")}, ("controller", "c"), "names no signal"),
@@ -234,11 +252,14 @@ def test_what_is_left_out_and_why(made, case):
 def test_what_is_taken_over_is_counted(made):
     limit = signal("v", 274).replace("<signal ", '<signal value="30" ')
     priority = '<priority high="we" low="sn"/>'
-    rules = made(
-        W=signal("x", 306) + limit, S=signal("y", 206), N=LIGHTS["N"], junction=priority
-    ).conversion.rules
-    assert (rules.lights, rules.signs, rules.speed_signs, rules.priorities) == (1, 2, 1, 1)
-    assert rules.left_out == ()
+    rules = made(W=signal("x", 306) + limit, S=signal("y", 206), junction=priority).conversion.rules
+    assert (rules.lights, rules.signs, rules.speed_signs, rules.priorities, rules.left_out) == (
+        0,
+        2,
+        1,
+        1,
+        (),
+    )
 
 
 def test_rules_move_no_lane(made):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import permutations
 
 import shapely
@@ -15,16 +15,18 @@ from resim.road.sumo.plain import EdgePair, Ends, Plain, SumoConnection
 class Precedence:
     """Collects pairs of ways of which the first goes before the second; ways that do not meet need no order.
 
-    before: the pairs, in the order in which they were found; the first found of two opposite ones holds.
+    before: the pairs, in the order in which they were found; the first found of two opposite ones holds. lit: nodes
+    with traffic lights, at which there are none: netconvert keeps to some of them only.
     """
 
-    def __init__(self, places: SignalPlaces, made: Plain) -> None:
+    def __init__(self, places: SignalPlaces, made: Plain, lit: Collection[str]) -> None:
         self.before: dict[tuple[EdgePair, EdgePair], None] = {}
         self._at_node: dict[str, list[SumoConnection]] = defaultdict(list)
         self._on_road: dict[str, list[SumoConnection]] = defaultdict(list)
-        self._node = places.node
+        self._node, self._lit = places.node, lit
         for connection in made.connections:
-            self._at_node[places.node(connection)].append(connection)
+            if places.node(connection) not in lit:
+                self._at_node[places.node(connection)].append(connection)
             origin = made.lanes[connection.origin].stretch.road
             for road in {origin, *(key.road for key in connection.way)}:
                 self._on_road[road].append(connection)
@@ -44,6 +46,9 @@ class Precedence:
         ]  # fmt: skip
         if not pairs:
             return "their ways do not meet"
+        pairs = [(one, other) for one, other in pairs if self._node(one) not in self._lit]
+        if not pairs:
+            return "traffic lights rule their junction"
         added = [self._add(one, other) for one, other in pairs]
         return "" if any(added) else "another priority says the opposite"
 

@@ -87,9 +87,8 @@ def _why_not(groups: Collection[_Group], rules: Rules, here: Collection[Ends]) -
     if without:
         lights = sorted({light for ends in without for light in rules.lights[ends]})
         return f"no controller switches its lights {', '.join(lights)}"
-    if len(groups) == 1:
-        return f"controller {next(iter(groups)).controller} switches all its lights"
-    return ""
+    whole = [group.controller for group in groups if group.green.issuperset(here)]
+    return f"controller {whole[0]} switches all its lights" if whole else ""
 
 
 def _yields(junction: etree._Element, via: Via) -> dict[Ends, set[Ends]]:

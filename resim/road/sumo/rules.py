@@ -76,23 +76,21 @@ def find_rules(network: RoadNetwork, made: Plain) -> Rules:
     places = SignalPlaces(network, made)
     ruled = list(_ruled(network, places))
     left_out = [each.left_out(each.why) for each in ruled if not each.connections]
-    lights: dict[Ends, tuple[str, ...]] = {}
-    for each in ruled:
-        for ends in each.connections if each.kind == "light" else ():
-            lights[ends] = (*lights.get(ends, ()), each.id)
+    lights = _lights(ruled)
+    node = {c.ends: places.node(c) for c in made.connections}
+    lit = frozenset(node[ends] for ends in lights)
     signs = []
     for each in ruled:
         if each.connections and each.kind in RANK:
-            free = {ends: own for ends, own in each.connections.items() if ends not in lights}
+            free = {ends: own for ends, own in each.connections.items() if node[ends] not in lit}
             signs.append(each._replace(connections=free))
-    precedence = Precedence(places, made)
+    precedence = Precedence(places, made, lit)
     priorities, refused = _add_priorities(network, precedence)
     stops = {ends for each in signs if each.kind == "stop" for ends in each.connections}
     precedence.add_ranks(_ranks(signs), UNSIGNED)
     without = list(_without_effect(signs, precedence.edges()))
-    node = {c.ends: places.node(c) for c in made.connections}
     return Rules(
-        lights, node, frozenset(node[ends] for ends in lights), frozenset(stops),
+        lights, node, lit, frozenset(stops),
         frozenset(_all_way(places, made, stops)), tuple(precedence.before), len(signs) - len(without), priorities,
         (*left_out, *without, *refused, *_speed_signs(network)),
     )  # fmt: skip
@@ -117,6 +115,15 @@ def _ruled(network: RoadNetwork, places: SignalPlaces) -> Iterator[_RuledWays]:
         )
 
 
+def _lights(ruled: Iterable[_RuledWays]) -> dict[Ends, tuple[str, ...]]:
+    """The ids of the traffic lights of each connection that has some."""
+    lights: dict[Ends, tuple[str, ...]] = {}
+    for each in ruled:
+        for ends in each.connections if each.kind == "light" else ():
+            lights[ends] = (*lights.get(ends, ()), each.id)
+    return lights
+
+
 def _ranks(signs: Iterable[_RuledWays]) -> dict[Ends, int]:
     """The rank of each connection with signs, the lowest that one of them gives."""
     ranks: dict[Ends, int] = {}
@@ -130,7 +137,7 @@ def _ranks(signs: Iterable[_RuledWays]) -> dict[Ends, int]:
 def _without_effect(signs: Iterable[_RuledWays], edges: Collection[EdgePair]) -> Iterator[LeftOut]:
     for each in signs:
         if not each.connections:
-            yield each.left_out("a traffic light rules its ways")
+            yield each.left_out("traffic lights rule its junction")
         elif each.kind != "stop" and not any(own.edges in edges for own in each.connections.values()):
             yield each.left_out("its ways meet none that goes before or after them")
 
