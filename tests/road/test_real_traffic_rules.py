@@ -6,6 +6,7 @@ from collections import defaultdict
 from itertools import combinations
 
 import libsumo
+import numpy as np
 import pytest
 from lxml import etree
 from road.crossing import read, signal
@@ -103,8 +104,8 @@ def test_nobody_passes_red_in_town04(real_net):
 
 
 def assert_all_obey(net):
-    """Send a vehicle over every way with a light of a few junctions; who enters has no red, and some had to wait."""
-    ways = [c for light in net.getTrafficLights()[:4] for c in light.getConnections()]
+    """Send a vehicle over every way with a light; who enters has no red, and some had to wait."""
+    ways = [c for light in net.getTrafficLights() for c in light.getConnections()]
     index = {}
     for k, (origin, target, link) in enumerate(ways):
         edges = origin.getEdge().getID(), target.getEdge().getID()
@@ -158,3 +159,42 @@ def test_signs_put_on_a_real_junction_hold_on_all_its_ways(real_net, shared_map,
     assert crossing
     assert all(node.forbids(b, a) and not node.forbids(a, b) for a, b in crossing)
     assert {c.getState() for c in signed if c.getFrom().getID().startswith("2.")} == {"s"}
+
+
+@pytest.mark.parametrize(
+    "name", ["xodr/esmini/fabriksgatan.xodr", "xodr/edge_cases/sumo_connections_4arm.xodr"]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_drawn_priorities_hold(shared_map, tmp_path, name, seed):
+    """Which way goes over which road is read from the net; that of two opposite priorities the first holds is known."""
+    root = etree.parse(str(shared_map(name).path)).getroot()
+    junction = next(root.iter("junction"))
+    inner = [each.get("id") for each in root.iter("road") if each.get("junction") == junction.get("id")]
+    drawn = [
+        tuple(pair) for pair in np.random.default_rng(seed).permuted([inner] * 12, axis=1)[:, :2].tolist()
+    ]
+    pairs = [pair for k, pair in enumerate(drawn) if pair[::-1] not in drawn[:k]]
+    for high, low in pairs:
+        etree.SubElement(junction, "priority", high=high, low=low)
+    path = tmp_path / "drawn.xodr"
+    path.write_bytes(etree.tostring(root))
+    net = read(sumo_net(load(path), cache=tmp_path / "nets"))
+    over = defaultdict(list)
+    for edge in net.getEdges(withInternal=False):
+        for way in (c for own in edge.getOutgoing().values() for c in own if c.getViaLaneID()):
+            for place in net.getLane(way.getViaLaneID()).getParam("origId", "").split():
+                over[place.rsplit("_", 2)[0]].append(way)
+    assert judged(over, pairs) > 0
+
+
+def judged(over, pairs):
+    """How many pairs of ways that cross are in the order of the priorities: all, or this fails."""
+    count = 0
+    for high, low in pairs:
+        for one, other in ((one, other) for one in over[high] for other in over[low]):
+            node = one.getFrom().getToNode()
+            if node.areFoes(node.getLinkIndex(one), node.getLinkIndex(other)):
+                assert node.forbids(one, other), (high, low)
+                assert not node.forbids(other, one), (high, low)
+                count += 1
+    return count

@@ -24,7 +24,8 @@ UNSIGNED = 1
 class LeftOut:
     """What of the map's rules is not in the net, and why.
 
-    kind: traffic light, sign, speed sign, priority or controller. road: "" and s [m]: None where it stands on no road.
+    kind: traffic light, sign, speed sign, priority or controller. road: where it stands, "" for the last two.
+    s: [m] there, None for the last two.
     """
 
     __pydantic_config__ = spec.EXACT

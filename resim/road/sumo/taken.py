@@ -14,9 +14,11 @@ from resim.road.sumo.rules import LeftOut, Rules
 
 @dataclass(frozen=True)
 class TakenRules:
-    """How many of the map's traffic lights, signs of right of way, speed signs and priorities are in the net.
+    """What of the map's rules is in the net.
 
-    programs: of the traffic lights. left_out: what is not in the net, and why.
+    lights: how many traffic lights. signs: how many signs of right of way. speed_signs: how many begin or end a limit.
+    priorities: how many of junctions. programs: of the traffic lights, one for each node that has some. left_out: what
+    is not in the net, and why.
     """
 
     __pydantic_config__ = spec.EXACT
