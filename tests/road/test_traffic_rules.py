@@ -115,13 +115,24 @@ def test_vehicles_stop_at_a_stop_sign_and_not_where_they_only_give_way(made, dri
     assert drive(yields, ["w"])[1]["w"] > 1.0
 
 
+ALL_STOP = {
+    name: signal(name, 206, s=s, orientation=facing)
+    for name, s, facing in (("W", 88, "+"), ("S", 88, "+"), ("E", 2, "-"), ("N", 2, "-"))
+}
+
+
 def test_where_all_stop_the_first_to_come_goes_first(made, drive):
-    all_way = {name: signal(name, 206, s=s, orientation=o) for name, s, o in
-               (("W", 88, "+"), ("S", 88, "+"), ("E", 2, "-"), ("N", 2, "-"))}  # fmt: skip
-    converted = made(**all_way)
+    converted = made(**ALL_STOP)
     assert read(converted).getNode(NODE).getType() == "allway_stop"
     slowest = drive(converted, ["w", "s"])[1]
     assert max(slowest.values()) < 0.1
+
+
+@pytest.mark.parametrize(("first", "high", "second", "low"), [("w", "we", "s", "sn"), ("s", "sn", "w", "we")])
+def test_where_all_stop_a_priority_holds_all_the_same(made, first, high, second, low):
+    net = read(made(**ALL_STOP, junction=f'<priority high="{high}" low="{low}"/>'))
+    assert states(net) == "ssss"
+    assert goes_before(net, first, second)
 
 
 def test_lights_without_controllers_have_the_program_of_netconvert(made):

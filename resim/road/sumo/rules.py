@@ -89,11 +89,12 @@ def find_rules(network: RoadNetwork, made: Plain) -> Rules:
     priorities, refused = _add_priorities(network, precedence)
     stops = {ends for each in signs if each.kind == "stop" for ends in each.connections}
     precedence.add_ranks(_ranks(signs), UNSIGNED)
-    without = list(_without_effect(signs, precedence.edges()))
+    ordered = precedence.edges()
+    without = list(_without_effect(signs, ordered))
     return Rules(
         lights, node, lit, frozenset(stops),
-        frozenset(_all_way(places, made, stops)), tuple(precedence.before), len(signs) - len(without), priorities,
-        (*left_out, *without, *refused, *_speed_signs(network)),
+        frozenset(_all_way(places, made, stops, ordered)), tuple(precedence.before),
+        len(signs) - len(without), priorities, (*left_out, *without, *refused, *_speed_signs(network)),
     )  # fmt: skip
 
 
@@ -143,14 +144,17 @@ def _without_effect(signs: Iterable[_RuledWays], edges: Collection[EdgePair]) ->
             yield each.left_out("its ways meet none that goes before or after them")
 
 
-def _all_way(places: SignalPlaces, made: Plain, stops: Collection[Ends]) -> Iterator[str]:
-    """The nodes with several edges that lead in, of which vehicles stop on all."""
+def _all_way(
+    places: SignalPlaces, made: Plain, stops: Collection[Ends], ordered: Collection[EdgePair]
+) -> Iterator[str]:
+    """The nodes with several edges that lead in, of which vehicles stop on all, and none goes first by a priority."""
     here: dict[str, list[SumoConnection]] = defaultdict(list)
     for connection in made.connections:
         if places.for_vehicles(connection):
             here[places.node(connection)].append(connection)
     for node, own in here.items():
-        if len({c.edges[0] for c in own}) > 1 and all(c.ends in stops for c in own):
+        first = any(c.edges in ordered for c in own)
+        if len({c.edges[0] for c in own}) > 1 and all(c.ends in stops for c in own) and not first:
             yield node
 
 
