@@ -261,7 +261,7 @@ def test_what_is_left_out_and_why(made, case):
 
 
 def test_what_is_taken_over_is_counted(made):
-    limit = signal("v", 274).replace("<signal ", '<signal value="30" ')
+    limit = speed_sign("v", 30, s=10.0)
     priority = '<priority high="we" low="sn"/>'
     rules = made(W=signal("x", 306) + limit, S=signal("y", 206), junction=priority).conversion.rules
     assert (rules.lights, rules.signs, rules.speed_signs, rules.priorities, rules.left_out) == (
@@ -271,6 +271,22 @@ def test_what_is_taken_over_is_counted(made):
         1,
         (),
     )
+
+
+def speed_sign(name, value, **place):
+    return signal(name, 274, **place).replace("<signal ", f'<signal value="{value}" ')
+
+
+def test_the_speed_sign_that_holds_in_the_middle_of_an_edge_is_its_limit(made):
+    """Each road of the cross is one edge each way, with its middle at s = 45 m."""
+    signs = [speed_sign("a", 30, s=10), speed_sign("b", 70, s=20), speed_sign("c", 80, s=80)]
+    signs += [speed_sign("d", 20, s=60, orientation="-"), speed_sign("e", 10, s=70, orientation="-")]
+    converted = made(W="".join(signs))
+    net = read(converted)
+    assert [net.getEdge(name).getSpeed() for name in ("W.0", "-W.0")] == pytest.approx([70 / 3.6, 20 / 3.6])
+    reason = "it holds in the middle of no edge"
+    assert why(converted) == {("speed sign", name): reason for name in "ace"}
+    assert converted.conversion.rules.speed_signs == 2
 
 
 def test_rules_move_no_lane(made):

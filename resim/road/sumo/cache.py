@@ -140,7 +140,7 @@ def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
     run_netconvert(network.path, arguments, work / NET, time_limit=time_limit, names=names(made))
     root, via = patch(work / NET, made)
     mark_stops(root, rules.stops)
-    told = taken(network, rules, write_programs(network, rules, root, via))
+    told = taken(network, made, rules, write_programs(network, rules, root, via))
     net = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     simple = coarse(net)
     worst = measure(network, simple, made, via).worst

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -94,7 +93,7 @@ def find_rules(network: RoadNetwork, made: Plain) -> Rules:
     return Rules(
         lights, node, lit, frozenset(stops),
         frozenset(_all_way(places, made, stops, ordered)), tuple(precedence.before),
-        len(signs) - len(without), priorities, (*left_out, *without, *refused, *_speed_signs(network)),
+        len(signs) - len(without), priorities, (*left_out, *without, *refused),
     )  # fmt: skip
 
 
@@ -169,11 +168,3 @@ def _add_priorities(network: RoadNetwork, precedence: Precedence) -> tuple[int, 
                 name = f"junction {junction.id}: {high} before {low}"
                 refused.append(LeftOut("priority", name, "", None, why))
     return taken, refused
-
-
-def _speed_signs(network: RoadNetwork) -> Iterator[LeftOut]:
-    for road in network.roads.values():
-        for sign in road.signs:
-            if math.isnan(sign.speed):
-                why = f"it shows no speed that a sign can show ({sign.text})"
-                yield LeftOut("speed sign", sign.id, road.id, sign.s, why)
