@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from resim.road.checked import MapCheck
     from resim.road.flaws import Flaw
     from resim.road.sumo import Conversion
+    from resim.road.sumo.taken import TakenRules
 
 maps = typer.Typer(help="Check, convert and plot OpenDRIVE maps.", no_args_is_help=True)
 app.add_typer(maps, name="map")
@@ -120,3 +121,20 @@ def _print_conversion(conversion: Conversion) -> None:
             f"{len(conversion.jumps)} connection(s) bridge a gap between linked lanes, the widest {worst.gap:.2f} m "
             f"at x {worst.x:g}, y {worst.y:g}"
         )
+    _print_rules(conversion.rules)
+
+
+def _print_rules(rules: TakenRules) -> None:
+    if not (rules.lights or rules.signs or rules.speed_signs or rules.priorities or rules.left_out):
+        return
+    own = sum(bool(program.controllers) for program in rules.programs)
+    say(
+        f"in the net: {rules.lights} traffic light(s), at {len(rules.programs)} junction(s), {own} of them with the "
+        f"program of the map's controllers; {rules.signs} sign(s) of right of way, {rules.speed_signs} speed sign(s), "
+        f"priorities between ways: {rules.priorities}"
+    )
+    for left in rules.left_out[:MOST]:
+        place = f" (road {left.road}, s = {left.s:g} m)" if left.road else ""
+        say(f"  not in the net: {left.kind} {left.id}{place}: {left.why}")
+    if len(rules.left_out) > MOST:
+        say(f"  ... and {len(rules.left_out) - MOST} more")

@@ -13,6 +13,7 @@ from resim.road.flaws import Flaw, flaws
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork, load
 from resim.road.sumo import LaneError, SumoNet, sumo_net
 from resim.road.sumo.conversion import Jump
+from resim.road.sumo.taken import TakenRules
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class ConversionReport:
     hash: of all that decides the net. worst, mean: errors [m] of the lanes that are in the net; simulated:
     the worst in the net that is simulated in. not_exact: how many
     lanes are missing or beyond their limit. lanes: worst first, missing ones before. connections: linked pairs of SUMO
-    lanes. jumps: gaps between linked lanes. lost: links that are not in the net. flaws: what is wrong in the map.
+    lanes. jumps: gaps between linked lanes. lost: links that are not in the net. rules: what became of the
+    map's traffic lights, signs and priorities. flaws: what is wrong in the map.
     files: hashes of what was written.
     """
 
@@ -39,6 +41,7 @@ class ConversionReport:
     connections: int
     jumps: tuple[Jump, ...]
     lost: tuple[str, ...]
+    rules: TakenRules
     flaws: tuple[Flaw, ...]
     files: Mapping[str, str]
 
@@ -80,6 +83,7 @@ class MapCheck:
             connections=conversion.connections,
             jumps=conversion.jumps,
             lost=conversion.lost,
+            rules=conversion.rules,
             flaws=self.flaws,
             files=files,
         )

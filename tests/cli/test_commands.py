@@ -11,6 +11,7 @@ from pathlib import Path
 
 import duckdb
 import pytest
+from road import crossing
 
 from resim import __version__
 
@@ -386,6 +387,15 @@ def test_a_road_cut_short_is_no_good_map(call: Call, tmp_path: Path) -> None:
     code, _, told = call("map", "convert", road, "--out", tmp_path / "out")
     assert (code, "ROAD_LENGTH: road 7" in told, "--accept ROAD_LENGTH" in told) == (2, True, True)
     assert call("map", "convert", road, "--out", tmp_path / "out", "--accept", "ROAD_LENGTH")[0] == 0
+
+
+def test_what_of_a_maps_rules_is_in_its_net(call: Call, tmp_path: Path) -> None:
+    road = tmp_path / "cross.xodr"
+    parts = crossing.cross(**crossing.LIGHTS | {"S": crossing.signal("far", 205, s=10.0)})
+    road.write_text(f'<OpenDRIVE><header revMajor="1" revMinor="7"/>{"".join(parts)}</OpenDRIVE>')
+    _, out, _ = call("map", "check", road)
+    assert "in the net: 3 traffic light(s), at 1 junction(s), 0 of them with the program of the map" in out
+    assert "not in the net: sign far (road S, s = 10 m): no junction follows within 50 m" in out
 
 
 def test_a_signal_that_was_ignored_stays_so(call: Call) -> None:

@@ -49,3 +49,15 @@ def one_road(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes a map of these parts and reads it."""
+
+    def write(*parts):
+        path = tmp_path / "map.xodr"
+        path.write_text(f'<OpenDRIVE><header revMajor="1" revMinor="7"/>{"".join(parts)}</OpenDRIVE>')
+        return load(path)
+
+    return write

@@ -5,6 +5,7 @@ from resim.road.opendrive.model import (
     LANE_TYPES,
     VEHICLE_LANES,
     Connection,
+    Controller,
     Cubic,
     Geometry,
     Header,
@@ -16,6 +17,8 @@ from resim.road.opendrive.model import (
     Road,
     RoadMark,
     RoadType,
+    Signal,
+    SignalKind,
     SpeedSign,
     Unread,
 )  # fmt: skip
@@ -23,7 +26,7 @@ from resim.road.opendrive.network import DrivingLanes, RoadNetwork, RoadPosition
 from resim.road.opendrive.shapes import LaneShape
 
 __all__ = [
-    "LANE_TYPES", "VEHICLE_LANES", "Connection", "Cubic", "DrivingLanes", "Geometry", "Header", "Height", "Junction",
-    "Lane", "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions", "RoadType",
-    "SpeedSign", "Unread", "lent", "load",
+    "LANE_TYPES", "VEHICLE_LANES", "Connection", "Controller", "Cubic", "DrivingLanes", "Geometry", "Header", "Height",
+    "Junction", "Lane", "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions",
+    "RoadType", "Signal", "SignalKind", "SpeedSign", "Unread", "lent", "load",
 ]  # fmt: skip

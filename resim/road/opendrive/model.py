@@ -23,6 +23,7 @@ CURVES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
 Side = Literal["start", "end"]
 Orientation = Literal["+", "-", "none"]
+SignalKind = Literal["light", "stop", "give way", "priority"]
 
 
 class Cubic(NamedTuple):
@@ -150,6 +151,32 @@ class SpeedSign:
 
 
 @dataclass(frozen=True)
+class Signal:
+    """A traffic light, a sign, or a reference to one, at s [m]; fixed speed limits are `SpeedSign`.
+
+    kind: None where this reader knows none for it. orientation, lanes, text: as of `SpeedSign`. refers: it is a
+    reference: the signal of that id is elsewhere, and holds here as well. problem: why its place cannot be read, or "".
+    """
+
+    id: str
+    kind: SignalKind | None
+    s: float
+    orientation: Orientation
+    lanes: tuple[tuple[int, int], ...]
+    text: str
+    refers: bool = False
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What switches signals together. signals: their ids."""
+
+    id: str
+    signals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Road:
     """One road. length [m] is that of its planView; left_hand: traffic keeps left (rule LHT).
 
@@ -171,6 +198,7 @@ class Road:
     successor: Link | None = None
     superelevations: tuple[Cubic, ...] = ()
     signs: tuple[SpeedSign, ...] = ()
+    signals: tuple[Signal, ...] = ()
     declared_length: float = math.nan
     empty: tuple[float, ...] = ()
 
@@ -202,12 +230,18 @@ class Connection:
 
 @dataclass(frozen=True)
 class Junction:
-    """A junction and its connections. type: default, direct, virtual, crossing."""
+    """A junction and its connections. type: default, direct, virtual, crossing.
+
+    priorities: pairs of roads, of which traffic on the first goes before that on the second. controllers: ids of
+    those of its traffic lights, in their order.
+    """
 
     id: str
     name: str
     type: str
     connections: tuple[Connection, ...]
+    priorities: tuple[tuple[str, str], ...] = ()
+    controllers: tuple[str, ...] = ()
 
 
 class Unread(NamedTuple):

@@ -14,7 +14,7 @@ from resim.core.geometry import Bools, Floats, constant, wrap_angle
 from resim.road.opendrive.heights import raised
 from resim.road.opendrive.index import LaneIndex
 from resim.road.opendrive.lanes import Lanes, reexpanded
-from resim.road.opendrive.model import Header, Junction, Road, Unread
+from resim.road.opendrive.model import Controller, Header, Junction, Road, Unread
 from resim.road.opendrive.reader import ModelReader
 from resim.road.opendrive.reference import Frame, Ints, ReferenceLines
 from resim.road.opendrive.shapes import LaneShape, lane_shapes
@@ -75,6 +75,7 @@ class RoadNetwork:
     roads: dict[str, Road]
     junctions: dict[str, Junction]
     unread: tuple[Unread, ...] = ()
+    controllers: tuple[Controller, ...] = ()
 
     def to_xy(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike, t: ArrayLike) -> tuple[Floats, Floats]:
         """Give map positions x, y [m] of (road, lane, s, t)."""
@@ -307,4 +308,4 @@ def load(path: Path | str) -> RoadNetwork:
     root = parse(path)
     reader = ModelReader(path, root)
     parts = reader.header(), reader.geo_reference(), reader.roads(), reader.junctions()
-    return RoadNetwork(path, *parts, unread(root))
+    return RoadNetwork(path, *parts, unread(root), reader.controllers())

@@ -15,6 +15,7 @@ from resim.road.opendrive.lanereader import Coefficients, LaneReader
 from resim.road.opendrive.model import (
     CURVES,
     Connection,
+    Controller,
     Geometry,
     Header,
     Junction,
@@ -23,6 +24,7 @@ from resim.road.opendrive.model import (
     RoadType,
     Side,
 )  # fmt: skip
+from resim.road.opendrive.signals import read_controllers, read_signals, sequence
 from resim.road.opendrive.signs import read_signs
 from resim.road.opendrive.xml import CUT
 
@@ -107,6 +109,7 @@ class ModelReader(LaneReader):
             successor=self._link(element, "successor", where),
             superelevations=self.cubics(element, "lateralProfile/superelevation", "s", where),
             signs=read_signs(self, element, self._signals, where),
+            signals=read_signals(self, element, self._signals, where),
             declared_length=self.number(element, "length", where, math.nan), empty=empty,
         )  # fmt: skip
 
@@ -119,6 +122,10 @@ class ModelReader(LaneReader):
                 raise self.error(f"junction {junction.id}", "the id is a duplicate")
             junctions[junction.id] = junction
         return junctions
+
+    def controllers(self) -> tuple[Controller, ...]:
+        """Read what switches signals together, in its order."""
+        return read_controllers(self.root)
 
     @cached_property
     def _signals(self) -> dict[str, _Element]:
@@ -195,7 +202,10 @@ class ModelReader(LaneReader):
             self._connection(e, where) for e in element.iterfind("connection")
             if e.get("incomingRoad") and (e.get("connectingRoad") or e.get("linkedRoad"))
         )  # fmt: skip
-        return Junction(junction_id, element.get("name", ""), element.get("type", "default"), connections)
+        priorities = tuple((e.get("high", ""), e.get("low", "")) for e in element.iterfind("priority"))
+        controllers = tuple(e.get("id", "") for e in sorted(element.iterfind("controller"), key=sequence))
+        kind = element.get("type", "default")
+        return Junction(junction_id, element.get("name", ""), kind, connections, priorities, controllers)
 
     def _connection(self, element: _Element, where: str) -> Connection:
         at = f"{where}, connection {element.get('id', '?')}"

@@ -48,7 +48,7 @@ def read_signs(
         named = ("country", "type", "subtype", "value", "unit")
         found.append(SpeedSign(
             id=element.get("id", ""), s=reader.number(element, "s", at),
-            orientation=cast(Orientation, orientation), lanes=_lanes(reader, element, at), speed=speed,
+            orientation=cast(Orientation, orientation), lanes=lane_ranges(reader, element, at), speed=speed,
             text=", ".join(f"{name}={signal.get(name)}" for name in named if signal.get(name)),
         ))  # fmt: skip
     return tuple(sorted(found, key=lambda sign: sign.s))
@@ -62,8 +62,7 @@ def shown(signal: _Element) -> float | None:
     sign's subtype: that of StVO 2017 (50 is 50 km/h), or the older (55 is 50 km/h). NaN where neither says a
     speed, or says one that no sign shows: not a whole number of km/h or mph.
     """
-    country = signal.get("country", "").upper()
-    country = ALPHA_2.get(country, country)
+    country = country_of(signal)
     kind = signal.get("type", "")
     if kind in ENDS.get(country, set() if country in BEGINS else GERMAN_ENDS):
         return math.inf
@@ -75,6 +74,12 @@ def shown(signal: _Element) -> float | None:
         value, unit = _subtype(signal, zone=kind == "274.1"), "km/h"
     whole = unit == "m/s" or abs(value - round(value)) < 0.01 if math.isfinite(value) else False
     return value * SPEED_UNITS[unit] if value > 0.0 and whole and unit in SPEED_UNITS else math.nan
+
+
+def country_of(signal: _Element) -> str:
+    """Give the country whose types of signs a signal uses, in two letters where they are known."""
+    country = signal.get("country", "").upper()
+    return ALPHA_2.get(country, country)
 
 
 def _subtype(signal: _Element, *, zone: bool) -> float:
@@ -93,7 +98,8 @@ def _float(text: str | None) -> float:
         return math.nan
 
 
-def _lanes(reader: Reader, element: _Element, where: str) -> tuple[tuple[int, int], ...]:
+def lane_ranges(reader: Reader, element: _Element, where: str) -> tuple[tuple[int, int], ...]:
+    """Read the ranges of lane ids that a signal is for, () where it names none."""
     ranges = []
     for validity in element.iterfind("validity"):
         ends = reader.integer(validity, "fromLane", where), reader.integer(validity, "toLane", where)

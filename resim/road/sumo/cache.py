@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
+from lxml import etree
+
 from resim.core.errors import ConversionError, InputError
 from resim.core.files import cache_folder
 from resim.core.spec import read_json, to_json
@@ -21,10 +23,14 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.coarse import coarse
 from resim.road.sumo.conversion import Conversion, measure
 from resim.road.sumo.netconvert import OPTIONS, run_netconvert, sumo_version
-from resim.road.sumo.patch import patch
-from resim.road.sumo.plain import names, plain, write
+from resim.road.sumo.patch import mark_stops, patch
+from resim.road.sumo.plain import plain
+from resim.road.sumo.plainxml import names, write
+from resim.road.sumo.programs import write_programs
+from resim.road.sumo.rules import find_rules
+from resim.road.sumo.taken import taken
 
-VERSION = 7
+VERSION = 8
 """Counts up when the same map gives another net."""
 
 TIME_LIMIT = 120.0
@@ -129,12 +135,16 @@ def _written(network: RoadNetwork, folder: Path, time_limit: float) -> Path:
         raise ConversionError(
             f"{network.path}: no lane has a length, but inside of junctions to which none leads. Correct the map"
         )
-    arguments = write(network, made, work)
+    rules = find_rules(network, made)
+    arguments = write(network, made, rules, work)
     run_netconvert(network.path, arguments, work / NET, time_limit=time_limit, names=names(made))
-    net, via = patch(work / NET, made)
+    root, via = patch(work / NET, made)
+    mark_stops(root, rules.stops)
+    told = taken(network, made, rules, write_programs(network, rules, root, via))
+    net = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     simple = coarse(net)
     worst = measure(network, simple, made, via).worst
-    report = replace(measure(network, net, made, via), simulated=worst)
+    report = replace(measure(network, net, made, via), simulated=worst, rules=told)
     (result / NET).write_bytes(net)
     (result / SIMULATED).write_bytes(simple)
     (result / REPORT).write_text(json.dumps(to_json(report), indent=1) + "\n", encoding="utf-8")

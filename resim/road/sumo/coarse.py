@@ -6,7 +6,7 @@ import shapely
 from lxml import etree
 
 from resim.road.sumo.conversion import net_shapes
-from resim.road.sumo.plain import shape_text
+from resim.road.sumo.plainxml import shape_text
 
 COARSE = 0.1
 """Distance [m] that a lane's line may lie off that of the exact net; positions are those that SUMO is told, always."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from resim.road.sumo.patch import Via
 from resim.road.sumo.pieces import SHORTEST
 from resim.road.sumo.plain import Plain
 from resim.road.sumo.shapes import LaneStretch
+from resim.road.sumo.taken import TakenRules
 from resim.road.sumo.truth import RawLanes
 
 EXACT = 0.005
@@ -84,7 +85,8 @@ class Conversion:
     """What became of a map. lanes: worst first, missing ones before. connections: linked pairs of SUMO lanes.
 
     lost: links of lanes that netconvert made no connection of, in words. simulated: the largest error [m] of a lane
-    of the net that is simulated in, which has the same lanes with fewer points.
+    of the net that is simulated in, which has the same lanes with fewer points. rules: what became of the map's traffic
+    lights, signs and priorities.
     """
 
     __pydantic_config__ = spec.EXACT
@@ -94,6 +96,7 @@ class Conversion:
     jumps: tuple[Jump, ...]
     lost: tuple[str, ...] = ()
     simulated: float = 0.0
+    rules: TakenRules = field(default_factory=TakenRules)
 
     @property
     def bad(self) -> tuple[LaneError, ...]:

@@ -1,9 +1,9 @@
-"""Writes the exact shapes, lengths and widths over those that netconvert gave its lanes and junctions."""
+"""Writes over what netconvert made: exact shapes, lengths and widths of lanes and junctions, and stop signs."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +13,20 @@ from lxml import etree
 
 from resim.core.errors import ConversionError
 from resim.core.geometry import Floats
-from resim.road.sumo.plain import Plain, SumoConnection, shape_text
+from resim.road.sumo.plain import Ends, Plain, SumoConnection
+from resim.road.sumo.plainxml import shape_text
 from resim.road.sumo.shapes import length
 
 SHORTEST = 0.1
 """SUMO takes no lane shorter than this [m]; its shape may be."""
 
-Via = Mapping[tuple[str, str], tuple[str, ...]]
+MINOR_OR_MAJOR = ("m", "M")
+"""States of connections without a traffic light; at all-way stops they have another."""
+
+Via = Mapping[Ends, tuple[str, ...]]
 
 
-def patch(net: Path, made: Plain) -> tuple[bytes, Via]:
+def patch(net: Path, made: Plain) -> tuple[etree._Element, Via]:
     """Give the net with exact geometry, and the internal lanes of each connection (from lane, to lane) that it has.
 
     Raises ConversionError where netconvert left a lane out: it must not, all of them were named.
@@ -37,11 +41,26 @@ def patch(net: Path, made: Plain) -> tuple[bytes, Via]:
         _write(lanes[name], own.line, own.width)
     via = _via(root)
     for connection in made.connections:
-        inner = via.get((connection.origin, connection.target), ())
+        inner = via.get(connection.ends, ())
         if inner:
             _write_inner([lanes[name] for name in inner], connection)
     _write_junctions(root, made)
-    return etree.tostring(root, xml_declaration=True, encoding="UTF-8"), via
+    return root, via
+
+
+def mark_stops(root: etree._Element, stops: Collection[Ends]) -> None:
+    """Let vehicles stop before these connections: netconvert has stop signs for all minor ways of a node only.
+
+    Who goes first is as netconvert has worked it out.
+    """
+    for element in root.iterfind("connection"):
+        if element.get("state") in MINOR_OR_MAJOR and connection_ends(element) in stops:
+            element.set("state", "s")
+
+
+def connection_ends(element: etree._Element) -> Ends:
+    """Give the lanes that a connection of the net leads from and to."""
+    return f"{element.get('from')}_{element.get('fromLane')}", f"{element.get('to')}_{element.get('toLane')}"
 
 
 def _write(lane: etree._Element, line: Floats, width: float) -> None:
@@ -71,13 +90,13 @@ def _via(root: etree._Element) -> dict[tuple[str, str], tuple[str, ...]]:
     after: dict[str, str] = {}
     found: dict[tuple[str, str], tuple[str, ...]] = {}
     for element in root.iterfind("connection"):
-        start, inner = f"{element.get('from')}_{element.get('fromLane')}", element.get("via")
+        (start, target), inner = connection_ends(element), element.get("via")
         if inner is None:
             continue
         if start.startswith(":"):
             after[start] = inner
         else:
-            found[start, f"{element.get('to')}_{element.get('toLane')}"] = (inner,)
+            found[start, target] = (inner,)
     return {ends: (*inner, after[inner[0]]) if inner[0] in after else inner for ends, inner in found.items()}
 
 

@@ -1,40 +1,31 @@
-"""Writes a map as SUMO's plain XML: nodes, edges and connections with the map's own geometry and links.
+"""What of a map goes into its SUMO net: edges, lanes and connections with the map's own geometry and links.
 
 netconvert's OpenDRIVE import is not used: it gives tapers one width and the wrong place, moves junctions by metres,
 drops links, guesses others, and refuses or crashes on valid maps (docs/validation.md). From plain XML it only
-builds what SUMO needs inside of junctions.
+builds what SUMO needs inside of junctions (`plainxml` writes it).
 """
 
 from __future__ import annotations
 
-import math
-from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
-from lxml import etree
 
 from resim.core.geometry import Floats
 from resim.road.links import Graph, LaneKey, inner_roads, lane_graph, passed_lanes, ways
-from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
+from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.pieces import Piece, Pieces, RoadEnd, cut
 from resim.road.sumo.shapes import LaneStretch, mean_widths, polylines, sample
 
-ALLOWED = {
-    "sidewalk": "pedestrian",
-    "walking": "pedestrian",
-    "biking": "bicycle",
-    "rail": "rail",
-    "tram": "tram",
-}
-NOT_ON_ROADS = (
-    "pedestrian tram rail_urban rail rail_electric rail_fast ship container cable_car subway aircraft"
-)
-DEFAULT_SPEED = 50.0 / 3.6
 NARROWEST = 0.01
+
+Ends = tuple[str, str]
+"""The SUMO lanes that a connection leads from and to."""
+
+EdgePair = tuple[str, str]
+"""The edges that a connection leads from and to: by them SUMO is told what goes before what."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +52,16 @@ class SumoConnection:
     line: Floats
     width: float
     jump: float
+
+    @property
+    def ends(self) -> Ends:
+        """The lanes that it leads from and to."""
+        return self.origin, self.target
+
+    @property
+    def edges(self) -> EdgePair:
+        """The edges that it leads from and to."""
+        return self.origin.rpartition("_")[0], self.target.rpartition("_")[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +95,6 @@ def plain(network: RoadNetwork) -> Plain:
     return Plain(pieces, lanes, tuple(_with_lines(network, lanes, found)))
 
 
-Ends = tuple[str, str]
-
-
 def _together(found: Collection[Ends], pieces: Pieces) -> list[tuple[RoadEnd, RoadEnd]]:
     """The ends of roads whose lanes are linked, but which no link makes one node: SUMO connects at nodes only.
 
@@ -117,10 +115,10 @@ def _connected(graph: Graph, inside: Collection[str], pieces: Pieces) -> dict[En
     found: dict[Ends, tuple[LaneKey, ...]] = {}
     for key, own in pieces.of_lane.items():
         for before, after in pairwise(own):
-            found[_lane(before, key.lane), _lane(after, key.lane)] = ()
+            found[lane_id(before, key.lane), lane_id(after, key.lane)] = ()
         for way in ways(graph, key, inside) if key.road not in inside else ():
             if way[-1] in pieces.of_lane:
-                ends = _lane(own[-1], key.lane), _lane(pieces.of_lane[way[-1]][0], way[-1].lane)
+                ends = lane_id(own[-1], key.lane), lane_id(pieces.of_lane[way[-1]][0], way[-1].lane)
                 found.setdefault(ends, way[:-1])
     return found
 
@@ -143,7 +141,8 @@ def _bridged(graph: Graph, empty: Collection[LaneKey]) -> Graph:
     return out
 
 
-def _lane(piece: Piece, lane: int) -> str:
+def lane_id(piece: Piece, lane: int) -> str:
+    """Give the SUMO id of a lane of the map on an edge."""
     return f"{piece.id}_{piece.lanes.index(lane)}"
 
 
@@ -176,92 +175,3 @@ def _whole(network: RoadNetwork, key: LaneKey) -> LaneStretch | None:
     if end - section.start < 1e-6:
         return None
     return LaneStretch(*key, section.start, end, road.along(key.lane, key.section))
-
-
-def names(made: Plain) -> dict[str, str]:
-    """Give what the edges, lanes and nodes of the net are called in the map: for errors of netconvert's."""
-    out = {}
-    for piece in made.pieces.all:
-        out[piece.id] = f"road {piece.road}, s = {piece.start:.3f} to {piece.end:.3f} m"
-        ends = ("start", "end") if piece.forward else ("end", "start")
-        for node, side in ((piece.origin, ends[0]), (piece.target, ends[1])):
-            out.setdefault(node, f"the {side} of {out[piece.id]}")
-    return out | {name: str(own.stretch.key) for name, own in made.lanes.items()}
-
-
-def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
-    """Write nodes, edges and connections into the folder; give the arguments that make netconvert read them."""
-    trees = {"node": _nodes(made), "edge": _edges(network, made), "connection": _connection_xml(made)}
-    arguments = []
-    for name, root in trees.items():
-        path = folder / f"map.{name}.xml"
-        path.write_bytes(etree.tostring(root))
-        arguments += [f"--{name}-files", str(path)]
-    return arguments
-
-
-def _nodes(made: Plain) -> etree._Element:
-    """Every node in the mean of the lane ends that meet there."""
-    ends: dict[str, list[Floats]] = defaultdict(list)
-    for piece in made.pieces.all:
-        for index in range(len(piece.lanes)):
-            line = made.lanes[f"{piece.id}_{index}"].line
-            ends[piece.origin].append(line[0])
-            ends[piece.target].append(line[-1])
-    root = etree.Element("nodes")
-    for name, points in ends.items():
-        x, y = np.mean(points, axis=0)
-        etree.SubElement(root, "node", id=name, x=_number(x), y=_number(y), type="priority")
-    return root
-
-
-def _edges(network: RoadNetwork, made: Plain) -> etree._Element:
-    root = etree.Element("edges")
-    for piece in made.pieces.all:
-        edge = etree.SubElement(root, "edge", {"id": piece.id, "from": piece.origin, "to": piece.target,
-                                               "numLanes": str(len(piece.lanes)), "spreadType": "center"})  # fmt: skip
-        middle = 0.5 * (piece.start + piece.end)
-        limits = network.speed_limit(piece.road, np.array(piece.lanes), np.full(len(piece.lanes), middle))
-        for index, (lane, limit) in enumerate(zip(piece.lanes, limits.tolist(), strict=True)):
-            own = made.lanes[f"{piece.id}_{index}"]
-            element = etree.SubElement(
-                edge, "lane", index=str(index), width=_number(own.width), shape=shape_text(own.line),
-                speed=_number(limit if math.isfinite(limit) and limit > 0.0 else DEFAULT_SPEED),
-            )  # fmt: skip
-            name, value = _permission(network.roads[piece.road].sections[piece.section].lanes[lane].type)
-            element.set(name, value)
-            etree.SubElement(element, "param", key="origId", value=f"{piece.road}_{piece.section}_{lane}")
-    return root
-
-
-def _permission(kind: str) -> tuple[str, str]:
-    if kind in VEHICLE_LANES:
-        return "disallow", NOT_ON_ROADS
-    return ("allow", ALLOWED[kind]) if kind in ALLOWED else ("allow", "authority")
-
-
-def _connection_xml(made: Plain) -> etree._Element:
-    root = etree.Element("connections")
-    left: dict[str, str] = {}
-    for connection in made.connections:
-        (origin, before), (target, after) = (
-            name.rsplit("_", 1) for name in (connection.origin, connection.target)
-        )
-        left[origin] = target
-        attributes = {"from": origin, "to": target, "fromLane": before, "toLane": after}
-        if connection.stretches:
-            attributes["shape"] = shape_text(connection.line)
-        etree.SubElement(root, "connection", attributes)
-    for piece in made.pieces.all:
-        if piece.id not in left:  # said, or netconvert guesses where it might lead
-            etree.SubElement(root, "connection", {"from": piece.id})
-    return root
-
-
-def shape_text(line: Floats | Sequence[Sequence[float]]) -> str:
-    """Give points (K, 2) [m] as SUMO writes them."""
-    return " ".join(f"{x:.6f},{y:.6f}" for x, y in np.asarray(line).tolist())
-
-
-def _number(value: float) -> str:
-    return f"{value:.6f}"
