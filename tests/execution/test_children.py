@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from execution.test_workers import is_gone
 
+from resim.execution import workers
+
 Call = Callable[..., tuple[int, str, str]]
 
 ROOT = Path(__file__).parents[2]
@@ -89,8 +91,9 @@ for file in range(3, 64):
     "text", [b"\xff" * 100, b"\x05" + b"\0" * 7 + b"hello", b"\0\0\0\1", b"\0\0\0\1" + b"\0" * 4]
 )
 def test_what_a_function_writes_into_our_pipes_is_no_answer(
-    call: Call, build: Callable[..., Path], tmp_path: Path, text: bytes
+    call: Call, build: Callable[..., Path], set_constant: Callable[..., None], tmp_path: Path, text: bytes
 ) -> None:
+    set_constant(workers, "_STALLED", 3.0)
     order = ("run", DRIVE, "--basis", "gt", "--out", tmp_path / "out", "--build")
     code, _, error = call(*order, build(WRITES.replace("TEXT", repr(text))))
     assert code == 3
