@@ -66,7 +66,7 @@ Accept = Annotated[
         metavar="CODE", help="Continue despite findings with this code; may be given several times."
     ),
 ]
-"""Errors in spite of which a command goes on."""
+"""Errors despite which a command continues."""
 
 
 class DecidingSource(StrEnum):

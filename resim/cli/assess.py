@@ -1,4 +1,4 @@
-"""`resim assess`: how dangerous was a drive, when, and because of whom."""
+"""`resim assess`: how dangerous was each moment of a drive, and because of which object."""
 
 from __future__ import annotations
 
@@ -70,7 +70,8 @@ def assess(
         ),
     ] = "published",
     road_aware: Annotated[
-        bool, typer.Option("--road-aware", help="Predict objects along their lanes, and nobody off the road.")
+        bool,
+        typer.Option("--road-aware", help="Predict objects along their lanes, and no object off the road."),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
     accept: Accept = None,

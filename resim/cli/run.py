@@ -81,7 +81,7 @@ def run(
     """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.
 
     With --criteria it ends with 1 where one fails or cannot be judged: in rGT or rSD, in any seed of --perception,
-    or in what --verdict-of says; what was measured is told. Ends with 3 where the function failed.
+    or in what --verdict-of says; measured verdicts are reported only. Ends with 3 where the function failed.
     """
     from resim.execution.workers import in_child
     from resim.results import check_output, whole_folder

@@ -87,7 +87,7 @@ def verify(
     """Cross-verify a build on a suite: does simulation give the measured drives' verdicts?
 
     With --against: how does the build differ from an older one, in the same scenarios with the same seeds? Ends
-    with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken, with
+    with 1 where a recording is not verified or a suite limit is exceeded, with 2 where a recording is broken, with
     3 where a function failed.
     """
     from resim.cli.verification import print_verification

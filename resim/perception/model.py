@@ -277,7 +277,7 @@ class LeftOut(Parameters):
 
 class Training(Parameters):
     """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter; fit:
-    whether it fits, None where nobody asked."""
+    whether it fits, none if not tested."""
 
     sources: dict[str, str]
     drives: int
@@ -288,7 +288,7 @@ class Training(Parameters):
 
 
 class _Model(Parameters):
-    """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with data enough.
+    """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with enough data.
 
     id_switch: 1/s, at which a detected object gets another id.
     """

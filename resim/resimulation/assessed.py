@@ -91,7 +91,7 @@ class ResimulationAssessment:
         out += self.misfits
         deciding = self.deciding()
         if others := [f"{name} {verdict}" for name, verdict in self._bad().items() if name not in deciding]:
-            out.append(f"{', '.join(others)}: told only; the verdict is that of {', '.join(deciding)}")
+            out.append(f"{', '.join(others)}: reported only; the verdict is decided by {', '.join(deciding)}")
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 
     def deciding(self) -> tuple[str, ...]:

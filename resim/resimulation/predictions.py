@@ -47,7 +47,7 @@ def refit_prediction(
     """Refit the published prediction to the ground truth of recordings, every object of it, the EGO too.
 
     name: of the set. kinds: those to fit, all that are there without; one that is asked for must be fitted. accept:
-    codes of errors in the ground truth in spite of which a recording is taken. Raises InputError.
+    codes of errors in the ground truth despite which a recording is taken. Raises InputError.
     """
     if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise InputError("--kind", f"there is no kind {unknown[0]!r}", f"Kinds: {', '.join(KINDS)}.")

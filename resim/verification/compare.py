@@ -24,7 +24,7 @@ class DriveComparison:
     """A simulated drive beside the measured one.
 
     kpis: by criterion, "invalid" where either cannot be judged. same_decision: whether the EGO did the same, in the
-    same order. reaction_difference [s]: simulated less measured first braking. late: whether it is beyond tolerance.
+    same order. reaction_difference [s]: simulated minus measured first braking. late: whether it is beyond tolerance.
     beyond: errors of the steps that are. whole: both ended alike, so that nothing passes for being cut short. t: when
     [s] the first difference shows, None where none does. failure: why the function failed, or "".
     """
@@ -162,7 +162,7 @@ def compare(
 
 
 def _ended(measured: DriveOutcome, simulated: DriveOutcome) -> str:
-    """How the simulation ended otherwise than the drive."""
+    """How the simulation ended differently from the drive."""
     if measured.collision != simulated.collision:
         return (
             "the EGO collides only in the drive"

@@ -59,7 +59,7 @@ class RunPair:
 
 
 def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, parted: float | None) -> RunPair:
-    """Set the new build's run beside the old one's. parted: when [s] the EGOs part.
+    """Set the new build's run beside the old one's. parted: when [s] the EGOs diverge.
 
     A run that ended before there was anything to judge has lost what the other passed.
     """

@@ -66,7 +66,7 @@ class LimitCheck:
 
 @dataclass(frozen=True)
 class ComparisonSummary:
-    """How many recordings the newer build is the same, better or worse on, and whether the suite's limits are kept.
+    """How many recordings the newer build is the same, better or worse on, and whether the suite's limits are met.
 
     limits: by the fields of `RegressionLimits`. gained: KPIs in all runs. risk, comfort: mean differences.
     """

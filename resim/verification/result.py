@@ -56,7 +56,7 @@ class VerificationResult:
 
     @property
     def way(self) -> Way:
-        """The way that the verdict rests on: GT with the perception model, else GT, else SD."""
+        """The basis that the verdict is judged by: GT with the perception model, else GT, else SD."""
         order: tuple[Way, ...] = ("rGT+M", "rGT", "rSD")
         return next(way for way in order if way in self.judged)
 
@@ -68,7 +68,7 @@ class VerificationResult:
 
     @property
     def verdict(self) -> Verdict:
-        """That of the way that it rests on; an error where the function failed in any run."""
+        """That of the basis that it is judged by; an error where the function failed in any run."""
         return "error" if self.failure else self.judged[self.way].verdict
 
     def entry(self, source: RecordingSource) -> VerifiedRecording:

@@ -82,8 +82,8 @@ def verify_recording(
 ) -> VerificationResult:
     """Re-simulate a recording and set every re-simulation beside the measured drive.
 
-    The verdict rests on GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
-    errors in the map in spite of which to go on.
+    The verdict is judged by GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
+    errors in the map to continue despite.
     """
     if "GT" not in options.bases and perceiving is None and recording.sd is None:
         raise ResimError(
@@ -162,7 +162,7 @@ def _over_seeds(
 
 
 def _driven_otherwise(driven: OpenLoopFinding | None) -> Iterator[str]:
-    """A note where the vehicle moved otherwise than its model, whatever the verdict."""
+    """A note where the vehicle moved differently from its model, whatever the verdict."""
     if driven is not None and driven.blamed not in (None, "function"):
         yield str(driven)
 

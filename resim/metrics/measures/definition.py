@@ -51,8 +51,8 @@ class MeasureDefinition:
     the `Scenes` of that scene alone. Both can be computed for several drives at once. made_of: measures that it asks
     for.
 
-    The rest is for criteria. alone: it is of the EGO alone, whoever else is there. needs: how far ahead a limit asks to
-    look, None where that is never farther than usual. open_beyond: how bad (S, 1) it can still be where there is
+    The rest is for criteria. alone: it is of the EGO alone, whatever else is there. needs: how far ahead a limit asks
+    to look, None where that is never farther than usual. open_beyond: how bad (S, 1) it can still be where there is
     NO_CONFLICT as far as was looked (`MeasureInputs.seen`); None: not at all. unseen: how bad (P,) it can be in scenes
     in which an object is there but was not seen, NaN where not at all; None: as bad as can be where boxes can touch.
     whom: because of which object the value of a whole scene is what it is, "" for none.

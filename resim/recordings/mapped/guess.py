@@ -314,7 +314,7 @@ class _Guess:
             return
         drives = (moves[1] > conventions.MOVES) & np.isfinite(raw)
         if not drives.any():
-            out.ask(line(quoted(column), units[0], "x", "false"), "whoever moves has no heading")
+            out.ask(line(quoted(column), units[0], "x", "false"), "moving objects have no heading")
             return
         fits = conventions.ranked(raw, moves[0], drives, unit)
         off, turns, zero, clockwise = fits[0]
@@ -332,7 +332,7 @@ class _Guess:
         others = "; or ".join(f"{u}, {z}, clockwise {str(c).lower()}" for _, u, z, c in rivals)
         out.ask(
             told,
-            f"{words}, and as good: {others}. Whoever turns, or stands aside, has another heading in each",
+            f"{words}, and equally good: {others}. A turning or sideways vehicle would distinguish them",
         )
 
     def _speed(self, out: Lines, moves: tuple[Floats, Floats] | None) -> None:

@@ -216,7 +216,7 @@ def _csv(path: Path, separator: str) -> pd.DataFrame:
     frame = frame.fillna("")
     broken = frame.apply(lambda values: values.str.contains("\n", regex=False)).any(axis=1)
     if broken.any():
-        problem = f"row {frame.index[broken][0]}: a value goes on over the next lines"
+        problem = f"row {frame.index[broken][0]}: a value continues on the following lines"
         raise InputError(path, problem, 'Take its quote (") away, or the line breaks within quotes.')
     told: pd.DataFrame = frame[(frame.apply(lambda values: values.str.strip()) != "").any(axis=1)]
     return told

@@ -46,7 +46,7 @@ def kpi_table(entry: VerifiedRecording) -> Markup:
 
 
 def _kpi(found: KpiEntry | None, gt: KpiEntry) -> str:
-    """One drive's KPI: outcome, worst value, when, because of whom, and which limit was broken or what is not known."""
+    """One drive's KPI: outcome, worst value, time and object, and which limit was exceeded or what is not known."""
     if found is None:
         return NONE
     verdict = found.verdict
