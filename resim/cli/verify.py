@@ -12,7 +12,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app, command
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
-from resim.cli.progress import Progress
+from resim.cli.progress import ProgressReporter
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError, ResimError
@@ -176,7 +176,7 @@ def _progress() -> Iterator[VerificationListener]:
     """Counts recordings."""
     from resim.jobs.verify import VerificationListener
 
-    with Progress("recordings") as progress:
+    with ProgressReporter("recordings") as progress:
 
         def done(name: str, verdict: str, kept: bool) -> None:
             if kept:

@@ -15,11 +15,11 @@ from resim.core.objects import GAP
 from resim.core.tracks import KINDS, Tracks
 from resim.metrics.risk.fitting import AHEAD, LEAST, MotionPoints, Refit, refit
 from resim.metrics.risk.prediction import (
-    Motion,
+    ObjectMotion,
     PredictionEntry,
     PredictionSet,
     PredictionSources,
-    Walking,
+    WalkerMotion,
     prediction,
 )
 from resim.recordings import Recording, read_tables, recording_of
@@ -136,12 +136,12 @@ def _entry(fit: Refit, sources: Mapping[str, str]) -> PredictionEntry:
     )  # fmt: skip
     provenance = f"fitted to {len(points)} points of {fit.objects} objects of {len(sources)} recordings"
     motion = _rounded(fit.motion)
-    if isinstance(motion, Walking):
+    if isinstance(motion, WalkerMotion):
         return PredictionEntry(provenance=provenance, walking=motion, fitted=fitted)
     return PredictionEntry(provenance=provenance, ctra=motion, fitted=fitted)
 
 
-def _rounded(motion: Motion) -> Motion:
+def _rounded(motion: ObjectMotion) -> ObjectMotion:
     short = {
         name: tuple(map(_short, value)) if isinstance(value, tuple) else _short(value)
         for name, value in asdict(motion).items()

@@ -10,12 +10,12 @@ from pydantic import Discriminator, Field, Tag
 
 from resim.core.schema import VerificationSchema
 from resim.core.spec import EXACT
-from resim.verification.compare import Verdict
+from resim.verification.compare import VerificationVerdict
 from resim.verification.entries import BuildVerdict, ComparedRecording, FailedRecording, VerifiedRecording
 from resim.verification.inputs import VerificationRequest
 from resim.verification.paired import Difference
 
-VERDICTS: tuple[Verdict, ...] = ("verified", "not verified", "undecided", "invalid", "error")
+VERDICTS: tuple[VerificationVerdict, ...] = ("verified", "not verified", "undecided", "invalid", "error")
 CHANGES: tuple[BuildVerdict, ...] = ("same", "changed", "better", "worse", "error")
 
 

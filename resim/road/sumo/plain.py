@@ -64,7 +64,7 @@ class SumoConnection:
 
 
 @dataclass(frozen=True, eq=False)
-class Plain:
+class PlainNetwork:
     """All that goes into the net."""
 
     pieces: Pieces
@@ -72,7 +72,7 @@ class Plain:
     connections: tuple[SumoConnection, ...]
 
 
-def plain(network: RoadNetwork) -> Plain:
+def plain(network: RoadNetwork) -> PlainNetwork:
     """Give the lanes of all edges and the connections between them."""
     graph = lane_graph(network)
     passed = passed_lanes(network, graph)
@@ -91,7 +91,7 @@ def plain(network: RoadNetwork) -> Plain:
             name = f"{piece.id}_{index}"
             lanes[name] = LaneLine(name, stretch, line, max(float(width), NARROWEST))
     found = _connected(graph, inside, pieces)
-    return Plain(pieces, lanes, tuple(_with_lines(network, lanes, found)))
+    return PlainNetwork(pieces, lanes, tuple(_with_lines(network, lanes, found)))
 
 
 Ends = tuple[str, str]
@@ -178,7 +178,7 @@ def _whole(network: RoadNetwork, key: LaneKey) -> LaneStretch | None:
     return LaneStretch(*key, section.start, end, road.along(key.lane, key.section))
 
 
-def names(made: Plain) -> dict[str, str]:
+def names(made: PlainNetwork) -> dict[str, str]:
     """Give what the edges, lanes and nodes of the net are called in the map: for errors of netconvert's."""
     out = {}
     for piece in made.pieces.all:
@@ -189,7 +189,7 @@ def names(made: Plain) -> dict[str, str]:
     return out | {name: str(own.stretch.key) for name, own in made.lanes.items()}
 
 
-def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
+def write(network: RoadNetwork, made: PlainNetwork, folder: Path) -> list[str]:
     """Write nodes, edges and connections into the folder; give the arguments that make netconvert read them."""
     trees = {"node": _nodes(made), "edge": _edges(network, made), "connection": _connection_xml(made)}
     arguments = []
@@ -200,7 +200,7 @@ def write(network: RoadNetwork, made: Plain, folder: Path) -> list[str]:
     return arguments
 
 
-def _nodes(made: Plain) -> etree._Element:
+def _nodes(made: PlainNetwork) -> etree._Element:
     """Every node in the mean of the lane ends that meet there."""
     ends: dict[str, list[Floats]] = defaultdict(list)
     for piece in made.pieces.all:
@@ -215,7 +215,7 @@ def _nodes(made: Plain) -> etree._Element:
     return root
 
 
-def _edges(network: RoadNetwork, made: Plain) -> etree._Element:
+def _edges(network: RoadNetwork, made: PlainNetwork) -> etree._Element:
     root = etree.Element("edges")
     for piece in made.pieces.all:
         edge = etree.SubElement(root, "edge", {"id": piece.id, "from": piece.origin, "to": piece.target,
@@ -240,7 +240,7 @@ def _permission(kind: str) -> tuple[str, str]:
     return ("allow", ALLOWED[kind]) if kind in ALLOWED else ("allow", "authority")
 
 
-def _connection_xml(made: Plain) -> etree._Element:
+def _connection_xml(made: PlainNetwork) -> etree._Element:
     root = etree.Element("connections")
     left: dict[str, str] = {}
     for connection in made.connections:

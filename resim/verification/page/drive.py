@@ -9,7 +9,7 @@ from urllib.parse import quote
 from resim.report.markup import Markup, html, join
 from resim.report.tables import decision_words
 from resim.resimulation.traces import SpeedTraces
-from resim.verification.compare import Way
+from resim.verification.compare import SimulatedSource
 from resim.verification.entries import (
     ComparedRun,
     RecordingSource,
@@ -93,7 +93,7 @@ def reason(entry: RecordingResult) -> str:
     return html("First cause: <b>{}</b>{}: {}.", cause.step, when, cause.text)
 
 
-def decisions(entry: VerifiedRecording, way: Way) -> str:
+def decisions(entry: VerifiedRecording, way: SimulatedSource) -> str:
     """Give what the EGO did in the simulation, over seeds with how many of them."""
     found = entry.decision.each().get(way)
     return counted([decision_words(one) for one in found]) if found else NONE
@@ -104,7 +104,7 @@ def first_braking(runs: Sequence[ComparedRun]) -> str:
     return spread([run.reaction_difference for run in runs], 2, "s")
 
 
-def kpis_equal(entry: VerifiedRecording, way: Way) -> str:
+def kpis_equal(entry: VerifiedRecording, way: SimulatedSource) -> str:
     """Give how many KPIs are equal; over seeds the share that is verified."""
     found = entry.ways[way]
     if isinstance(found, SeedRuns):
