@@ -20,9 +20,8 @@ from validate_real import NGSIM, candidates
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
-from resim.metrics.drive import Path as EgoPath
-from resim.metrics.drive import drive
-from resim.metrics.risk import DEFAULTS, Parameters
+from resim.metrics.drive import PathSource, drive
+from resim.metrics.risk import DEFAULTS, RiskParameters
 from resim.metrics.risk.prediction import prediction
 from resim.recordings import read_commonroad
 from resim.resimulation.run import describe_recording
@@ -44,8 +43,8 @@ class Way:
 
     name: str
     prediction: str = "published"
-    path: EgoPath = "driven"
-    parameters: Parameters = DEFAULTS
+    path: PathSource = "driven"
+    parameters: RiskParameters = DEFAULTS
     smooth: float = 0.0
     yawing: bool = True
 
@@ -55,7 +54,7 @@ WAYS = (
     Way(
         "as recorded, EGO's state kept, published algorithm",
         path="state",
-        parameters=Parameters(mode="published"),
+        parameters=RiskParameters(mode="published"),
     ),
     Way("as recorded, EGO's driven path"),
     Way("as recorded, EGO's driven path, prediction refitted to NGSIM", prediction="ngsim"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from validate_real import candidates
 
 from resim.metrics.drive import drive
-from resim.metrics.risk import PUBLISHED, Parameters, Risk, Scenes, accident_risk
+from resim.metrics.risk import PUBLISHED, Risk, RiskParameters, Scenes, accident_risk
 from resim.metrics.risk.lane_paths import lane_paths
 from resim.recordings import read_commonroad
 from resim.resimulation.run import describe_recording
@@ -25,11 +25,11 @@ from resim.road.opendrive import RoadNetwork, load
 Floats = NDArray[np.float64]
 CAR = (4.7, 1.9)
 COUNT = 60
-FINE = Parameters(step=0.0025, samples=512, seed=99)
+FINE = RiskParameters(step=0.0025, samples=512, seed=99)
 TRIED = {
-    "continuous, 64 Sobol": Parameters(),
-    "continuous, 32 Sobol": Parameters(samples=32),
-    "published, 100 random": Parameters(mode="published"),
+    "continuous, 64 Sobol": RiskParameters(),
+    "continuous, 32 Sobol": RiskParameters(samples=32),
+    "published, 100 random": RiskParameters(mode="published"),
 }
 
 
@@ -52,7 +52,7 @@ def families(rng: np.random.Generator) -> dict[str, tuple[Floats, Floats]]:
     return {name: (ego, np.stack(columns, axis=1)) for name, columns in named.items()}
 
 
-def risk(ego: Floats, state: Floats, parameters: Parameters) -> Risk:
+def risk(ego: Floats, state: Floats, parameters: RiskParameters) -> Risk:
     """Give the risk of scenes of an EGO at constant speed along x."""
     t = np.arange(round(parameters.horizon / parameters.step) + 1) * parameters.step
     plan = np.stack(

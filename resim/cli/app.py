@@ -20,7 +20,7 @@ import typer
 from typer.core import TyperGroup
 
 from resim import __version__
-from resim.cli.terminal import Telling, say, told_as
+from resim.cli.terminal import OutputSettings, output_as, say
 from resim.core.errors import FunctionError, ResimError, StopError
 from resim.core.files import refuse_undecodable
 from resim.simulation.vehicles.registry import VEHICLES
@@ -66,7 +66,7 @@ Accept = Annotated[
         metavar="CODE", help="Continue despite findings with this code; may be given several times."
     ),
 ]
-"""Errors in spite of which a command goes on."""
+"""Errors despite which a command continues."""
 
 
 class DecidingSource(StrEnum):
@@ -123,7 +123,7 @@ def command(group: typer.Typer, name: str | None = None, **options: Any) -> Call
         ]
 
         def told(*, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
-            with told_as(Telling(as_json, quiet, verbose)):
+            with output_as(OutputSettings(as_json, quiet, verbose)):
                 job(**given)
 
         parameters = [*(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own), *shared]

@@ -1,4 +1,4 @@
-"""`resim assess`: how dangerous was a drive, when, and because of whom."""
+"""`resim assess`: how dangerous was each moment of a drive, and because of which object."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import typer
 from resim.cli.app import Accept, BadVerdictError, Deciding, assess_app, command
 from resim.cli.inputs import A_DRIVE, CriteriaFile
 from resim.cli.runs import register
-from resim.cli.terminal import Telling, add_to_json, say, show, telling, told_as
+from resim.cli.terminal import OutputSettings, add_to_json, output_as, output_settings, say, show
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def assess(
         ),
     ] = "published",
     road_aware: Annotated[
-        bool, typer.Option("--road-aware", help="Predict objects along their lanes, and nobody off the road.")
+        bool,
+        typer.Option("--road-aware", help="Predict objects along their lanes, and no object off the road."),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the samples.")] = 0,
     accept: Accept = None,
@@ -92,7 +93,7 @@ def assess(
         )
     asked = _AssessOptions(
         drive, None if criteria is None else in_child(_frozen, criteria), mode, path, prediction, road_aware, seed,
-        tuple(accept or ()), deciding(verdict_of, criteria), out, sys.stdout.isatty(), telling(),
+        tuple(accept or ()), deciding(verdict_of, criteria), out, sys.stdout.isatty(), output_settings(),
     )  # fmt: skip
     with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
         done = in_child(_assess, (asked, folder))
@@ -118,7 +119,7 @@ class _AssessOptions:
     verdict_of: tuple[str, ...]
     out: Path | None
     terminal: bool
-    how: Telling
+    how: OutputSettings
 
 
 @dataclass(frozen=True)
@@ -152,14 +153,14 @@ def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     from resim.cli.verdicts import captured, print_findings, print_notes, print_verdicts, print_worst
     from resim.jobs.assess import assess
     from resim.jobs.given import the_criteria
-    from resim.metrics.risk import Parameters
+    from resim.metrics.risk import RiskParameters
     from resim.metrics.risk.prediction import named_prediction
     from resim.resimulation import AssessmentOptions
     from resim.results import assessment_document
 
     a, folder = task
     how = AssessmentOptions(
-        parameters=Parameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
+        parameters=RiskParameters(mode=a.mode.value, seed=a.seed), path=a.path.value,
         prediction=named_prediction(a.prediction), road_aware=a.road_aware, criteria=the_criteria(a.criteria),
         decides=a.verdict_of or None,
     )  # fmt: skip
@@ -167,7 +168,7 @@ def _assess(task: tuple[_AssessOptions, Path | None]) -> ChildReport:
     found = result.assessment
     if folder is not None and a.out is not None:
         result.write_files(folder, a.out)
-    with told_as(a.how), captured(a.terminal) as screen:
+    with output_as(a.how), captured(a.terminal) as screen:
         print_worst(found)
         print_findings(found)
         print_verdicts(found)

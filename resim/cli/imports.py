@@ -74,12 +74,14 @@ def guess(
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", callback=A_MAP, help="OpenDRIVE map: tells mirrored axes and zones."),
+        typer.Option(
+            "--map", callback=A_MAP, help="OpenDRIVE map: used to detect mirrored axes and time or UTM zones."
+        ),
     ] = None,
 ) -> None:
-    """Write a first mapping of a table for `resim import table`, as far as the data tell, with the reason of each line.
+    """Write a first mapping of a table for `resim import table`, from the data, with the reason of each line.
 
-    What they do not tell is a line that says FILL IN.
+    Unknown entries are marked FILL IN.
     """
     from resim.core.errors import InputError
     from resim.recordings.mapped.guess import fill_ins

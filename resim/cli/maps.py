@@ -32,7 +32,7 @@ MapFile = Annotated[
 
 @command(maps, "check")
 def check(path: MapFile) -> None:
-    """Look a map over, convert it, and say where it is wrong or its SUMO net not exact."""
+    """Check and convert a map; list its errors and inexact lanes."""
     from resim.jobs.convert import check_map
 
     found = check_map(path)

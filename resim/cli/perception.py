@@ -9,7 +9,7 @@ import typer
 
 from resim.cli.app import Accept, Settings, app, command
 from resim.cli.inputs import A_MODEL, A_RECORDING
-from resim.cli.progress import Progress
+from resim.cli.progress import ProgressReporter
 from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def train(
     from resim.perception.validation import FOLDS
 
     folds = 0 if report is None else min(FOLDS, len(recordings))
-    with Progress("stages", len(recordings) + 1 + folds) as progress:
+    with ProgressReporter("stages", len(recordings) + 1 + folds) as progress:
         model = job.train(recordings, out, report=report, accept=accept or [], progress=progress.step)
     add_to_json(model=out, report=None if report is None else str(report))
     print_model(model)

@@ -8,7 +8,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, TextIO
 
-from resim.cli.terminal import say, telling, visible
+from resim.cli.terminal import output_settings, say, visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -24,7 +24,7 @@ def _screen() -> TextIO:
     return sys.stderr
 
 
-class Progress:
+class ProgressReporter:
     """Context in which a command tells how far it is.
 
     Attributes:
@@ -38,13 +38,13 @@ class Progress:
         self._begin = self._told = time.monotonic()
         self._bar: Bar | None = None
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressReporter:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
         console = Console(file=_screen())
-        if console.is_terminal and not telling().quiet and not telling().verbose:
+        if console.is_terminal and not output_settings().quiet and not output_settings().verbose:
             self._bar = Bar(
                 TextColumn("{task.description:24}", markup=False), BarColumn(), MofNCompleteColumn(),
                 TextColumn("{task.fields[rate]}"), TimeRemainingColumn(), console=console, transient=True,
@@ -81,8 +81,8 @@ class Progress:
                 self._bar.task_ids[0], description=visible(doing)[:24], completed=self.done, total=self._total,
                 rate=f"{rate:.1f}/s" if rate > 0.1 else "",
             )  # fmt: skip
-        elif not telling().quiet and (
-            (now := time.monotonic()) >= self._told + EVERY or (doing and telling().verbose)
+        elif not output_settings().quiet and (
+            (now := time.monotonic()) >= self._told + EVERY or (doing and output_settings().verbose)
         ):
             self._told = now
             of = "" if self._total is None else f" of {self._total}"

@@ -15,8 +15,8 @@ import typer
 from resim.cli.app import Accept, Deciding, Settings, Vehicle, app, command
 from resim.cli.assess import ChildReport, deciding
 from resim.cli.inputs import A_MODEL, BuildFile, CriteriaFile, RecordingFolder
-from resim.cli.progress import Progress
-from resim.cli.terminal import Telling, add_to_json, telling, told_as
+from resim.cli.progress import ProgressReporter
+from resim.cli.terminal import OutputSettings, add_to_json, output_as, output_settings
 from resim.core.errors import InputError, ResimError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def run(
     """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.
 
     With --criteria it ends with 1 where one fails or cannot be judged: in rGT or rSD, in any seed of --perception,
-    or in what --verdict-of says; what was measured is told. Ends with 3 where the function failed.
+    or in what --verdict-of says; measured verdicts are reported only. Ends with 3 where the function failed.
     """
     from resim.execution.workers import in_child
     from resim.results import check_output, whole_folder
@@ -92,7 +92,7 @@ def run(
     asked = _RunOptions(
         recording, build, basis, vehicle, step, lead_in, seed, stop_at_collision, criteria, perception,
         tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), gui, out,
-        sys.stdout.isatty(), telling(),
+        sys.stdout.isatty(), output_settings(),
     )  # fmt: skip
     files = in_child(_frozen, asked)
     with whole_folder(out) as folder, _terminal_restored():
@@ -137,7 +137,7 @@ class _RunOptions:
     gui: bool
     out: Path
     terminal: bool
-    how: Telling
+    how: OutputSettings
 
 
 class _Files(NamedTuple):
@@ -177,7 +177,7 @@ def _resimulate(task: tuple[_RunOptions, _Files, Path]) -> ChildReport:
         )
     seen = _perceiving(files.perception, a.settings, range(a.seed, a.seed + a.seeds), options.bases)
     each = stages(measured, options, perceiving=seen is not None)
-    with told_as(a.how), Progress("stages", len(each)) as progress:
+    with output_as(a.how), ProgressReporter("stages", len(each)) as progress:
 
         def tell(stage: str) -> None:
             progress.step(stage, by=each.index(stage) - progress.done)
@@ -193,7 +193,7 @@ def _resimulate(task: tuple[_RunOptions, _Files, Path]) -> ChildReport:
             progress=tell,
         )
     result.write_files(folder, a.out)
-    with told_as(a.how), captured(a.terminal) as screen:
+    with output_as(a.how), captured(a.terminal) as screen:
         _print(result.resimulation, result.assessment)
     return ChildReport(screen.getvalue(), result.problem, bool(result.resimulation.failure))
 

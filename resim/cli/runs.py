@@ -76,7 +76,7 @@ def list_results(
         ),
     ] = None,
 ) -> None:
-    """List results, the newest first, and say which folders are gone or hold something else since."""
+    """List results, the newest first, and say which folders are missing or have changed."""
     from resim.results.reading import VERDICTS
 
     if verdict is not None and verdict.lower() not in {v.lower() for v in VERDICTS}:
@@ -125,7 +125,7 @@ def rm(
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before folders are deleted.")] = False,
 ) -> None:
-    """Forget results; their folders stay, unless --files is given."""
+    """Remove results from the catalog; their folders stay, unless --files is given."""
     catalog = _catalog()
     entries = {entry.id: entry for entry in map(catalog.get, results)}.values()
     doomed = [entry for entry in entries if _is_deletable(entry)] if files else []

@@ -12,7 +12,7 @@ import typer
 
 from resim.cli.app import Vehicle, Workers, command, sweep_app
 from resim.cli.inputs import A_SWEEP
-from resim.cli.progress import Progress
+from resim.cli.progress import ProgressReporter
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError
@@ -132,7 +132,7 @@ def _progress() -> Iterator[SweepListener]:
     from resim.jobs.sweep import SweepListener
 
     failures = 0
-    with Progress("runs") as progress:
+    with ProgressReporter("runs") as progress:
 
         def done(failed: bool) -> None:
             nonlocal failures

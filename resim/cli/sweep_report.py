@@ -60,7 +60,7 @@ def repeat_run(
         str | None, typer.Option(metavar="MODEL", help="Vehicle model of the EGO; default: the sweep's.")
     ] = None,
 ) -> None:
-    """Do one run of a sweep again, compare it with its row in the table, and write what `resim run` writes of it.
+    """Do one run of a sweep again, compare it with its row in the table, and write the same files as `resim run`.
 
     Ends with 1 where the run is not the same as in the sweep.
     """

@@ -20,7 +20,7 @@ STEERING = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u20
 
 
 @dataclass(frozen=True)
-class Telling:
+class OutputSettings:
     """How the command at work tells of its results and progress.
 
     Attributes:
@@ -36,16 +36,16 @@ class Telling:
     results: dict[str, Any] = field(default_factory=dict)
 
 
-_telling = [Telling()]
+_telling = [OutputSettings()]
 
 
-def telling() -> Telling:
+def output_settings() -> OutputSettings:
     """Give how the command at work tells of its results."""
     return _telling[-1]
 
 
 @contextmanager
-def told_as(how: Telling) -> Iterator[None]:
+def output_as(how: OutputSettings) -> Iterator[None]:
     """Tell so within; in the end, also where the verdict is bad, the JSON object is printed."""
     if how.quiet and (how.json or how.verbose):
         raise InputError(
@@ -84,13 +84,13 @@ def show(text: str) -> None:
 
 def is_text_wanted() -> bool:
     """Say whether standard output is for text."""
-    return not (telling().json or telling().quiet)
+    return not (output_settings().json or output_settings().quiet)
 
 
 def add_to_json(**results: Any) -> None:
     """Add results to the JSON object, if one is wanted: of a JSON file what it holds, of other files where they lie."""
-    if telling().json:
-        telling().results.update({name: _plain(value) for name, value in results.items()})
+    if output_settings().json:
+        output_settings().results.update({name: _plain(value) for name, value in results.items()})
 
 
 def _plain(value: Any) -> Any:

@@ -53,10 +53,10 @@ def console() -> Console:
 
 
 def print_worst(found: ResimulationAssessment) -> None:
-    """Print the worst of every measure: value, when, because of whom; a column for each of GT, SD, rGT, rSD."""
+    """Print the worst of every measure: value, time and object; a column for each of GT, SD, rGT, rSD."""
     from resim.metrics.measures.definition import KINDS
 
-    table = Table(title=f"{found.name}: the worst of each measure, when, and because of whom")
+    table = Table(title=f"{found.name}: the worst of each measure, with time and object")
     table.add_column("measure")
     for name in found.blocks:
         table.add_column(name)
@@ -77,7 +77,7 @@ def print_verdicts(found: ResimulationAssessment) -> None:
         return
     from resim.metrics.criteria import reason_words
 
-    table = Table(title=f"criteria {found.criteria.name!r}: verdict, worst value, when, because of whom")
+    table = Table(title=f"criteria {found.criteria.name!r}: verdict, worst value, time and object")
     table.add_column("criterion")
     for name in found.blocks:
         table.add_column(name)

@@ -121,7 +121,7 @@ def _compared(found: VerificationReport, told: ComparisonSummary) -> None:
     if (risk := told.risk) is not None:
         between = "" if risk.low is None else f" [{risk.low:+.4f}, {risk.high:+.4f}]"
         out.print(
-            f"largest risk, new less old, mean over {risk.of} recordings: {risk.mean:+.4f}{between}",
+            f"largest risk, change (new - old), mean over {risk.of} recordings: {risk.mean:+.4f}{between}",
             highlight=False,
         )
 

@@ -12,7 +12,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app, command
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
-from resim.cli.progress import Progress
+from resim.cli.progress import ProgressReporter
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError, ResimError
@@ -87,7 +87,7 @@ def verify(
     """Cross-verify a build on a suite: does simulation give the measured drives' verdicts?
 
     With --against: how does the build differ from an older one, in the same scenarios with the same seeds? Ends
-    with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken, with
+    with 1 where a recording is not verified or a suite limit is exceeded, with 2 where a recording is broken, with
     3 where a function failed.
     """
     from resim.cli.verification import print_verification
@@ -176,7 +176,7 @@ def _progress() -> Iterator[VerificationListener]:
     """Counts recordings."""
     from resim.jobs.verify import VerificationListener
 
-    with Progress("recordings") as progress:
+    with ProgressReporter("recordings") as progress:
 
         def done(name: str, verdict: str, kept: bool) -> None:
             if kept:

@@ -8,7 +8,7 @@ from typing import Generic, Protocol, TypeVar
 from resim.core.errors import ResimError
 
 
-class Named(Protocol):
+class RegistryEntry(Protocol):
     """What can be in a registry."""
 
     @property
@@ -16,7 +16,7 @@ class Named(Protocol):
         """Give the name that users call it by."""
 
 
-Part = TypeVar("Part", bound=Named)
+Part = TypeVar("Part", bound=RegistryEntry)
 
 
 class Registry(Generic[Part]):

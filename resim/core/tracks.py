@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,10 @@ from resim.core.geometry import Bools, Floats, unwrap_angle, wrap_angle
 from resim.core.schema import COLUMNS as COLUMNS
 from resim.core.schema import OPTIONAL_COLUMNS as OPTIONAL_COLUMNS
 
-KINDS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown")
+ObjectKind = Literal[
+    "car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown"
+]
+KINDS: tuple[str, ...] = get_args(ObjectKind)
 
 PART = "~"
 """What stands between an object's id and the number of its part (see `Tracks.split`)."""
@@ -164,10 +167,10 @@ class Tracks:
         The parts of object `5` are called `5`, `5~2`, `5~3`; the object `keep` is left whole. Raises ResimError
         where an id reads as a part of another already.
         """
-        if parted := self.parts():
-            whole = whole_id(parted[0], set(self.ids.tolist()))
+        if part_ids := self.parts():
+            whole = whole_id(part_ids[0], set(self.ids.tolist()))
             raise ResimError(
-                f"the id {parted[0]!r} reads as a part of object {whole!r}; give it another name"
+                f"the id {part_ids[0]!r} reads as a part of object {whole!r}; give it another name"
             )
         rows: list[int] = []
         parts: list[NDArray[np.intp]] = []

@@ -109,7 +109,8 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
     except BaseException as e:
         where = traceback.extract_tb(e.__traceback__)[-1]
         return Failure(
-            f"unexpected {watchdog.said(e)} in {where.name} ({Path(where.filename).name})", crashed=True
+            f"unexpected {watchdog.exception_text(e)} in {where.name} ({Path(where.filename).name})",
+            crashed=True,
         )
 
 

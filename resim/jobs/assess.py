@@ -13,7 +13,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.jobs.given import File, path_of, the_criteria
 from resim.jobs.resimulate import ResimulationResult
-from resim.jobs.verdicts import bad, verdict_frame
+from resim.jobs.verdicts import reason_not_passed, verdict_frame
 from resim.metrics.criteria import Criteria
 from resim.recordings import Recording
 from resim.report import write_assessment_page
@@ -55,7 +55,7 @@ class AssessmentResult:
     @property
     def problem(self) -> str:
         """Why the verdict is bad; "" where it is not, or nothing was judged."""
-        return bad(self.assessment)
+        return reason_not_passed(self.assessment)
 
     def write(self, out: str | Path) -> None:
         """Write what `resim assess` writes into a folder, whole or not at all.

@@ -33,7 +33,7 @@ def path_of(file: str | Path) -> Path:
 
 
 def the_recording(given: str | Path | Recording, accept: Collection[str]) -> Recording:
-    """Give a recording, examined if it is read here.
+    """Give a recording, checked if it is read here.
 
     Args:
         given: A recording, or its folder.

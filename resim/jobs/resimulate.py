@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from resim.jobs.given import File, refuse_without_sd, the_build, the_criteria, the_perception, the_recording
-from resim.jobs.verdicts import bad, verdict_frame
+from resim.jobs.verdicts import reason_not_passed, verdict_frame
 from resim.metrics.criteria import Criteria
 from resim.perception.model import PerceptionModel
 from resim.recordings import Recording
@@ -95,7 +95,7 @@ class ResimulationResult:
     def problem(self) -> str:
         """Why the result is bad: the function failed, or criteria are not met; "" where it is good."""
         judged = self.assessment.criteria is not None
-        return self.resimulation.failure or bad(self.assessment) * judged
+        return self.resimulation.failure or reason_not_passed(self.assessment) * judged
 
     def write(self, out: str | Path) -> None:
         """Write what `resim run` writes into a folder, whole or not at all.

@@ -7,7 +7,7 @@ import pandas as pd
 from resim.resimulation import ResimulationAssessment
 
 
-def bad(found: ResimulationAssessment) -> str:
+def reason_not_passed(found: ResimulationAssessment) -> str:
     """Say why a verdict is bad.
 
     Args:

@@ -147,10 +147,10 @@ def compare(
     return _run((path_of(suite), path_of(build), path_of(against), options, path_of(out)), workers, listener)
 
 
-_Asked = tuple[Path, Path, Path | None, VerifyOptions, Path]
+_RequestInputs = tuple[Path, Path, Path | None, VerifyOptions, Path]
 
 
-def _request(asked: _Asked) -> VerificationRequest:
+def _request(asked: _RequestInputs) -> VerificationRequest:
     """Read what is asked for; in a child process, as builds and criteria bring code."""
     suite, build, against, options, out = asked
     wanted = make_request(read_suite(suite), build, against, options, out)
@@ -158,7 +158,7 @@ def _request(asked: _Asked) -> VerificationRequest:
     return wanted
 
 
-def _run(asked: _Asked, workers: int | None, listener: VerificationListener) -> Verification:
+def _run(asked: _RequestInputs, workers: int | None, listener: VerificationListener) -> Verification:
     out = asked[-1]
     check_output(out, VERIFICATION)
     wanted = in_child(_request, asked)

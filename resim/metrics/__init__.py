@@ -1,1 +1,1 @@
-"""Judges a drive: how near an accident it was, when, and because of whom."""
+"""Judges a drive: how near an accident it was, with time and object."""

@@ -12,7 +12,7 @@ from resim.metrics.doubts.doubt import doubted, resized
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import DriveScenes
 from resim.metrics.measures import MeasureDefinition, MeasureValues
-from resim.metrics.measures.definition import Kind
+from resim.metrics.measures.definition import MeasureKind
 from resim.metrics.measures.inputs import MeasureInputs
 from resim.metrics.risk import Risk
 
@@ -25,7 +25,7 @@ class Worst:
     """The worst of one measure: value in `unit`, time [s], object ("" for the EGO or the whole scene)."""
 
     name: str
-    kind: Kind
+    kind: MeasureKind
     unit: str
     value: float
     t: float
@@ -49,7 +49,7 @@ class Assessment:
     flaw: str = ""
 
     @property
-    def kinds(self) -> dict[str, Kind]:
+    def kinds(self) -> dict[str, MeasureKind]:
         """The kind of each measure."""
         return {name: measure.kind for name, measure in self.definitions.items()}
 

@@ -10,10 +10,10 @@ import numpy as np
 from resim.core.geometry import Bools, Floats
 from resim.metrics.assessment import Assessment
 from resim.metrics.criteria import Outcome, Verdict
-from resim.metrics.drive import Path
+from resim.metrics.drive import PathSource
 from resim.metrics.measures import MeasureValues, State
-from resim.metrics.measures.definition import Kind
-from resim.metrics.measures.values import States
+from resim.metrics.measures.definition import MeasureKind
+from resim.metrics.measures.values import StateArray
 
 REASONS = {
     State.VALUE: "",
@@ -81,13 +81,13 @@ class DriveAssessment:
     """
 
     t: tuple[float, ...]
-    path: tuple[Path, ...]
+    path: tuple[PathSource, ...]
     prediction: str
     road_aware: bool
     measures: Mapping[str, Mapping[str, OverTime]]
     reasons: Mapping[str, Mapping[str, Reasons]]
     units: Mapping[str, str]
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, MeasureKind]
     risk: RiskOverTime
     criteria: Mapping[str, VerdictEntry]
     verdict: Outcome | None
@@ -102,7 +102,7 @@ class KpiRow:
     source: str
     row: str
     name: str
-    kind: Kind
+    kind: MeasureKind
     measure: str
     unit: str
     value: float | None
@@ -158,7 +158,7 @@ def kpi_rows(found: Assessment, source: str) -> Iterator[KpiRow]:
         )  # fmt: skip
 
 
-def _columns(found: Assessment, measure: MeasureValues) -> Iterator[tuple[str, Floats, States, Bools]]:
+def _columns(found: Assessment, measure: MeasureValues) -> Iterator[tuple[str, Floats, StateArray, Bools]]:
     """Each object's value, state and presence (S,), or the EGO's."""
     drive = found.drive
     if measure.value.ndim == 1:
@@ -203,7 +203,7 @@ def _why_none(measure: MeasureValues) -> str:
     return next((REASONS[state] for state in order if state in states), "no object")
 
 
-def _reasons(value: Floats, state: States, present: Bools) -> Reasons:
+def _reasons(value: Floats, state: StateArray, present: Bools) -> Reasons:
     """Why there is no number, "" where there is one; unbounded where the value has no bound."""
     out = _TEXTS[state]
     out[(state == State.NOT_COMPUTED) & ~present] = ABSENT

@@ -16,15 +16,15 @@ from resim.core import faults, remedies
 from resim.core.errors import ChangedError, FunctionError, InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Bools, Floats
-from resim.core.plugins.frozen import FrozenCopy, FrozenFile, thaw
+from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
 from resim.metrics.measures import MeasureDefinition, MeasureValues, State
-from resim.metrics.measures.definition import Kind
+from resim.metrics.measures.definition import MeasureKind
 from resim.metrics.measures.inputs import MeasureInputs
 from resim.metrics.measures.registry import MEASURES
 from resim.metrics.measures.values import WorstEnd
-from resim.road.opendrive import lent
+from resim.road.opendrive import lend_network
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
 NAMED = 5
@@ -39,7 +39,7 @@ class Criterion(BaseModel):
     """A requirement: a measure must not be below or above a limit for `duration` [s] or longer.
 
     measure: its name. beyond: the limit of its magnitude, in either direction. start, end: the part of the drive [s
-    from its start] that counts. weight: for whoever sums up. source: where the threshold comes from.
+    from its start] that counts. weight: for weighted sums by the user. source: where the threshold comes from.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -120,7 +120,7 @@ class OwnMeasure(BaseModel):
     name: str = Field(min_length=1)
     function: str = Field(pattern=r"^[\w.]+:\w+$")
     unit: str = Field(min_length=1)
-    kind: Kind = "quantitative"
+    kind: MeasureKind = "quantitative"
     worst: WorstEnd = "high"
 
 
@@ -199,7 +199,7 @@ def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
         InputError: Names every fault.
     """
     frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(Path(criteria))
-    path, copy = frozen.path, thaw(frozen, freeze_criteria)
+    path, copy = frozen.path, load_frozen(frozen, freeze_criteria)
     file = _parsed(copy.raw, path)
     own = tuple(_own(frozen, copy, o) for o in file.measure)
     known = [measure.name for measure in (*MEASURES, *own)]
@@ -220,7 +220,7 @@ def _own(frozen: FrozenFile, copy: FrozenCopy, own: OwnMeasure) -> MeasureDefini
         shapes = drive.t.shape, drive.present.shape
         try:
             with (
-                lent(inputs.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
+                lend_network(inputs.network, path) as road, function.afresh() as opened, Watchdog() as watchdog,
             ):  # fmt: skip
                 value, what = watchdog.call(
                     MEASURE_LIMIT, lambda: _numbers(function.load()(deepcopy(drive), road), shapes)

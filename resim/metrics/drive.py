@@ -12,12 +12,12 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.levels import apart_from
 from resim.core.tracks import Tracks
-from resim.metrics.risk import DEFAULTS, Parameters, Risk, Scenes, accident_risk
+from resim.metrics.risk import DEFAULTS, Risk, RiskParameters, Scenes, accident_risk
 from resim.metrics.risk.lane_paths import lane_paths
 from resim.metrics.risk.prediction import Prediction, prediction
 from resim.road.opendrive import RoadNetwork
 
-Path = Literal["plan", "state", "driven"]
+PathSource = Literal["plan", "state", "driven"]
 """Where the EGO's path comes from: its recorded plan, its state kept (CTRA), or where it drove later."""
 
 Plans = Sequence[tuple[float, Floats]]
@@ -51,12 +51,12 @@ class DriveScenes:
     own: Tracks
     scenes: Scenes
     present: Bools
-    path: tuple[Path, ...]
+    path: tuple[PathSource, ...]
     covered: Bools
     prediction: str
     apart: Bools | None = None
 
-    def risk(self, parameters: Parameters = DEFAULTS) -> Risk:
+    def risk(self, parameters: RiskParameters = DEFAULTS) -> Risk:
         """Give the accident risk of every scene (S) and object (K).
 
         NaN for an object that is there but of which something is unknown, and of the scenes in which it is.
@@ -73,8 +73,8 @@ def drive(
     *,
     ego: str,
     plans: Plans = (),
-    path: Path = "plan",
-    parameters: Parameters = DEFAULTS,
+    path: PathSource = "plan",
+    parameters: RiskParameters = DEFAULTS,
     predicted: Prediction | None = None,
     road: RoadNetwork | None = None,
 ) -> DriveScenes:
@@ -148,14 +148,14 @@ def _states(tracks: Tracks) -> Floats:
 
 
 def _paths(
-    t: Floats, ego: Floats, plans: Plans, path: Path, parameters: Parameters
-) -> tuple[Floats, tuple[Path, ...]]:
+    t: Floats, ego: Floats, plans: Plans, path: PathSource, parameters: RiskParameters
+) -> tuple[Floats, tuple[PathSource, ...]]:
     """The EGO's path (S, M + 1, 4) in each scene, and where it comes from."""
     from resim.metrics.risk.kernel import ctra_plans
 
     steps = round(parameters.horizon / parameters.step)
     out = np.asarray(ctra_plans(np.ascontiguousarray(ego), parameters.step, steps))
-    chosen: list[Path] = ["state"] * len(t)
+    chosen: list[PathSource] = ["state"] * len(t)
     ahead = np.asarray(np.arange(steps + 1) * parameters.step, dtype=np.float64)
     if path == "driven":
         times, way = np.concatenate([t, t[-1] + ahead[1:]]), np.concatenate([ego[:, :4], out[-1, 1:]])

@@ -14,7 +14,7 @@ Late = Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
 Rate = Annotated[float, Field(strict=True, ge=0.0, le=1e3)]
 
 
-class Parameters(BaseModel):
+class ParameterGroup(BaseModel):
     """A group of parameters: fields that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)

@@ -23,9 +23,9 @@ from pydantic import Field, ValidationError, create_model, field_validator, mode
 from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
-from resim.core.plugins.frozen import FrozenFile, freeze, thaw
+from resim.core.plugins.frozen import FrozenFile, freeze, load_frozen
 from resim.core.schema import PerceptionSchema
-from resim.perception.fields import Late, NotNegative, Number, Parameters, Positive, Rate
+from resim.perception.fields import Late, NotNegative, Number, ParameterGroup, Positive, Rate
 from resim.perception.parts.ego import Localisation
 from resim.perception.parts.false_objects import FalseObjects
 from resim.perception.parts.registry import PARTS
@@ -49,7 +49,7 @@ ONE = "Name a parameter and its number, such as latency.speed=0.4."
 REMEDY = remedies.MODEL
 
 
-class Latency(Parameters):
+class Latency(ParameterGroup):
     """How late [s] what is perceived is: positions, speeds and headings of objects are those of so long ago."""
 
     position: Late = 0.0
@@ -57,7 +57,7 @@ class Latency(Parameters):
     heading: Late = 0.0
 
 
-class Averaging(Parameters):
+class Averaging(ParameterGroup):
     """Time [s] over which a perceived value is the mean of the true one, centred at its latency.
 
     At most twice the latency: nothing is known before it happens.
@@ -67,7 +67,7 @@ class Averaging(Parameters):
     heading: Late = 0.0
 
 
-class Response(Parameters):
+class Response(ParameterGroup):
     """A bias: constant + range r + bearing b + relative_speed dv + acceleration a, in the unit of the quantity."""
 
     constant: Number = 0.0
@@ -77,7 +77,7 @@ class Response(Parameters):
     acceleration: Number = 0.0
 
 
-class Spread(Parameters):
+class Spread(ParameterGroup):
     """A standard deviation: constant exp(range r + bearing |b| + relative_speed |dv| + acceleration |a|)."""
 
     constant: NotNegative = 0.0
@@ -98,7 +98,7 @@ class Spread(Parameters):
         return self
 
 
-class Error(Parameters):
+class Error(ParameterGroup):
     """The error of one quantity: bias, plus a drift correlated over correlation_time [s], plus white noise."""
 
     bias: Response = Response()
@@ -107,7 +107,7 @@ class Error(Parameters):
     noise: Spread = Spread()
 
 
-class ErrorModels(Parameters):
+class ErrorModels(ParameterGroup):
     """The errors of all quantities.
 
     coupling: (6, 6) correlation of the noises that drive the drifts, in the order of QUANTITIES. Drifts of correlation
@@ -143,7 +143,7 @@ class ErrorModels(Parameters):
         return table
 
 
-class Objects(Parameters):
+class Objects(ParameterGroup):
     """How objects are perceived that are detected."""
 
     latency: Latency = Latency()
@@ -158,7 +158,7 @@ class Objects(Parameters):
         return self
 
 
-class Detection(Parameters):
+class Detection(ParameterGroup):
     """Loss and regain of objects: rates [1/s] of a Markov chain, by bins of range, |bearing| and occlusion.
 
     Edges: increasing, one more than bins; the outer bins reach beyond them. occlusion: share of the object's angle,
@@ -190,14 +190,14 @@ class Detection(Parameters):
         return self
 
 
-class FieldOfView(Parameters):
+class FieldOfView(ParameterGroup):
     """What can be seen: range [m] and half the opening angle [rad] around straight ahead; None: no end to it."""
 
     range: Annotated[float, Field(strict=True, gt=0.0)] | None = None
     bearing: Positive | None = None
 
 
-class Update(Parameters):
+class Update(ParameterGroup):
     """Time [s] between two lists (0: one whenever the function asks), and the standard deviation of it, each by itself.
 
     Between two lists the last one stands, its objects where they were in the map.
@@ -216,7 +216,7 @@ class Update(Parameters):
         return self
 
 
-class TrainedRange(Parameters):
+class TrainedRange(ParameterGroup):
     """The states that the model was trained on: least and largest of each feature, and of the EGO's speed [m/s]."""
 
     range: tuple[Plain, Plain] | None = None
@@ -234,7 +234,7 @@ class TrainedRange(Parameters):
         return self
 
 
-class TrainedParameter(Parameters):
+class TrainedParameter(ParameterGroup):
     """One trained parameter: its value, the confidence interval (95 %), and how many samples stand behind it."""
 
     value: Plain
@@ -243,7 +243,7 @@ class TrainedParameter(Parameters):
     samples: int
 
 
-class FailedAssumption(Parameters):
+class FailedAssumption(ParameterGroup):
     """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
     model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
     `latency` (one for all). size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
@@ -257,7 +257,7 @@ class FailedAssumption(Parameters):
     text: str
 
 
-class ModelFit(Parameters):
+class ModelFit(ParameterGroup):
     """How the model fits what it was trained on: how many tests on how many drives, and which failed; no tests: not
     tested. The probability that one fails by chance is 5 % for all together."""
 
@@ -266,7 +266,7 @@ class ModelFit(Parameters):
     misfits: tuple[FailedAssumption, ...] = ()
 
 
-class LeftOut(Parameters):
+class LeftOut(ParameterGroup):
     """What was not learned from, and why: count of so many."""
 
     what: str
@@ -275,9 +275,9 @@ class LeftOut(Parameters):
     of: int
 
 
-class Training(Parameters):
+class Training(ParameterGroup):
     """What a model was trained on. sources: recordings and the SHA-256 of their GT and SD; estimates by parameter; fit:
-    whether it fits, None where nobody asked."""
+    whether it fits, none if not tested."""
 
     sources: dict[str, str]
     drives: int
@@ -287,8 +287,8 @@ class Training(Parameters):
     left_out: tuple[LeftOut, ...] = ()
 
 
-class _Model(Parameters):
-    """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with data enough.
+class _Model(ParameterGroup):
+    """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with enough data.
 
     id_switch: 1/s, at which a detected object gets another id.
     """
@@ -368,7 +368,7 @@ def read_model(model: str | Path | FrozenFile, overrides: tuple[str, ...] = ()) 
         InputError: Names every fault.
     """
     if isinstance(model, FrozenFile):
-        path, raw = model.path, thaw(model).raw
+        path, raw = model.path, load_frozen(model).raw
     else:
         path = Path(model)
         raw = read_file(path, REMEDY)

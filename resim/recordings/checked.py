@@ -1,4 +1,4 @@
-"""A recording before it is believed: examined, refused on errors, and repaired where that is safe."""
+"""A recording before it is believed: checked, refused on errors, and repaired where that is safe."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def sensor_names(sd: Tracks, gt_id: Strings) -> Strings:
 
 
 @dataclass(frozen=True)
-class Doubled:
+class DetectionSpread:
     """What two detections of one object at one time differ by at most: m, rad (front and rear are the same), m/s."""
 
     apart: float
@@ -48,7 +48,7 @@ class Doubled:
     faster: float
 
 
-def doubled(sd: Tracks, gt_id: Strings) -> dict[str, Doubled]:
+def doubled(sd: Tracks, gt_id: Strings) -> dict[str, DetectionSpread]:
     """Give by what fragments of one GT object differ that are there at one time, by its name.
 
     A fragment is there between two of its samples that are at most GAP apart.
@@ -58,7 +58,7 @@ def doubled(sd: Tracks, gt_id: Strings) -> dict[str, Doubled]:
         own = np.flatnonzero(names == name).tolist()
         pairs = [_differences(sd, a, b) for a in own for b in own if a != b]
         if both := [pair for pair in pairs if pair is not None]:
-            out[name] = Doubled(*np.max(both, axis=0).tolist())
+            out[name] = DetectionSpread(*np.max(both, axis=0).tolist())
     return out
 
 

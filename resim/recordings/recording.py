@@ -14,7 +14,7 @@ from resim.core.errors import InputError
 from resim.core.finding import Finding
 from resim.core.geometry import Floats
 from resim.core.tracks import Strings, Tracks
-from resim.recordings.identity import Doubled, name_by_ground_truth
+from resim.recordings.identity import DetectionSpread, name_by_ground_truth
 
 FINEST = 1e-4
 """Least time [s] between samples."""
@@ -70,7 +70,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     incomplete: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
-    repeated: Mapping[str, Mapping[str, Doubled]] = field(default_factory=dict)
+    repeated: Mapping[str, Mapping[str, DetectionSpread]] = field(default_factory=dict)
     repairs: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     @property

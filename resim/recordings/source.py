@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, Tracks
-from resim.recordings.identity import UNMATCHED, Doubled
+from resim.recordings.identity import UNMATCHED, DetectionSpread
 from resim.recordings.own_detection import misnamed_egos, without_names
 from resim.recordings.recording import Recording, sample_rate
 from resim.recordings.settings import Environment, Settings
@@ -169,16 +169,16 @@ def _largest(frame: pd.DataFrame) -> dict[str, tuple[float, float]]:
     return {str(name): (float(a), float(b)) for name, a, b in largest.itertuples()}
 
 
-def _repeated(frame: pd.DataFrame) -> dict[str, Doubled]:
+def _repeated(frame: pd.DataFrame) -> dict[str, DetectionSpread]:
     """By what rows of one object at one time differ, of which the first is taken; also those that lack a value."""
     twice = frame[frame.duplicated(["t", "id"], keep=False)]
-    out: dict[str, Doubled] = {}
+    out: dict[str, DetectionSpread] = {}
     for name, rows in twice.groupby("id", sort=False):
         place, turn = rows["x"] + 1j * rows["y"], np.exp(2j * rows["heading"])
         velocity = rows["v"] * np.exp(1j * rows["heading"])
         whole = rows["t"].to_numpy(float)
         apart, turned, faster = (_spread(whole, z.to_numpy(complex)) for z in (place, turn, velocity))
-        out[str(name)] = Doubled(apart, float(np.arcsin(min(0.5 * turned, 1.0))), faster)
+        out[str(name)] = DetectionSpread(apart, float(np.arcsin(min(0.5 * turned, 1.0))), faster)
     return out
 
 

@@ -168,7 +168,7 @@ def _refuse_lines(path: Path, rows: int) -> None:
         for row in lines:
             if lines.line_num > last + 1:
                 found = next((value for value in row if len(value.splitlines()) > 1), "")
-                problem = f"row {last + 1}: a value goes on over the next lines: {found[:30]!r}..."
+                problem = f"row {last + 1}: a value continues on the following lines: {found[:30]!r}..."
                 raise InputError(path, problem, 'Take its quote (") away, or the line breaks within quotes.')
             last = lines.line_num
 

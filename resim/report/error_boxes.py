@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from resim.report.figure import Figure, Part
+from resim.report.figure import Figure, FigurePart
 from resim.report.figure import trace as figure_trace
 from resim.report.plots import fade, style
 from resim.report.steps import SYMBOLS
@@ -50,7 +50,9 @@ def box_figure(view: View) -> Figure:
     return figure
 
 
-def _box(view: View, basis: str, chain: tuple[tuple[str, str], ...], who: str, quantity: str) -> Part | None:
+def _box(
+    view: View, basis: str, chain: tuple[tuple[str, str], ...], who: str, quantity: str
+) -> FigurePart | None:
     found = [(name, view.report.errors[step][who][quantity]) for name, step in chain]
     known = [(name, box) for name, box in found if box is not None]
     if not known:

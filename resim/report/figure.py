@@ -13,17 +13,17 @@ import numpy as np
 
 from resim.core.geometry import Floats
 
-Part = dict[str, Any]
+FigurePart = dict[str, Any]
 """A part of a figure: a trace, an axis, an annotation; as in plotly.js."""
 
-PLAIN: Part = {"data": {"scatter": [{"type": "scatter"}]}}
+PLAIN: FigurePart = {"data": {"scatter": [{"type": "scatter"}]}}
 """The template without a look of its own, plotly's "none"."""
 _WHOLE = ("paper_bgcolor", "plot_bgcolor")
 """Names that have an underscore; in all others it leads into a part."""
 _SMALLEST = ("i1", "i2", "i4")
 
 
-def trace(kind: str, **attributes: Any) -> Part:
+def trace(kind: str, **attributes: Any) -> FigurePart:
     """Give a trace of a kind ("scatter", "heatmap", "contour", "box"); what is None is not told."""
     return {"type": kind, **{name: value for name, value in attributes.items() if value is not None}}
 
@@ -36,9 +36,9 @@ class Figure:
         layout: The layout.
     """
 
-    def __init__(self, traces: Iterable[Part] = ()) -> None:
-        self.data: list[Part] = list(traces)
-        self.layout: Part = {"xaxis": {}, "yaxis": {}}
+    def __init__(self, traces: Iterable[FigurePart] = ()) -> None:
+        self.data: list[FigurePart] = list(traces)
+        self.layout: FigurePart = {"xaxis": {}, "yaxis": {}}
         self._panels: dict[tuple[int, int], str] = {(1, 1): ""}
 
     @classmethod
@@ -69,8 +69,8 @@ class Figure:
                 number = (row - 1) * cols + column
                 mark = "" if number == 1 else str(number)
                 figure._panels[row, column] = mark
-                x: Part = {"anchor": f"y{mark}", "domain": across[column - 1]}
-                y: Part = {"anchor": f"x{mark}", "domain": up[row - 1]}
+                x: FigurePart = {"anchor": f"y{mark}", "domain": across[column - 1]}
+                y: FigurePart = {"anchor": f"x{mark}", "domain": up[row - 1]}
                 if shared_xaxes and row < rows:
                     x |= {"matches": f"x{_mark((rows - 1) * cols + column)}", "showticklabels": False}
                 if shared_yaxes and column > 1:
@@ -91,14 +91,14 @@ class Figure:
         """How many columns of panels it has."""
         return max(column for _, column in self._panels)
 
-    def add_trace(self, added: Part, row: int | None = None, col: int | None = None) -> None:
+    def add_trace(self, added: FigurePart, row: int | None = None, col: int | None = None) -> None:
         """Add a trace to a panel."""
         if row is not None and col is not None:
             mark = self._panels[row, col]
             added = {**added, "xaxis": f"x{mark}", "yaxis": f"y{mark}"}
         self.data.append(added)
 
-    def add_traces(self, added: Iterable[Part]) -> None:
+    def add_traces(self, added: Iterable[FigurePart]) -> None:
         """Add traces to a figure of one panel."""
         self.data.extend(added)
 
@@ -116,7 +116,7 @@ class Figure:
 
     def add_annotation(self, row: int | None = None, col: int | None = None, **attributes: Any) -> None:
         """Add a text; in a panel "x domain" and "y domain" are that panel's."""
-        added: Part = {}
+        added: FigurePart = {}
         _update(added, attributes)
         if row is not None and col is not None:
             for side in "xy":
@@ -131,7 +131,7 @@ class Figure:
 
     def add_shape(self, **attributes: Any) -> None:
         """Add a shape."""
-        added: Part = {}
+        added: FigurePart = {}
         _update(added, attributes)
         self.layout.setdefault("shapes", []).append(added)
 
@@ -143,21 +143,21 @@ class Figure:
         """Add a line from the left of a panel to its right; none where the panel is empty yet."""
         self._add_line("x", {"x0": 0, "x1": 1, "y0": y, "y1": y}, row, col, attributes)
 
-    def to_dict(self) -> Part:
+    def to_dict(self) -> FigurePart:
         """Give what plotly.js reads, with arrays as it packs them."""
         layout = {name: part for name, part in self.layout.items() if part != {}}
         return {"data": [_packed(one) for one in self.data], "layout": _packed(layout)}
 
-    def _annotations(self) -> list[Part]:
-        found: list[Part] = self.layout.setdefault("annotations", [])
+    def _annotations(self) -> list[FigurePart]:
+        found: list[FigurePart] = self.layout.setdefault("annotations", [])
         return found
 
-    def _update_axes(self, side: str, row: int | None, col: int | None, attributes: Part) -> None:
+    def _update_axes(self, side: str, row: int | None, col: int | None, attributes: FigurePart) -> None:
         for (r, c), mark in self._panels.items():
             if row in (None, r) and col in (None, c):
                 _update(self.layout[f"{side}axis{mark}"], attributes)
 
-    def _add_line(self, along: str, ends: Part, row: int, col: int, attributes: Part) -> None:
+    def _add_line(self, along: str, ends: FigurePart, row: int, col: int, attributes: FigurePart) -> None:
         mark = self._panels[row, col]
         if any(one.get("xaxis", "x") == f"x{mark}" for one in self.data):
             refs = {f"{side}ref": f"{side}{mark}{' domain' if side == along else ''}" for side in "xy"}
@@ -177,7 +177,7 @@ def _spans(sizes: Sequence[float], gap: float) -> Iterator[list[float]]:
         begin = end + gap
 
 
-def _update(part: Part, attributes: Mapping[str, Any]) -> None:
+def _update(part: FigurePart, attributes: Mapping[str, Any]) -> None:
     """Set attributes of a part: those of parts in it one by one, None not at all; title_text is the text of title."""
     for name, value in attributes.items():
         if "_" in name and name not in _WHOLE:

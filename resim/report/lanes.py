@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.report.figure import Part
+from resim.report.figure import FigurePart
 from resim.report.figure import trace as figure_trace
 from resim.report.plots import compact, joined, line
 from resim.road.opendrive import VEHICLE_LANES, LaneShape
@@ -19,14 +19,14 @@ LEAP = 30.0
 Coordinates = Callable[[Floats, Floats], tuple[Floats, Floats]]
 Box = tuple[float, float, float, float]
 """Least and largest x, least and largest y."""
-Lines = tuple[list[Floats], list[Floats]]
+Polylines = tuple[list[Floats], list[Floats]]
 
 
-def lane_traces(shapes: Iterable[LaneShape], coordinates: Coordinates, box: Box) -> Iterator[Part]:
+def lane_traces(shapes: Iterable[LaneShape], coordinates: Coordinates, box: Box) -> Iterator[FigurePart]:
     """Give driving lanes as areas, and the borders of all lanes as lines, as far as they reach into the box."""
-    areas: Lines = ([], [])
-    solid: Lines = ([], [])
-    broken: Lines = ([], [])
+    areas: Polylines = ([], [])
+    solid: Polylines = ([], [])
+    broken: Polylines = ([], [])
     for shape in shapes:
         driven = shape.type in VEHICLE_LANES
         outer = shape.left if shape.lane > 0 else shape.right
@@ -44,7 +44,7 @@ def lane_traces(shapes: Iterable[LaneShape], coordinates: Coordinates, box: Box)
         yield border
 
 
-def _area(x: Floats, y: Floats, x2: Floats, y2: Floats, box: Box, areas: Lines) -> None:
+def _area(x: Floats, y: Floats, x2: Floats, y2: Floats, box: Box, areas: Polylines) -> None:
     """The part of a lane that lies in the box, between its left and right border."""
     keep = np.flatnonzero(_inside(x, y, box) | _inside(x2, y2, box))
     if not len(keep):
@@ -63,7 +63,7 @@ def _inside(x: Floats, y: Floats, box: Box) -> np.ndarray[tuple[int], np.dtype[n
     )
 
 
-def clip(x: Floats, y: Floats, box: Box, lines: Lines) -> None:
+def clip(x: Floats, y: Floats, box: Box, lines: Polylines) -> None:
     """Add to the lines what of this one lies in the box."""
     keep = _inside(x, y, box)
     if keep.any():

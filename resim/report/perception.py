@@ -28,7 +28,7 @@ def write_perception_page(model: PerceptionModel, report: Report, path: Path) ->
         '<header><p class="kind">Perception model</p><h1>{name}</h1><p>{provenance}</p></header>\n'
         "<section><h2>On drives that it was not trained on</h2>"
         "<p>{drives} drives in {folds} folds: each fold's errors against those of a model that was "
-        "trained on the others. Errors are perceived less true, latency and all. The Wasserstein distance is that "
+        "trained on the others. Errors are perceived minus true, latency included. The Wasserstein distance is that "
         "between measured and model; beside it, as a yardstick, that between two halves of the measured drives.</p>"
         '{agreement}<div class="key-here">{key}</div>'
         "<figure><figcaption><b>Distribution of the errors</b></figcaption>{distributions}"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.report.figure import PLAIN, Figure, Part
+from resim.report.figure import PLAIN, Figure, FigurePart
 from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, escape, html, script_data
 
@@ -61,7 +61,7 @@ def line(
     dashed: bool = False,
     hover: str = "",
     t: Floats | None = None,
-) -> Part:
+) -> FigurePart:
     """Give a line; x, y (K,), NaN breaks it.
 
     hover: its text, a d3 template over x, y, and customdata if times t (K,) [s] are given; none if empty.
@@ -82,7 +82,7 @@ def known(values: Floats) -> slice:
     return slice(int(finite[0]), int(finite[-1]) + 1) if len(finite) else slice(0, 0)
 
 
-def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float = 5.0) -> Part:
+def dots(x: Floats, y: Floats, *, color: str, name: str, hover: str, size: float = 5.0) -> FigurePart:
     """Give dots with a white rim; x, y (K,)."""
     return figure_trace("scatter",
         x=compact(x), y=compact(y), mode="markers", name=name, showlegend=False,
@@ -116,7 +116,7 @@ def style(figure: Figure, height: float, **layout: Any) -> Figure:
         hoverlabel={"bgcolor": "white", "font": {"size": 12, "color": INK}},
         margin={"l": 62, "r": 14, "t": 30, "b": 44},
     )  # fmt: skip
-    axis: Part = {
+    axis: FigurePart = {
         "gridcolor": GRID, "gridwidth": 1, "zeroline": False, "linecolor": "#9aa3ad", "linewidth": 1,
         "showline": True, "ticks": "outside", "ticklen": 4, "tickcolor": "#9aa3ad",
         "tickfont": {"size": 11}, "title": {"font": {"size": 12}, "standoff": 8},

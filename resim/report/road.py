@@ -8,7 +8,7 @@ import numpy as np
 
 from resim.core.geometry import Floats, box_corners
 from resim.core.tracks import Tracks
-from resim.report.figure import Figure, Part
+from resim.report.figure import Figure, FigurePart
 from resim.report.lanes import Box, clip, lane_traces
 from resim.report.markup import Markup
 from resim.report.model_runs import seeds_panel
@@ -101,7 +101,7 @@ def _extent(view: View) -> Box:
     return *_bounds(xs, MARGIN_ALONG), *_bounds(ys, MARGIN_ACROSS)
 
 
-def _others(view: View, box: Box) -> Iterator[Part]:
+def _others(view: View, box: Box) -> Iterator[FigurePart]:
     """The TOs that are not in focus, in grey, as the first source that has them."""
     xs: list[Floats] = []
     ys: list[Floats] = []
@@ -113,7 +113,7 @@ def _others(view: View, box: Box) -> Iterator[Part]:
         yield line(*joined(xs, ys), color=OTHERS, name="other TOs", width=1.2)
 
 
-def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) -> Iterator[Part]:
+def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) -> Iterator[FigurePart]:
     for name in reversed(view.shown):
         for source, tracks in view.tracks.items():
             if name not in tracks.ids:
@@ -125,7 +125,7 @@ def _traces(view: View, places: Callable[[Tracks, str], tuple[Floats, Floats]]) 
             )  # fmt: skip
 
 
-def _boxes(view: View) -> Iterator[Part]:
+def _boxes(view: View) -> Iterator[FigurePart]:
     """Outlines of the vehicles where each source ends."""
     for name in reversed(view.shown):
         for source, tracks in view.tracks.items():

@@ -8,7 +8,7 @@ import numpy as np
 
 from resim.core.geometry import Floats, unwrap_angle
 from resim.core.tracks import Tracks
-from resim.report.figure import Figure, Part
+from resim.report.figure import Figure, FigurePart
 from resim.report.markup import Markup, html, join
 from resim.report.plots import FAINT, dots, fade, joined, lighten, line, number, style
 from resim.report.view import OTHERS, View
@@ -16,7 +16,7 @@ from resim.resimulation.fidelity import EGO_ROW, QUANTITIES, TO_ROWS, StepErrors
 
 SYMBOLS = {"d": "d", "v": "Δv", "heading": "Δheading"}
 COLUMNS = ("d", "v", "heading")
-FROM_ZERO: Part = {"autorangeoptions": {"minallowed": 0.0, "include": [0.0, 0.01]}}
+FROM_ZERO: FigurePart = {"autorangeoptions": {"minallowed": 0.0, "include": [0.0, 0.01]}}
 """Distances are not negative, whatever mean - std is, and what is next to nothing looks like it."""
 LEAST = {"v": 0.01, "heading": 0.001}
 """Errors [m/s, rad] up to which an axis reaches at least, to both sides."""

@@ -11,8 +11,8 @@ from resim.core.errors import InputError
 from resim.metrics.assessment import Assessment
 from resim.metrics.assessment_report import kpi_rows
 from resim.metrics.criteria import Criteria
-from resim.metrics.drive import Path as EgoPath
-from resim.metrics.risk import DEFAULTS, Parameters
+from resim.metrics.drive import PathSource
+from resim.metrics.risk import DEFAULTS, RiskParameters
 from resim.metrics.risk.prediction import Prediction
 from resim.resimulation.model_runs import MODEL, ModelRuns
 from resim.road.opendrive import RoadNetwork
@@ -38,8 +38,8 @@ class AssessmentOptions:
         decides: Sources whose verdict is that on the drive; None: all that were simulated, or else measured.
     """
 
-    parameters: Parameters = DEFAULTS
-    path: EgoPath = "plan"
+    parameters: RiskParameters = DEFAULTS
+    path: PathSource = "plan"
     prediction: Prediction | None = None
     road_aware: bool = False
     criteria: Criteria | None = None
@@ -91,7 +91,7 @@ class ResimulationAssessment:
         out += self.misfits
         deciding = self.deciding()
         if others := [f"{name} {verdict}" for name, verdict in self._bad().items() if name not in deciding]:
-            out.append(f"{', '.join(others)}: told only; the verdict is that of {', '.join(deciding)}")
+            out.append(f"{', '.join(others)}: reported only; the verdict is decided by {', '.join(deciding)}")
         return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
 
     def deciding(self) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ from resim.simulation.case import SimulatedDrive
 def assess_folder(folder: Path, how: AssessmentOptions, accept: Iterable[str] = ()) -> ResimulationAssessment:
     """Assess a recording (GT, and SD where there is one) or what `resim run` wrote (GT, SD, rGT, rSD).
 
-    accept: codes of findings in a recording in spite of which to go on. Raises InputError for a folder that is neither.
+    accept: codes of findings in a recording to continue despite. Raises InputError for a folder that is neither.
     """
     if (folder / "run.json").is_file():
         return _assess_results(folder, how)

@@ -17,7 +17,7 @@ from resim.recordings import Recording
 from resim.recordings.checks import TORN
 from resim.recordings.checks.bodies import LEAST_LARGEST, SEEN, SIZE
 from resim.recordings.checks.tracks import PEDESTRIAN
-from resim.recordings.identity import Doubled, doubled, sensor_names
+from resim.recordings.identity import DetectionSpread, doubled, sensor_names
 from resim.resimulation.result import Basis
 from resim.resimulation.unrepaired import without_repairs
 from resim.road.opendrive import RoadNetwork
@@ -188,7 +188,7 @@ def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:
             yield names.get(f.object, f.object), f.value
 
 
-def _doubled(recording: Recording, basis: Basis) -> dict[str, Doubled]:
+def _doubled(recording: Recording, basis: Basis) -> dict[str, DetectionSpread]:
     """Who is detected twice at one time, and by what that differs: only one of them is judged and simulated."""
     if basis == "GT" or recording.sd is None or recording.sd_gt_id is None:
         return {}

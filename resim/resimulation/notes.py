@@ -24,7 +24,7 @@ from resim.scenario.scenario import Scenario
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 
-LABEL_ONLY = "without build_hash nobody knows whether this code drove, so the verdict is for the label only"
+LABEL_ONLY = "without build_hash it is unknown whether this code drove, so the verdict is for the label only"
 OF_BUILD = (LABEL_ONLY, NOT_IN_HASH)
 """Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
 
@@ -111,7 +111,7 @@ def _inexact(lane: LaneError) -> str:
 def _who_drove(recording: Recording, build: Build) -> Iterator[str]:
     if is_recorded_build(recording, build) is not False:
         if recording.build and recording.build_hash is None:
-            yield f"{build.label} drove the recording by its label alone: {LABEL_ONLY}"
+            yield f"{build.label} matches the recording by label only: {LABEL_ONLY}"
         return
     if recording.build != build.label:
         yield f"{recording.build} drove the recording, not {build.label}: EGO differences are those of two builds"

@@ -15,11 +15,11 @@ from resim.core.objects import GAP
 from resim.core.tracks import KINDS, Tracks
 from resim.metrics.risk.fitting import AHEAD, LEAST, MotionPoints, Refit, refit
 from resim.metrics.risk.prediction import (
-    Motion,
+    ObjectMotion,
     PredictionEntry,
     PredictionSet,
     PredictionSources,
-    Walking,
+    WalkerMotion,
     prediction,
 )
 from resim.recordings import Recording, read_tables, recording_of
@@ -47,7 +47,7 @@ def refit_prediction(
     """Refit the published prediction to the ground truth of recordings, every object of it, the EGO too.
 
     name: of the set. kinds: those to fit, all that are there without; one that is asked for must be fitted. accept:
-    codes of errors in the ground truth in spite of which a recording is taken. Raises InputError.
+    codes of errors in the ground truth despite which a recording is taken. Raises InputError.
     """
     if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise InputError("--kind", f"there is no kind {unknown[0]!r}", f"Kinds: {', '.join(KINDS)}.")
@@ -136,12 +136,12 @@ def _entry(fit: Refit, sources: Mapping[str, str]) -> PredictionEntry:
     )  # fmt: skip
     provenance = f"fitted to {len(points)} points of {fit.objects} objects of {len(sources)} recordings"
     motion = _rounded(fit.motion)
-    if isinstance(motion, Walking):
+    if isinstance(motion, WalkerMotion):
         return PredictionEntry(provenance=provenance, walking=motion, fitted=fitted)
     return PredictionEntry(provenance=provenance, ctra=motion, fitted=fitted)
 
 
-def _rounded(motion: Motion) -> Motion:
+def _rounded(motion: ObjectMotion) -> ObjectMotion:
     short = {
         name: tuple(map(_short, value)) if isinstance(value, tuple) else _short(value)
         for name, value in asdict(motion).items()

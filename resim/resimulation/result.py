@@ -96,7 +96,7 @@ class ResimulationOptions:
 class PreparedRecording:
     """A recording, measured and described: what every simulation of it starts from.
 
-    whole: GT, and SD where there is one, as long as the EGO is there; measured: the same, with objects parted where
+    whole: GT, and SD where there is one, as long as the EGO is there; measured: the same, with objects split where
     they are not seen for long; described: by basis, GT always; doubts: what each measurement leaves open.
     """
 

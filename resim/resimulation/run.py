@@ -94,8 +94,8 @@ def resimulate(
 ) -> Resimulation:
     """Re-simulate a recording with a build, on each basis that the recording has, and compare every step.
 
-    perceiving: a perception model to run GT with as well, once a seed. accept: codes of errors in the map in spite of
-    which to go on; InputError for any other.
+    perceiving: a perception model to run GT with as well, once a seed. accept: codes of errors in the map to
+    continue despite; InputError for any other.
     """
     clock = _Clock(progress)
     prepared = prepare(recording, options.bases, accept, clock)

@@ -32,7 +32,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from resim.core.errors import InputError
 from resim.core.faults import describe
-from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome, Kind
+from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome, ResultKind
 from resim.results.tables import (
     INPUT,
     OUTCOME,
@@ -82,7 +82,7 @@ class Catalog:
     def find(
         self,
         *,
-        kind: Kind | None = None,
+        kind: ResultKind | None = None,
         build: str | None = None,
         recording: str | None = None,
         verdict: str | None = None,

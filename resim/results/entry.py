@@ -16,11 +16,11 @@ from resim.core.files import parse_json, read_file
 from resim.core.sealed import CHECKSUM
 from resim.results.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, FolderKind
 
-Kind = Literal["run", "assessment", "verification", "sweep"]
-State = Literal["there", "changed", "gone", "elsewhere"]
+ResultKind = Literal["run", "assessment", "verification", "sweep"]
+FolderState = Literal["there", "changed", "gone", "elsewhere"]
 """Of a folder: as it was; holding something else; not there; or of another machine, and not to be seen from here."""
 
-KINDS: dict[Kind, tuple[str, FolderKind]] = {
+KINDS: dict[ResultKind, tuple[str, FolderKind]] = {
     "run": ("run.json", RUN),
     "verification": ("verification.json", VERIFICATION),
     "sweep": ("manifest.json", SWEEP),
@@ -76,7 +76,7 @@ class CatalogEntry:
     counts: of outcomes by verdict, the good ones first.
     """
 
-    kind: Kind
+    kind: ResultKind
     name: str
     folder: Path
     host: str
@@ -98,7 +98,7 @@ class CatalogEntry:
         """Give the names of the inputs of a role."""
         return [i.name for i in self.inputs if i.role == role]
 
-    def state(self) -> State:
+    def state(self) -> FolderState:
         """Say whether the folder still holds this result."""
         try:
             if digest(self.folder, self.kind) == self.digest:
@@ -110,7 +110,7 @@ class CatalogEntry:
         return "changed" if (self.folder / KINDS[self.kind][0]).is_file() else "gone"
 
 
-def kind_of(folder: Path) -> Kind:
+def kind_of(folder: Path) -> ResultKind:
     """Say what kind of results a folder holds. Raises InputError where they are none, or are not finished."""
     for kind, (file, _) in KINDS.items():
         if (folder / file).is_file():
@@ -122,7 +122,7 @@ def kind_of(folder: Path) -> Kind:
     raise InputError(folder, "is no folder of results" if folder.is_dir() else "is no folder", remedy)
 
 
-def digest(folder: Path, kind: Kind) -> str:
+def digest(folder: Path, kind: ResultKind) -> str:
     """Give the SHA-256 of what a folder of results holds, without how long it took; of a sweep's table its sizes.
 
     Raises OSError, InputError, ValueError, KeyError or TypeError for what is not there or is no result.
@@ -153,7 +153,7 @@ def _sweep_content(folder: Path) -> Iterator[bytes]:
         yield f"{part.name} {part.stat().st_size}\n".encode()
 
 
-_CONTENT: dict[Kind, Callable[[Path], Iterator[bytes]]] = {
+_CONTENT: dict[ResultKind, Callable[[Path], Iterator[bytes]]] = {
     "run": _run_content,
     "sweep": _sweep_content,
     "verification": lambda folder: iter([_read(folder / "verification.json")]),

@@ -79,18 +79,18 @@ def _check_held(folder: Path, kind: FolderKind, none: str, remedy: str, lost: st
         if "resim" not in mark["versions"]:
             raise TypeError
     except (InputError, KeyError, TypeError) as e:
-        problem = f"{none} (it has no {kind.mark} of resim's, or one that was changed since)"
+        problem = f"{none} (it has no {kind.mark} of resim, or one that was changed since)"
         raise InputError(folder, problem, remedy) from e
     if strange := next(_strange(folder, kind, listed), None):
-        raise InputError(folder, f"holds {strange}, which is no result of resim's{lost}", remedy)
+        raise InputError(folder, f"holds {strange}, which is not a resim result{lost}", remedy)
 
 
 def remove_results(folder: Path, kind: FolderKind) -> None:
     """Delete a folder of results of this kind, or nothing at all.
 
-    Raises InputError where it is none, holds anything that is no result of resim's, or cannot be deleted.
+    Raises InputError where it is none, holds anything that is not a resim result, or cannot be deleted.
     """
-    remedy = "Look what it is, and delete it yourself."
+    remedy = "Inspect it and delete it manually."
     try:
         if folder.is_symlink():
             raise InputError(folder, "is a link, which is not followed to delete anything", remedy)
@@ -193,7 +193,7 @@ def _take_place(beside: Path, folder: Path, kind: FolderKind) -> None:
     except (InputError, OSError) as e:
         _put_back(old, folder)
         why = e.problem if isinstance(e, InputError) else e.strerror
-        problem = f"is not as it was when the command began ({why}), and was left alone"
+        problem = f"was changed while the command ran ({why}), and was left alone"
         raise InputError(folder, problem, f"The results are in {_kept(beside, folder)}.") from e
     except BaseException:  # a signal
         _put_back(old, folder)
@@ -251,7 +251,7 @@ def whole_file(path: Path, kind: FileKind | None = PAGE) -> Iterator[Path]:
         raise InputError(path, "is a folder, expected a file to write", "Name a file with --out.")
     if kind is not None and path.exists() and not kind.holds(path):
         raise InputError(
-            path, "exists, is no such file of resim's, and would be lost", "Name another with --out."
+            path, "exists, is not such a resim file, and would be lost", "Name another with --out."
         )
     beside = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:

@@ -16,7 +16,7 @@ import duckdb
 from resim.core.errors import InputError
 from resim.core.files import check_hashes, parse_json, plain_names, read_file
 from resim.core.sealed import read_sealed
-from resim.results.entry import KINDS, CatalogEntry, CatalogInput, CatalogOutcome, Kind, digest, kind_of
+from resim.results.entry import KINDS, CatalogEntry, CatalogInput, CatalogOutcome, ResultKind, digest, kind_of
 from resim.results.rows import check_table
 
 JUDGED = ("PASS", "FAIL", "INVALID")
@@ -158,7 +158,7 @@ def _sweep(folder: Path) -> _FolderContents:
     )
 
 
-_READERS: dict[Kind, Callable[[Path], _FolderContents]] = {
+_READERS: dict[ResultKind, Callable[[Path], _FolderContents]] = {
     "run": _run,
     "assessment": _assessment,
     "verification": _verification,

@@ -50,7 +50,7 @@ class Route:
 
 
 NO_ROUTE = Route()
-"""Of whom nobody knows where he goes."""
+"""An object whose way is unknown."""
 
 
 def driven_route(

@@ -94,11 +94,13 @@ def _next(
     return other, 0 if into else len(other.sections) - 1, target, into
 
 
-Way = tuple[str, int, bool]
+LaneEntry = tuple[str, int, bool]
 """Road, lane, and whether it is entered at its start."""
 
 
-def _ways(net: RoadNetwork, road: Road, lane: int, linked: int | None, up: bool, link: Link) -> Iterator[Way]:
+def _ways(
+    net: RoadNetwork, road: Road, lane: int, linked: int | None, up: bool, link: Link
+) -> Iterator[LaneEntry]:
     """Every way on from the road's end (up) or start along the link; none into the middle of a road."""
     if link.s is not None:
         return
@@ -120,7 +122,7 @@ def _ways(net: RoadNetwork, road: Road, lane: int, linked: int | None, up: bool,
             yield from _joining(other, road, lane, up)
 
 
-def _joining(other: Road, road: Road, lane: int, up: bool) -> Iterator[Way]:
+def _joining(other: Road, road: Road, lane: int, up: bool) -> Iterator[LaneEntry]:
     """Lanes of a connecting road whose links name this lane at this end of the road."""
     for end, link in ((True, other.predecessor), (False, other.successor)):
         if link is None or link.kind != "road" or link.id != road.id:
@@ -132,7 +134,7 @@ def _joining(other: Road, road: Road, lane: int, up: bool) -> Iterator[Way]:
                 yield other.id, candidate.id, end
 
 
-def _continues(net: RoadNetwork, ahead: bool, way: Way) -> bool:
+def _continues(net: RoadNetwork, ahead: bool, way: LaneEntry) -> bool:
     name, target, into = way
     other = net.roads.get(name)
     if other is None:
@@ -146,7 +148,7 @@ def _passable(road: Road, section: int, lane: int, along: bool) -> bool:
     return found is not None and lane != 0 and found.drivable and road.along(lane, section) == along
 
 
-def _turn(net: RoadNetwork, road: Road, section: int, lane: int, up: bool, way: Way) -> float:
+def _turn(net: RoadNetwork, road: Road, section: int, lane: int, up: bool, way: LaneEntry) -> float:
     """How far [rad] the way turns from the lane's heading over its first 40 m."""
     name, target, into = way
     other = net.roads[name]

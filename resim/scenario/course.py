@@ -51,18 +51,18 @@ def beyond_noise(noise: float) -> float:
     return max(MISFIT * noise, NEAR)
 
 
-def strays(distance: Floats, noise: float) -> bool:
+def is_off_trace(distance: Floats, noise: float) -> bool:
     """Say whether distances (T,) [m] of positions from their trace are on the whole more than their noise [m]."""
     return bool(np.sqrt(np.square(distance).mean()) > max(SPREAD * noise, CLOSE))
 
 
-def pauses(t: Floats, place: Complexes, noise: float) -> bool:
+def has_pause(t: Floats, place: Complexes, noise: float) -> bool:
     """Say whether positions x + iy (T,) [m] tell for a while no direction, so that headings there may be anything."""
     when, _, station = _seen(t, place, noise)
     return bool(np.diff(np.append(when[station], when[-1])).max() > PAUSE)
 
 
-def stands(place: Complexes, noise: float) -> bool:
+def is_standing(place: Complexes, noise: float) -> bool:
     """Say whether positions x + iy (T,) [m] with this noise [m] are those of somebody who does not move."""
     middle = np.median(place.real) + 1j * np.median(place.imag)
     return bool(np.abs(place - middle).max() <= max(STANDS * noise, LEAST))
@@ -73,7 +73,7 @@ def mean_heading(heading: Floats) -> float:
     return float(np.angle(np.exp(1j * heading).mean()))
 
 
-def way(t: Floats, place: Complexes, heading: Floats, noise: float) -> tuple[Floats, Floats]:
+def signed_motion(t: Floats, place: Complexes, heading: Floats, noise: float) -> tuple[Floats, Floats]:
     """Give heading (T,) [rad, unwrapped] and signed speed (T,) [m/s] of the way between positions x + iy (T,) [m].
 
     Directions are those between stations, positions farther from each other than noise explains: between two whose

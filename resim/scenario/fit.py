@@ -17,12 +17,12 @@ from resim.core.geometry import Floats, unwrap_angle
 from resim.scenario.course import (
     Complexes,
     beyond_noise,
+    has_pause,
+    is_off_trace,
+    is_standing,
     mean_heading,
-    pauses,
     position_noise,
-    stands,
-    strays,
-    way,
+    signed_motion,
 )
 from resim.scenario.natural import natural_spline
 from resim.scenario.trace import Quadrature, Trace
@@ -55,14 +55,14 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Tr
     """
     place = x + 1j * y
     noise = position_noise(t, place)
-    if stands(place, noise):
+    if is_standing(place, noise):
         return _at_rest(t, place, heading)
     found = _solved(t, place, unwrap_angle(heading), v)
-    far, strayed = found.distance.max() > beyond_noise(noise), strays(found.distance, noise)
-    paused = (far or strayed) and pauses(t, place, noise)
+    far, strayed = found.distance.max() > beyond_noise(noise), is_off_trace(found.distance, noise)
+    paused = (far or strayed) and has_pause(t, place, noise)
     if far or paused:  # headings of who hardly moves may be anything
         known = noise if paused else 0.0  # else they follow the noise of positions while it stands
-        again = _solved(t, place, *way(t, place, heading, noise), known, patience=6)
+        again = _solved(t, place, *signed_motion(t, place, heading, noise), known, patience=6)
         found = min(found, again, key=lambda fit: float(np.square(fit.distance).mean()))
     return found
 

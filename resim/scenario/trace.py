@@ -81,13 +81,13 @@ class Trace:
         """Last time [s]."""
         return float(self.v.x[-1])
 
-    def states(self, t: ArrayLike) -> States:
+    def states(self, t: ArrayLike) -> TraceStates:
         """Give the states at times t (T,) [s], NaN where the trace does not reach."""
         t = np.asarray(t, dtype=float)
         inside = (t >= self.start - _TOLERANCE) & (t <= self.end + _TOLERANCE)
         values = np.full((6, len(t)), np.nan)
         values[:, inside] = self._inside(np.clip(t[inside], self.start, self.end))
-        return States(*values)
+        return TraceStates(*values)
 
     def _inside(self, t: Floats) -> Floats:
         rule = Quadrature.over(self.start, t)
@@ -106,7 +106,7 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class TraceStates:
     """States along a trace, each (T,): x, y [m], heading [rad, not wrapped], v [m/s], a [m/s²],
     yaw_rate [rad/s]."""
 

@@ -16,7 +16,7 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import KNOTS, Scenario, ScenarioObject, heights_of
-from resim.scenario.trace import States, Trace
+from resim.scenario.trace import Trace, TraceStates
 from resim.simulation.function.interface import EgoState
 
 FADE = 1.0
@@ -91,7 +91,7 @@ def _heights(scenario: Scenario, t: Floats, present: Bools) -> Floats | None:
     return np.where(present, told, np.nan)
 
 
-def _columns(states: States) -> Floats:
+def _columns(states: TraceStates) -> Floats:
     return np.stack([states.x, states.y, states.heading, states.v, states.a, states.yaw_rate])
 
 

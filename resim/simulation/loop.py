@@ -17,7 +17,7 @@ from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog
 from resim.core.tracks import Tracks
 from resim.road.driven_route import first_off_routes
-from resim.road.opendrive import RoadNetwork, lent
+from resim.road.opendrive import RoadNetwork, lend_network
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.engine import Mirror
 from resim.simulation.followed_height import FollowedHeight
@@ -133,7 +133,7 @@ class _Loop:
         case, build = self.case, self.case.build
         cycle = cycle_steps(build, case.step)
         with (
-            lent(case.network, build.path) as road, Watchdog() as watchdog,
+            lend_network(case.network, build.path) as road, Watchdog() as watchdog,
             build.factory.afresh(case.seed) as opened,
         ):  # fmt: skip
             driver = driver_of(build, watchdog, len(self.cases))

@@ -23,10 +23,10 @@ from resim.sweeps.report import (
     ConstantOutcome,
     Influence,
     MapEntry,
+    NumberRows,
     Numbers,
     RequirementEntry,
     ResponseCurve,
-    Rows,
     RunCounts,
     SobolIndex,
     SobolIndices,
@@ -301,5 +301,5 @@ def numbers(values: Floats) -> Numbers:
     return tuple(number(v) for v in np.asarray(values, dtype=float).tolist())
 
 
-def _rows(values: Floats) -> Rows:
+def _rows(values: Floats) -> NumberRows:
     return tuple(numbers(row) for row in values)

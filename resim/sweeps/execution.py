@@ -202,7 +202,7 @@ def execute(
     expect: hears how many runs it is, which grow with an adaptive plan. found: hears the findings in each recording as
     soon as one of its runs is there.
     """
-    examined: set[str] = set()
+    checked: set[str] = set()
     with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
         todo: list[RunTask] | None = None
         while todo is None or (todo and sweep.file.planned.grows):
@@ -218,8 +218,8 @@ def execute(
             for number, result in _proved(todo, sweep.file.time_limit, workers, pool):
                 if not isinstance(result, Failure):
                     name = of[number]
-                    if name not in examined:
-                        examined.add(name)
+                    if name not in checked:
+                        checked.add(name)
                         found(name, result.findings)
                 entry = _entry(result, number, plans[number], sweep)
                 file.append(entry)

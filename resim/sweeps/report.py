@@ -19,7 +19,7 @@ from resim.sweeps.statistics.boundary import Crossing
 from resim.sweeps.statistics.requirement import Requirement
 
 Numbers = tuple[float | None, ...]
-Rows = tuple[Numbers, ...]
+NumberRows = tuple[Numbers, ...]
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,9 @@ class MapEntry:
     at_a: Numbers
     at_b: Numbers
     width: float | None
-    share: Rows
-    low: Rows
-    high: Rows
+    share: NumberRows
+    low: NumberRows
+    high: NumberRows
     boundaries: Mapping[str, tuple[Crossing, ...]]
 
 

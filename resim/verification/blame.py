@@ -35,7 +35,7 @@ class OpenLoopFinding:
 
     @property
     def blamed(self) -> Blamed | None:
-        """Which of function and vehicle does otherwise than in the drive, as far as that can be told; None for neither.
+        """Which of function and vehicle acts differently from the drive, as far as that can be told; None for neither.
 
         A vehicle that does not move as its model on the answers of a function is to blame only where these are known
         to be what moved it.
@@ -63,7 +63,7 @@ class OpenLoopFinding:
     def _untold(self) -> str:
         if not self.senses:
             return "what it perceived was not recorded: function, vehicle, or perception"
-        return "there are no recorded plans, and nobody knows whether this build drove: function or vehicle"
+        return "there are no recorded plans, and it is unknown whether this build drove; cause: function or vehicle"
 
 
 _ANSWERS: Mapping[Function, str] = {

@@ -49,7 +49,7 @@ def cause(
     measured drive, None where that is not known. oracle: it places the EGO where it was measured, whatever it is shown.
     In the order of the chain (Wagner 2021, 5.3.2): the sensor's error is the cause where most of what differs is as
     measured once the function is shown what was recorded, and the vehicle's as well where something is left and it
-    moves otherwise than its model; where that cannot be tried, or mends little, it is the first step whose error is
+    moves differently from its model; where that cannot be tried, or mends little, it is the first step whose error is
     beyond tolerance, the vehicle's among them; where none is, the function itself.
     """
     if judged.verdict in ("verified", "error"):

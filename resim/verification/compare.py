@@ -8,12 +8,12 @@ from typing import Literal
 
 from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
 from resim.verification.sequential import ERROR, SequentialTest, StoppingPoint
-from resim.verification.share import Share
+from resim.verification.share import SeedShare
 from resim.verification.tolerance import Excess, Tolerances, excesses
 
-Verdict = Literal["verified", "not verified", "undecided", "invalid", "error"]
-Way = Literal["rGT", "rSD", "rGT+M"]
-WAYS: tuple[Way, ...] = ("rGT", "rSD", "rGT+M")
+VerificationVerdict = Literal["verified", "not verified", "undecided", "invalid", "error"]
+SimulatedSource = Literal["rGT", "rSD", "rGT+M"]
+WAYS: tuple[SimulatedSource, ...] = ("rGT", "rSD", "rGT+M")
 """Re-simulated on ground truth, on sensor data, and on ground truth with a perception model."""
 Equality = Literal["equal", "differs", "invalid"]
 NO_EVENT = "nothing"
@@ -24,7 +24,7 @@ class DriveComparison:
     """A simulated drive beside the measured one.
 
     kpis: by criterion, "invalid" where either cannot be judged. same_decision: whether the EGO did the same, in the
-    same order. reaction_difference [s]: simulated less measured first braking. late: whether it is beyond tolerance.
+    same order. reaction_difference [s]: simulated minus measured first braking. late: whether it is beyond tolerance.
     beyond: errors of the steps that are. whole: both ended alike, so that nothing passes for being cut short. t: when
     [s] the first difference shows, None where none does. failure: why the function failed, or "".
     """
@@ -60,7 +60,7 @@ class DriveComparison:
         return frozenset(found | {name for name, differs in others.items() if differs})
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> VerificationVerdict:
         """Verified: all KPIs equal, the decision too, errors within tolerance (Groh 2018, III.B)."""
         if self.failure:
             return "error"
@@ -73,12 +73,12 @@ class DriveComparison:
 class SeedVerdict:
     """All re-simulations of one way, and the verdict of the test of their share; without a test there is one run."""
 
-    way: Way
+    way: SimulatedSource
     comparisons: tuple[DriveComparison, ...]
     test: SequentialTest | None = None
 
     @property
-    def share(self) -> Share:
+    def share(self) -> SeedShare:
         """The share of the runs that are verified, with its interval after a test that ends when it can tell.
 
         A run that cannot be judged might agree or not: it counts against the lower end and for the upper one.
@@ -87,10 +87,10 @@ class SeedVerdict:
         sure, best = self._stops(self.test)
         counted = self._count("verified"), len(self.comparisons)
         low, high = self.test.interval(sure)[0], self.test.interval(best)[1]
-        return Share(*counted, low, high, 1.0 - 2.0 * ERROR, "exact, after a sequential test")
+        return SeedShare(*counted, low, high, 1.0 - 2.0 * ERROR, "exact, after a sequential test")
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> VerificationVerdict:
         """Verified or not where the test tells so, whatever came of the runs that cannot be judged.
 
         Invalid where it hangs on these, and undecided where the test has not ended.
@@ -119,18 +119,18 @@ class SeedVerdict:
         reasons = ("not verified", "invalid") if self.verdict == "undecided" else (self.verdict,)
         return next((c for c in self.comparisons if c.verdict in reasons), self.comparisons[0])
 
-    def _count(self, verdict: Verdict) -> int:
+    def _count(self, verdict: VerificationVerdict) -> int:
         return sum(c.verdict == verdict for c in self.comparisons)
 
     def _stops(self, test: SequentialTest) -> tuple[StoppingPoint, StoppingPoint]:
         """Where the test ends if no run that cannot be judged agrees, and if all of them do."""
-        good: tuple[tuple[Verdict, ...], ...] = (("verified",), ("verified", "invalid"))
+        good: tuple[tuple[VerificationVerdict, ...], ...] = (("verified",), ("verified", "invalid"))
         sure, best = (test.stop([c.verdict in which for c in self.comparisons]) for which in good)
         return sure, best
 
 
 def compare(
-    way: Way, measured: DriveOutcome, simulated: DriveOutcome, errors: Rms, tolerances: Tolerances
+    way: SimulatedSource, measured: DriveOutcome, simulated: DriveOutcome, errors: Rms, tolerances: Tolerances
 ) -> DriveComparison:
     """Set a simulated drive beside the measured one. errors: of the recording's steps."""
     kpis = {name: _equality(kpi, simulated.kpis.get(name)) for name, kpi in measured.kpis.items()}
@@ -162,7 +162,7 @@ def compare(
 
 
 def _ended(measured: DriveOutcome, simulated: DriveOutcome) -> str:
-    """How the simulation ended otherwise than the drive."""
+    """How the simulation ended differently from the drive."""
     if measured.collision != simulated.collision:
         return (
             "the EGO collides only in the drive"
@@ -183,9 +183,9 @@ def _differences(
 ) -> Iterator[tuple[float | None, str]]:
     """When [s] they differ, and in what."""
     if measured.decision != simulated.decision:
-        parted = _parted(measured.events, simulated.events)
+        diverged = _first_divergence(measured.events, simulated.events)
         did = (", ".join(o.decision).replace("_", " ") or NO_EVENT for o in (measured, simulated))
-        yield parted, "decision: {} measured, {} simulated".format(*did)
+        yield diverged, "decision: {} measured, {} simulated".format(*did)
     for name, equality in kpis.items():
         if equality == "differs":
             both = measured.kpis[name], simulated.kpis[name]
@@ -201,7 +201,7 @@ def kpi_text(kpi: Kpi) -> str:
     return f"{kpi.outcome} ({kpi.value:.3g}{unit} at {kpi.t:.1f} s)"
 
 
-def _parted(one: Sequence[tuple[float, str]], two: Sequence[tuple[float, str]]) -> float:
+def _first_divergence(one: Sequence[tuple[float, str]], two: Sequence[tuple[float, str]]) -> float:
     """When the first event is that only one of both has there."""
     for (t, name), (u, other) in zip(one, two, strict=False):
         if name != other:

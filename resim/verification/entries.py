@@ -11,13 +11,13 @@ from pydantic import MISSING, Field
 from resim.resimulation.drive_outcome import KpiOutcome, Rms
 from resim.verification.blame import Blamed, Function
 from resim.verification.cause import Cause
-from resim.verification.compare import Equality, Verdict, Way
+from resim.verification.compare import Equality, SimulatedSource, VerificationVerdict
 from resim.verification.paired import RunPair
-from resim.verification.share import Share
+from resim.verification.share import SeedShare
 from resim.verification.tolerance import Excess
 from resim.verification.validity_interval import ValidityInterval
 
-MODEL: Way = "rGT+M"
+MODEL: SimulatedSource = "rGT+M"
 BuildVerdict = Literal["same", "changed", "better", "worse", "error"]
 
 T = TypeVar("T")
@@ -44,7 +44,7 @@ class PerDrive(Generic[T]):
 class ComparedRun:
     """A re-simulation beside the measured drive; fields as in `DriveComparison`. failure: None where there is none."""
 
-    verdict: Verdict
+    verdict: VerificationVerdict
     same_decision: bool
     reaction_difference: float | None
     t: float | None
@@ -54,13 +54,13 @@ class ComparedRun:
 
 
 @dataclass(frozen=True)
-class _Judged:
-    verdict: Verdict
+class _VerdictWithCause:
+    verdict: VerificationVerdict
     cause: Cause | None
 
 
 @dataclass(frozen=True)
-class SingleRun(ComparedRun, _Judged):
+class SingleRun(ComparedRun, _VerdictWithCause):
     """What the one re-simulation of a way gave, and why it is not as measured."""
 
 
@@ -78,7 +78,7 @@ class SeedRun(ComparedRun, _OfSeed):
 
 
 @dataclass(frozen=True)
-class SeedRuns(_Judged):
+class SeedRuns(_VerdictWithCause):
     """What the re-simulations with a perception model gave.
 
     agreement: more than this share of them is demanded to agree; share: that does. needed: how many seeds would tell
@@ -86,9 +86,9 @@ class SeedRuns(_Judged):
     """
 
     agreement: float
-    share: Share
+    share: SeedShare
     needed: int | None
-    same_decision: Share
+    same_decision: SeedShare
     seeds: tuple[SeedRun, ...]
 
 
@@ -116,12 +116,12 @@ class KpiComparison:
 
     unit: str
     weight: float
-    difference: Mapping[Way, float | None]
+    difference: Mapping[SimulatedSource, float | None]
     GT: KpiEntry
     SD: KpiEntry | MISSING | None = MISSING
     rGT: KpiEntry | MISSING | None = MISSING
     rSD: KpiEntry | MISSING | None = MISSING
-    equal: Mapping[Way, Equality | Share]
+    equal: Mapping[SimulatedSource, Equality | SeedShare]
     over_seeds: Annotated[tuple[KpiEntry | None, ...] | MISSING, Field(alias="rGT+M")] = MISSING
 
     def single(self) -> dict[str, KpiEntry | None]:
@@ -171,11 +171,11 @@ class VerifiedContent:
     cases: hashes of what was simulated.
     """
 
-    verdict: Verdict
-    way: Way
+    verdict: VerificationVerdict
+    way: SimulatedSource
     error: str | None
     cause: Cause | None
-    ways: Mapping[Way, WayRuns]
+    ways: Mapping[SimulatedSource, WayRuns]
     kpis: Mapping[str, KpiComparison]
     decision: PerDrive[tuple[str, ...]]
     reaction: PerDrive[float | None]

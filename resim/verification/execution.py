@@ -28,7 +28,7 @@ REPORTS = "reports"
 LONGEST, LONGEST_SEED = 3600.0, 60.0
 """s of wall clock for one recording with all of its variations, and more for each seed that it may take."""
 
-Told = Callable[[str, str, bool], None]
+RecordingListener = Callable[[str, str, bool], None]
 """Hears of each recording: its name, its verdict, whether it was kept from before."""
 
 
@@ -38,7 +38,7 @@ def verify(
     out: Path | None,
     *,
     workers: int,
-    tell: Told = lambda name, verdict, kept: None,
+    tell: RecordingListener = lambda name, verdict, kept: None,
     damaged: Callable[[Path], None] = lambda path: None,
     unreported: Callable[[str, str], None] = lambda name, reason: None,
 ) -> tuple[VerificationReport, dict[str, Traces]]:

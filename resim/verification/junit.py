@@ -40,7 +40,7 @@ def junit(found: VerificationReport) -> str:
     """Give a test case a recording: a failure where the verdict is bad, an error where something broke.
 
     Measured against simulated, all but "verified" are failures. Build against build, a recording that is worse is one
-    only where a limit of the suite is broken, as what a suite allows is no failure; there each limit is a test case,
+    only where a suite limit is exceeded, as what a suite allows is no failure; there each limit is a test case,
     too, so that a broken one that no single recording breaks fails as well.
     """
     name, label = found.inputs.name, found.inputs.build.label

@@ -60,7 +60,7 @@ def _answers(result: Resimulation) -> SimulatedDrive:
 def _departures(drive: SimulatedDrive) -> Floats:
     """Of windows of HORIZON (K, 4): begin [s], and distance [m], speed [m/s] and heading [rad] of drive less model.
 
-    Up to the first collision, which moves a vehicle otherwise than its actuators.
+    Up to the first collision, which moves a vehicle differently from its actuators.
     """
     truth, model = drive.truth, drive.case.vehicle
     assert truth.a is not None

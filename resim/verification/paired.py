@@ -58,8 +58,8 @@ class RunPair:
         return self.decisions[0] != self.decisions[1]
 
 
-def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, parted: float | None) -> RunPair:
-    """Set the new build's run beside the old one's. parted: when [s] the EGOs part.
+def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float | None) -> RunPair:
+    """Set the new build's run beside the old one's. diverged: when [s] the EGOs diverge.
 
     A run that ended before there was anything to judge has lost what the other passed.
     """
@@ -84,7 +84,7 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, parted: float |
         seed, gained, lost, _weight(lost, now), (old.decision, new.decision),
         (old.reaction, new.reaction),
         _minus(new.risk, old.risk), {name: _minus(new.comfort[name], old.comfort[name]) for name in COMFORT},
-        min([*broken, *([] if parted is None or not told else [parted])], default=None), tuple(told),
+        min([*broken, *([] if diverged is None or not told else [diverged])], default=None), tuple(told),
         "; ".join(o.failure for o in (old, new) if o.failure),
     )  # fmt: skip
 

@@ -10,12 +10,12 @@ from pydantic import Discriminator, Field, Tag
 
 from resim.core.schema import VerificationSchema
 from resim.core.spec import EXACT
-from resim.verification.compare import Verdict
+from resim.verification.compare import VerificationVerdict
 from resim.verification.entries import BuildVerdict, ComparedRecording, FailedRecording, VerifiedRecording
 from resim.verification.inputs import VerificationRequest
 from resim.verification.paired import Difference
 
-VERDICTS: tuple[Verdict, ...] = ("verified", "not verified", "undecided", "invalid", "error")
+VERDICTS: tuple[VerificationVerdict, ...] = ("verified", "not verified", "undecided", "invalid", "error")
 CHANGES: tuple[BuildVerdict, ...] = ("same", "changed", "better", "worse", "error")
 
 
@@ -66,7 +66,7 @@ class LimitCheck:
 
 @dataclass(frozen=True)
 class ComparisonSummary:
-    """How many recordings the newer build is the same, better or worse on, and whether the suite's limits are kept.
+    """How many recordings the newer build is the same, better or worse on, and whether the suite's limits are met.
 
     limits: by the fields of `RegressionLimits`. gained: KPIs in all runs. risk, comfort: mean differences.
     """

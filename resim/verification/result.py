@@ -12,7 +12,13 @@ from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
 from resim.resimulation.result import Resimulation
 from resim.verification.blame import OpenLoopFinding
 from resim.verification.cause import Cause
-from resim.verification.compare import DriveComparison, Equality, SeedVerdict, Verdict, Way
+from resim.verification.compare import (
+    DriveComparison,
+    Equality,
+    SeedVerdict,
+    SimulatedSource,
+    VerificationVerdict,
+)
 from resim.verification.entries import (
     MODEL,
     ComparedRun,
@@ -27,7 +33,7 @@ from resim.verification.entries import (
     VerifiedRecording,
     WayRuns,
 )
-from resim.verification.share import Share, share
+from resim.verification.share import SeedShare, share
 from resim.verification.validity_interval import ValidityInterval
 
 T = TypeVar("T")
@@ -47,17 +53,17 @@ class VerificationResult:
     outcomes: Mapping[str, DriveOutcome]
     seeds: Mapping[int, DriveOutcome]
     errors: Rms
-    judged: Mapping[Way, SeedVerdict]
-    causes: Mapping[Way, Cause | None]
+    judged: Mapping[SimulatedSource, SeedVerdict]
+    causes: Mapping[SimulatedSource, Cause | None]
     recorded: DriveComparison | None
     driven: OpenLoopFinding | None
     validity: tuple[ValidityInterval, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
-    def way(self) -> Way:
-        """The way that the verdict rests on: GT with the perception model, else GT, else SD."""
-        order: tuple[Way, ...] = ("rGT+M", "rGT", "rSD")
+    def way(self) -> SimulatedSource:
+        """The basis that the verdict is judged by: GT with the perception model, else GT, else SD."""
+        order: tuple[SimulatedSource, ...] = ("rGT+M", "rGT", "rSD")
         return next(way for way in order if way in self.judged)
 
     @property
@@ -67,8 +73,8 @@ class VerificationResult:
         return next((failure for failure in every if failure), "")
 
     @property
-    def verdict(self) -> Verdict:
-        """That of the way that it rests on; an error where the function failed in any run."""
+    def verdict(self) -> VerificationVerdict:
+        """That of the basis that it is judged by; an error where the function failed in any run."""
         return "error" if self.failure else self.judged[self.way].verdict
 
     def entry(self, source: RecordingSource) -> VerifiedRecording:
@@ -95,7 +101,7 @@ class VerificationResult:
             notes=self.notes,
         )
 
-    def _off(self, way: Way, name: str) -> float | None:
+    def _off(self, way: SimulatedSource, name: str) -> float | None:
         """How far the KPI's value is from the measured one, in its unit; over seeds the median."""
         runs = self.seeds.values() if way == MODEL else [self.outcomes[way]]
         gt = self.outcomes["GT"].kpis[name].value
@@ -108,7 +114,7 @@ class VerificationResult:
         seeds = {"over_seeds": tuple(of(o) for o in self.seeds.values())} if self.seeds else {}
         return PerDrive(**single, **seeds)  # type: ignore[arg-type]
 
-    def _way(self, way: Way) -> WayRuns:
+    def _way(self, way: SimulatedSource) -> WayRuns:
         judged, cause = self.judged[way], self.causes[way]
         if (test := judged.test) is None:
             return SingleRun(cause=cause, **vars(_compared(judged.comparisons[0])))
@@ -128,7 +134,7 @@ class VerificationResult:
     def _kpi(self, name: str) -> KpiComparison:
         """One criterion: the KPI of each drive, whether they are equal, and the share of seeds that are."""
         gt = self.outcomes["GT"].kpis[name]
-        equal: dict[Way, Equality | Share] = {
+        equal: dict[SimulatedSource, Equality | SeedShare] = {
             way: j.comparisons[0].kpis[name] for way, j in self.judged.items() if way != MODEL
         }
         single = {source: _kpi_entry(o.kpis.get(name)) for source, o in self.outcomes.items()}

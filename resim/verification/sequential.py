@@ -22,7 +22,7 @@ ERROR = 0.05
 """Probability of either wrong verdict, at most; beyond each end of the interval there is as much."""
 _SAME = 1e-9
 
-Told = Literal["enough", "too few"]
+ShareAnswer = Literal["enough", "too few"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class StoppingPoint:
 
     agreed: int
     of: int
-    told: Told | None
+    told: ShareAnswer | None
 
 
 class _Odds(NamedTuple):

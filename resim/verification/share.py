@@ -8,7 +8,7 @@ from resim.core.intervals import CONFIDENCE, wilson
 
 
 @dataclass(frozen=True)
-class Share:
+class SeedShare:
     """`count` of `of` seeds agree; low, high: the interval of their true share at a confidence, and how it was made."""
 
     count: int
@@ -24,7 +24,7 @@ class Share:
         return self.count / self.of
 
 
-def share(agrees: list[bool]) -> Share:
+def share(agrees: list[bool]) -> SeedShare:
     """Give the share of those that agree, of one or more; its interval takes their number for given beforehand."""
     low, high = wilson(sum(agrees), len(agrees))
-    return Share(sum(agrees), len(agrees), float(low), float(high), CONFIDENCE, "Wilson")
+    return SeedShare(sum(agrees), len(agrees), float(low), float(high), CONFIDENCE, "Wilson")

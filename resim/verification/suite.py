@@ -27,7 +27,7 @@ class SuiteFile(Strict):
 
     bases: what is re-simulated; seeds, seed: how many runs with the perception model at most, and the first one's seed.
     agreement: more than this share of the seeds must agree, as `SequentialTest` tells it. vary: parameters of which the
-    range is searched in which the verdicts hold. accept: codes of findings in spite of which to go on. driven_by: other
+    range is searched in which the verdicts hold. accept: codes of findings to continue despite. driven_by: other
     builds whose recordings are taken. reports: of how many recordings that are not good there is a re-simulation
     report, the worst first.
     """

@@ -22,7 +22,7 @@ from resim.resimulation.run import over_seeds, resimulate, run_on_gt, with_notes
 from resim.simulation.function.interface import Build
 from resim.verification.blame import OpenLoopFinding
 from resim.verification.cause import Cause, cause
-from resim.verification.compare import DriveComparison, SeedVerdict, Way, compare
+from resim.verification.compare import DriveComparison, SeedVerdict, SimulatedSource, compare
 from resim.verification.openloop import open_loop
 from resim.verification.result import VerificationResult
 from resim.verification.sequential import SequentialTest
@@ -82,8 +82,8 @@ def verify_recording(
 ) -> VerificationResult:
     """Re-simulate a recording and set every re-simulation beside the measured drive.
 
-    The verdict rests on GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
-    errors in the map in spite of which to go on.
+    The verdict is judged by GT with the perception model, where there is one, else on GT, else on SD. accept: codes of
+    errors in the map to continue despite.
     """
     if "GT" not in options.bases and perceiving is None and recording.sd is None:
         raise ResimError(
@@ -108,7 +108,7 @@ def verify_recording(
     shown = {"rGT": "the truth", "rSD": "the traffic of the sensor data, as smoothed by its splines"}
     if perceiving is not None:
         shown["rGT+M"] = f"what {perceiving.model.name} shows"
-    causes: dict[Way, Cause | None] = {
+    causes: dict[SimulatedSource, Cause | None] = {
         way: cause(j, errors, demands.tolerances, recorded, shown[way], driven, oracle=build.needs_truth)
         for way, j in judged.items()
     }
@@ -134,8 +134,10 @@ def _varied(
     return replace(found, validity=tuple(ranges), notes=(*found.notes, *notes))
 
 
-def _judged(found: Mapping[str, DriveOutcome], errors: Rms, demands: Demands) -> dict[Way, SeedVerdict]:
-    ways: tuple[Way, ...] = ("rGT", "rSD")
+def _judged(
+    found: Mapping[str, DriveOutcome], errors: Rms, demands: Demands
+) -> dict[SimulatedSource, SeedVerdict]:
+    ways: tuple[SimulatedSource, ...] = ("rGT", "rSD")
     return {
         way: SeedVerdict(way, (compare(way, found["GT"], found[way], errors, demands.tolerances),))
         for way in ways
@@ -162,7 +164,7 @@ def _over_seeds(
 
 
 def _driven_otherwise(driven: OpenLoopFinding | None) -> Iterator[str]:
-    """A note where the vehicle moved otherwise than its model, whatever the verdict."""
+    """A note where the vehicle moved differently from its model, whatever the verdict."""
     if driven is not None and driven.blamed not in (None, "function"):
         yield str(driven)
 

@@ -347,7 +347,7 @@ def test_a_picture_of_a_map_takes_the_place_of_no_other_file(call: Call, tmp_pat
     road.write_text(MAP.format(extra="", link=""))
     code, _, told = call("map", "plot", road, "--out", road)
     assert (code, told) == (
-        2, f"resim: {road}: exists, is no such file of resim's, and would be lost. Name another with --out.\n"
+        2, f"resim: {road}: exists, is not such a resim file, and would be lost. Name another with --out.\n"
     )  # fmt: skip
     assert road.read_text() == MAP.format(extra="", link="")
     for _ in range(2):

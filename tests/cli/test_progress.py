@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from resim.cli import progress
-from resim.cli.progress import Progress
+from resim.cli.progress import ProgressReporter
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_line_now_and_then(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
-    with Progress("runs") as told:
+    with ProgressReporter("runs") as told:
         told.skip(10)
         told.expect(50)
         for _ in range(20):
@@ -31,7 +31,7 @@ def test_a_line_now_and_then(clock: list[float], capsys: pytest.CaptureFixture[s
 
 
 def test_who_is_done_soon_says_nothing(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
-    with Progress("stages", 3) as told:
+    with ProgressReporter("stages", 3) as told:
         for stage in ("read", "train", "validate"):
             told.step(stage)
             clock[0] += 3.0

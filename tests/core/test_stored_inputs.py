@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from resim.core.plugins.frozen import FrozenFile, freeze_file, thaw
+from resim.core.plugins.frozen import FrozenFile, freeze_file, load_frozen
 
 DAY = 24 * 3600.0
 KEEPS = """
@@ -56,7 +56,7 @@ def test_a_copy_with_a_pipe_in_it_is_made_again(store: Path, tmp_path: Path, nam
     (store / frozen.hash / name).unlink()
     os.mkfifo(store / frozen.hash / name)
     assert written(tmp_path / "a") == frozen
-    assert thaw(frozen).raw == b"a"
+    assert load_frozen(frozen).raw == b"a"
 
 
 def test_copies_that_nobody_has_used_for_30_days_are_cleared_away(store: Path, tmp_path: Path) -> None:
@@ -86,5 +86,5 @@ def test_copies_that_nobody_has_used_for_30_days_are_cleared_away(store: Path, t
 def test_a_copy_that_is_used_again_stays(store: Path, tmp_path: Path) -> None:
     frozen = written(tmp_path / "model")
     used(store / frozen.hash, 31.0)
-    assert thaw(frozen).raw == b"model"
+    assert load_frozen(frozen).raw == b"model"
     assert time.time() - (store / frozen.hash / "input").stat().st_mtime < DAY

@@ -13,7 +13,7 @@ from resim.metrics import measures as c
 from resim.metrics.measures import MeasureValues, Pairs, State
 from resim.metrics.measures.driving import slope
 from resim.metrics.measures.motion import ctra
-from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk import PUBLISHED, RiskParameters, Scenes, accident_risk
 from resim.road.opendrive import load
 
 CAR = (4.7, 1.9)
@@ -212,7 +212,7 @@ def test_wttr_is_the_least_of_the_predicted_ones():
     pairs.state[2, 0, 1] = 60.0
     pairs.state[3, 0, 4] = np.nan
     inputs = PUBLISHED.inputs(*np.moveaxis(np.nan_to_num(pairs.state[..., 3:]), 2, 0))
-    scenes, parameters = Scenes(pairs.plan, pairs.ego_size, pairs.state, pairs.size, inputs), Parameters()
+    scenes, parameters = Scenes(pairs.plan, pairs.ego_size, pairs.state, pairs.size, inputs), RiskParameters()
     m = c.wttr(scenes, accident_risk(scenes, parameters), parameters)
     assert m.state[:, 0].tolist() == [State.VALUE, State.VALUE, State.NO_CONFLICT, State.NOT_COMPUTED]
     assert m.value[1, 0] <= m.value[0, 0] <= c.ttr(pairs).value[0, 0]

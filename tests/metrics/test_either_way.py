@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from resim.metrics import measures as c
 from resim.metrics.measures import motion
-from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk import PUBLISHED, RiskParameters, Scenes, accident_risk
 
 CAR = np.array([4.7, 1.9])
 STEP, HORIZON = 0.1, 4.0
@@ -40,7 +40,7 @@ def scene(v, braking, state, *, heading=0.0, inputs=None, step=STEP):
 
 
 def risk(made, **parameters):
-    return float(accident_risk(made, Parameters(**parameters)).r_ind[0])
+    return float(accident_risk(made, RiskParameters(**parameters)).r_ind[0])
 
 
 # brute force: everything by small steps, contact by projection on the boxes' axes

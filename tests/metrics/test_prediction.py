@@ -17,7 +17,7 @@ from resim.metrics.risk.prediction import (
     CTRA,
     WALKING,
     Surfaces,
-    Walking,
+    WalkerMotion,
     prediction,
     read_prediction,
 )
@@ -87,7 +87,7 @@ def test_who_stands_steps_off_in_any_direction_and_who_walks_goes_on():
     kinds = np.array(["pedestrian", "pedestrian"])
     (still, walking) = found.inputs(kinds, np.array([0.0, 1.4]), np.array([0.0, 0.3]), np.array([5.0, 0.1]))
     model = found.of("pedestrian")
-    assert isinstance(model, Walking)
+    assert isinstance(model, WalkerMotion)
     assert still.tolist() == [0.0, model.sigma_still, 0.0, model.sigma_still]
     assert walking == pytest.approx([0.295, model.sigma_along, 0.139, model.sigma_across], abs=1e-3)
 
@@ -154,7 +154,7 @@ TRUE = Surfaces(
     a_most=1.5, v_half=20.0, sigma_a0=0.15, sigma_a1=0.1, lateral_most=1.5, sigma_lateral=0.1, sigma_w1=0.2,
     v_least=1.0, v_most=40.0, a_range=(-6.0, 6.0), lateral_range=(-4.0, 4.0),
 )  # fmt: skip
-TRUE_WALK = Walking(
+TRUE_WALK = WalkerMotion(
     a_most=1.0, sigma_still=0.6, sigma_along=0.2, sigma_across=0.3, v_walk=1.4, v_most=3.0,
     along_range=(-2.0, 2.0), across_range=(-2.0, 2.0),
 )  # fmt: skip
@@ -163,7 +163,7 @@ TRUE_WALK = Walking(
 def drawn(motion, count, seed):
     """Points whose answers are drawn from a motion."""
     rng = np.random.default_rng(seed)
-    walks = isinstance(motion, Walking)
+    walks = isinstance(motion, WalkerMotion)
     v = rng.uniform(0.0, 2.0, count) if walks else rng.uniform(2.0, 30.0, count)
     a0, w0 = rng.normal(0.0, 1.0, count), rng.normal(0.0, 0.5 if walks else 0.06, count)
     inputs = motion.inputs(v, a0, w0)

@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Boxes, boxes_overlap
-from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk import PUBLISHED, RiskParameters, Scenes, accident_risk
 from resim.metrics.risk.prediction import WALKING
 from resim.metrics.risk.sobol import sobol_points
 
@@ -58,7 +58,7 @@ CROWD = np.array([
 def test_the_rear_end_collision_has_the_published_risk(mode):
     """4.2.2.1: 21 against 10 m/s; about 4 % at 30 m, near 100 % at a TTC of 1.1 s."""
     at = {
-        gap: accident_risk(scenes(straight(21.0), [gap + 4.7, 0, 0, 10, 0, 0]), Parameters(mode=mode))
+        gap: accident_risk(scenes(straight(21.0), [gap + 4.7, 0, 0, 10, 0, 0]), RiskParameters(mode=mode))
         for gap in (52.0, 30.0, 12.1)
     }
     assert at[52.0].r_ind[0] < 1e-4
@@ -75,7 +75,7 @@ def test_the_rear_end_collision_has_the_published_risk(mode):
 def test_the_three_example_scenes(mode, spread, a0, w0, published, collision):
     """4.1.4: parallel at 14 m/s, the object 3.3 m to the left, neutral to turning hard; T_pred 3 s as in 4.1."""
     found = accident_risk(
-        scenes(straight(14.0, horizon=3.0), [0, 3.3, 0, 14, a0, w0]), Parameters(mode=mode, horizon=3.0)
+        scenes(straight(14.0, horizon=3.0), [0, 3.3, 0, 14, a0, w0]), RiskParameters(mode=mode, horizon=3.0)
     )
     assert found.r_ind[0] == pytest.approx(published, abs=max(spread * published / 0.6, 2e-4))
     assert found.collision[0, 0] == pytest.approx(collision, abs=0.012)
@@ -87,7 +87,7 @@ def test_the_published_mode_is_the_plain_algorithm():
         state = CROWD[rng.choice(5, 2, replace=False)] + rng.normal(0, [1, 0.3, 0.02, 1, 0.3, 0.01], (2, 6))
         plan = straight(rng.uniform(15.0, 25.0), horizon=3.0)
         made = scenes(plan, state)
-        parameters = Parameters(mode="published", horizon=3.0, samples=12, seed=3)
+        parameters = RiskParameters(mode="published", horizon=3.0, samples=12, seed=3)
         found = accident_risk(made, parameters)
         sample = np.random.default_rng(3).uniform(-1.0, 1.0, (12, 2))
         r_to, r_ind, r_dep, hits = plain.risk(
@@ -107,7 +107,7 @@ def test_the_published_mode_is_the_plain_algorithm():
 def test_the_published_mode_is_the_plain_algorithm_whichever_way_the_ego_goes(plan):
     state = np.array([[2.0, -14.0, 1.55, 6.0, 0.0, 0.0], [-16.0, 0.3, 0.0, 7.0, 0.0, 0.0]])
     made = scenes(plan, state)
-    found = accident_risk(made, Parameters(mode="published", samples=8, seed=5))
+    found = accident_risk(made, RiskParameters(mode="published", samples=8, seed=5))
     sample = np.random.default_rng(5).uniform(-1.0, 1.0, (8, 2))
     r_to, *_ = plain.risk(
         [tuple(row) for row in plan], CAR, [(tuple(s), CAR) for s in state], made.inputs[0], sample, 0.1
@@ -118,7 +118,7 @@ def test_the_published_mode_is_the_plain_algorithm_whichever_way_the_ego_goes(pl
 
 @pytest.mark.parametrize("mode", ["published", "continuous"])
 def test_order_place_and_turn_change_nothing(mode):
-    parameters = Parameters(mode=mode, samples=32)
+    parameters = RiskParameters(mode=mode, samples=32)
     base = accident_risk(scenes(straight(20.0), CROWD), parameters)
     other = accident_risk(scenes(straight(20.0), CROWD[::-1]), parameters)
     np.testing.assert_allclose(other.r_to[0, ::-1], base.r_to[0], atol=1e-12)
@@ -149,8 +149,8 @@ def test_cross_shaped_overlap_is_a_contact_in_the_continuous_mode_alone():
     """Boxes that cross without a corner inside of the other: the published check reads them as free."""
     plan = straight(0.01, horizon=0.2)
     made = scenes(plan, [0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0])
-    assert accident_risk(made, Parameters(mode="published", horizon=0.2)).collision[0, 0] == 0.0
-    found = accident_risk(made, Parameters(horizon=0.2))
+    assert accident_risk(made, RiskParameters(mode="published", horizon=0.2)).collision[0, 0] == 0.0
+    found = accident_risk(made, RiskParameters(horizon=0.2))
     assert (found.collision[0, 0], found.r_ind[0], found.ttc[0, 0]) == (
         pytest.approx(1.0),
         pytest.approx(1.0),
@@ -163,7 +163,9 @@ def test_contact_between_steps_is_not_missed():
     state = [20.0, -80.0, np.pi / 2, 40.0, 0.0, 0.0]
     made = scenes(straight(10.0), state, size=(0.5, 0.5))
     assert accident_risk(made).collision[0, 0] > 0.2
-    fine = accident_risk(scenes(straight(10.0, step=0.0125), state, size=(0.5, 0.5)), Parameters(step=0.0125))
+    fine = accident_risk(
+        scenes(straight(10.0, step=0.0125), state, size=(0.5, 0.5)), RiskParameters(step=0.0125)
+    )
     assert accident_risk(made).collision[0, 0] == pytest.approx(fine.collision[0, 0], abs=0.03)
 
 
@@ -186,7 +188,7 @@ def test_the_default_agrees_with_a_reference_forty_times_finer():
     def at(step, samples, seed):
         plan = np.stack([straight(v, step=step) for v in ego])
         return accident_risk(
-            Scenes(plan, own, state, size, inputs), Parameters(step=step, samples=samples, seed=seed)
+            Scenes(plan, own, state, size, inputs), RiskParameters(step=step, samples=samples, seed=seed)
         )
 
     fine = at(0.0025, 256, 99)
@@ -226,7 +228,7 @@ def walked(state, a, b, t):
 def test_who_walks_into_the_way_touches_when_the_closed_form_says(mode, b):
     """Beside the EGO that stands still; 1.2 m between the boxes: in the second second at 0.8, the first at 2.5 m/s²."""
     made = walkers([1e-3], np.array([[0.0, 2.4, np.pi, 0.0]]), np.array([[0.0, 0.0, b, 0.0]]))
-    found = accident_risk(made, Parameters(mode=mode))
+    found = accident_risk(made, RiskParameters(mode=mode))
     at = np.sqrt(2.4 / b) if b > 2.4 else 1.2 / b + 0.5
     late = 0.1 if mode == "published" else 0.0
     assert at - 0.026 <= found.ttc[0, 0] <= at + late + 1e-9
@@ -237,7 +239,7 @@ def test_who_walks_into_the_way_touches_when_the_closed_form_says(mode, b):
 def test_who_stands_beside_the_lane_is_a_risk_unless_surely_staying(mode):
     state = np.array([[15.0, 2.2, -np.pi / 2, 0.0]])
     may, surely = (
-        accident_risk(walkers([14.0], state, np.array([[0.0, sigma, 0.0, sigma]])), Parameters(mode=mode))
+        accident_risk(walkers([14.0], state, np.array([[0.0, sigma, 0.0, sigma]])), RiskParameters(mode=mode))
         for sigma in (0.6, 0.0)
     )
     assert 0.0 < may.r_ind[0] < 0.5
@@ -257,7 +259,7 @@ def some_walkers(rng, count):
 def test_contact_of_who_walks_is_what_all_samples_say():
     """Nobody is rejected who would touch: the probability is that of boxes laid beside each other one by one."""
     ego, state, inputs = some_walkers(np.random.default_rng(12), 200)
-    found = accident_risk(walkers(ego, state, inputs), Parameters(mode="published", samples=64, seed=2))
+    found = accident_risk(walkers(ego, state, inputs), RiskParameters(mode="published", samples=64, seed=2))
     sample = np.random.default_rng(2).uniform(-1.0, 1.0, (64, 2))
     weight = np.exp(-4.5 * (sample**2).sum(axis=1))
     t = np.arange(41) * 0.1
@@ -275,7 +277,7 @@ def test_contact_of_who_walks_is_what_all_samples_say():
 
 def test_no_contact_of_who_walks_is_missed():
     ego, state, inputs = some_walkers(np.random.default_rng(3), 60)
-    fine = accident_risk(walkers(ego, state, inputs, step=0.0125), Parameters(step=0.0125))
+    fine = accident_risk(walkers(ego, state, inputs, step=0.0125), RiskParameters(step=0.0125))
     found = accident_risk(walkers(ego, state, inputs))
     assert (found.collision >= fine.collision - 1e-12).all()
     assert np.sqrt(np.mean((found.r_ind - fine.r_ind) ** 2)) < 0.01
@@ -360,11 +362,11 @@ def test_shapes_that_do_not_fit_are_refused():
 @pytest.mark.parametrize("mode", ["published", "continuous"])
 def test_a_line_is_hit_and_a_point_is_no_object(mode):
     line = accident_risk(
-        scenes(straight(20.0), [20.0, 0, 0, 0, 0, 0], size=(1.0, 0.0)), Parameters(mode=mode)
+        scenes(straight(20.0), [20.0, 0, 0, 0, 0, 0], size=(1.0, 0.0)), RiskParameters(mode=mode)
     )
     assert line.collision[0, 0] == pytest.approx(1.0)
     point = accident_risk(
-        scenes(straight(20.0), [20.0, 0, 0, 0, 0, 0], size=(0.0, 0.0)), Parameters(mode=mode)
+        scenes(straight(20.0), [20.0, 0, 0, 0, 0, 0], size=(0.0, 0.0)), RiskParameters(mode=mode)
     )
     assert np.isnan(point.collision[0, 0])
 
@@ -379,7 +381,7 @@ def test_one_object_alone_is_the_same_risk_dependent_or_not():
 def test_who_reverses_into_the_way_is_seen(mode):
     """Out of a parking space, backwards at 2 m/s: not somebody who stopped."""
     made = scenes(straight(10.0), [15.0, -5.0, -np.pi / 2, -2.0, 0.0, 0.0])
-    assert accident_risk(made, Parameters(mode=mode)).collision[0, 0] > 0.5
+    assert accident_risk(made, RiskParameters(mode=mode)).collision[0, 0] > 0.5
 
 
 def test_no_object_is_nan_and_no_risk():
@@ -402,7 +404,7 @@ def test_the_sobol_samples_and_their_weights():
 @pytest.mark.parametrize("wrong", [{"no_return": 4.0}, {"slope": -1.0}])
 def test_parameters_that_mean_nothing_are_refused(wrong):
     with pytest.raises(ResimError):
-        Parameters(**wrong)
+        RiskParameters(**wrong)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 7, 2**40])

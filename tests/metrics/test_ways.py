@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from resim.core.errors import ResimError
-from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk import PUBLISHED, RiskParameters, Scenes, accident_risk
 from resim.metrics.risk.lane_paths import LanePaths, _resampled, lane_paths
 from resim.metrics.risk.prediction import WALKING
 from resim.road.opendrive import load
@@ -133,7 +133,7 @@ def test_the_published_mode_knows_no_road(network):
     made = Scenes(driven(network, -1, 100.0, 10.0)[None], np.array([CAR]), state, size, np.zeros((1, 1, 4)),
                   ways=lane_paths(network, state, size, horizon=4.0))  # fmt: skip
     with pytest.raises(ResimError, match="published"):
-        accident_risk(made, Parameters(mode="published"))
+        accident_risk(made, RiskParameters(mode="published"))
     with pytest.raises(ResimError, match="ways are those of"):
         replace(made, ways=LanePaths.none((3, 2)))
 
@@ -226,7 +226,7 @@ def test_contact_on_ways_is_not_missed_by_coarse_steps(network):
         known = lane_paths(network, state, size, horizon=4.0)
         coarse, fine = (
             accident_risk(
-                Scenes(plan[None], np.array([CAR]), state, size, inputs, ways=known), Parameters(step=0.1 / part)
+                Scenes(plan[None], np.array([CAR]), state, size, inputs, ways=known), RiskParameters(step=0.1 / part)
             )
             for part, plan in (
                 (1, driven(network, -1, s, v)), (10, driven(network, -1, s, v, steps=400, step=0.01)),

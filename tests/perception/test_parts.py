@@ -10,7 +10,7 @@ import pytest
 from perception.worlds import everything, look, model, ring, same, standing, steps, traffic
 
 from resim.perception import model as models
-from resim.perception.fields import Parameters
+from resim.perception.fields import ParameterGroup
 from resim.perception.model import PerceptionModel
 from resim.perception.parts.definition import PerceptionPart, RunningPart
 from resim.perception.parts.registry import PARTS
@@ -96,7 +96,7 @@ def test_errors_do_not_depend_on_detection() -> None:
 def test_a_part_has_a_group_in_models_and_is_in_no_file_that_does_not_name_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    class Haze(Parameters):
+    class Haze(ParameterGroup):
         reach: float = 1.0
 
     monkeypatch.setattr(

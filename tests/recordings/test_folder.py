@@ -119,7 +119,7 @@ TABLES = {
     "lines in a field": (
         f"{HEADER},note\n{EGO.replace('car', 'car,')}"
         '0.2,ego,4,0,0,20,4.7,1.9,car,"x\n0.3,ego,6,0,0,20,4.7,1.9,car,y"\n',
-        ["row 4: a value goes on over the next lines: 'x\\n0.3,ego", "Take its quote"],
+        ["row 4: a value continues on the following lines: 'x\\n0.3,ego", "Take its quote"],
     ),
     "one sample": (f"{HEADER}\n{EGO.splitlines()[0]}\n", ["no object has two samples"]),
 }  # fmt: skip

@@ -25,7 +25,7 @@ from resim.metrics.assessment_report import DriveAssessment
 from resim.recordings import read_recording
 from resim.report import write_player_page
 from resim.report.player import player
-from resim.report.player.drive import Mark, danger
+from resim.report.player.drive import TimelineMark, danger
 from resim.report.player.packing import packed_tracks
 from resim.road.opendrive import RoadNetwork
 
@@ -249,7 +249,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
     ids = np.array([HOSTILE if i == "1" else i for i in recording.gt.ids])
     gt = dataclasses.replace(recording.gt, ids=ids, kind=np.full(len(ids), HOSTILE))
     named = drive_of(dataclasses.replace(recording, name=HOSTILE, gt=gt, sd=None))
-    marks = (Mark("finding", 0.0, 1.0, HOSTILE, HOSTILE, HOSTILE),)
+    marks = (TimelineMark("finding", 0.0, 1.0, HOSTILE, HOSTILE, HOSTILE),)
     write_player_page([dataclasses.replace(named, marks=marks, notes=(HOSTILE,))], tmp_path / "play.html")
     harmless((tmp_path / "play.html").read_text(encoding="utf-8"))
 

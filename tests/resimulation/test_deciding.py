@@ -20,7 +20,7 @@ def found(decides: tuple[str, ...] | None = None, **verdicts: str) -> Resimulati
 def test_what_was_simulated_decides_and_the_rest_is_told() -> None:
     one = found(GT="FAIL", SD="INVALID", rGT="PASS", rSD="PASS")
     assert (one.deciding(), one.bad()) == (("rGT", "rSD"), {})
-    assert one.notes() == ["GT FAIL, SD INVALID: told only; the verdict is that of rGT, rSD"]
+    assert one.notes() == ["GT FAIL, SD INVALID: reported only; the verdict is decided by rGT, rSD"]
 
 
 def test_what_was_measured_decides_where_nothing_was_simulated() -> None:
@@ -30,7 +30,7 @@ def test_what_was_measured_decides_where_nothing_was_simulated() -> None:
 def test_who_decides_is_a_setting() -> None:
     one = found(("GT",), GT="FAIL", rGT="INVALID")
     assert one.bad() == {"GT": "FAIL"}
-    assert one.notes() == ["rGT INVALID: told only; the verdict is that of GT"]
+    assert one.notes() == ["rGT INVALID: reported only; the verdict is decided by GT"]
 
 
 def test_who_is_not_there_cannot_decide() -> None:

@@ -162,9 +162,7 @@ def test_files_of_others_in_a_results_folder_are_not_lost(tmp_path: Path) -> Non
     with whole_folder(out) as folder:
         mark(folder, "1")
     (out / "notes.txt").touch()
-    with pytest.raises(
-        InputError, match=r"holds notes\.txt, which is no result of resim's and would be lost"
-    ):
+    with pytest.raises(InputError, match=r"holds notes\.txt, which is not a resim result and would be lost"):
         check_output(out)
     foreign = tmp_path / "foreign"
     foreign.mkdir()
@@ -195,7 +193,7 @@ def test_only_plain_files_that_its_mark_lists_are_replaced(tmp_path: Path, name:
     ours = what == "file" and name != "my_map_edit.xodr"  # of a name that resim itself gave
     for refused in (check_output, lambda out: remove_results(out, RUN)):
         if not ours:
-            with pytest.raises(InputError, match=f"holds {name}, which is no result of resim's"):
+            with pytest.raises(InputError, match=f"holds {name}, which is not a resim result"):
                 refused(out)
     assert mine.exists()
     check_output(out) if ours else None
@@ -209,9 +207,7 @@ def test_what_came_while_a_command_worked_is_kept_and_so_are_its_results(tmp_pat
             out.mkdir(exist_ok=True)
             (out / "thesis.txt").write_text("precious")
         if k == 0:
-            assert "is not as it was when the command began (exists and is not a results folder" in str(
-                told.value
-            )
+            assert "was changed while the command ran (exists and is not a results folder" in str(told.value)
             assert str(told.value).endswith(f"was left alone. The results are in {tmp_path / 'out.new'}.")
         (out / "thesis.txt").rename(tmp_path / f"thesis{k}.txt")
     assert names(tmp_path) == [

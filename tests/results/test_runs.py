@@ -180,7 +180,7 @@ def test_what_is_not_what_the_catalog_holds_is_never_deleted(call: Call, mine: P
     assert "was overwritten after it was added to the catalog. Leave out --files" in error
     code, _, error = call("runs", "rm", mine / "sweep", "--files", "--yes")
     assert code == 2
-    assert "holds journal/notes.txt, which is no result of resim's" in error
+    assert "holds journal/notes.txt, which is not a resim result" in error
     assert len(listed(call)) == 2
     assert (mine / "sweep" / "manifest.json").is_file()
     assert (mine / "run" / "run.json").is_file()

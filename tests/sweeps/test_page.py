@@ -360,7 +360,7 @@ def test_what_is_not_its_own_is_not_replaced(call: Call, tmp_path: Path, name: s
     (tmp_path / name).write_text('{"name": "of another tool"}<html></html>')
     code, _, error = call(*arguments)
     assert code == 2
-    assert f"{name}: exists, is no such file of resim's, and would be lost" in error
+    assert f"{name}: exists, is not such a resim file, and would be lost" in error
     left = {kind: (tmp_path / f"page.{kind}").read_bytes() for kind in ("html", "json")}
     assert sum(left[kind] != held[kind] for kind in held) == 1
 

@@ -240,7 +240,7 @@ def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLo
     [
         ("plans as recorded", True, True, "vehicle", "EGO speed 2 m/s (tolerance 0.5 m/s)"),
         ("is the build that drove", True, True, "vehicle", "is the build that drove"),
-        ("unknown", True, True, "function or vehicle", "and nobody knows whether this build drove"),
+        ("unknown", True, True, "function or vehicle", "and it is unknown whether this build drove"),
         ("unknown", True, False, "function or vehicle", "what it perceived was not recorded"),
         ("plans otherwise", True, True, "function", "plans differently from the recording, for 1.0 s"),
         ("plans otherwise", False, True, "function", "plans differently from the recording"),

@@ -275,7 +275,7 @@ def test_build_against_build_worst_first_with_both_reports(builds, write):
     assert names == ["broken", *found["summary"]["worst"]]
     assert "highway_pilot-1.0" in words(select(document, ".facts")[0])
     limits = words(select(document, ".limits")[0])
-    assert f"KPIs lost in all runs {found['summary']['limits']['lost']['value']} 0 broken" in limits
+    assert f"KPIs lost in all runs {found['summary']['limits']['lost']['value']} 0 exceeded" in limits
     mean = found["summary"]["risk"]
     assert f"largest risk {mean['mean']:+.4f}" in words(select(document, ".limits")[1])
     entry = by_name(found)["rear_end"]

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from resim.metrics.drive import drive
-from resim.metrics.risk import PUBLISHED, Parameters, Scenes, accident_risk
+from resim.metrics.risk import PUBLISHED, RiskParameters, Scenes, accident_risk
 from resim.metrics.risk.lane_paths import lane_paths
 from resim.recordings import Recording, read_commonroad, read_recording
 from resim.resimulation.run import describe_recording
@@ -31,7 +31,7 @@ from validate_real import candidates
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 CAR = (4.7, 1.9)
 OBJECTS, MANY, REPEAT = 8, 400, 7
-COMPARED = Parameters(mode="published", samples=32)
+COMPARED = RiskParameters(mode="published", samples=32)
 
 
 def scenes(count: int, seed: int = 1) -> Scenes:
@@ -58,7 +58,7 @@ def benign(count: int) -> Scenes:
     return made
 
 
-def seconds(made: Scenes, parameters: Parameters) -> float:
+def seconds(made: Scenes, parameters: RiskParameters) -> float:
     """Give the shortest time [s] for all scenes; the first call, which compiles, is not counted."""
     accident_risk(made, parameters)
     times = []
@@ -122,8 +122,8 @@ def main() -> int:
     made = scenes(MANY)
     rates = {
         "scenes_per_s": MANY / seconds(made, COMPARED),
-        "scenes_per_s_continuous": MANY / seconds(made, Parameters()),
-        "scenes_per_s_benign": MANY / seconds(benign(MANY), Parameters()),
+        "scenes_per_s_continuous": MANY / seconds(made, RiskParameters()),
+        "scenes_per_s_benign": MANY / seconds(benign(MANY), RiskParameters()),
         "critical_objects": float((accident_risk(made).r_to > 0.0).sum(axis=1).mean()),
     }
     rates |= against_plain(rates["scenes_per_s"])
@@ -133,9 +133,9 @@ def main() -> int:
         begin = time.perf_counter()
         lanes = lane_paths(network, some.state, some.size, horizon=4.0)
         rates[f"{name}_ways_s"] = time.perf_counter() - begin
-        rates[f"{name}_published"] = span / seconds(some, Parameters(mode="published"))
-        rates[f"{name}_continuous"] = span / seconds(some, Parameters())
-        rates[f"{name}_with_ways"] = span / seconds(replace(some, ways=lanes), Parameters())
+        rates[f"{name}_published"] = span / seconds(some, RiskParameters(mode="published"))
+        rates[f"{name}_continuous"] = span / seconds(some, RiskParameters())
+        rates[f"{name}_with_ways"] = span / seconds(replace(some, ways=lanes), RiskParameters())
     print(
         "of real drives: times faster than real time, 10 Hz with the 8 nearest objects; s to find their ways"
     )

@@ -27,7 +27,7 @@ OWN = b'''"""A function of one's own."""
 import helper
 
 
-class Own:
+class DriveOn:
     """Drives on."""
 
     def __init__(self, *, gain: float = 1.0, name: str = "x") -> None:
@@ -44,7 +44,7 @@ class Own:
 '''
 HELPER = b"def twice(x):\n    return 2.0 * x\n"
 OWN_TOML = (
-    b'name = "own"\nversion = "0.1"\nfactory = "own:Own"\ncycle_time = 0.2\ntime_limit = 1.0\n\n[parameters]\n'
+    b'name = "own"\nversion = "0.1"\nfactory = "own:DriveOn"\ncycle_time = 0.2\ntime_limit = 1.0\n\n[parameters]\n'
     b'gain = 1.5\nname = "y"\n'
 )
 Structure = Callable[[Random, bytes], bytes]

@@ -179,5 +179,5 @@ def _literal(rng: Random, line: str) -> str:
     plain = json.dumps(text, ensure_ascii=False)
     return rng.choice((
         text, text, plain, plain, plain, "true", "[]", "{}", f"[{plain}]", f"{{a = {plain}}}", "1979-05-27T07:32:00Z",
-        "[" * 500 + "]" * 500, "[" * 5000, '"adfunc.idm:Idm"', '"os:abort_"', '"this:c"', '"own:Own"', "1e999",
+        "[" * 500 + "]" * 500, "[" * 5000, '"adfunc.idm:Idm"', '"os:abort_"', '"this:c"', '"own:DriveOn"', "1e999",
     ))  # fmt: skip

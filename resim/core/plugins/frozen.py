@@ -89,7 +89,7 @@ def freeze_file(path: Path, remedy: str = "") -> FrozenFile:
     return freeze(path, read_file(path, remedy))
 
 
-def thaw(frozen: FrozenFile, again: Callable[[Path], FrozenFile] = freeze_file) -> FrozenCopy:
+def load_frozen(frozen: FrozenFile, again: Callable[[Path], FrozenFile] = freeze_file) -> FrozenCopy:
     """Give the copy, checked against its hash.
 
     again: freezes the file once more where its copy is gone or belongs to another machine. Raises InputError where the

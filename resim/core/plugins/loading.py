@@ -25,7 +25,7 @@ from resim.core.plugins.imports import is_own, options, own_data, own_sources
 from resim.core.plugins.modules import OwnModules
 from resim.core.plugins.surroundings import same_surroundings
 from resim.core.plugins.unlisted_files import OpenedFiles
-from resim.core.plugins.watchdog import Watchdog, said
+from resim.core.plugins.watchdog import Watchdog, exception_text
 
 LOAD_LIMIT = 180.0
 """s of wall clock for the import of a module: those of large libraries take a minute where the disk is cold."""
@@ -116,7 +116,7 @@ def _loaded(code: LoadedCallable) -> Any:
     except StopError:
         raise
     except (Exception, SystemExit) as e:
-        return _FailedImport(said(e), e)
+        return _FailedImport(exception_text(e), e)
 
 
 class _Space:

@@ -18,16 +18,16 @@ import numpy as np
 
 from resim.core.errors import FunctionError
 
-State = Mapping[str, Any]
+ProcessState = Mapping[str, Any]
 """What is set, by the names of `_SETTINGS`."""
 
 
-def state() -> State:
+def state() -> ProcessState:
     """Give what is set now."""
     return {name: get() for name, (get, _) in _SETTINGS.items()}
 
 
-def put_back(before: State) -> dict[str, Any]:
+def put_back(before: ProcessState) -> dict[str, Any]:
     """Set what is otherwise now, and give what that was."""
     now = state()
     found = {name: now[name] for name in before if now[name] != before[name]}

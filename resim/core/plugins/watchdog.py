@@ -288,7 +288,7 @@ def name_of(e: BaseException) -> str:
     return name
 
 
-def said(e: BaseException) -> str:
+def exception_text(e: BaseException) -> str:
     """Give an exception as `repr` does; its class's name where making that fails."""
     try:
         return repr(e)

@@ -122,11 +122,11 @@ def _lasting(bad: Bools, whose: tuple[str, ...], inputs: MeasureInputs) -> Bools
 
 def _invalid(verdict: Verdict, measure: MeasureValues, criterion: Criterion, absence: Absence) -> Verdict:
     limit = f"{criterion.side} {amount(criterion.limit, measure.unit)}"
-    reason = f"{told(absence)}; it may have exceeded the limit, {limit}"
+    reason = f"{absence_text(absence)}; it may have exceeded the limit, {limit}"
     return replace(verdict, outcome="INVALID", reason=reason)
 
 
-def told(absence: Absence) -> str:
+def absence_text(absence: Absence) -> str:
     """Give an absence in words."""
     return f"object {absence.object} from {absence.start:.2f} to {absence.end:.2f} s: {absence.why}"
 

@@ -119,11 +119,11 @@ class Reach:
         row, col = np.nonzero((out <= 0.0) & np.isfinite(off).any(axis=2))
         for begin in range(0, len(row), CHUNK):
             i, k = row[begin : begin + CHUNK], col[begin : begin + CHUNK]
-            parted = self._parted(i, apart[i, k], off[i, k], way[i, k, 2], size[i], turn[i, k])
-            out[i, k] = np.maximum(out[i, k], parted)
+            clearance = self._clearance(i, apart[i, k], off[i, k], way[i, k, 2], size[i], turn[i, k])
+            out[i, k] = np.maximum(out[i, k], clearance)
         return np.asarray(out)
 
-    def _parted(
+    def _clearance(
         self, i: Rows, apart: Floats, off: Floats, heading: Floats, size: Floats, turn: Floats
     ) -> Floats:
         """The largest gap [m] between the boxes in any direction."""

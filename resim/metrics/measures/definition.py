@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from resim.core.geometry import Floats
-from resim.metrics.measures.values import MeasureValues, States, WorstEnd
+from resim.metrics.measures.values import MeasureValues, StateArray, WorstEnd
 
 if TYPE_CHECKING:
     from resim.core.tracks import Tracks
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from resim.metrics.risk import Risk
     from resim.road.opendrive import RoadNetwork
 
-Kind = Literal["functional", "quantitative", "legal"]
+MeasureKind = Literal["functional", "quantitative", "legal"]
 """functional: what the function and its perception did; quantitative: how near, how hard, how risky; legal: what rules
 say (Groh 2018, III.B)."""
-KINDS: tuple[Kind, ...] = ("quantitative", "legal", "functional")
+KINDS: tuple[MeasureKind, ...] = ("quantitative", "legal", "functional")
 """In the order of tables."""
 
 
@@ -51,8 +51,8 @@ class MeasureDefinition:
     the `Scenes` of that scene alone. Both can be computed for several drives at once. made_of: measures that it asks
     for.
 
-    The rest is for criteria. alone: it is of the EGO alone, whoever else is there. needs: how far ahead a limit asks to
-    look, None where that is never farther than usual. open_beyond: how bad (S, 1) it can still be where there is
+    The rest is for criteria. alone: it is of the EGO alone, whatever else is there. needs: how far ahead a limit asks
+    to look, None where that is never farther than usual. open_beyond: how bad (S, 1) it can still be where there is
     NO_CONFLICT as far as was looked (`MeasureInputs.seen`); None: not at all. unseen: how bad (P,) it can be in scenes
     in which an object is there but was not seen, NaN where not at all; None: as bad as can be where boxes can touch.
     whom: because of which object the value of a whole scene is what it is, "" for none.
@@ -61,7 +61,7 @@ class MeasureDefinition:
     name: str
     unit: str
     worst: WorstEnd
-    kind: Kind
+    kind: MeasureKind
     source: str
     meaning: str
     of: Callable[[MeasureInputs], MeasureValues] | None = None
@@ -81,7 +81,7 @@ class MeasureDefinition:
         assert self.of is not None
         return self.of(inputs)
 
-    def values(self, value: Floats, state: States) -> MeasureValues:
+    def values(self, value: Floats, state: StateArray) -> MeasureValues:
         """Give values of this measure, of any shape; state: see `State`."""
         return MeasureValues(self.name, self.unit, value, state, self.worst)
 

@@ -14,8 +14,8 @@ from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.horizon import fastest, for_time, later, later_braked, speed
 from resim.metrics.measures.pairs import CompletePairs, Pairs
 from resim.metrics.measures.times import planned_contact
-from resim.metrics.measures.values import MeasureValues, States, stated
-from resim.metrics.risk import DEFAULTS, Parameters
+from resim.metrics.measures.values import MeasureValues, StateArray, stated
+from resim.metrics.risk import DEFAULTS, RiskParameters
 
 HALVINGS = 12
 COARSE, MOST = 1.0, 20.0  # m/s²; DRAC is looked for in steps of COARSE up to MOST, then bisected
@@ -38,7 +38,7 @@ TTB = MeasureDefinition(
 )
 
 
-def ttb(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
+def ttb(pairs: Pairs, limits: RiskParameters = DEFAULTS) -> MeasureValues:
     """Give the time to brake (S, K) [s]: the latest start of full braking along the plan's path that still avoids.
 
     Wagner 2021, 3.2.3.1, after Hillenbrand 2006; one behind the other TTB = (d - v_rel² / (2 b)) / v_rel. The plan's
@@ -63,7 +63,7 @@ TTK = MeasureDefinition(
 )
 
 
-def ttk(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
+def ttk(pairs: Pairs, limits: RiskParameters = DEFAULTS) -> MeasureValues:
     """Give the time to kickdown (S, K) [s]: as `ttb`, for full acceleration (Wagner 2021, 3.2.3.1)."""
     return pairs.measured(TTK, partial(_latest, [_along_path(limits.forward)]))
 
@@ -82,7 +82,7 @@ TTS = MeasureDefinition(
 )
 
 
-def tts(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
+def tts(pairs: Pairs, limits: RiskParameters = DEFAULTS) -> MeasureValues:
     """Give the time to steer (S, K) [s]: as `ttb`, for full steering to the better side (Wagner 2021, 3.2.3.1).
 
     A circle at constant speed v with yaw rate min(lateral / v, curvature v), as in the risk metric.
@@ -105,7 +105,7 @@ TTR = MeasureDefinition(
 )
 
 
-def ttr(pairs: Pairs, limits: Parameters = DEFAULTS) -> MeasureValues:
+def ttr(pairs: Pairs, limits: RiskParameters = DEFAULTS) -> MeasureValues:
     """Give the time to react (S, K) [s]: max(TTB, TTK, TTS) (Wagner 2021, Eq. 3.6). States as in `ttb`."""
     return longest(ttb(pairs, limits), ttk(pairs, limits), tts(pairs, limits))
 
@@ -130,7 +130,7 @@ def _end(p: CompletePairs) -> float:
     return float((p.plan.shape[1] - 1) * p.step)
 
 
-def _turning(limits: Parameters, side: float) -> Evasion:
+def _turning(limits: RiskParameters, side: float) -> Evasion:
     def go(p: CompletePairs, start: Floats, t: Floats) -> Floats:
         state = np.zeros((len(t), 6))
         state[:, :4] = p.planned(start[:, None])[:, 0]
@@ -147,7 +147,7 @@ def _avoids(p: CompletePairs, evasion: Evasion, start: Floats) -> Bools:
     )
 
 
-def _latest(evasions: list[Evasion], p: CompletePairs) -> tuple[Floats, States]:
+def _latest(evasions: list[Evasion], p: CompletePairs) -> tuple[Floats, StateArray]:
     """The latest start over all evasions: last success on the grid (Algorithm 4.2), then bisected."""
     contact = planned_contact(p)
     conflict = np.isfinite(contact)
@@ -206,7 +206,7 @@ def drac(pairs: Pairs) -> MeasureValues:
     return pairs.measured(DRAC, _drac, columns=4)
 
 
-def _drac(p: CompletePairs) -> tuple[Floats, States]:
+def _drac(p: CompletePairs) -> tuple[Floats, StateArray]:
     def avoids(rows: Rows, braking: Floats) -> Bools:
         q = p.rows(rows)
         t = np.arange(2 * q.steps + 1) * q.h[:, None]

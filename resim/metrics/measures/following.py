@@ -14,7 +14,7 @@ from resim.metrics.measures.contact import first_contact
 from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.horizon import FARTHEST, RANGE, fastest, for_way, speed
 from resim.metrics.measures.pairs import CompletePairs, Pairs
-from resim.metrics.measures.values import MeasureValues, State, States, stated
+from resim.metrics.measures.values import MeasureValues, State, StateArray, stated
 
 if TYPE_CHECKING:
     from resim.metrics.doubts.absent import AbsentObject
@@ -50,7 +50,7 @@ def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> MeasureValues:
     return pairs.measured(GAP_AHEAD, partial(_gap, reach), columns=4)
 
 
-def _gap(reach: float, p: CompletePairs) -> tuple[Floats, States]:
+def _gap(reach: float, p: CompletePairs) -> tuple[Floats, StateArray]:
     n = max(2, int(np.ceil(reach / 2.0)))
     scenes, of = np.unique(p.scene, return_inverse=True)
     s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(scenes), n + 1))
@@ -162,7 +162,7 @@ def overtaking_right(pairs: Pairs, *, beside: float = BESIDE) -> MeasureValues:
     return pairs.measured(OVERTAKING_RIGHT, partial(_right, beside), columns=4)
 
 
-def _right(beside: float, p: CompletePairs) -> tuple[Floats, States]:
+def _right(beside: float, p: CompletePairs) -> tuple[Floats, StateArray]:
     ego, other = p.plan[:, 0], p.state
     along, left = to_frame(other[:, 0], other[:, 1], ego[:, 0], ego[:, 1], ego[:, 2])
     turn = wrap_angle(other[:, 2] - ego[:, 2])

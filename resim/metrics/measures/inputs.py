@@ -18,7 +18,7 @@ from resim.metrics.measures.pairs import Pairs
 from resim.metrics.measures.registry import MEASURES
 from resim.metrics.measures.scenes import driven_pairs
 from resim.metrics.measures.values import MeasureValues
-from resim.metrics.risk import DEFAULTS, Parameters, Risk
+from resim.metrics.risk import DEFAULTS, Risk, RiskParameters
 from resim.road.opendrive import RoadNetwork
 
 
@@ -32,7 +32,7 @@ class MeasureInputs:
 
     drive: DriveScenes
     network: RoadNetwork
-    parameters: Parameters = DEFAULTS
+    parameters: RiskParameters = DEFAULTS
     functioning: FunctionActivity | None = None
     hits: tuple[tuple[float, str], ...] | None = None
     own: tuple[MeasureDefinition, ...] = ()

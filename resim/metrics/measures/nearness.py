@@ -12,7 +12,7 @@ from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.horizon import later
 from resim.metrics.measures.pairs import CompletePairs, Pairs
 from resim.metrics.measures.times import planned_contact
-from resim.metrics.measures.values import MeasureValues, States, stated
+from resim.metrics.measures.values import MeasureValues, StateArray, stated
 
 PARTS = 16
 SAME = 1e-6  # m; distances this near to each other are one
@@ -61,11 +61,11 @@ def tpmd(pairs: Pairs) -> MeasureValues:
 
 
 @lru_cache(maxsize=1)
-def _nearest(pairs: Pairs) -> tuple[tuple[Floats, States], tuple[Floats, States]]:
+def _nearest(pairs: Pairs) -> tuple[tuple[Floats, StateArray], tuple[Floats, StateArray]]:
     """Least distance [m] and when [s] it is reached, values and states (S, K): one search gives both."""
     times = np.full(pairs.state.shape[:2], np.nan)
 
-    def of(p: CompletePairs) -> tuple[Floats, States]:
+    def of(p: CompletePairs) -> tuple[Floats, StateArray]:
         near, when = _nearest_of(p)
         times[p.scene, p.column] = when
         return stated(near, conflict=np.ones(len(near), dtype=bool))
@@ -136,7 +136,7 @@ def pet(pairs: Pairs) -> MeasureValues:
     return pairs.measured(PET, _pet)
 
 
-def _pet(p: CompletePairs) -> tuple[Floats, States]:
+def _pet(p: CompletePairs) -> tuple[Floats, StateArray]:
     low = np.full(len(p.plan), np.nan)
     earliest = _least_shift(p)
     unknown = np.isfinite(earliest)

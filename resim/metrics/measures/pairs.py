@@ -13,7 +13,7 @@ from resim.core.geometry import Bools, Floats
 from resim.metrics.measures import motion
 from resim.metrics.measures.contact import Rows, first_contact
 from resim.metrics.measures.definition import MeasureDefinition
-from resim.metrics.measures.values import MeasureValues, State, States
+from resim.metrics.measures.values import MeasureValues, State, StateArray
 from resim.metrics.risk import Scenes
 
 CHUNK = 2048  # pairs looked at together: bounds memory
@@ -189,7 +189,7 @@ class Pairs:
     def measured(
         self,
         measure: MeasureDefinition,
-        of: Callable[[CompletePairs], tuple[Floats, States]],
+        of: Callable[[CompletePairs], tuple[Floats, StateArray]],
         *,
         columns: int = 6,
     ) -> MeasureValues:

@@ -10,7 +10,7 @@ from resim.metrics.measures.contact import first_contact
 from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.horizon import for_time, later
 from resim.metrics.measures.pairs import CompletePairs, Pairs
-from resim.metrics.measures.values import MeasureValues, States, stated
+from resim.metrics.measures.values import MeasureValues, StateArray, stated
 
 TTC = MeasureDefinition(
     name="TTC",
@@ -37,7 +37,7 @@ def ttc(pairs: Pairs) -> MeasureValues:
     return pairs.measured(TTC, _ttc, columns=4)
 
 
-def _ttc(p: CompletePairs) -> tuple[Floats, States]:
+def _ttc(p: CompletePairs) -> tuple[Floats, StateArray]:
     at = first_contact(p.steady, motion.straight(p.state, p.t), p.h, p.ego_size, p.size)
     return stated(at, conflict=np.isfinite(at))
 
@@ -67,7 +67,7 @@ def ettc(pairs: Pairs) -> MeasureValues:
     return pairs.measured(ETTC, _ettc)
 
 
-def _ettc(p: CompletePairs) -> tuple[Floats, States]:
+def _ettc(p: CompletePairs) -> tuple[Floats, StateArray]:
     at = planned_contact(p)
     return stated(at, conflict=np.isfinite(at))
 
@@ -101,7 +101,7 @@ def thw(pairs: Pairs) -> MeasureValues:
     return pairs.measured(THW, _thw, columns=4)
 
 
-def _thw(p: CompletePairs) -> tuple[Floats, States]:
+def _thw(p: CompletePairs) -> tuple[Floats, StateArray]:
     there = p.state.copy()
     there[:, 3] = 0.0
     at = first_contact(p.steady, motion.straight(there, p.t), p.h, p.ego_size, p.size)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
 
-States = NDArray[np.uint8]
+StateArray = NDArray[np.uint8]
 WorstEnd = Literal["low", "high", "both"]
 """Which end of a measure is the worse one; both: the one farther from 0."""
 
@@ -42,7 +42,7 @@ class MeasureValues:
     name: str
     unit: str
     value: Floats
-    state: States
+    state: StateArray
     worst: WorstEnd
     beyond: Floats | None = None
     note: str = ""
@@ -79,7 +79,7 @@ class MeasureValues:
         return int((self.state == state).sum())
 
 
-def stated(value: Floats, *, conflict: Bools, defined: Bools | None = None) -> tuple[Floats, States]:
+def stated(value: Floats, *, conflict: Bools, defined: Bools | None = None) -> tuple[Floats, StateArray]:
     """Give value and state: NOT_DEFINED where not `defined`, else NO_CONFLICT where no `conflict`; all one shape."""
     state = np.where(conflict, State.VALUE, State.NO_CONFLICT).astype(np.uint8)
     if defined is not None:
@@ -87,7 +87,7 @@ def stated(value: Floats, *, conflict: Bools, defined: Bools | None = None) -> t
     return np.where(state == State.VALUE, value, np.nan), state
 
 
-def computed(value: Floats) -> tuple[Floats, States]:
+def computed(value: Floats) -> tuple[Floats, StateArray]:
     """Give value and state: NOT_COMPUTED where there is no number."""
     known = np.isfinite(value)
     state = np.where(known, State.VALUE, State.NOT_COMPUTED).astype(np.uint8)

@@ -24,8 +24,8 @@ from resim.core.geometry import Floats
 from resim.metrics.measures.definition import MeasureDefinition
 from resim.metrics.measures.horizon import for_time, later, later_braked
 from resim.metrics.measures.pairs import CompletePairs, Pairs
-from resim.metrics.measures.values import MeasureValues, State, States, stated
-from resim.metrics.risk import Parameters, Risk, Scenes
+from resim.metrics.measures.values import MeasureValues, State, StateArray, stated
+from resim.metrics.risk import Risk, RiskParameters, Scenes
 
 FRICTION, GRAVITY = 0.9, 9.81
 DIRECTIONS = 64
@@ -73,7 +73,7 @@ WTTR = MeasureDefinition(
 )
 
 
-def wttr(scenes: Scenes, risk: Risk, parameters: Parameters) -> MeasureValues:
+def wttr(scenes: Scenes, risk: Risk, parameters: RiskParameters) -> MeasureValues:
     """Give the worst time to react (S, K) [s]: the least TTR over the samples of the accident risk's prediction.
 
     risk: of the scenes, with these parameters. Wagner 2021, 4.2.1: the worst of what traffic naturally does (Eq. 4.2,
@@ -101,7 +101,7 @@ def turned(v: Floats, t: Floats, most: float, curvature: float) -> Floats:
     return np.asarray(np.where(v > best, fast, slow) + top * (t - until))
 
 
-def _wttc(most: float, curvature: float, p: CompletePairs) -> tuple[Floats, States]:
+def _wttc(most: float, curvature: float, p: CompletePairs) -> tuple[Floats, StateArray]:
     a, b = p.plan[:, 0], p.state
     dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
     vx = b[:, 3] * np.cos(b[:, 2]) - a[:, 3] * np.cos(a[:, 2])

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
-from resim.metrics.risk.prediction import Motion, Surfaces, Walking
+from resim.metrics.risk.prediction import ObjectMotion, Surfaces, WalkerMotion
 
 Ints = NDArray[np.intp]
 
@@ -84,14 +84,14 @@ class MotionPoints:
         columns["block"] = np.unique(blocks, axis=0, return_inverse=True)[1].ravel()
         return cls(**columns)
 
-    def answers(self, motion: Motion) -> Floats:
+    def answers(self, motion: ObjectMotion) -> Floats:
         """Give what was predicted (N, 2) in the terms of the motion."""
-        pair = (self.along, self.across) if isinstance(motion, Walking) else (self.a, self.w)
+        pair = (self.along, self.across) if isinstance(motion, WalkerMotion) else (self.a, self.w)
         return np.stack(pair, axis=1)
 
-    def origins(self, motion: Motion) -> Floats:
+    def origins(self, motion: ObjectMotion) -> Floats:
         """Give what the two means are functions of (N, 2)."""
-        return np.stack([self.a0, self.v * self.w0 if isinstance(motion, Walking) else self.w0], axis=1)
+        return np.stack([self.a0, self.v * self.w0 if isinstance(motion, WalkerMotion) else self.w0], axis=1)
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,8 @@ class Refit:
     within: share of the points of which both answers lie within 3 sigma, which the samples of Eq. 4.5 span.
     """
 
-    motion: Motion
-    old: Motion
+    motion: ObjectMotion
+    old: ObjectMotion
     points: MotionPoints
     errors: Mapping[str, float | None]
     before: float
@@ -132,19 +132,19 @@ class Refit:
         return len(np.unique(self.points.item))
 
 
-def free(motion: Motion) -> list[str]:
+def free(motion: ObjectMotion) -> list[str]:
     """Give the names of the parameters that are fitted."""
     return [f.name for f in dataclasses.fields(motion) if f.name in _BOUNDS]
 
 
-def log_likelihood(motion: Motion, points: MotionPoints) -> float:
+def log_likelihood(motion: ObjectMotion, points: MotionPoints) -> float:
     """Give the mean over the points of the logarithm of the density of both answers (Eq. 4.3, 4.4)."""
     mu, sigma = _normal(motion, points)
     z = (points.answers(motion) - mu) / sigma
     return float(np.mean((-0.5 * np.log(2.0 * np.pi) - np.log(sigma) - 0.5 * z**2).sum(axis=1)))
 
 
-def refit(points: MotionPoints, start: Motion) -> Refit:
+def refit(points: MotionPoints, start: ObjectMotion) -> Refit:
     """Fit the parameters of a motion to points by maximum likelihood, from those of `start` on.
 
     Raises ResimError where the points are too few, not finite or do not vary.
@@ -176,7 +176,7 @@ def refit(points: MotionPoints, start: Motion) -> Refit:
     )  # fmt: skip
 
 
-def _check(points: MotionPoints, start: Motion) -> None:
+def _check(points: MotionPoints, start: ObjectMotion) -> None:
     if len(points) < LEAST:
         raise ResimError(f"{len(points)} points, at least {LEAST} are fitted")
     if not all(np.isfinite(getattr(points, f.name)).all() for f in dataclasses.fields(points)):
@@ -186,22 +186,22 @@ def _check(points: MotionPoints, start: Motion) -> None:
             raise ResimError(f"the {what} of its {len(points)} points do not vary")
 
 
-def _with(motion: Motion, names: list[str], q: Floats) -> Motion:
+def _with(motion: ObjectMotion, names: list[str], q: Floats) -> ObjectMotion:
     return dataclasses.replace(motion, **dict(zip(names, np.exp(q).tolist(), strict=True)))
 
 
-def _normal(motion: Motion, points: MotionPoints) -> tuple[Floats, Floats]:
+def _normal(motion: ObjectMotion, points: MotionPoints) -> tuple[Floats, Floats]:
     """Means and standard deviations (N, 2) of both answers."""
     inputs = motion.inputs(points.v, points.a0, points.w0)
     return inputs[:, ::2], inputs[:, 1::2]
 
 
-def _within(motion: Motion, points: MotionPoints) -> float:
+def _within(motion: ObjectMotion, points: MotionPoints) -> float:
     mu, sigma = _normal(motion, points)
     return float((np.abs(points.answers(motion) - mu) <= 3.0 * sigma).all(axis=1).mean())
 
 
-def _scores(motion: Motion, names: list[str], points: MotionPoints) -> tuple[Floats, Floats]:
+def _scores(motion: ObjectMotion, names: list[str], points: MotionPoints) -> tuple[Floats, Floats]:
     """Derivatives (N, P) of each point's log-likelihood by the logarithms of parameters, and their information (P, P).
 
     Means and standard deviations are differentiated numerically, so that their equations stand in one place.
@@ -219,7 +219,9 @@ def _scores(motion: Motion, names: list[str], points: MotionPoints) -> tuple[Flo
     return score.T, scaled_mu @ scaled_mu.T + 2.0 * scaled_sigma @ scaled_sigma.T
 
 
-def _errors(motion: Motion, names: list[str], points: MotionPoints, inside: Bools) -> dict[str, float | None]:
+def _errors(
+    motion: ObjectMotion, names: list[str], points: MotionPoints, inside: Bools
+) -> dict[str, float | None]:
     """Standard errors that hold where the points of a block depend on each other, or are not quite normal."""
     score, information = _scores(motion, names, points)
     known = np.flatnonzero(inside & (np.diag(information) > _CURVED * len(points)))
@@ -233,7 +235,7 @@ def _errors(motion: Motion, names: list[str], points: MotionPoints, inside: Bool
     return out
 
 
-def _with_ranges(motion: Motion, points: MotionPoints) -> Motion:
+def _with_ranges(motion: ObjectMotion, points: MotionPoints) -> ObjectMotion:
     """The motion with the ranges of what it was fitted to."""
 
     def span(values: Floats) -> tuple[float, float]:
@@ -249,12 +251,12 @@ def _with_ranges(motion: Motion, points: MotionPoints) -> Motion:
     return dataclasses.replace(motion, **ranges)  # type: ignore[arg-type]
 
 
-def _bins(motion: Motion, points: MotionPoints) -> tuple[MotionBin, ...]:
+def _bins(motion: ObjectMotion, points: MotionPoints) -> tuple[MotionBin, ...]:
     """Points in bins of equal number by origin, for both answers."""
     mu, sigma = _normal(motion, points)
     answers, origins = points.answers(motion), points.origins(motion)
     out = []
-    for k, what in enumerate(("along", "across") if isinstance(motion, Walking) else ("a", "w")):
+    for k, what in enumerate(("along", "across") if isinstance(motion, WalkerMotion) else ("a", "w")):
         order = np.argsort(origins[:, k], kind="stable")
         for part in np.array_split(order, BINS):
             own, off = origins[part, k], answers[part, k] - mu[part, k]

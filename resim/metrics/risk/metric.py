@@ -18,7 +18,7 @@ Mode = Literal["published", "continuous"]
 
 
 @dataclass(frozen=True)
-class Parameters:
+class RiskParameters:
     """Table 4.1, and how hard the EGO evades.
 
     horizon, step, no_return (T_PNR), most (T_max): s. samples per object; the default is the mode's own, 100
@@ -48,7 +48,7 @@ class Parameters:
             raise ResimError(f"slope {self.slope:g}: expected 0 or more (Eq. 4.6)")
 
 
-DEFAULTS = Parameters()
+DEFAULTS = RiskParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +130,10 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
     return sample, weight / weight.sum()
 
 
-def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
+def accident_risk(scenes: Scenes, parameters: RiskParameters = DEFAULTS) -> Risk:
     """Give the accident risk of scenes. Raises ResimError where they hold NaN, or ways in the published mode."""
     # compiles, or reads what it compiled: only when risk is asked for
-    from resim.metrics.risk.kernel import RiskArrays, Road, Sampling, SceneArrays, kernel
+    from resim.metrics.risk.kernel import RiskArrays, RoadArrays, Sampling, SceneArrays, kernel
 
     p = parameters
     scenes.known()
@@ -154,7 +154,7 @@ def accident_risk(scenes: Scenes, parameters: Parameters = DEFAULTS) -> Risk:
     found = Risk(r_to, np.empty(number), np.empty(number), collision, ttc, ttr)
     kernel(
         SceneArrays(*[_as_compiled(part) for part in given]),
-        Road(*[_as_compiled(part) for part in lanes]),
+        RoadArrays(*[_as_compiled(part) for part in lanes]),
         Sampling(sample, weight, limits, times, p.step, p.mode == "continuous"),
         RiskArrays(found.r_to, found.r_ind, found.r_dep, found.collision, found.ttc, found.ttr),
     )

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,10 @@ from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.geometry import Bools, Floats
-from resim.core.tracks import KINDS, Strings
+from resim.core.tracks import KINDS, ObjectKind, Strings
 
 CTRA, WALKING = 0, 1
 """How an object moves: a and yaw rate kept (Eq. 4.1); or an acceleration for 1 s, then the velocity kept."""
-
-Kind = Literal["car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown"]
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _FROZEN = ConfigDict(**_STRICT, frozen=True)
@@ -84,7 +82,7 @@ class Surfaces:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Walking:
+class WalkerMotion:
     """Means and standard deviations of a walker's acceleration [m/s²] over the next second.
 
     Along the present heading and across it (to the left): mu = M tanh(acceleration / M), M = a_most, of a0 and
@@ -124,7 +122,7 @@ def _within(
     )
 
 
-Motion = Surfaces | Walking
+ObjectMotion = Surfaces | WalkerMotion
 
 
 class PredictionSources(BaseModel):
@@ -154,8 +152,8 @@ class PredictionEntry(BaseModel):
 
     provenance: str
     ctra: Surfaces | None = None
-    walking: Walking | None = None
-    like: Kind | None = None
+    walking: WalkerMotion | None = None
+    like: ObjectKind | None = None
     fitted: PredictionSources | None = None
 
     @model_validator(mode="after")
@@ -172,7 +170,7 @@ class PredictionSet(BaseModel):
 
     name: str = Field(min_length=1)
     provenance: str = ""
-    kinds: dict[Kind, PredictionEntry] = Field(min_length=1)
+    kinds: dict[ObjectKind, PredictionEntry] = Field(min_length=1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -180,16 +178,18 @@ class Prediction:
     """How objects of every kind may go on. motions, provenance: of each kind of `resim.core.tracks.KINDS`."""
 
     name: str
-    motions: Mapping[str, Motion]
+    motions: Mapping[str, ObjectMotion]
     provenance: Mapping[str, str]
 
-    def of(self, kind: str) -> Motion:
+    def of(self, kind: str) -> ObjectMotion:
         """Give the parameters of a kind; of `unknown` for one that is none."""
         return self.motions.get(kind, self.motions["unknown"])
 
     def motion(self, kinds: Strings) -> NDArray[np.uint8]:
         """Give how objects (K,) move: CTRA or WALKING."""
-        return np.array([WALKING if isinstance(self.of(str(k)), Walking) else CTRA for k in kinds], np.uint8)
+        return np.array(
+            [WALKING if isinstance(self.of(str(k)), WalkerMotion) else CTRA for k in kinds], np.uint8
+        )
 
     def inputs(self, kinds: Strings, v: Floats, a0: Floats, w0: Floats) -> Floats:
         """Give the means and standard deviations (..., K, 4) of the inputs of objects (K,) in states (..., K).
@@ -251,7 +251,7 @@ def _resolved(source: str | Path, found: PredictionSet) -> Prediction:
     """Every kind with its parameters, its own or those of the kind that it is like."""
     both = (_shipped()["published"].kinds, found.kinds)
     entries: dict[str, PredictionEntry] = {kind: entry for kinds in both for kind, entry in kinds.items()}
-    motions: dict[str, Motion] = {}
+    motions: dict[str, ObjectMotion] = {}
     for kind in KINDS:
         at, seen = kind, [kind]
         while (like := entries[at].like) is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
-from resim.perception.fields import NotNegative, Number, Parameters, Positive
+from resim.perception.fields import NotNegative, Number, ParameterGroup, Positive
 from resim.perception.parts.definition import PerceptionPart, RunningPart
 from resim.simulation.function.interface import EgoState
 
@@ -18,7 +18,7 @@ _BLOCK = 64
 _PARTS = ("longitudinal", "lateral", "heading", "speed")
 
 
-class EgoStateError(Parameters):
+class EgoStateError(ParameterGroup):
     """One error of the EGO's own state: bias, drift with its correlation_time [s], white noise; standard deviations."""
 
     bias: Number = 0.0
@@ -27,7 +27,7 @@ class EgoStateError(Parameters):
     noise: NotNegative = 0.0
 
 
-class Localisation(Parameters):
+class Localisation(ParameterGroup):
     """Errors of the EGO's own state: longitudinal and lateral [m] in its frame, heading [rad], speed [m/s]."""
 
     longitudinal: EgoStateError = EgoStateError()

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from resim.core.geometry import wrap_angle
-from resim.perception.fields import NotNegative, Number, Parameters, Positive
+from resim.perception.fields import NotNegative, Number, ParameterGroup, Positive
 from resim.perception.parts.definition import PerceptionPart, RunningPart
 from resim.simulation.function.interface import EgoState, Perceived
 from resim.simulation.perception import World
@@ -23,7 +23,7 @@ KIND = "car"
 """What false objects are taken for."""
 
 
-class FalseObjects(Parameters):
+class FalseObjects(ParameterGroup):
     """Objects that are not there: rate [1/s] at which they appear, mean lifetime [s], and where and how fast they are.
 
     Range [m] and |bearing| [rad] are uniform up to their limits; speed over ground [m/s] is normal, along the EGO's

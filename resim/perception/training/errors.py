@@ -207,7 +207,7 @@ def refit(samples: TrainingSamples, objects: ObjectErrors, name: str, mask: Bool
     return FittedQuantity(aligned, 0, _spreads(name, problem, final=True), known)
 
 
-def surprises(samples: TrainingSamples, objects: ObjectErrors, name: str, mask: Bools) -> bool:
+def deserves_own_fit(samples: TrainingSamples, objects: ObjectErrors, name: str, mask: Bools) -> bool:
     """Whether these samples (R, T) are so far off in the mean, or vary so much more or less than the fit of all
     expects, that a fit of their own is worth it. That one is judged by how drives differ."""
     pooled = objects.fitted[name]

@@ -11,10 +11,10 @@ from resim.perception.training.errors import (
     MEASURED,
     FittedQuantity,
     ObjectErrors,
+    deserves_own_fit,
     error_of,
     refit,
     sizes_of,
-    surprises,
 )
 from resim.perception.training.estimates import error_estimates
 from resim.perception.training.residuals import OwnErrorSamples
@@ -43,7 +43,7 @@ def fit_maneuvers(
             mask = pooled.known & (does == index)
             if mask.sum() < SAMPLES or mask.any(axis=1).sum() < TRACKS or mask.sum() == pooled.known.sum():
                 continue
-            if not surprises(samples, objects, quantity, mask):
+            if not deserves_own_fit(samples, objects, quantity, mask):
                 continue
             fitted = refit(samples, objects, quantity, mask)
             drives = len(np.unique(samples.drive[mask.any(axis=1)]))

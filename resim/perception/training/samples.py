@@ -22,7 +22,7 @@ LONGEST = 400
 """Samples in a row; a longer track is cut, and its parts are taken for independent."""
 
 
-class _Own(NamedTuple):
+class _TrueEgo(NamedTuple):
     v: Floats
 
 
@@ -73,7 +73,7 @@ class TrainingSamples:
         x, y = self.positions(latency.position)
         heading = self.headings(latency.heading, averaging.heading)
         v, a = self.speeds(latency.speed, averaging.speed), self.accelerations(latency.speed)
-        return features(_Own(self.ego[3]), x, y, heading, v, a)
+        return features(_TrueEgo(self.ego[3]), x, y, heading, v, a)
 
     def accelerations(self, late: float) -> Floats:
         """Give the true accelerations (R, T) [m/s²] of `late` seconds ago."""

@@ -156,7 +156,7 @@ def impossible(source: Source, frame: pd.DataFrame) -> list[RankedFinding]:
     out = []
     for k, what in zip(wrong, words, strict=True):
         t = frame["t"][frame["id"] == names[k]]
-        text = f"is a {what}: none is so small or so large"
+        text = f"is a {what} of impossible size"
         out.append(_impossible(source, str(names[k]), (t.min(), t.max()), float(times[k]), text))
     return out
 

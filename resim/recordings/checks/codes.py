@@ -114,7 +114,7 @@ CODES: Mapping[str, FindingCode] = {
     "WRONG_WAY": FindingCode("warning", "it drives against its lane: a real wrong-way driver, or a wrong map or frame"),
     "HEIGHT": FindingCode(
         "warning",
-        "the map does not bear this height out: it counts as unknown, and nobody as above or below the object",
+        "the map does not confirm this height; it counts as unknown and no level separation applies",
     ),
     "REFERENCE_POINT": FindingCode(
         "error",

@@ -44,7 +44,7 @@ def ego_detections(gt: CheckedTable, sd: CheckedTable, ego: str) -> Iterator[Ran
         off = pair.along + 1j * pair.across
         sure = sure and not (other_shape(*map(_row, (pieces[0], own[0]))) or elsewhere(pair.t, off, *sizes))
         text = f"lies on the EGO {ego!r} throughout, {far:.2f} m off in the median, and names no GT object"
-        text += ": it is the EGO's own detection" if sure else ": its own detection, or who hit it?"
+        text += ": it is the EGO's own detection" if sure else ": own detection, or a colliding object?"
         yield found(
             "EGO_DETECTION", "sd", name, (float(pair.t[0]), float(pair.t[-1])), lasts, "s", text, limit=LONG,
             repair=None if sure else "", own=True, other=ego, details={"other": ego},

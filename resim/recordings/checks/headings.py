@@ -126,7 +126,7 @@ def _finding(
         if together or _is_sure(convention, own, table.step):
             sure[name] = convention
         else:
-            text += "; or they are right, noisy or of who skids: courses say too little to tell"
+            text += "; or they are correct (noisy, or the vehicle skids); the course cannot decide"
             repair, severity = "", "warning"
         out.append(
             found(

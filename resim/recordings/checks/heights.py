@@ -35,7 +35,7 @@ def _findings(table: CheckedTable, judged: MeasuredHeights) -> Iterator[RankedFi
         yield found("HEIGHT", table.source, "", table.span, LEVEL, "m", text, limit=LEVEL, severity="note")
         return
     if judged.offset:
-        text = f"all heights z are {judged.offset:.1f} m above the map's, and are used less that"
+        text = f"all heights z are {judged.offset:.1f} m above the map's, and are corrected by this offset"
         yield found(
             "HEIGHT", table.source, "", table.span, judged.offset, "m", text, limit=LEVEL, severity="note"
         )

@@ -164,7 +164,7 @@ def _torn(table: CheckedTable, track: Track, jump: _Jump) -> RankedFinding:
     another = far > ELSEWHERE and hole > 1.5 * table.step
     name = "ID_REUSED" if another else "POSITION_JUMP"
     how = "another object has the id" if another else "farther than possible"
-    text = f"{far:.2f} m off its track from {before:.2f} to {after:.2f} s and for good: {how}"
+    text = f"permanently {far:.2f} m off its track from {before:.2f} to {after:.2f} s: {how}"
     grave: Severity = "error" if far > GRAVE else "warning"
     return found(name, table.source, track.id, (before, after), far, "m", text, limit=REACH, severity=grave)
 

@@ -194,7 +194,7 @@ def _notes(
         yield (
             "headings_missing",
             ", ".join(_where(truth, name) for name in names[:10])
-            + ": stands from first to last, so that nobody knows its heading; criteria that it can break are INVALID. "
+            + ": never moves, so its heading is unknown; criteria that it can break are INVALID. "
             "Write its heading into gt.csv where it is known",
         )
     strange = truth.loc[~truth["classType"].isin(list(KIND)), "classType"].unique().tolist()

@@ -38,7 +38,7 @@ def sensor_bias(truth: Tracks, sd: Tracks, gt_id: NDArray[np.str_], ego: str) ->
     told += [f"{lag:.2f} s late"] if late else []
     rest = float(np.median(np.abs(error - offset + lag * velocity)))
     text = f"its objects are {', '.join(told)} of the ground truth ({np.median(np.abs(error)):.2f} m in the median"
-    text += f", {rest:.2f} m less that)"
+    text += f", {rest:.2f} m after removing it)"
     if ahead or left:
         text += "; is that where x and y count from? Then say so by frame and mounting"
     return text

@@ -9,8 +9,8 @@ import numpy as np
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, from_frame, to_frame, wrap_angle
 from resim.core.tracks import Tracks
-from resim.recordings.mapped.mapping import Angle, Reference, TableMapping
-from resim.recordings.mapped.rows import Rows
+from resim.recordings.mapped.mapping import HeadingColumn, Reference, TableMapping
+from resim.recordings.mapped.rows import SourceTable
 from resim.road.opendrive import RoadNetwork
 
 FAR = 1e5
@@ -33,7 +33,7 @@ ALONG_ACROSS: dict[Reference, tuple[float, float]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class MapPositions:
     """Positions of K rows in the map, and how their table's axes lie there.
 
     Attributes:
@@ -54,17 +54,17 @@ class Placed:
     vy: Floats
     known: Bools
 
-    def heading(self, raw: Floats, told: Angle) -> Floats:
+    def heading(self, raw: Floats, told: HeadingColumn) -> Floats:
         """Give headings [rad] in the map of those in the table."""
         return wrap_angle(self.turned(raw, told))
 
-    def turned(self, raw: Floats, told: Angle) -> Floats:
+    def turned(self, raw: Floats, told: HeadingColumn) -> Floats:
         """Give the same, with the turns that the table's count."""
         zero = self.north if told.zero == "north" else self.turn
         return (-raw if told.clockwise else raw) + zero
 
 
-def place(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> Placed:
+def place(rows: SourceTable, t: Floats, network: RoadNetwork, ego: Tracks | None) -> MapPositions:
     """Lay the rows' positions into the map. t: (K,) s; ego: the EGO's track, where it is known. Raises InputError."""
     told = rows.mapping
     if told.crs is not None:
@@ -76,7 +76,7 @@ def place(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> Pl
         x, y, turn = _laid(told, x, y, t, ego)
         north = np.full(len(t), NORTH)
     vx, vy = _velocity(ego, t)
-    return Placed(x, y, turn, north, vx, vy, np.isfinite(turn))
+    return MapPositions(x, y, turn, north, vx, vy, np.isfinite(turn))
 
 
 def centred(
@@ -124,7 +124,7 @@ def _poses(ego: Tracks, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     return own.x[0, places], own.y[0, places], own.heading[0, places], own.v[0, places]
 
 
-def _projected(rows: Rows, crs: str, network: RoadNetwork) -> tuple[Floats, Floats, Floats]:
+def _projected(rows: SourceTable, crs: str, network: RoadNetwork) -> tuple[Floats, Floats, Floats]:
     """Positions in the map of those in a crs, and the direction of its east there."""
     from pyproj import CRS, Geod, Transformer
     from pyproj.exceptions import CRSError, ProjError
@@ -220,12 +220,12 @@ def _north_of(geod: object, lon: Floats, lat: Floats) -> tuple[Floats, Floats]:
     return np.asarray(to[0], float), np.asarray(to[1], float)
 
 
-def _check_degrees(rows: Rows, lon: Floats, lat: Floats) -> None:
+def _check_degrees(rows: SourceTable, lon: Floats, lat: Floats) -> None:
     for (name, told), values, most in zip(rows.mapping.places, (lon, lat), (180.0, 90.0), strict=True):
         rows.refuse(np.abs(values) > most, name, told, f"degrees up to {most:g}")
 
 
-def _check_near(rows: Rows, crs: str, x: Floats, y: Floats, network: RoadNetwork) -> None:
+def _check_near(rows: SourceTable, crs: str, x: Floats, y: Floats, network: RoadNetwork) -> None:
     """Refuse positions in another part of the world."""
     first = next(iter(network.roads.values())).geometries[0]
     far = float(np.median(np.hypot(x - first.x, y - first.y)))

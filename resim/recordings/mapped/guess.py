@@ -13,10 +13,10 @@ from resim.core.files import relative
 from resim.core.geometry import Floats
 from resim.core.tracks import KINDS
 from resim.recordings.mapped import conventions, names
-from resim.recordings.mapped.lines import Lines, quoted
+from resim.recordings.mapped.lines import MappingLines, quoted
 from resim.recordings.mapped.mapping import TableMapping
 from resim.recordings.mapped.motion import TURN
-from resim.recordings.mapped.rows import Rows, calendar_seconds, column_of, read_any
+from resim.recordings.mapped.rows import SourceTable, calendar_seconds, column_of, read_any
 from resim.recordings.mapped.units import LENGTHS, SPEEDS, TIMES
 from resim.road.opendrive import RoadNetwork
 
@@ -45,7 +45,7 @@ def guess(file: Path, out: Path, *, sensor: Path | None = None, network: RoadNet
     """
     truth = _Guess("gt", file, network)
     tables = [truth] if sensor is None else [truth, _Guess("sd", sensor, network, truth)]
-    head = Lines()
+    head = MappingLines()
     truth.ego(head)
     text = [
         "# A first mapping, by `resim import guess`: look at every line, fill in what says FILL IN, then",
@@ -75,7 +75,7 @@ class _Guess:
         for name, (column, _) in self.found.items():
             column_of(path, self.frame, column, f"{where}.{name}")
         told = TableMapping.model_construct(separator=self.separator, decimal=self.decimal)
-        self.rows = Rows(path, where, told, self.frame)
+        self.rows = SourceTable(path, where, told, self.frame)
         if "id" in self.found and (self._ids() == "").all():
             del self.found["id"]  # a column that names nobody
         self.relative = False
@@ -83,7 +83,7 @@ class _Guess:
         self.mirrored = False
 
     def all_lines(self) -> list[str]:
-        out = Lines()
+        out = MappingLines()
         if self.separator != "," and self.path.suffix != ".parquet":
             out.sure(f"separator = {quoted(self.separator)}", "stands between the names of the header")
         if self.decimal == ",":
@@ -109,7 +109,7 @@ class _Guess:
         )
         return out.lines
 
-    def ego(self, out: Lines) -> None:
+    def ego(self, out: MappingLines) -> None:
         if "id" not in self.found:
             how = out.sure if self._alone() else out.ask
             how('ego = "ego"', "the only object of the table" if self._alone() else "the EGO's id")
@@ -143,7 +143,7 @@ class _Guess:
             return pd.Series("ego", index=self.frame.index)
         return self.rows.words(self.found["id"][0])
 
-    def _id(self, out: Lines) -> None:
+    def _id(self, out: MappingLines) -> None:
         if "id" in self.found:
             ids = self._ids()
             out.sure(f"id = {quoted(self.found['id'][0])}", f"by its name; {ids.nunique()} objects")
@@ -160,7 +160,7 @@ class _Guess:
         t = self._numbers("t")
         return t is not None and len(np.unique(t)) == len(t)
 
-    def _time(self, out: Lines) -> Floats | None:
+    def _time(self, out: MappingLines) -> Floats | None:
         if "t" not in self.found:
             out.ask(
                 't = { column = "...", unit = "s" }',
@@ -196,7 +196,7 @@ class _Guess:
         out.sure(line, reason)
         return raw * TIMES[unit]
 
-    def _place(self, out: Lines) -> tuple[Floats, Floats] | None:
+    def _place(self, out: MappingLines) -> tuple[Floats, Floats] | None:
         """The lines of positions; and where they are [m] in axes to the east and north, as far as that is known."""
         lat, lon = self._numbers("lat"), self._numbers("lon")
         if lat is not None and lon is not None:
@@ -217,7 +217,7 @@ class _Guess:
         factor = self._axes(out, x, y)
         return x * factor, (-y if self.mirrored else y) * factor
 
-    def _axes(self, out: Lines, x: Floats, y: Floats) -> float:
+    def _axes(self, out: MappingLines, x: Floats, y: Floats) -> float:
         """The lines of x and y, and of the frame; and m of their unit."""
         unit = self.found["x"][1] if self.found["x"][1] in ("cm", "mm", "ft") else "m"
         factor = {"cm": 0.01, "mm": 0.001, "ft": 0.3048, "m": 1.0}[unit]
@@ -267,7 +267,7 @@ class _Guess:
         ]
         return bool((inside[0] & inside[1]).mean() > 0.5)
 
-    def _mirror(self, out: Lines, x: Floats, y: Floats) -> None:
+    def _mirror(self, out: MappingLines, x: Floats, y: Floats) -> None:
         """Whether the map has roads at the positions, or at their mirror images."""
         if self.network is None:
             out.ask("mirrored = true", "whether y points to the right, or down; give --map to guess that")
@@ -294,7 +294,7 @@ class _Guess:
         else:
             out.lines.append(f'# frame = "map"  # {told}')
 
-    def _heading(self, out: Lines, moves: tuple[Floats, Floats] | None) -> None:
+    def _heading(self, out: MappingLines, moves: tuple[Floats, Floats] | None) -> None:
         raw = self._numbers("heading")
         if raw is None:
             out.lines.append("# heading is not there: it follows from the velocity, or the positions")
@@ -314,7 +314,7 @@ class _Guess:
             return
         drives = (moves[1] > conventions.MOVES) & np.isfinite(raw)
         if not drives.any():
-            out.ask(line(quoted(column), units[0], "x", "false"), "whoever moves has no heading")
+            out.ask(line(quoted(column), units[0], "x", "false"), "moving objects have no heading")
             return
         fits = conventions.ranked(raw, moves[0], drives, unit)
         off, turns, zero, clockwise = fits[0]
@@ -332,10 +332,10 @@ class _Guess:
         others = "; or ".join(f"{u}, {z}, clockwise {str(c).lower()}" for _, u, z, c in rivals)
         out.ask(
             told,
-            f"{words}, and as good: {others}. Whoever turns, or stands aside, has another heading in each",
+            f"{words}, and equally good: {others}. A turning or sideways vehicle would distinguish them",
         )
 
-    def _speed(self, out: Lines, moves: tuple[Floats, Floats] | None) -> None:
+    def _speed(self, out: MappingLines, moves: tuple[Floats, Floats] | None) -> None:
         raw = self._numbers("v")
         if raw is None:
             self._velocity(out)
@@ -361,7 +361,7 @@ class _Guess:
                 f"{told}, which is no unit: is t's right?",
             )
 
-    def _velocity(self, out: Lines) -> None:
+    def _velocity(self, out: MappingLines) -> None:
         if not {"vx", "vy"} <= set(self.found):
             out.lines.append("# v is not there: it follows from the positions")
             return
@@ -373,7 +373,7 @@ class _Guess:
             else:
                 out.sure(line, "by its name; m/s is taken" if unit not in SPEEDS else "by its name")
 
-    def _sizes(self, out: Lines) -> None:
+    def _sizes(self, out: MappingLines) -> None:
         for name, ranges in conventions.SIZES.items():
             raw = self._numbers(name)
             if raw is None:
@@ -387,14 +387,14 @@ class _Guess:
             line = f'{name} = {{ column = {quoted(self.found[name][0])}, unit = "{unit or "m"}" }}'
             (out.sure if unit else out.ask)(line, f"the median is {middle:.4g}")
 
-    def _height(self, out: Lines) -> None:
+    def _height(self, out: MappingLines) -> None:
         if self._numbers("z") is None:
             return
         column, unit = self.found["z"]
         line = f'z = {{ column = {quoted(column)}, unit = "{unit if unit in LENGTHS else "m"}" }}'
         out.sure(line, "by its name; the height of the road, or off it by one amount for all objects")
 
-    def _kind(self, out: Lines) -> None:
+    def _kind(self, out: MappingLines) -> None:
         if "kind" not in self.found:
             out.ask('kind = { value = "car" }', f"what the objects are: {', '.join(KINDS)}")
             return

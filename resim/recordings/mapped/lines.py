@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass
-class Lines:
+class MappingLines:
     """The lines of a mapping as they come to be known: sure ones, and those that somebody has to fill in."""
 
     lines: list[str] = field(default_factory=list)

@@ -14,6 +14,7 @@ from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.spec import Strict
+from resim.core.tracks import ObjectKind
 from resim.recordings.mapped.units import (
     AccelerationUnit,
     AngleUnit,
@@ -30,7 +31,6 @@ EXAMPLE = "An example stands in docs/formats/mapping.md; `resim import guess FIL
 LEAST_RATE, MOST_RATE = 1e-3, 1e6
 """Least and largest rate of frames [Hz]."""
 
-Kind = Literal["car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "unknown"]
 Reference = Literal[
     "center", "front", "rear", "rear axle", "front left", "front right", "rear left", "rear right"
 ]
@@ -59,20 +59,20 @@ class Column(Strict):
         return {"anyOf": [{"type": "string", "minLength": 1}, handler(core)]}
 
 
-class Name(Column):
+class NameColumn(Column):
     """A column of names, or one name for all rows."""
 
     value: str | None = Field(default=None, min_length=1)
 
 
-class KindName(Column):
+class KindColumn(Column):
     """A column of kinds; names: which kind a value of it is, beside the kinds themselves in any case."""
 
-    value: Kind | None = None
-    names: dict[str, Kind] = Field(default_factory=dict)
+    value: ObjectKind | None = None
+    names: dict[str, ObjectKind] = Field(default_factory=dict)
 
 
-class Time(Column):
+class TimeColumn(Column):
     """A column of times. unit "frames" needs their rate [Hz]; "iso" is ISO 8601, UTC where it names no zone."""
 
     column: str = Field(min_length=1)
@@ -80,28 +80,28 @@ class Time(Column):
     rate: float | None = Field(default=None, ge=LEAST_RATE, le=MOST_RATE)
 
 
-class Place(Column):
+class CoordinateColumn(Column):
     """A coordinate; without a unit m, of latitude and longitude deg."""
 
     value: float | None = None
     unit: PlaceUnit | None = None
 
 
-class Altitude(Column):
+class HeightColumn(Column):
     """A height."""
 
     value: float | None = None
     unit: LengthUnit = "m"
 
 
-class Length(Column):
+class LengthColumn(Column):
     """A length."""
 
     value: float | None = Field(default=None, gt=0.0)
     unit: LengthUnit = "m"
 
 
-class Angle(Column):
+class HeadingColumn(Column):
     """A heading: from where it counts ("x": the table's x axis, "north"), and which way, seen from above."""
 
     value: float | None = None
@@ -110,7 +110,7 @@ class Angle(Column):
     clockwise: bool = False
 
 
-class Speed(Column):
+class SpeedColumn(Column):
     """A speed. relative: the EGO's velocity is still to be added."""
 
     value: float | None = None
@@ -118,7 +118,7 @@ class Speed(Column):
     relative: bool = False
 
 
-class YawRate(Column):
+class YawRateColumn(Column):
     """A yaw rate."""
 
     value: float | None = None
@@ -126,14 +126,14 @@ class YawRate(Column):
     clockwise: bool = False
 
 
-class Acceleration(Column):
+class AccelerationColumn(Column):
     """An acceleration along the heading."""
 
     value: float | None = None
     unit: AccelerationUnit = "m/s2"
 
 
-class Share(Column):
+class ProbabilityColumn(Column):
     """A probability."""
 
     value: float | None = Field(default=None, ge=0.0, le=100.0)
@@ -191,27 +191,27 @@ class TableMapping(Strict):
     mirrored: bool = False
     reference: Reference = "center"
     rear_overhang: float | None = Field(default=None, ge=0.0, le=10.0)
-    id: Name | None = None
-    t: Time
-    x: Place | None = None
-    y: Place | None = None
-    lat: Place | None = None
-    lon: Place | None = None
-    heading: Angle | None = None
-    v: Speed | None = None
-    vx: Speed | None = None
-    vy: Speed | None = None
-    length: Length | None = None
-    width: Length | None = None
-    kind: KindName | None = None
-    yaw_rate: YawRate | None = None
-    a: Acceleration | None = None
-    z: Altitude | None = None
-    existence: Share | None = None
-    gt_id: Name | None = None
+    id: NameColumn | None = None
+    t: TimeColumn
+    x: CoordinateColumn | None = None
+    y: CoordinateColumn | None = None
+    lat: CoordinateColumn | None = None
+    lon: CoordinateColumn | None = None
+    heading: HeadingColumn | None = None
+    v: SpeedColumn | None = None
+    vx: SpeedColumn | None = None
+    vy: SpeedColumn | None = None
+    length: LengthColumn | None = None
+    width: LengthColumn | None = None
+    kind: KindColumn | None = None
+    yaw_rate: YawRateColumn | None = None
+    a: AccelerationColumn | None = None
+    z: HeightColumn | None = None
+    existence: ProbabilityColumn | None = None
+    gt_id: NameColumn | None = None
 
     @property
-    def places(self) -> tuple[tuple[str, Place], tuple[str, Place]]:
+    def places(self) -> tuple[tuple[str, CoordinateColumn], tuple[str, CoordinateColumn]]:
         """The coordinates to the east (or ahead) and to the north (or to the left), each with its name."""
         found = [
             next((name, own) for name in names if (own := getattr(self, name)) is not None)

@@ -15,8 +15,15 @@ from resim.core.files import file_hash, joined
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.bias import sensor_bias
-from resim.recordings.mapped.frames import Placed, centred, place
-from resim.recordings.mapped.mapping import LEAST_RATE, MOST_RATE, Angle, Match, TableMapping, read_mapping
+from resim.recordings.mapped.frames import MapPositions, centred, place
+from resim.recordings.mapped.mapping import (
+    LEAST_RATE,
+    MOST_RATE,
+    HeadingColumn,
+    Match,
+    TableMapping,
+    read_mapping,
+)
 from resim.recordings.mapped.matching import assigned, at_times_of, distances
 from resim.recordings.mapped.motion import (
     REACH,
@@ -28,7 +35,7 @@ from resim.recordings.mapped.motion import (
     sized,
     speeds,
 )
-from resim.recordings.mapped.rows import Rows, read_rows
+from resim.recordings.mapped.rows import SourceTable, read_rows
 from resim.recordings.mapped.tracking import tracked
 from resim.recordings.recording import existing_map
 from resim.recordings.settings import Settings
@@ -47,7 +54,7 @@ UNIX = 1e6
 class _Timed:
     """Rows as they stand, with their times t (K,) [s]."""
 
-    rows: Rows
+    rows: SourceTable
     t: Floats
 
 
@@ -142,7 +149,7 @@ def _placed(
     return out
 
 
-def _table(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _Table:
+def _table(rows: SourceTable, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _Table:
     """A table's rows in the map's frame; t: (K,) s on the recording's clock."""
     placed = place(rows, t, network, ego)
     ids, followed = _ids(rows, t, placed)
@@ -166,7 +173,7 @@ def _table(rows: Rows, t: Floats, network: RoadNetwork, ego: Tracks | None) -> _
     return _Table(rows.path, frame, placed.known, tuple(notes))
 
 
-def _ids(rows: Rows, t: Floats, placed: Placed) -> tuple[pd.Series, str]:
+def _ids(rows: SourceTable, t: Floats, placed: MapPositions) -> tuple[pd.Series, str]:
     """The id of each row, and how it was found where the table has none."""
     ids, told = rows.texts("id"), rows.mapping
     if ids is not None and told.id is not None:
@@ -185,7 +192,7 @@ def _ids(rows: Rows, t: Floats, placed: Placed) -> tuple[pd.Series, str]:
 
 
 def _motion(
-    rows: Rows, t: Floats, ids: pd.Series, placed: Placed
+    rows: SourceTable, t: Floats, ids: pd.Series, placed: MapPositions
 ) -> tuple[Floats, Floats | None, list[tuple[str, str]]]:
     """Headings [rad] in the map and speeds [m/s], None where they are to follow; and how they were derived."""
     told, notes = rows.mapping, []
@@ -207,7 +214,9 @@ def _motion(
     return heading, rows.numbers("v"), notes
 
 
-def _check_turns(rows: Rows, told: Angle, raw: Floats, placed: Placed, ids: pd.Series, t: Floats) -> None:
+def _check_turns(
+    rows: SourceTable, told: HeadingColumn, raw: Floats, placed: MapPositions, ids: pd.Series, t: Floats
+) -> None:
     """Refuse headings in radians beyond a whole turn, but where they count the turns that the positions drive."""
     beyond = (np.abs(raw) > TURN) & (told.unit != "deg")
     for name in ids[beyond].unique().tolist():
@@ -218,7 +227,7 @@ def _check_turns(rows: Rows, told: Angle, raw: Floats, placed: Placed, ids: pd.S
     rows.refuse(beyond, "heading", told, expected)
 
 
-def _velocity(rows: Rows, placed: Placed) -> tuple[Floats, Floats] | None:
+def _velocity(rows: SourceTable, placed: MapPositions) -> tuple[Floats, Floats] | None:
     """Velocity (K,), (K,) [m/s] in the map, None where the table has none."""
     told = rows.mapping
     vx, vy = rows.numbers("vx"), rows.numbers("vy")
@@ -230,7 +239,7 @@ def _velocity(rows: Rows, placed: Placed) -> tuple[Floats, Floats] | None:
     return (x + placed.vx, y + placed.vy) if told.vx.relative else (x, y)
 
 
-def _kinds(rows: Rows) -> tuple[pd.Series, str]:
+def _kinds(rows: SourceTable) -> tuple[pd.Series, str]:
     """The kind of each row, and the words of the file that are no kind."""
     raw, told = rows.texts("kind"), rows.mapping.kind
     if raw is None or told is None:
@@ -241,7 +250,7 @@ def _kinds(rows: Rows) -> tuple[pd.Series, str]:
     return kinds.where(kinds.isin(KINDS), "unknown"), ", ".join(words) + " taken as unknown" if words else ""
 
 
-def _optional(rows: Rows) -> dict[str, Floats | pd.Series]:
+def _optional(rows: SourceTable) -> dict[str, Floats | pd.Series]:
     """Columns that a recording may have."""
     out: dict[str, Floats | pd.Series] = {}
     told = rows.mapping

@@ -14,7 +14,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
-from resim.recordings.mapped.mapping import Column, Place, TableMapping, Time
+from resim.recordings.mapped.mapping import Column, CoordinateColumn, TableMapping, TimeColumn
 from resim.recordings.mapped.units import DEGREES, FACTORS, LENGTHS, TIMES
 from resim.recordings.tables import BIGGEST, read_parquet
 
@@ -23,7 +23,7 @@ NOTHING = ("", "nan", "na", "n/a", "null", "none")
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SourceTable:
     """Rows of a table. path: the file; where: the table in the mapping (gt, sd); frame: by row number in the file."""
 
     path: Path
@@ -73,7 +73,7 @@ class Rows:
 
     def plain_numbers(self, column: str) -> Floats:
         """Give a column as it stands (K,), NaN where missing. Raises InputError where it holds no numbers."""
-        return self._raw(column, Place(column=column))
+        return self._raw(column, CoordinateColumn(column=column))
 
     def words(self, column: str) -> pd.Series:
         """Give a column as text."""
@@ -93,7 +93,7 @@ class Rows:
         text = f"row {row}: {column.column} ({self.where}.{name}) is {told!r}, expected {expected}{more}"
         raise InputError(self.path, text, "Correct the rows, or the unit in the mapping.")
 
-    def _coordinate(self, name: str, told: Place, degrees: bool) -> Floats:
+    def _coordinate(self, name: str, told: CoordinateColumn, degrees: bool) -> Floats:
         units = DEGREES if degrees else LENGTHS
         unit = told.unit or ("deg" if degrees else "m")
         if unit not in units:
@@ -117,7 +117,7 @@ class Rows:
         self.refuse(wrong | (np.abs(found) > LARGEST), name, told, "a finite number or nothing")
         return found
 
-    def _iso(self, told: Time) -> Floats:
+    def _iso(self, told: TimeColumn) -> Floats:
         values = self._column("t", told.column)
         found = calendar_seconds(values)
         expected = "a time such as 2024-05-01T12:00:00.040Z, of the years {} to {}".format(*YEARS)
@@ -162,7 +162,7 @@ def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Se
     return found
 
 
-def read_rows(path: Path, mapping: TableMapping, where: str) -> Rows:
+def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
     """Read a table's rows that the mapping wants. Raises InputError."""
     frame = read_any(path, mapping.separator)
     for column, value in mapping.only.items():
@@ -171,7 +171,7 @@ def read_rows(path: Path, mapping: TableMapping, where: str) -> Rows:
             raise InputError(
                 path, f"no row has {value!r} in {column!r} ({where}.only)", "Correct the mapping."
             )
-    return Rows(path, where, mapping, frame)
+    return SourceTable(path, where, mapping, frame)
 
 
 def read_any(path: Path, separator: str = ",") -> pd.DataFrame:
@@ -216,7 +216,7 @@ def _csv(path: Path, separator: str) -> pd.DataFrame:
     frame = frame.fillna("")
     broken = frame.apply(lambda values: values.str.contains("\n", regex=False)).any(axis=1)
     if broken.any():
-        problem = f"row {frame.index[broken][0]}: a value goes on over the next lines"
+        problem = f"row {frame.index[broken][0]}: a value continues on the following lines"
         raise InputError(path, problem, 'Take its quote (") away, or the line breaks within quotes.')
     told: pd.DataFrame = frame[(frame.apply(lambda values: values.str.strip()) != "").any(axis=1)]
     return told

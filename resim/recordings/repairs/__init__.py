@@ -1,4 +1,4 @@
-"""Repair: what an examination found and can be put right safely, put right and marked; what is left is told."""
+"""Repair: what an examination found: repairs what is safe, and marks it; reports the rest."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ last, when the motion that they are interpolated from is right.
 JUDGED = {
     **dict.fromkeys(FILLED, "judged as not seen"),
     JOINED: "judged as a gap",
-    PARTED: "judged as two that nobody saw come or go",
-    "SIZE_CHANGES": "judged with all sizes told",
+    PARTED: "judged as two objects with unseen start and end",
+    "SIZE_CHANGES": "judged with every recorded size",
 }
 """What a repair leaves open, by code: assessments say INVALID where it matters. Other repairs follow a known rule."""
 WHOLE = ("MISSING_VALUES", "MISSING_SAMPLES")

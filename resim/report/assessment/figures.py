@@ -9,7 +9,7 @@ import numpy as np
 from resim.core.geometry import Floats, box_corners, to_frame
 from resim.metrics.assessment import Assessment
 from resim.report.assessment.marks import NUMBERS, RISK, TIMES, block_color, least, marked
-from resim.report.figure import Figure, Part
+from resim.report.figure import Figure, FigurePart
 from resim.report.figure import trace as figure_trace
 from resim.report.lanes import Box, lane_traces
 from resim.report.markup import html
@@ -122,13 +122,13 @@ def _times(figure: Figure, assessment: Assessment, row: int) -> None:
         figure.add_trace(trace, row=row, col=1)
 
 
-def _area(assessment: Assessment) -> Part:
+def _area(assessment: Assessment) -> FigurePart:
     trace = line(assessment.drive.t - assessment.drive.t[0], assessment.risk.r_ind, color=RISK, name="risk",
                  hover="t = %{x:.1f} s: %{y:.3g}")  # fmt: skip
     return trace | {"fill": "tozeroy", "fillcolor": fade(RISK, 0.12)}
 
 
-def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: str) -> Iterator[Part]:
+def _strip(assessment: Assessment, shapes: list[LaneShape], scene: int, color: str) -> Iterator[FigurePart]:
     """The road around the EGO, travel to the right; its box and path, and the objects with their risk."""
     drive = assessment.drive
     x, y, heading = (float(column[0, scene]) for column in (drive.own.x, drive.own.y, drive.own.heading))
@@ -160,7 +160,7 @@ def _corners(pose: Floats, size: Floats) -> tuple[Floats, Floats]:
     return ring[:, 0], ring[:, 1]
 
 
-def _box(ring: tuple[Floats, Floats], color: str, name: str) -> Part:
+def _box(ring: tuple[Floats, Floats], color: str, name: str) -> FigurePart:
     return figure_trace("scatter",
         x=compact(ring[0]), y=compact(ring[1]), mode="lines", fill="toself", fillcolor=fade(color, 0.45), name=name,
         line={"color": color, "width": 1.6}, showlegend=False, hoveron="fills", hoverinfo="name",

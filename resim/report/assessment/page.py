@@ -153,7 +153,7 @@ def _worst(assessed: ResimulationAssessment) -> Markup:
         if kinds[name] == kind and any(name in of for of in found.values())
     ]
     body = table(["measure", "kind", *assessed.blocks], rows, "kpis")
-    return html("<h3>The worst of each measure, when, and because of whom</h3>{}", body)
+    return html("<h3>The worst of each measure, with time and object</h3>{}", body)
 
 
 def _worst_cell(worst: Worst | None) -> Markup:

@@ -15,7 +15,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.report.map.colors import SCALE, type_color
-from resim.report.map.shapes import Lines, junction_areas, lane_lines, reference_lines
+from resim.report.map.shapes import LaneLines, junction_areas, lane_lines, reference_lines
 from resim.report.markup import Markup, script_data
 from resim.road.links import LaneKey
 from resim.road.opendrive import VEHICLE_LANES, LaneShape, RoadNetwork
@@ -35,7 +35,7 @@ class Picture:
         return self.network.lane_shapes(1.0)
 
     @cached_property
-    def lines(self) -> Lines:
+    def lines(self) -> LaneLines:
         """Their lines, simplified."""
         return lane_lines(self.network, self.shapes)
 
@@ -63,14 +63,14 @@ class Picture:
         west, south, east, north = self.extent
         return np.round([0.5 * (west + east), 0.5 * (south + north)])
 
-    def steps(self, line: Floats) -> Steps:
+    def steps(self, line: Floats) -> IntegerSteps:
         """Give a line (K, 2) as x, y, dx, dy, dx, dy ... [cm]."""
         places = np.round(100.0 * (line[:, :2] - self.origin)).astype(int)
         found: list[int] = np.diff(places, axis=0, prepend=np.zeros((1, 2), int)).ravel().tolist()
         return found
 
 
-Steps = list[int]
+IntegerSteps = list[int]
 """A line as x, y, dx, dy, dx, dy ... [cm]."""
 LaneRow = tuple[int, int, int, int, int, int, int, int, str]
 """Road (index), section, lane, type (index), driven along s 1, against it -1, both ways 2, no way 0, length, least and
@@ -101,7 +101,7 @@ class RoadLine:
     length: float
     junction: str | None
     sections: int
-    line: Steps
+    line: IntegerSteps
     s: list[float]
 
 
@@ -112,7 +112,7 @@ class JunctionArea:
     id: str
     name: str
     type: str
-    rings: list[Steps]
+    rings: list[IntegerSteps]
 
 
 @dataclass(frozen=True)
@@ -124,8 +124,8 @@ class MapData:
     scale: Sequence[tuple[float, str]]
     roads: list[RoadLine]
     lanes: list[LaneRow]
-    lines: list[Steps]
-    centres: list[Steps]
+    lines: list[IntegerSteps]
+    centres: list[IntegerSteps]
     marks: list[MarkRow]
     junctions: list[JunctionArea]
     errors: list[ErrorRow | None] | None

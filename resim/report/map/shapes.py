@@ -20,7 +20,7 @@ AROUND, BACK = 9.0, 7.5
 
 
 @dataclass(frozen=True, eq=False)
-class Mark:
+class LaneMark:
     """A road mark on the vertices first to last of the outer border of lane shape `line`."""
 
     line: int
@@ -30,15 +30,15 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class LaneLines:
     """Simplified lines (K, 2) [m], one of each per lane shape: outer borders (lane 0: itself) and centres."""
 
     borders: list[Floats]
     centres: list[Floats]
-    marks: list[Mark]
+    marks: list[LaneMark]
 
 
-def lane_lines(network: RoadNetwork, shapes: Sequence[LaneShape]) -> Lines:
+def lane_lines(network: RoadNetwork, shapes: Sequence[LaneShape]) -> LaneLines:
     """Simplify the lanes' lines; borders keep a point wherever their road mark changes."""
     pieces: list[Floats] = []
     owners: list[tuple[int, RoadMark | None]] = []
@@ -51,10 +51,10 @@ def lane_lines(network: RoadNetwork, shapes: Sequence[LaneShape]) -> Lines:
     for (k, mark), piece in zip(owners, simplified(pieces), strict=True):
         end = counts[k] + len(piece) - 1
         if mark is not None and mark.type != "none":
-            marks.append(Mark(k, counts[k], end, mark))
+            marks.append(LaneMark(k, counts[k], end, mark))
         borders[k].append(piece[1:] if counts[k] else piece)
         counts[k] = end
-    return Lines([np.concatenate(b) for b in borders], simplified([s.centre for s in shapes]), marks)
+    return LaneLines([np.concatenate(b) for b in borders], simplified([s.centre for s in shapes]), marks)
 
 
 def outer(shape: LaneShape) -> Floats:
@@ -102,7 +102,7 @@ def simplified(lines: Sequence[Floats]) -> list[Floats]:
 
 
 def junction_areas(
-    network: RoadNetwork, shapes: Sequence[LaneShape], lines: Lines
+    network: RoadNetwork, shapes: Sequence[LaneShape], lines: LaneLines
 ) -> dict[str, list[Floats]]:
     """Give the outlines (K, 2) [m] of every junction's area, none where it has no lanes.
 

@@ -10,7 +10,7 @@ from resim.core.errors import ResimError
 from resim.metrics.assessment import Assessment
 from resim.metrics.assessment_report import DriveAssessment, drive_assessment
 from resim.metrics.drive import Plans
-from resim.report.player.drive import Acceleration, Layer, Mark, PlayedDrive, danger
+from resim.report.player.drive import AccelerationCurve, Layer, PlayedDrive, TimelineMark, danger
 from resim.resimulation import ResimulationAssessment
 
 TITLES = {"GT": "ground truth", "SD": "sensor data", "rGT": "re-simulated on GT", "rSD": "re-simulated on SD"}
@@ -24,12 +24,12 @@ def of_assessment(assessed: ResimulationAssessment) -> PlayedDrive:
     if not assessed.blocks:
         raise ResimError(f"{assessed.name}: nothing was assessed, so there is nothing to play")
     layers: list[Layer] = []
-    marks: list[Mark] = []
+    marks: list[TimelineMark] = []
     for source, found in assessed.blocks.items():
         told = drive_assessment(found)
         layers.append(_layer(source, found, told))
         marks += criterion_marks(source, told)
-        marks += [Mark("collision", t, t, source, i, f"touches {i}") for t, i in found.contacts]
+        marks += [TimelineMark("collision", t, t, source, i, f"touches {i}") for t, i in found.contacts]
     ego = str(next(iter(assessed.blocks.values())).drive.own.ids[0])
     lost = [
         f"{source} is not shown: {why}."
@@ -45,7 +45,7 @@ def of_assessment(assessed: ResimulationAssessment) -> PlayedDrive:
 def _layer(source: str, found: Assessment, told: DriveAssessment) -> Layer:
     drive = found.drive
     own = drive.own.a
-    a = None if own is None else Acceleration(drive.t, own[0], of_splines=True)
+    a = None if own is None else AccelerationCurve(drive.t, own[0], of_splines=True)
     return Layer(source, TITLES[source], drive.tracks, _paths(found), danger(told), a)
 
 
@@ -58,11 +58,11 @@ def _paths(found: Assessment) -> Plans:
     return out
 
 
-def criterion_marks(source: str, found: DriveAssessment) -> Iterator[Mark]:
+def criterion_marks(source: str, found: DriveAssessment) -> Iterator[TimelineMark]:
     """Give the criteria that are not met, or cannot be judged, at their worst moment."""
     for name, verdict in found.criteria.items():
         if verdict.verdict != "PASS" and verdict.t is not None:
             severity = "error" if verdict.verdict == "FAIL" else "warning"
             what = f"{verdict.measure} " if verdict.verdict == "FAIL" else ""
             text = f"{severity}: {name}: {verdict.verdict}, {what}{verdict.reason}"
-            yield Mark("criterion", verdict.t, verdict.t, source, verdict.object, text)
+            yield TimelineMark("criterion", verdict.t, verdict.t, source, verdict.object, text)

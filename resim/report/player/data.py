@@ -14,7 +14,7 @@ from resim.core.geometry import Floats
 from resim.report.map.data import MapData, Picture, map_data
 from resim.report.markup import Markup, script_data
 from resim.report.player.colors import LayerColors, layer_colors
-from resim.report.player.drive import Acceleration, Danger, Layer, Mark, PlayedDrive
+from resim.report.player.drive import AccelerationCurve, Danger, Layer, PlayedDrive, TimelineMark
 from resim.report.player.packing import (
     UNITS,
     PackedPlans,
@@ -85,7 +85,7 @@ class DriveData:
     start: float
     end: float
     layers: list[LayerData]
-    marks: list[Mark]
+    marks: list[TimelineMark]
     notes: list[str]
 
 
@@ -159,7 +159,7 @@ def _drive(drive: PlayedDrive, number: int, origin: Floats) -> DriveData:
     )  # fmt: skip
 
 
-def _mark(mark: Mark) -> Mark:
+def _mark(mark: TimelineMark) -> TimelineMark:
     return replace(mark, start=round(mark.start, 4), end=round(mark.end, 4))
 
 
@@ -186,7 +186,7 @@ def _danger(found: Danger) -> DangerData:
     )  # fmt: skip
 
 
-def _acceleration(found: Acceleration) -> AccelerationData:
+def _acceleration(found: AccelerationCurve) -> AccelerationData:
     return AccelerationData(_numbers(found.t, 3), _numbers(found.a, 2), found.of_splines)
 
 

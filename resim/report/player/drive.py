@@ -23,7 +23,7 @@ RATE = 10.0
 
 
 @dataclass(frozen=True)
-class Mark:
+class TimelineMark:
     """Something that happened from start to end [s]. source: of which layer, "" for all; object: whose id, or ""."""
 
     kind: MarkKind
@@ -50,7 +50,7 @@ class Danger:
 
 
 @dataclass(frozen=True, eq=False)
-class Acceleration:
+class AccelerationCurve:
     """The EGO's acceleration a (S,) [m/s²] at times t (S,) [s], NaN where it is not known; whether splines give it."""
 
     t: Floats
@@ -70,7 +70,7 @@ class Layer:
     tracks: Tracks
     plans: Plans = ()
     danger: Danger | None = None
-    acceleration: Acceleration | None = None
+    acceleration: AccelerationCurve | None = None
     shown: bool = True
 
 
@@ -82,11 +82,11 @@ class PlayedDrive:
     ego: str
     network: RoadNetwork
     layers: tuple[Layer, ...]
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[TimelineMark, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
 
-def differenced(tracks: Tracks, ego: str) -> Acceleration | None:
+def differenced(tracks: Tracks, ego: str) -> AccelerationCurve | None:
     """Give the slope of the EGO's speed over WINDOW; None where it is not there twice."""
     if ego not in tracks.ids:
         return None
@@ -100,7 +100,7 @@ def differenced(tracks: Tracks, ego: str) -> Acceleration | None:
     known = after > before
     slope = np.full(len(at), np.nan)
     slope[known] = (np.interp(after, t, v) - np.interp(before, t, v))[known] / (after - before)[known]
-    return Acceleration(at, slope, of_splines=False)
+    return AccelerationCurve(at, slope, of_splines=False)
 
 
 def grid(start: float, end: float) -> Floats:

@@ -11,10 +11,10 @@ from resim.metrics.assessment import Assessment
 from resim.metrics.assessment_report import drive_assessment
 from resim.recordings import Recording
 from resim.report.player.drive import (
-    Acceleration,
+    AccelerationCurve,
     Layer,
-    Mark,
     PlayedDrive,
+    TimelineMark,
     danger,
     differenced,
     grid,
@@ -72,34 +72,34 @@ def of_scenario(scenario: Scenario, network: RoadNetwork, name: str) -> PlayedDr
     )
 
 
-def splines(scenario: Scenario, network: RoadNetwork) -> Acceleration | None:
+def splines(scenario: Scenario, network: RoadNetwork) -> AccelerationCurve | None:
     """Give the EGO's acceleration as its splines have it."""
     begin = scenario.ego.spawn_time
     t = grid(begin, begin + scenario.duration)
     own = scenario.tracks(network, t).select([scenario.ego.id])
-    return None if own.a is None else Acceleration(t, own.a[0], of_splines=True)
+    return None if own.a is None else AccelerationCurve(t, own.a[0], of_splines=True)
 
 
 EVENTS = {"brake": "first braking", "lane_change_left": "changes lane to the left",
           "lane_change_right": "changes lane to the right"}  # fmt: skip
 
 
-def event_marks(source: str, scenario: Scenario, network: RoadNetwork) -> Iterable[Mark]:
+def event_marks(source: str, scenario: Scenario, network: RoadNetwork) -> Iterable[TimelineMark]:
     """Give what the EGO did and when, by the splines of its trace."""
     ego = scenario.ego.id
     for t, what in maneuvers.events(ego_tracks(scenario, network), network, ego=ego):
         kind = "reaction" if what == "brake" else "decision"
-        yield Mark(kind, t, t, source, ego, EVENTS[what])  # type: ignore[arg-type]
+        yield TimelineMark(kind, t, t, source, ego, EVENTS[what])  # type: ignore[arg-type]
 
 
-def finding_marks(findings: Sequence[Finding], start: float) -> list[Mark]:
+def finding_marks(findings: Sequence[Finding], start: float) -> list[TimelineMark]:
     """Give the findings that have a time, worst first, and at the start [s] those of the whole drive."""
     out = []
     for f in findings[:MOST_FINDINGS]:
         begin, end = (start if np.isnan(t) else float(t) for t in (f.start, f.end))
         text = f"{f.severity}: {f.code}: {f.text}"
         out.append(
-            Mark(
+            TimelineMark(
                 "finding", begin, max(begin, end), {"gt": "GT", "sd": "SD"}.get(f.source, ""), f.object, text
             )
         )

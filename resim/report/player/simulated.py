@@ -10,7 +10,7 @@ import pandas as pd
 from resim.core.tracks import Tracks
 from resim.metrics.assessment_report import DriveAssessment, drive_assessment
 from resim.report.player.assessed import criterion_marks
-from resim.report.player.drive import Layer, Mark, PlayedDrive, danger, differenced
+from resim.report.player.drive import Layer, PlayedDrive, TimelineMark, danger, differenced
 from resim.report.player.measured import TITLES, event_marks, finding_marks, splines
 from resim.resimulation import Resimulation, ResimulationAssessment
 from resim.resimulation.blocks import plans_of
@@ -94,20 +94,20 @@ def _tracks(rows: pd.DataFrame) -> Tracks | None:
 
 def _marks(
     report: RunReport, network: RoadNetwork, scenarios: Mapping[str, Scenario], layers: list[Layer]
-) -> Iterator[Mark]:
+) -> Iterator[TimelineMark]:
     """Reactions, decisions, collisions and early ends of all sources."""
     for source, scenario in scenarios.items():
         if source != "SD":  # what the EGO did is told of GT, rGT and rSD
             yield from event_marks(source, scenario, network)
     for source, hits in report.collisions.items():
         for hit in hits:
-            yield Mark("collision", hit.t, hit.t, source, hit.id, f"collides with {hit.id}")
+            yield TimelineMark("collision", hit.t, hit.t, source, hit.id, f"collides with {hit.id}")
     for source, left in report.left_route.items():
         if left is not None:
-            yield Mark("decision", left, left, source, report.ego, "leaves the measured route")
+            yield TimelineMark("decision", left, left, source, report.ego, "leaves the measured route")
     last = {layer.name: float(layer.tracks.t[-1]) for layer in layers}
     for source, end in report.end.items():
         if end in ENDS and source in last:
-            yield Mark(
+            yield TimelineMark(
                 "end", last[source], last[source], source, report.ego, report.failure[source] or ENDS[end]
             )

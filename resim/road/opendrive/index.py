@@ -26,7 +26,7 @@ LOST = 1e-6
 TURNS, DAMPED_FROM, LONGEST_STEP = 32, 14, 4.0
 
 
-Surface = Callable[[Ints, Ints, Floats, Floats], Floats]
+SurfaceFunction = Callable[[Ints, Ints, Floats, Floats], Floats]
 """Heights (M,) [m] at roads (M,), lane rows (M,), s and t from the lane centres (M,) [m]."""
 
 
@@ -92,7 +92,11 @@ class LaneIndex:
         return Containing(point[inside], road[inside], row[inside], s[inside], lateral[inside], miss[inside])
 
     def locate(
-        self, x: Floats, y: Floats, heading: Floats | None, level: tuple[Floats, Surface] | None = None
+        self,
+        x: Floats,
+        y: Floats,
+        heading: Floats | None,
+        level: tuple[Floats, SurfaceFunction] | None = None,
     ) -> Located:
         """Give the lane at each position (N,) [m]: the containing one, else the nearest driving lane.
 
@@ -176,7 +180,7 @@ class LaneIndex:
         cell = number[found]
         road, s, t, miss = self._feet(x[point], y[point], cell)
         for lost in np.flatnonzero(miss > LOST):
-            s[lost], t[lost], miss[lost] = sought(self.lines, road[lost], x[point[lost]], y[point[lost]])
+            s[lost], t[lost], miss[lost] = search_line(self.lines, road[lost], x[point[lost]], y[point[lost]])
         length = self.lines.length[road]
         inside = np.clip(s, 0.0, length)
         row = self._beside(road, inside, t, self.cells.row[cell])
@@ -239,7 +243,7 @@ def foot(lines: ReferenceLines, road: Ints, x: Floats, y: Floats, s: Floats) -> 
     return s, t, np.where(miss > 1e-9, miss, 0.0)
 
 
-def sought(lines: ReferenceLines, road: np.intp, x: float, y: float) -> tuple[float, float, float]:
+def search_line(lines: ReferenceLines, road: np.intp, x: float, y: float) -> tuple[float, float, float]:
     """Give s, t and miss [m] of one point by trying the whole line: its foot, else the nearest place."""
     low, high, count = 0.0, float(lines.length[road]), 2000
     for _ in range(3):
@@ -257,7 +261,7 @@ def sought(lines: ReferenceLines, road: np.intp, x: float, y: float) -> tuple[fl
     return float(near[0]), float(cos * dy - sin * dx), float(abs(cos * dx + sin * dy))
 
 
-def _other_level(found: Containing, z: Floats, surface: Surface) -> Floats:
+def _other_level(found: Containing, z: Floats, surface: SurfaceFunction) -> Floats:
     """What lanes (M,) cost that are not at the height of their position, where another one is."""
     off = np.abs(surface(found.road, found.row, found.s, found.lateral) - z[found.point])
     near = off <= LEVEL

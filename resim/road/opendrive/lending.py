@@ -21,7 +21,7 @@ from resim.road.opendrive.network import RoadNetwork
 
 
 @contextmanager
-def lent(network: RoadNetwork, path: Path) -> Iterator[RoadNetwork]:
+def lend_network(network: RoadNetwork, path: Path) -> Iterator[RoadNetwork]:
     """Give the copy of a map that all runs of a process share. path: of the file that names the user's code.
 
     Raises ChangedError at the end where that code changed it; the next run gets another.

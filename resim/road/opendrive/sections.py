@@ -9,10 +9,12 @@ from typing import TypeVar
 from resim.road.opendrive.model import Cubic, Height, Lane
 
 Record = TypeVar("Record", Cubic, Height)
-Lanes = dict[int, Lane]
+SectionLanes = dict[int, Lane]
 
 
-def both_sides(before: Lanes, lanes: Lanes, distance: float) -> tuple[Lanes, Lanes]:
+def both_sides(
+    before: SectionLanes, lanes: SectionLanes, distance: float
+) -> tuple[SectionLanes, SectionLanes]:
     """Give the lanes of a section and of the single-sided one `distance` [m] after it, both sides in each.
 
     The side on which the second has no lane goes on as in the first.

@@ -17,7 +17,7 @@ from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo.patch import Via
 from resim.road.sumo.pieces import SHORTEST
-from resim.road.sumo.plain import Plain
+from resim.road.sumo.plain import PlainNetwork
 from resim.road.sumo.shapes import LaneStretch
 from resim.road.sumo.taken import TakenRules
 from resim.road.sumo.truth import RawLanes
@@ -139,7 +139,7 @@ class _ComparedLane(NamedTuple):
         return float(low + share * (high - low) if self.stretch.forward else high - share * (high - low))
 
 
-def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversion:
+def measure(network: RoadNetwork, net: bytes, made: PlainNetwork, via: Via) -> Conversion:
     """Compare the net, as written, with the map's file, read anew; lane sections without length are left out.
 
     Of `network`, which made the net, it takes the types of lanes and the junctions of roads only.
@@ -168,7 +168,7 @@ def measure(network: RoadNetwork, net: bytes, made: Plain, via: Via) -> Conversi
     return Conversion(tuple(lanes), len(there), tuple(jumps), tuple(links))
 
 
-def _uses(made: Plain, via: Via) -> dict[tuple[str, ...], list[LaneStretch]]:
+def _uses(made: PlainNetwork, via: Via) -> dict[tuple[str, ...], list[LaneStretch]]:
     """The stretches that each SUMO lane, or the internal lanes of a connection, stand for."""
     uses: dict[tuple[str, ...], list[LaneStretch]] = {
         (name,): [own.stretch] for name, own in made.lanes.items()

@@ -13,7 +13,7 @@ from lxml import etree
 
 from resim.core.errors import ConversionError
 from resim.core.geometry import Floats
-from resim.road.sumo.plain import Ends, Plain, SumoConnection
+from resim.road.sumo.plain import Ends, PlainNetwork, SumoConnection
 from resim.road.sumo.plainxml import shape_text
 from resim.road.sumo.shapes import length
 
@@ -26,7 +26,7 @@ MINOR_OR_MAJOR = ("m", "M")
 Via = Mapping[Ends, tuple[str, ...]]
 
 
-def patch(net: Path, made: Plain) -> tuple[etree._Element, Via]:
+def patch(net: Path, made: PlainNetwork) -> tuple[etree._Element, Via]:
     """Give the net with exact geometry, and the internal lanes of each connection (from lane, to lane) that it has.
 
     Raises ConversionError where netconvert left a lane out: it must not, all of them were named.
@@ -100,7 +100,7 @@ def _via(root: etree._Element) -> dict[tuple[str, str], tuple[str, ...]]:
     return {ends: (*inner, after[inner[0]]) if inner[0] in after else inner for ends, inner in found.items()}
 
 
-def _write_junctions(root: etree._Element, made: Plain) -> None:
+def _write_junctions(root: etree._Element, made: PlainNetwork) -> None:
     """Each junction's area: the hull of the lane ends and junction lanes there."""
     points: dict[str, list[Floats]] = defaultdict(list)
     target = {}

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from resim.road.links import LaneKey
 from resim.road.opendrive import Road, RoadNetwork, Signal
-from resim.road.sumo.plain import Plain, SumoConnection, lane_id
+from resim.road.sumo.plain import PlainNetwork, SumoConnection, lane_id
 
 NEAR = 50.0
 """A signal further [m] before the end of its road is not for the junction there."""
@@ -16,7 +16,7 @@ NEAR = 50.0
 class SignalPlaces:
     """Finds the connections that traffic drives which a signal is for; those of lanes for vehicles only."""
 
-    def __init__(self, network: RoadNetwork, made: Plain) -> None:
+    def __init__(self, network: RoadNetwork, made: PlainNetwork) -> None:
         self._network, self._made = network, made
         targets = {piece.id: piece.target for piece in made.pieces.all}
         self._node = {name: targets[name.rpartition("_")[0]] for name in made.lanes}

@@ -65,7 +65,7 @@ class SumoConnection:
 
 
 @dataclass(frozen=True, eq=False)
-class Plain:
+class PlainNetwork:
     """All that goes into the net."""
 
     pieces: Pieces
@@ -73,7 +73,7 @@ class Plain:
     connections: tuple[SumoConnection, ...]
 
 
-def plain(network: RoadNetwork) -> Plain:
+def plain(network: RoadNetwork) -> PlainNetwork:
     """Give the lanes of all edges and the connections between them."""
     graph = lane_graph(network)
     passed = passed_lanes(network, graph)
@@ -92,7 +92,7 @@ def plain(network: RoadNetwork) -> Plain:
             name = f"{piece.id}_{index}"
             lanes[name] = LaneLine(name, stretch, line, max(float(width), NARROWEST))
     found = _connected(graph, inside, pieces)
-    return Plain(pieces, lanes, tuple(_with_lines(network, lanes, found)))
+    return PlainNetwork(pieces, lanes, tuple(_with_lines(network, lanes, found)))
 
 
 def _together(found: Collection[Ends], pieces: Pieces) -> list[tuple[RoadEnd, RoadEnd]]:

@@ -12,7 +12,7 @@ from lxml import etree
 
 from resim.core.geometry import Floats
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
-from resim.road.sumo.plain import Plain
+from resim.road.sumo.plain import PlainNetwork
 from resim.road.sumo.rules import Rules
 
 ALLOWED = {
@@ -28,7 +28,7 @@ NOT_ON_ROADS = (
 DEFAULT_SPEED = 50.0 / 3.6
 
 
-def names(made: Plain) -> dict[str, str]:
+def names(made: PlainNetwork) -> dict[str, str]:
     """Give what the edges, lanes and nodes of the net are called in the map: for errors of netconvert's."""
     out = {}
     for piece in made.pieces.all:
@@ -39,7 +39,7 @@ def names(made: Plain) -> dict[str, str]:
     return out | {name: str(own.stretch.key) for name, own in made.lanes.items()}
 
 
-def write(network: RoadNetwork, made: Plain, rules: Rules, folder: Path) -> list[str]:
+def write(network: RoadNetwork, made: PlainNetwork, rules: Rules, folder: Path) -> list[str]:
     """Write nodes, edges and connections into the folder; give the arguments that make netconvert read them."""
     trees = {
         "node": _nodes(made, rules),
@@ -54,7 +54,7 @@ def write(network: RoadNetwork, made: Plain, rules: Rules, folder: Path) -> list
     return arguments
 
 
-def _nodes(made: Plain, rules: Rules) -> etree._Element:
+def _nodes(made: PlainNetwork, rules: Rules) -> etree._Element:
     """Every node in the mean of the lane ends that meet there, with the kind of right of way."""
     ends: dict[str, list[Floats]] = defaultdict(list)
     for piece in made.pieces.all:
@@ -70,7 +70,7 @@ def _nodes(made: Plain, rules: Rules) -> etree._Element:
     return root
 
 
-def _edges(network: RoadNetwork, made: Plain) -> etree._Element:
+def _edges(network: RoadNetwork, made: PlainNetwork) -> etree._Element:
     root = etree.Element("edges")
     for piece in made.pieces.all:
         edge = etree.SubElement(root, "edge", {"id": piece.id, "from": piece.origin, "to": piece.target,
@@ -95,7 +95,7 @@ def _permission(kind: str) -> tuple[str, str]:
     return ("allow", ALLOWED[kind]) if kind in ALLOWED else ("allow", "authority")
 
 
-def _connection_xml(made: Plain, rules: Rules) -> etree._Element:
+def _connection_xml(made: PlainNetwork, rules: Rules) -> etree._Element:
     root = etree.Element("connections")
     left: dict[str, str] = {}
     for connection in made.connections:

@@ -9,7 +9,7 @@ from itertools import permutations
 import shapely
 
 from resim.road.sumo.places import SignalPlaces
-from resim.road.sumo.plain import EdgePair, Ends, Plain, SumoConnection
+from resim.road.sumo.plain import EdgePair, Ends, PlainNetwork, SumoConnection
 
 
 class Precedence:
@@ -19,7 +19,7 @@ class Precedence:
     with traffic lights, at which there are none: netconvert keeps to some of them only.
     """
 
-    def __init__(self, places: SignalPlaces, made: Plain, lit: Collection[str]) -> None:
+    def __init__(self, places: SignalPlaces, made: PlainNetwork, lit: Collection[str]) -> None:
         self.before: dict[tuple[EdgePair, EdgePair], None] = {}
         self._at_node: dict[str, list[SumoConnection]] = defaultdict(list)
         self._on_road: dict[str, list[SumoConnection]] = defaultdict(list)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from resim.core import spec
 from resim.road.opendrive import RoadNetwork, SignalKind
 from resim.road.sumo.places import SignalPlaces
-from resim.road.sumo.plain import EdgePair, Ends, Plain, SumoConnection
+from resim.road.sumo.plain import EdgePair, Ends, PlainNetwork, SumoConnection
 from resim.road.sumo.precedence import Precedence
 
 RANK = {"stop": 0, "give way": 0, "priority": 2}
@@ -71,7 +71,7 @@ class _RuledWays(NamedTuple):
         return LeftOut("traffic light" if self.kind == "light" else "sign", self.id, self.road, self.s, why)
 
 
-def find_rules(network: RoadNetwork, made: Plain) -> Rules:
+def find_rules(network: RoadNetwork, made: PlainNetwork) -> Rules:
     """Give the rules for the connections of the net that is made of a map."""
     places = SignalPlaces(network, made)
     ruled = list(_ruled(network, places))
@@ -144,7 +144,7 @@ def _without_effect(signs: Iterable[_RuledWays], edges: Collection[EdgePair]) ->
 
 
 def _all_way(
-    places: SignalPlaces, made: Plain, stops: Collection[Ends], ordered: Collection[EdgePair]
+    places: SignalPlaces, made: PlainNetwork, stops: Collection[Ends], ordered: Collection[EdgePair]
 ) -> Iterator[str]:
     """The nodes with several edges that lead in, of which vehicles stop on all, and none goes first by a priority."""
     here: dict[str, list[SumoConnection]] = defaultdict(list)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from resim.core import spec
 from resim.road.opendrive import RoadNetwork, SpeedSign
 from resim.road.sumo.pieces import Piece
-from resim.road.sumo.plain import Plain
+from resim.road.sumo.plain import PlainNetwork
 from resim.road.sumo.programs import Program
 from resim.road.sumo.rules import LeftOut, Rules
 
@@ -33,7 +33,9 @@ class TakenRules:
     left_out: tuple[LeftOut, ...] = ()
 
 
-def taken(network: RoadNetwork, made: Plain, rules: Rules, programs: tuple[Program, ...]) -> TakenRules:
+def taken(
+    network: RoadNetwork, made: PlainNetwork, rules: Rules, programs: tuple[Program, ...]
+) -> TakenRules:
     """Give what the net has of the rules. programs: those in the net."""
     lights = {light for own in rules.lights.values() for light in own}
     signs = sum(len(road.signs) for road in network.roads.values())
@@ -42,7 +44,7 @@ def taken(network: RoadNetwork, made: Plain, rules: Rules, programs: tuple[Progr
     return TakenRules(len(lights), rules.signs, signs - len(lost), rules.priorities, programs, left_out)
 
 
-def _speed_signs(network: RoadNetwork, made: Plain) -> Iterator[LeftOut]:
+def _speed_signs(network: RoadNetwork, made: PlainNetwork) -> Iterator[LeftOut]:
     """The speed signs that give no edge its limit: an edge has the one in its middle (`plainxml`)."""
     holding = {(piece.road, _sign(network, piece, lane)) for piece in made.pieces.all for lane in piece.lanes}
     for road in network.roads.values():

@@ -17,7 +17,7 @@ from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, constant, from_frame
-from resim.core.plugins.frozen import FrozenFile, thaw
+from resim.core.plugins.frozen import FrozenFile, load_frozen
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.tracks import Strings
@@ -221,7 +221,7 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         InputError: A file, field, module or name is not there.
     """
     frozen = file if isinstance(file, FrozenFile) else freeze_build(Path(file))
-    path, copy = frozen.path, thaw(frozen, freeze_build)
+    path, copy = frozen.path, load_frozen(frozen, freeze_build)
     said = _parsed(copy.raw, path)
     named = load_named(frozen, copy, said.factory, "factory")
     factory = named.load()

@@ -11,19 +11,19 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
 from resim.simulation.function.interface import EgoState
-from resim.simulation.sumo.session import EGO, Placed, Session, from_sumo, to_sumo
+from resim.simulation.sumo.session import EGO, Session, VehiclePose, from_sumo, to_sumo
 from resim.simulation.traffic import Phase, Stage
 
 _FOLLOWED = 1e-6  # m, rad, m/s; how exactly SUMO has to be where it was told to
 
 
 @dataclass(frozen=True)
-class _Told:
+class _MirrorPhase:
     """What SUMO is told in a phase: who comes, with length, width [m] and speed [m/s], who goes; and where all are."""
 
     come: tuple[tuple[str, float, float, float], ...]
     go: tuple[str, ...]
-    places: tuple[tuple[Placed, ...], ...]
+    places: tuple[tuple[VehiclePose, ...], ...]
 
 
 class SumoMirror:
@@ -31,8 +31,8 @@ class SumoMirror:
 
     def __init__(self, stage: Stage, session: Session) -> None:
         self._stage, self._session = stage, session
-        self._phases = _told(stage)
-        self._now = _Told((), (), ())
+        self._phases = _mirror_phases(stage)
+        self._now = _MirrorPhase((), (), ())
         self._said = array("d")  # compact: what a step leaves behind slows the next ones
         ego = stage.members[0]
         session.add(EGO, ego.length, ego.width, abs(stage.plan.state(0, stage.plan.begin).v))
@@ -75,9 +75,9 @@ class SumoMirror:
 
 
 @lru_cache(maxsize=8)
-def _told(stage: Stage) -> dict[int, _Told]:
+def _mirror_phases(stage: Stage) -> dict[int, _MirrorPhase]:
     """What SUMO is told in each phase that it is shown, by its first step; objects have numbers there."""
-    out, before = dict[int, _Told](), tuple[str, ...]()
+    out, before = dict[int, _MirrorPhase](), tuple[str, ...]()
     for phase in stage.shown:
         names = tuple(f"{n}" for n in phase.rows.tolist())
         x, y, heading, v = (
@@ -86,7 +86,7 @@ def _told(stage: Stage) -> dict[int, _Told]:
         )
         places = np.stack([*to_sumo(x, y, heading, phase.length), np.abs(v)], axis=-1).tolist()
         size = zip(names, phase.length.tolist(), phase.width.tolist(), np.abs(v[0]).tolist(), strict=True)
-        out[phase.first] = _Told(
+        out[phase.first] = _MirrorPhase(
             come=tuple(one for one in size if one[0] not in before),
             go=tuple(name for name in before if name not in names),
             places=tuple(tuple((n, *p) for n, p in zip(names, step, strict=True)) for step in places),

@@ -27,7 +27,7 @@ from resim.simulation.turn import turn
 EGO = "ego"
 """SUMO's name of the EGO."""
 
-Placed: TypeAlias = tuple[str, float, float, float, float]
+VehiclePose: TypeAlias = tuple[str, float, float, float, float]
 """What SUMO is told of an object: name, front bumper x, y [m], angle [deg from north], speed >= 0 [m/s]."""
 
 _TYPE = "guided"
@@ -115,7 +115,7 @@ class Session:
         self._vehicle.remove(name)
         del self._length[name]
 
-    def advance(self, commands: Sequence[Placed], ego: EgoState) -> list[float]:
+    def advance(self, commands: Sequence[VehiclePose], ego: EgoState) -> list[float]:
         """Put objects and EGO where they are told to be, let SUMO do one step, and read all back.
 
         Gives front bumper x, y [m], angle [deg from north], speed [m/s] of the EGO, then of the objects.

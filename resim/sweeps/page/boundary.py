@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.report.figure import Figure, Part
+from resim.report.figure import Figure, FigurePart
 from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, html, join
 from resim.report.plots import INK, compact, fade, sample, style, to_html
@@ -77,7 +77,7 @@ def _figure(found: BoundaryReport, parameters: Sequence[SweptParameter], i: int,
     return figure
 
 
-def _boxes(a: Floats, b: Floats) -> Part:
+def _boxes(a: Floats, b: Floats) -> FigurePart:
     """Boxes from ends a, b (C, 2), each once, as one trace."""
     ends = np.unique(np.concatenate([a, b], axis=1), axis=0)
     gap = np.full((len(ends), 1), np.nan)
@@ -88,7 +88,7 @@ def _boxes(a: Floats, b: Floats) -> Part:
     )  # fmt: skip
 
 
-def _points(x: Floats, y: Floats, share: Floats) -> Part:
+def _points(x: Floats, y: Floats, share: Floats) -> FigurePart:
     """Dots (K,), coloured by the share of seeds that are good; those at one place as one, with their mean."""
     places, of, count = np.unique(np.stack([x, y], axis=1), axis=0, return_inverse=True, return_counts=True)
     mean = np.bincount(of.ravel(), weights=share) / count

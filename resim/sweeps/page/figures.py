@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.report.figure import Figure, Part
+from resim.report.figure import Figure, FigurePart
 from resim.report.figure import trace as figure_trace
 from resim.report.markup import html
 from resim.report.plots import DASH, INK, compact, fade, plain, style
@@ -45,7 +45,7 @@ def response_figure(outcomes: Sequence[VaryingOutcome], parameter: SweptParamete
     return figure
 
 
-def _response(outcome: VaryingOutcome, found: ResponseCurve) -> list[Part]:
+def _response(outcome: VaryingOutcome, found: ResponseCurve) -> list[FigurePart]:
     """Band, line and dots of one panel."""
     x, mean, low, high = map(_array, (found.at, found.mean, found.low, found.high))
     color, form = (SHARE, ".1%") if outcome.share else (VALUE, ".4g")
@@ -107,7 +107,7 @@ def _reach(parameter: SweptParameter, at: Floats) -> list[float]:
     return [min(parameter.low, float(at[0] - ends[0])), max(parameter.high, float(at[-1] + ends[-1]))]
 
 
-def _contour(x: Floats, y: Floats, z: Floats, level: float, color: str, dashed: bool) -> Part:
+def _contour(x: Floats, y: Floats, z: Floats, level: float, color: str, dashed: bool) -> FigurePart:
     return figure_trace("contour",
         x=compact(x), y=compact(y), z=compact(z), showscale=False, hoverinfo="skip", showlegend=False,
         contours={"start": level, "end": level, "size": 1.0, "coloring": "none"},

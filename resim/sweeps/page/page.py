@@ -204,13 +204,14 @@ def _reading(found: SweepReport) -> Markup:
         "for worse ones near the bound: therefore the share at the bound alone. Bounds are values that were swept, "
         "never between two of them. Of a grid, each run counts, as its points are all that is asked about.</li>"
         "<li>Boundaries on the maps are interpolated between the values swept. Drawn points are smoothed by a Gaussian "
-        "kernel, whose width is that by which points are best told from the others. Where a bound is not drawn, there "
-        "are too few seeds or points to show so high a share.</li>"
+        "kernel, whose width is that by which points are best predicted from the others. Where a bound is not drawn, "
+        "there are too few seeds or points to show so high a share.</li>"
         "<li>Sensitivity: <b>first order</b> is what a parameter does alone, <b>total</b> includes what it does "
         "together with others; <b>seeds</b> is chance. On a full grid the variance is decomposed exactly, with "
         "intervals over seeds (jackknife); of drawn points, polynomials are fitted (chaos expansion), and Q² is what "
-        "they predict where they were not fitted; what they leave over may be any parameter's, so that the upper ends "
-        "of the intervals have it, too. Sharp outcomes leave much over. One at a time tells main effects only.</li>"
+        "they predict where they were not fitted; the unexplained rest may belong to any parameter, so that the upper "
+        "ends of the intervals include it; it is large for sharp outcomes. One-at-a-time plans give main "
+        "effects only.</li>"
         "<li>A run that failed is never good.</li></ul>",
         percent(demanded_of(found)),
     )

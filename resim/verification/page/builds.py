@@ -88,7 +88,7 @@ def _limits(told: ComparisonSummary) -> Markup:
         limit = told.limits[name]
         value = NONE if limit.value is None else format(limit.value, form).replace("-", "−")
         most = "any" if limit.limit is None else f"{limit.limit:g}"
-        state = ("pass", "kept") if limit.kept else ("fail", "broken")
+        state = ("pass", "met") if limit.kept else ("fail", "exceeded")
         if limit.limit is None:
             state = ("none", "no limit")
         rows.append(row([text, value, most, html('<span class="badge {}">{}</span>', state[0], state[1])]))

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from resim.report.markup import Markup, html, join
-from resim.verification.share import Share
+from resim.verification.share import SeedShare
 
 NONE = "–"
 
@@ -89,7 +89,7 @@ def counted(words: Sequence[str]) -> Markup:
     return join(told, "; ")
 
 
-def share(found: Share) -> Markup:
+def share(found: SeedShare) -> Markup:
     """Give a share of the seeds with its interval."""
     between = f"[{found.low:.2f}, {found.high:.2f}]"
     return html("{} of {} <i>{}</i>", found.count, found.of, between)

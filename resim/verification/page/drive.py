@@ -9,7 +9,7 @@ from urllib.parse import quote
 from resim.report.markup import Markup, html, join
 from resim.report.tables import decision_words
 from resim.resimulation.traces import SpeedTraces
-from resim.verification.compare import Way
+from resim.verification.compare import SimulatedSource
 from resim.verification.entries import (
     ComparedRun,
     RecordingSource,
@@ -47,7 +47,7 @@ def drive(entry: VerifiedRecording, traces: SpeedTraces | None, inputs: Verifica
         _differences(entry),
         _figure(entry, traces),
         Markup("<h4>Ways through the simulation</h4>") + _ways(entry),
-        Markup("<h4>KPIs <i>outcome, worst value, when, because of whom; ≠: not as in GT</i></h4>")
+        Markup("<h4>KPIs <i>outcome, worst value, time and object; ≠: not as in GT</i></h4>")
         + kpi_table(entry),
         Markup("<h4>Errors of each step <i>tolerance in grey; &gt;: beyond it</i></h4>")
         + errors_table(entry, inputs.tolerances),
@@ -93,18 +93,18 @@ def reason(entry: RecordingResult) -> str:
     return html("First cause: <b>{}</b>{}: {}.", cause.step, when, cause.text)
 
 
-def decisions(entry: VerifiedRecording, way: Way) -> str:
+def decisions(entry: VerifiedRecording, way: SimulatedSource) -> str:
     """Give what the EGO did in the simulation, over seeds with how many of them."""
     found = entry.decision.each().get(way)
     return counted([decision_words(one) for one in found]) if found else NONE
 
 
 def first_braking(runs: Sequence[ComparedRun]) -> str:
-    """Give the difference of first braking, simulated less measured; over seeds the median and range."""
+    """Give the difference of first braking, simulated minus measured; over seeds the median and range."""
     return spread([run.reaction_difference for run in runs], 2, "s")
 
 
-def kpis_equal(entry: VerifiedRecording, way: Way) -> str:
+def kpis_equal(entry: VerifiedRecording, way: SimulatedSource) -> str:
     """Give how many KPIs are equal; over seeds the share that is verified."""
     found = entry.ways[way]
     if isinstance(found, SeedRuns):
@@ -114,7 +114,7 @@ def kpis_equal(entry: VerifiedRecording, way: Way) -> str:
 
 
 def _differences(entry: VerifiedRecording) -> Markup:
-    """All that differs in the first run that the verdict rests on."""
+    """All that differs in the first run that the verdict is judged by."""
     runs = runs_of(entry.judged)
     run = next((r for r in runs if r.verdict == entry.verdict), runs[0])
     where = f" in the run with seed {run.seed}" if isinstance(run, SeedRun) else ""

@@ -11,7 +11,7 @@ from resim.report.markup import Markup, html, join
 from resim.resimulation.drive_outcome import KpiOutcome
 from resim.verification.entries import MODEL, KpiComparison, KpiEntry, SeedRun, VerifiedRecording
 from resim.verification.page.cells import NONE, minus, row, rows_table, share, spread
-from resim.verification.share import Share
+from resim.verification.share import SeedShare
 from resim.verification.tolerance import ErrorLimits, StepLimits, Tolerances
 
 SOURCES = ("GT", "SD", "rGT", "rSD")
@@ -46,7 +46,7 @@ def kpi_table(entry: VerifiedRecording) -> Markup:
 
 
 def _kpi(found: KpiEntry | None, gt: KpiEntry) -> str:
-    """One drive's KPI: outcome, worst value, when, because of whom, and which limit was broken or what is not known."""
+    """One drive's KPI: outcome, worst value, time and object, and which limit was exceeded or what is not known."""
     if found is None:
         return NONE
     verdict = found.verdict
@@ -72,7 +72,7 @@ def _worst(found: KpiEntry) -> str:
 def _over_seeds(kpi: KpiComparison) -> str:
     """The share of the seeds that are as GT, how many pass and fail, and the range of their worst values."""
     runs, equal = kpi.over_seeds, kpi.equal.get(MODEL)
-    if runs is MISSING or not isinstance(equal, Share):
+    if runs is MISSING or not isinstance(equal, SeedShare):
         return NONE
     counts = Counter(None if run is None else run.verdict for run in runs)
     told = join((html("{} {}", _outcome(o), counts[o]) for o in OUTCOMES if counts[o]), ", ")

@@ -25,7 +25,7 @@ from resim.verification.sequential import ERROR
 ORDER = ("error", "not verified", "undecided", "invalid", "verified")
 """What needs attention first."""
 HEAD = (
-    "recording", "verdict", "rests on", "KPIs equal", "decision measured", "simulated", "braking delay against GT",
+    "recording", "verdict", "judged by", "KPIs equal", "decision measured", "simulated", "braking delay against GT",
     "largest error beyond tolerance", "first cause", "from",
 )  # fmt: skip
 NAMES = {"d": "position", "v": "speed", "heading": "heading"}
@@ -55,7 +55,7 @@ def meaning(inputs: VerificationRequest) -> Markup:
     return html(
         "<b>Verified</b>: simulation gives the measured drive's KPI by every criterion and the EGO's decision, and all "
         "errors of the chain are within tolerance{} (Groh 2018, III.B): for this build it may stand in "
-        "for that drive, and for no other. Equal are the KPIs, not their values.{}",
+        "for that drive, and for no other. KPI outcomes match; values may differ.{}",
         many,
         _tested(inputs),
     )
@@ -67,11 +67,11 @@ def _tested(inputs: VerificationRequest) -> Markup:
         return Markup()
     demand = inputs.agreement
     return html(
-        " Seeds are run one after the other, {seeds} at most, until a sequential test tells a true "
+        " Seeds are run one after the other, {seeds} at most, until a sequential test separates a true "
         "share of {demand:.1%} or less (not verified) from one of {over:.1%} or more (verified), "
         "either being wrong in at most {error:.0%} of cases; <b>undecided</b>: it cannot tell. Intervals of the share "
         "of seeds that agree are exact for that test, with {error:.0%} beyond each end; those of single KPIs and "
-        "decisions are Wilson's, of 95 %, and take the number of seeds for given.",
+        "decisions are Wilson's, of 95 %, and treat the number of seeds as fixed.",
         seeds=len(inputs.seeds),
         demand=demand,
         over=0.5 * (1.0 + demand),

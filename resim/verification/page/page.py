@@ -78,11 +78,7 @@ def _line(found: VerificationReport) -> Markup:
     broken = f", {errors} could not be judged because of an error" if errors else ""
     if not isinstance(told, ComparisonSummary):
         return html("<b>{} of {}</b> recordings verified{}.", told.verified, of, broken)
-    kept = (
-        "The limits of the suite are met"
-        if told.good
-        else Markup("<b>The limits of the suite are broken</b>")
-    )
+    kept = "Suite limits are met" if told.good else Markup("<b>Suite limits are exceeded</b>")
     return html("{}: {} of {} recordings are worse, {} better{}.", kept, told.worse, of, told.better, broken)
 
 

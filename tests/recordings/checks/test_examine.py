@@ -248,7 +248,7 @@ def test_who_hits_the_ego_is_not_taken_for_it(tables: Read, look: Look) -> None:
     )
     (told,) = [f for f in look(tables_hit) if f.code == "EGO_DETECTION"]
     assert (told.object, told.severity, told.repair) == ("77", "error", "")
-    assert "or who hit it?" in told.text
+    assert "or a colliding object?" in told.text
     near = hit.assign(y=lambda f: f["y"] + 2.5)
     beside = replace(
         before, sd=pd.concat([before.sd, near], ignore_index=True).sort_values("t", kind="stable")
@@ -454,7 +454,7 @@ def test_the_headings_of_who_skids_are_not_divided_by_57(tables: Read, look: Loo
     found = look(replace(before, gt=drifting(before.gt, slip)))
     about = [f for f in found if f.object == "3" and f.code.startswith("HEADING")]
     assert [(f.code, f.severity, f.repair) for f in about] == [("HEADING_UNIT", "warning", "")]
-    assert about[0].text.endswith("of who skids: courses say too little to tell")
+    assert about[0].text.endswith("the course cannot decide")
 
 
 def test_the_heading_of_who_skids_for_a_while_is_not_taken_from_the_positions(

@@ -235,9 +235,7 @@ def test_a_vehicle_that_never_moves_is_told_with_its_file(tmp_path: Path) -> Non
     assert found.settings.ego == "vehicle_1"
     assert found.gt.loc[found.gt["id"] == "vehicle_2", "heading"].isna().all()
     told = found.settings.provenance["headings_missing"]
-    assert told.startswith(
-        "vehicle_2 (t1.json, id 7): stands from first to last, so that nobody knows its heading"
-    )
+    assert told.startswith("vehicle_2 (t1.json, id 7): never moves, so its heading is unknown")
     with pytest.raises(
         InputError, match=r"vehicle_2 \(t1\.json, id 7\) has no row with a position and a heading"
     ):

@@ -228,7 +228,7 @@ def test_no_repair_makes_the_ego_of_who_came_to_it(judge: Judge) -> None:
     recording = load_checked(folder, accept=tuple(CODES))
     (found,) = [f for f in recording.findings if f.code == "EGO_DETECTION"]
     assert (found.object, found.repair) == ("9", "")
-    assert "its own detection, or who hit it?" in found.text
+    assert "own detection, or a colliding object?" in found.text
 
 
 @pytest.mark.parametrize("size", [-12.0, 0.0])
