@@ -1,7 +1,7 @@
 """The accident-risk kernel, compiled by numba: Monte-Carlo prediction, contact, time to react (Wagner 2021, 4.1).
 
 One call works through all scenes. What is compiled is kept on disk, by the sources of all modules here: numba itself
-looks at that of the called function's module alone, and would run what is outdated.
+looks at that of the called function's module alone, and would run what is outdated, or fail to read it.
 """
 
 # mypy: ignore-errors
@@ -20,36 +20,36 @@ from resim.metrics.risk.kernel.scene import assess
 from resim.metrics.risk.kernel.work import RiskArrays, RoadArrays, Sampling, SceneArrays
 
 _TEXT = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-SOURCES = int(hashlib.sha256(_TEXT).hexdigest()[:15], 16)
+SOURCES = hashlib.sha256(_TEXT).hexdigest()[:16]
 
 
-def _entries(sources):
-    """The functions that are called from outside; numba's cache knows them by what they close over as well."""
-
-    @njit(cache=True, error_model="numpy")
-    def kernel(scenes, road, sampling, out):
-        """Fill out, the RiskArrays of SceneArrays, Road and Sampling; see `accident_risk`."""
-        assess(borrowed(scenes), borrowed(road), borrowed(sampling), borrowed(out))
-        return sources  # the arguments' owners are in Python, and wait
-
-    @njit(cache=True, error_model="numpy")
-    def ctra_plans(state, h, steps):
-        """Plans (S, steps + 1, 4) x, y, heading, v of states (S, 6) whose acceleration and yaw rate are kept."""
-        out = np.empty((state.shape[0], steps + 1, 4 + 0 * sources))
-        path = np.empty((1, ROWS, steps + 1))
-        for n in range(state.shape[0]):
-            x, y, heading, v, a, rate = state[n]
-            start = (x, y, math.cos(heading), math.sin(heading), v)
-            ctra(start, (a, rate), h, bool(1), path, np.int64(0))
-            for j in range(steps + 1):
-                cos, sin = path[0, COS, j], path[0, SIN, j]
-                out[n, j, 0], out[n, j, 1], out[n, j, 2] = path[0, X, j], path[0, Y, j], math.atan2(sin, cos)
-                out[n, j, 3] = (path[0, VX, j] * cos + path[0, VY, j] * sin) / h
-        return out
-
-    return kernel, ctra_plans
+def _entry(function):
+    """Compile what is called from outside. Its name, by which numba's cache knows it, has the sources in it."""
+    function.__qualname__ = f"{function.__name__}_{SOURCES}"
+    return njit(cache=True, error_model="numpy")(function)
 
 
-kernel, ctra_plans = _entries(SOURCES)
+@_entry
+def kernel(scenes, road, sampling, out):
+    """Fill out, the RiskArrays of SceneArrays, RoadArrays and Sampling; see `accident_risk`."""
+    assess(borrowed(scenes), borrowed(road), borrowed(sampling), borrowed(out))
+    return 0  # the arguments' owners are in Python, and wait
+
+
+@_entry
+def ctra_plans(state, h, steps):
+    """Plans (S, steps + 1, 4) x, y, heading, v of states (S, 6) whose acceleration and yaw rate are kept."""
+    out = np.empty((state.shape[0], steps + 1, 4))
+    path = np.empty((1, ROWS, steps + 1))
+    for n in range(state.shape[0]):
+        x, y, heading, v, a, rate = state[n]
+        start = (x, y, math.cos(heading), math.sin(heading), v)
+        ctra(start, (a, rate), h, bool(1), path, np.int64(0))
+        for j in range(steps + 1):
+            cos, sin = path[0, COS, j], path[0, SIN, j]
+            out[n, j, 0], out[n, j, 1], out[n, j, 2] = path[0, X, j], path[0, Y, j], math.atan2(sin, cos)
+            out[n, j, 3] = (path[0, VX, j] * cos + path[0, VY, j] * sin) / h
+    return out
+
 
 __all__ = ["RiskArrays", "RoadArrays", "Sampling", "SceneArrays", "ctra_plans", "kernel"]
