@@ -397,7 +397,7 @@ def test_a_code_that_no_finding_has_is_refused_for_a_map_too(call: Call, tmp_pat
     road.write_text(MAP.format(extra="", link=""))
     code, _, told = call("map", "convert", road, "--out", tmp_path / "out", "--accept", "LANEGAP")
     assert code == 2
-    assert told.startswith("resim: --accept: no finding has the code 'LANEGAP'. Codes: ")
+    assert told == "resim: --accept: no finding has the code 'LANEGAP', did you mean 'LANE_GAP'?\n"
     assert names(tmp_path) == ["road.xodr"]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import file_hash, joined
 from resim.core.geometry import Bools, Floats
+from resim.core.spelling import did_you_mean
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.bias import sensor_bias
 from resim.recordings.mapped.frames import Placed, centred, place
@@ -264,9 +264,7 @@ def _ego_track(gt: Sequence[_Table], ego: str) -> Tracks:
     frame = pd.concat([t.frame for t in gt])
     known = frame["id"].drop_duplicates().tolist()
     if ego not in known:
-        alike = get_close_matches(ego, known, 1)
-        hint = f"; did you mean {alike[0]!r}?" if alike else ""
-        problem = f"ego {ego!r} was not found in gt{hint}"
+        problem = f"ego {ego!r} was not found in gt{did_you_mean(ego, known)}"
         raise InputError(gt[0].path, problem, f"It has {', '.join(known[:20])}.")
     own = complete_rows(frame[frame["id"] == ego])
     if own.empty:
