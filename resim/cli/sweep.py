@@ -32,7 +32,9 @@ def sweep(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     vehicle: Vehicle = "kinematic",
-    resume: Annotated[bool, typer.Option("--resume", help="Resume the sweep in --out.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Resume the sweep in --out; begins it where there is none.")
+    ] = False,
     shard: Annotated[
         str,
         typer.Option(metavar="I/N", help="Run only every N-th run, starting with the I-th: for job arrays."),
@@ -51,6 +53,9 @@ def sweep(
     What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 3 where
     a run failed.
     """
+    for name, given in (("--resume", resume), ("--scheduler", scheduler)):
+        if dry_run and given:
+            raise InputError(name, "has no effect on --dry-run", "Leave out one of the two.")
     from resim.jobs.sweep import SweepOptions
     from resim.jobs.sweep import sweep as run_sweep
 

@@ -16,7 +16,15 @@ from resim.core.spelling import did_you_mean
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.bias import sensor_bias
 from resim.recordings.mapped.frames import Placed, centred, place
-from resim.recordings.mapped.mapping import LEAST_RATE, MOST_RATE, Angle, Match, TableMapping, read_mapping
+from resim.recordings.mapped.mapping import (
+    LEAST_RATE,
+    MOST_RATE,
+    Angle,
+    Mapping,
+    Match,
+    TableMapping,
+    read_mapping,
+)
 from resim.recordings.mapped.matching import assigned, at_times_of, distances
 from resim.recordings.mapped.motion import (
     REACH,
@@ -89,11 +97,9 @@ def read_mapped(
         InputError: A file, column, unit, frame or value cannot be used; the EGO is not there; GT and SD have no common
             time.
     """
-    if rate is not None and not LEAST_RATE <= rate <= MOST_RATE:
-        raise InputError(
-            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second, {LEAST_RATE:g} to {MOST_RATE:g}."
-        )
     mapping = read_mapping(columns)
+    if rate is not None:
+        _check_rate(rate, mapping)
     if (own := ego or mapping.ego) is None:
         raise InputError(columns, "names no ego, and --ego is missing", 'Give ego = "..." or --ego.')
     network = load(existing_map(map, map))
@@ -120,6 +126,16 @@ def read_mapped(
         map=network.path.resolve(), gt=gt_frame, sd=sd_frame, plan=None, folder=None,
         gt_file=gt[0].path, sd_file=sd[0].path if sd else file,
     )  # fmt: skip
+
+
+def _check_rate(rate: float, mapping: Mapping) -> None:
+    """Raise InputError for frames a second that are none, or that no table has a use for."""
+    if not LEAST_RATE <= rate <= MOST_RATE:
+        raise InputError(
+            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second, {LEAST_RATE:g} to {MOST_RATE:g}."
+        )
+    if all(table.t.unit != "frames" for table in (*mapping.gt, *mapping.sd)):
+        raise InputError("--rate", "has no effect: no time of the mapping is in frames", "Leave it out.")
 
 
 def _timed(told: TableMapping, where: str, file: Path, columns: Path, rate: float | None) -> _Timed:
