@@ -34,6 +34,15 @@ SWEEP = (
 PARAMETER = SWEEP.replace("{}", "") + "{}\n"
 BUILD = 'name = "b"\nversion = "1"\nfactory = "json:JSONDecoder"\n{}\n'
 CRITERIA = 'name = "c"\n[[criterion]]\nname = "ttc"\nmeasure = "TTC"\n{}\n'
+PICKY = """from resim.simulation.function.interface import Command
+class Own:
+    def __init__(self, gain): self.gain = gain
+    def reset(self, setup): pass
+    def step(self, perceived):
+        if self.gain > 0.5: raise ValueError("lost")
+        return Command(0.0, 0.0)
+    def close(self): pass
+"""
 SETTINGS = 'name = "r"\nmap = "m.xodr"\nego = "1"\n{}\n'
 
 REFUSED = [
@@ -129,7 +138,7 @@ def test_an_interrupt_while_the_command_is_loaded_leaves_no_traceback(tmp_path: 
     assert done.stderr == ""
 
 
-def test_a_sweep_of_which_every_run_failed_ends_with_1_and_has_a_report(call: Call, tmp_path: Path) -> None:
+def test_a_sweep_of_which_every_run_failed_ends_with_3_and_has_a_report(call: Call, tmp_path: Path) -> None:
     methods = "".join(f"    def {name}(self, _=None): pass\n" for name in ("reset", "step", "close"))
     (tmp_path / "own.py").write_text(f"class Own:\n    def __init__(self, gain): pass\n{methods}")
     (tmp_path / "b.toml").write_text(
@@ -140,7 +149,22 @@ def test_a_sweep_of_which_every_run_failed_ends_with_1_and_has_a_report(call: Ca
     )
     code, out, error = call("sweep", tmp_path / "sweep.toml", "--out", tmp_path / "out", "--workers", "1")
     assert (code, "2 runs, 2 failed" in out) == (3, True)
-    assert "every run failed, for example run 0: took longer than 0.001 s" in error
+    assert "every run failed, the first is run 0: took longer than 0.001 s" in error
     code, out, _ = call("sweep", "report", tmp_path / "out")
     assert (code, "2 runs, 2 failed" in out) == (0, True)
     assert json.loads((tmp_path / "out" / "report.json").read_text())["failed"] == 2
+
+
+def test_a_sweep_of_which_some_runs_failed_tells_the_first_and_ends_with_3(
+    call: Call, tmp_path: Path
+) -> None:
+    (tmp_path / "own.py").write_text(PICKY)
+    (tmp_path / "b.toml").write_text(
+        'name = "b"\nversion = "1"\nfactory = "own:Own"\n[parameters]\ngain = 0.0\n'
+    )
+    (tmp_path / "sweep.toml").write_text(SWEEP.format("seeds = 2") + "low = 0\nhigh = 1\nsteps = 2\n")
+    code, out, error = call("sweep", tmp_path / "sweep.toml", "--out", tmp_path / "out", "--workers", "1")
+    assert (code, "4 runs, 2 failed" in out) == (3, True)
+    assert error.splitlines()[-1].startswith(
+        f"resim: {tmp_path / 'out'}: 2 runs failed, the first is run 2: b-1 at t = -3.00 s raised ValueError: lost"
+    )

@@ -96,9 +96,8 @@ Settings = Annotated[
 ]
 """Parameters of a perception model that take the place of the file's."""
 
-Vehicle = Annotated[
-    str, typer.Option(metavar="MODEL", help=f"Vehicle model of the EGO, one of: {', '.join(VEHICLES)}.")
-]
+VEHICLE_HELP = f"Vehicle model of the EGO, one of: {', '.join(VEHICLES)}."
+Vehicle = Annotated[str, typer.Option(metavar="MODEL", help=VEHICLE_HELP)]
 """Which model (`resim.simulation.vehicles.registry.VEHICLES`) moves the EGO."""
 
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")]

@@ -87,6 +87,9 @@ def assess(
 
     if out is not None:
         check_output(out, ASSESSMENT)
+    if accept and (drive / "run.json").is_file():
+        problem = f"{accept[0]} has no effect on a run, of which `resim run` has accepted the findings"
+        raise InputError("--accept", problem, "Leave it out.")
     if road_aware and mode is ModeChoice.published:
         raise InputError(
             "--road-aware", "the published mode does not use the road", "Leave out one of the two."

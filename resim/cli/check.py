@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ import typer
 
 from resim.cli.app import BadVerdictError, app, command
 from resim.cli.inputs import RecordingFolder
-from resim.cli.terminal import add_to_json, say
+from resim.cli.terminal import add_to_json, output_settings, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from resim.recordings.repairs import AppliedRepair, Repaired
 
 MOST_LINES = 5
-"""Findings of one code and source that are printed; the rest is counted."""
+"""Findings of one code and source that are printed, without --verbose; the rest is counted."""
 
 
 @command(app, "check")
@@ -44,7 +45,8 @@ def check(
 ) -> None:
     """Examine a recording: what is wrong with it, what that means for results, and what can be repaired.
 
-    Ends with 1 where errors are found; with --fix, where errors are left. The recording itself is never touched.
+    Of findings that are alike the first five are printed, with --verbose all. Ends with 1 where errors are found; with
+    --fix, where errors are left. The recording itself is never touched.
     """
     from resim.core.errors import InputError
     from resim.jobs import check as job
@@ -54,12 +56,12 @@ def check(
             raise InputError(name, "sets how to repair, but --fix is missing", "Give --fix OUT too.")
     if fix is None:
         found = job.check(recording)
-        _print(found.findings)
+        print_findings(found.findings)
         add_to_json(findings=found.findings)
     else:
         gap = job.MAX_GAP if max_gap is None else max_gap
         found = job.repair(recording, fix, max_gap=gap, outliers=outliers or "robust")
-        _print(found.findings)
+        print_findings(found.findings)
         add_to_json(out=fix, findings=found.findings)
         if found.repaired is not None:
             add_to_json(repaired=found.repaired.done, left=found.repaired.left)
@@ -74,24 +76,28 @@ def check(
 
 def _print_map(found: CheckResult) -> None:
     """Print the errors of the recording's map, which stop a run as well."""
-    for flaw in found.flaws[:MOST_LINES]:
+    for flaw in found.flaws[: _most()]:
         say(f"error    {flaw.code}  map {found.map.name}: {flaw.text}")
-    if len(found.flaws) > MOST_LINES:
-        say(f"... and {len(found.flaws) - MOST_LINES} more errors in the map: see `resim map check`")
+    if len(found.flaws) > _most():
+        say(f"... and {len(found.flaws) - _most()} more errors in the map: see `resim map check`")
 
 
-def _print(findings: Sequence[Finding]) -> None:
+def print_findings(findings: Sequence[Finding]) -> None:
     """The findings, worst first, of one kind together where the first of it stands."""
     count = Counter(_kind(f) for f in findings)
     for kind in dict.fromkeys(map(_kind, findings)):
         some = [f for f in findings if _kind(f) == kind]
-        for finding in some[:MOST_LINES]:
+        for finding in some[: _most()]:
             _print_one(finding)
-        if count[kind] > MOST_LINES:
+        if count[kind] > _most():
             severity, code, source = kind
-            say(f"{severity:7}  {code}  {source}: ... and {count[kind] - MOST_LINES} more of this code")
+            say(f"{severity:7}  {code}  {source}: ... and {count[kind] - _most()} more of this code")
     if not findings:
         say("nothing found")
+
+
+def _most() -> int:
+    return sys.maxsize if output_settings().verbose else MOST_LINES
 
 
 def _kind(finding: Finding) -> tuple[str, str, str]:
@@ -115,7 +121,7 @@ def _print_repaired(repaired: Repaired) -> None:
         say("repaired nothing")
     say("")
     say("left:")
-    _print(repaired.left)
+    print_findings(repaired.left)
 
 
 def _amount(done: AppliedRepair) -> str:

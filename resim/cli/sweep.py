@@ -32,7 +32,9 @@ def sweep(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     vehicle: Vehicle = "kinematic",
-    resume: Annotated[bool, typer.Option("--resume", help="Resume the sweep in --out.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Resume the sweep in --out; begins it where there is none.")
+    ] = False,
     shard: Annotated[
         str,
         typer.Option(metavar="I/N", help="Run only every N-th run, starting with the I-th: for job arrays."),
@@ -49,8 +51,11 @@ def sweep(
     """Re-simulate recordings over and over, with the parameters of a plan, and judge every run.
 
     What was finished is committed, run by run: after an interruption, --resume does what is missing. Ends with 3 where
-    every run failed.
+    a run failed.
     """
+    for name, given in (("--resume", resume), ("--scheduler", scheduler)):
+        if dry_run and given:
+            raise InputError(name, "has no effect on --dry-run", "Leave out one of the two.")
     from resim.jobs.sweep import SweepOptions
     from resim.jobs.sweep import sweep as run_sweep
 
@@ -60,18 +65,19 @@ def sweep(
         return
     with _progress() as listener:
         done = run_sweep(file, out, options, listener=listener)
-    add_to_json(out=out, runs=done.runs, failed=done.failed, missing=done.missing)
-    if done.missing:
+    failed, first = done.failures()
+    add_to_json(out=out, runs=done.runs, failed=failed, missing=done.missing)
+    if done.manifest is None:
         say(f"{out}: this shard is done; {done.missing} runs of others are missing")
-        return
-    say(f"{out / 'runs'}: {done.runs} runs, {done.failed} failed")
-    if done.manifest is not None:
+    else:
+        say(f"{out / 'runs'}: {done.runs} runs, {failed} failed")
         add_to_json(manifest=out / "manifest.json")
         for found in done.manifest.found():
             _tell_boundary(found, len(done.manifest.inputs.sweep.build) > 1)
-    register(out)
-    if done.failed == done.runs:
-        raise FunctionError(f"{out}: every run failed, for example run 0: {done.first_failure()}")
+        register(out)
+    if failed:
+        many = "every run" if failed == done.runs else f"{failed} run{'s' * (failed != 1)}"
+        raise FunctionError(f"{out}: {many} failed, the first is {first}")
 
 
 def _say_findings(recording: str, findings: tuple[str, ...]) -> None:

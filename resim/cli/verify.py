@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, Settings, Vehicle, Workers, app, command
+from resim.cli.app import VEHICLE_HELP, BadVerdictError, Settings, Workers, app, command
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
 from resim.cli.progress import ProgressReporter
 from resim.cli.runs import register
@@ -80,7 +80,9 @@ def verify(
     seeds: Seeds = None,
     vary: Vary = None,
     driven_by: DrivenBy = None,
-    vehicle: Vehicle = "kinematic",
+    vehicle: Annotated[
+        str | None, typer.Option(metavar="MODEL", help=VEHICLE_HELP, show_default="kinematic")
+    ] = None,
     workers: Workers = None,
     replay: Replay = None,
 ) -> None:
@@ -97,15 +99,16 @@ def verify(
     from resim.verification.request import VerifyOptions
 
     if replay is not None:
-        _refuse_others(suite, build, out, against, perception, settings, seeds, vary, driven_by)
+        _refuse_others(suite, build, out, against, perception, settings, seeds, vary, driven_by, vehicle)
         _replay(replay, workers)
         return
     if suite is None or build is None or out is None:
         lost = "SUITE" if suite is None else "--build" if build is None else "--out"
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
     options = VerifyOptions(
-        perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()), vehicle
-    )
+        perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()),
+        vehicle or "kinematic",
+    )  # fmt: skip
     with _progress() as listener:
         if against is None:
             found = verify_build(suite, build, out, options, workers=workers, listener=listener)

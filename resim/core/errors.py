@@ -26,8 +26,8 @@ class InputError(ResimError):
 
     def __init__(self, source: str | Path, problem: str, remedy: str = "") -> None:
         self.source, self.problem, self.remedy = str(source), problem, remedy
-        text = f"{source}: {problem.rstrip('.')}"
-        super().__init__(f"{text}. {remedy}" if remedy else f"{text}.")
+        text = f"{source}: {problem.rstrip('.')}" + "." * (not problem.endswith("?"))
+        super().__init__(f"{text} {remedy}" if remedy else text)
 
 
 class ConversionError(ResimError):

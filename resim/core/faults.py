@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
@@ -12,13 +11,14 @@ from pydantic import TypeAdapter
 from pydantic.errors import PydanticInvalidForJsonSchema
 from pydantic_core import ErrorDetails
 
+from resim.core.spelling import did_you_mean
+
 _PLAIN = (
     (re.compile(r"^Input should be greater than or equal to (.*)$"), r"expected \1 or more"),
     (re.compile(r"^Input should be less than or equal to (.*)$"), r"expected \1 or less"),
     (re.compile(r"^Input should be greater than (.*)$"), r"expected more than \1"),
     (re.compile(r"^Input should be "), "expected "),
     (re.compile(r"^Value error, "), ""),
-    (re.compile(r"^String should match pattern "), "expected text that matches "),
     (re.compile(r"^\w+ should have (.*?)(?: after validation)?, not (.*)$"), r"expected \1, found \2"),
     (re.compile(r"^\w+ should have "), "expected "),
 )
@@ -31,6 +31,9 @@ _TYPES = {
     **{"string_type": "expected text", "bool_type": "expected true or false"},
 }
 """What is said of a fault of this type in place of pydantic's text."""
+_CHOICES = ("literal_error", "enum")
+"""Faults of what is none of several names, each of which the text has between quotation marks."""
+_CHOICE = re.compile(r"'([^']*)'")
 
 
 def describe(faults: Iterable[ErrorDetails], kind: Callable[..., object]) -> str:
@@ -38,7 +41,12 @@ def describe(faults: Iterable[ErrorDetails], kind: Callable[..., object]) -> str
 
     kind: the model or dataclass that was read, whose fields are asked for one that is spelt alike.
     """
-    return "; ".join(_said(fault, kind) for fault in faults)
+    found = list(faults)
+    at = {fault["loc"][:n] for fault in found for n in range(len(fault["loc"]))}
+    follow = [
+        fault["type"] == "too_short" and fault["loc"] in at for fault in found
+    ]  # of entries that are faulty
+    return "; ".join(_said(fault, kind) for fault, drop in zip(found, follow, strict=True) if not drop)
 
 
 def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
@@ -47,13 +55,14 @@ def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
         return f"{where}: is missing"
     if fault["type"] == "extra_forbidden":
         name = str(fault["loc"][-1])
-        alike = get_close_matches(name, [field for field in _fields(kind) if field != name], 1, cutoff=0.65)
-        return f"{where}: there is no such field" + (f", did you mean {alike[0]!r}?" if alike else "")
+        alike = did_you_mean(name, [field for field in _fields(kind) if field != name], cutoff=0.65)
+        return f"{where}: there is no such field{alike}"
     said, found = _TYPES.get(fault["type"], fault["msg"]), fault["input"]
     for pattern, words in _PLAIN:
         said = pattern.sub(words, said)
     told = isinstance(found, str | int | float) and ", found " not in said
-    return f"{where}: {said}" + (f", found {found!r:.60}" if told else "")
+    meant = did_you_mean(str(found), _CHOICE.findall(said)) if fault["type"] in _CHOICES else ""
+    return f"{where}: {said}" + (f", found {found!r:.60}" if told else "") + meant
 
 
 @cache

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Generic, Protocol, TypeVar
 
 from resim.core.errors import ResimError
+from resim.core.spelling import unknown
 
 
 class RegistryEntry(Protocol):
@@ -36,7 +37,7 @@ class Registry(Generic[Part]):
     def __getitem__(self, name: str) -> Part:
         """Give the part of this name. Raises ResimError naming those that there are."""
         if name not in self._parts:
-            raise ResimError(f"there is no {self.kind} {name!r}; there are: {', '.join(self.names)}")
+            raise ResimError(unknown(self.kind, name, self.names))
         return self._parts[name]
 
     def __iter__(self) -> Iterator[Part]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -12,12 +14,16 @@ from typing import Annotated, Any, TypeVar
 from pydantic import (
     BaseModel,
     ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     PlainSerializer,
     PlainValidator,
     TypeAdapter,
     ValidationError,
     WithJsonSchema,
 )
+from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import no_info_after_validator_function
 
 from resim.core import faults
 from resim.core.errors import InputError
@@ -43,6 +49,33 @@ NumberOrNan = Annotated[
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
 ]
 """A number of a dataclass that is NaN where there is none: null in its file."""
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Text of a form, for `Annotated`. pattern: what all of it must match; expected: that in words."""
+
+    pattern: str
+    expected: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {**handler(schema), "pattern": self.pattern}
+
+    def _check(self, text: str) -> str:
+        if re.search(self.pattern, text) is None or "\n" in text:
+            raise PydanticCustomError("form", "expected {words}", {"words": self.expected})
+        return text
+
+
+ModuleAndName = Annotated[
+    str, Matching(r"^[\w.]+:\w+$", "a module and a name in it, such as my_module:MyFunction")
+]
+Sha256 = Annotated[str, Matching(r"^[0-9a-f]{64}$", "a SHA-256: 64 characters of 0-9 and a-f")]
 
 
 class Strict(BaseModel):

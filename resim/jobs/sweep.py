@@ -115,10 +115,13 @@ class SweepRuns:
         """A row a run: recording, build, seed, the parameters, and what came of it."""
         return read_swept(self.folder).rows
 
-    def first_failure(self) -> str:
-        """Give why run 0 failed."""
+    def failures(self) -> tuple[int, str]:
+        """Give how many of the runs so far failed, and of the first of them its number and why; "" where none did."""
+        if self.manifest is not None and not self.manifest.failed:
+            return 0, ""
         entries = journal.read(self.folder / "journal")
-        return next(str(e.row["failure"]) for e in entries if e.run == 0)
+        whys = {e.run: str(e.row["failure"]) for e in entries if e.row["failure"] is not None}
+        return len(whys), f"run {min(whys)}: {whys[min(whys)]}" if whys else ""
 
     def __repr__(self) -> str:
         told = f"{self.missing} runs missing" if self.missing else f"{self.runs} runs, {self.failed} failed"

@@ -19,6 +19,8 @@ from resim.core.geometry import Bools, Floats
 from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
+from resim.core.spec import ModuleAndName
+from resim.core.spelling import did_you_mean
 from resim.metrics.measures import MeasureDefinition, MeasureValues, State
 from resim.metrics.measures.definition import MeasureKind
 from resim.metrics.measures.inputs import MeasureInputs
@@ -118,7 +120,7 @@ class OwnMeasure(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(min_length=1)
-    function: str = Field(pattern=r"^[\w.]+:\w+$")
+    function: ModuleAndName
     unit: str = Field(min_length=1)
     kind: MeasureKind = "quantitative"
     worst: WorstEnd = "high"
@@ -207,7 +209,11 @@ def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
         if twice := [name for name in called if called.count(name) > 1]:
             raise InputError(path, f"the {what} {twice[0]!r} is a duplicate", "Give each its own name.")
     if strange := [c.measure for c in file.criterion if c.measure not in known]:
-        raise InputError(path, f"there is no measure {strange[0]!r}", f"Measures: {', '.join(known)}.")
+        raise InputError(
+            path,
+            f"there is no measure {strange[0]!r}{did_you_mean(strange[0], known)}",
+            f"Measures: {', '.join(known)}.",
+        )
     return Criteria(file.name, file.criterion, own, frozen.hash)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from resim.core.errors import InputError
 from resim.core.finding import Finding
+from resim.core.spelling import did_you_mean
 from resim.recordings import Recording, RecordingTables, read_tables, recording_of, write_tables
 from resim.recordings.checks import CODES, examine
 from resim.recordings.repairs import FILTERS, AppliedRepair, Repaired, repair
@@ -117,6 +118,6 @@ def check_codes(accept: Collection[str]) -> None:
     """Raise InputError for a code that no finding has."""
     known = {*CODES, *MAP_CODES}
     if unknown := [code for code in accept if code not in known]:
-        raise InputError(
-            "--accept", f"no finding has the code {unknown[0]!r}", f"Codes: {', '.join(sorted(known))}."
-        )
+        alike = did_you_mean(unknown[0], sorted(known))
+        remedy = "" if alike else f"Codes: {', '.join(sorted(known))}."
+        raise InputError("--accept", f"no finding has the code {unknown[0]!r}{alike}", remedy)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from resim.core.errors import InputError
 from resim.core.files import joined, refuse_undecodable
-from resim.core.spec import Strict
+from resim.core.spec import Sha256, Strict
 from resim.recordings.settings import SETTINGS
 
 
@@ -20,7 +20,7 @@ class RecordingEntry(Strict):
     """A recording that a file names: its folder, or a glob of folders; hash: of its content (`content_hash`)."""
 
     folder: str = Field(min_length=1)
-    hash: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
+    hash: Sha256 | None = None
 
 
 def found_folders(path: Path, entries: Sequence[RecordingEntry]) -> tuple[dict[str, Path], dict[str, str]]:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from resim.core.errors import InputError
 from resim.core.files import plain_names
 from resim.core.schema import COLUMNS, OPTIONAL_COLUMNS
+from resim.core.spelling import did_you_mean, nearest
 from resim.core.tracks import KINDS
 
 GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
@@ -78,7 +79,7 @@ def _check_terms(path: Path, frame: pd.DataFrame) -> None:
         _refuse(path, frame, frame[column] <= 0.0, column, "a size above 0 m")
     turned = frame["heading"].abs() > MOST_TURNED
     _refuse(path, frame, turned, "heading", f"radians up to {MOST_TURNED:g}")
-    _refuse(path, frame, ~frame["kind"].isin(KINDS), "kind", f"one of {', '.join(KINDS)}")
+    _refuse(path, frame, ~frame["kind"].isin(KINDS), "kind", f"one of {', '.join(KINDS)}", KINDS)
     if EXISTENCE in frame:
         _refuse(path, frame, (frame[EXISTENCE] < 0.0) | (frame[EXISTENCE] > 1.0), EXISTENCE, "0 to 1")
 
@@ -106,10 +107,9 @@ def read_table(
         raise InputError(path, problem, "Keep the right one, or rename the others.")
     lost = [c for c in required if c not in frame.columns]
     if lost:
-        raise InputError(
-            path, f"column {', '.join(lost)} missing; found {', '.join(map(str, frame.columns))}",
-            f"The header must name {', '.join(required)}, separated by commas.",
-        )  # fmt: skip
+        there = ", ".join(map(str, frame.columns))
+        problem = f"column {', '.join(lost)} missing{_misspelt(lost[0], frame)}; found {there}"
+        raise InputError(path, problem, f"The header must name {', '.join(required)}, separated by commas.")
     if frame.empty and not may_be_empty:
         raise InputError(path, "has a header and no rows", "Write one row per time and object.")
     frame = frame[[*required, *(c for c in optional if c in frame.columns)]].copy()
@@ -122,6 +122,12 @@ def read_table(
             needed = column in required and column not in missing
             frame[column] = _numbers(path, frame, column, required=needed)
     return frame
+
+
+def _misspelt(column: str, frame: pd.DataFrame) -> str:
+    """A column of the file that may be the one that is missing, in words; "" where none is alike."""
+    alike = nearest(column, map(str, frame.columns))
+    return f" (did you write {alike!r} for {column!r}?)" if alike else ""
 
 
 def row_problem(frame: pd.DataFrame, row: int, what: str) -> str:
@@ -239,16 +245,21 @@ def check_times(path: Path, frame: pd.DataFrame) -> None:
         raise InputError(path, problem, "Sort each object's rows by time, or give each drive its own ids.")
 
 
-def _refuse(path: Path, frame: pd.DataFrame, bad: ArrayLike, column: str, expected: str) -> None:
-    """Raise for the first bad row, and say how many there are."""
+def _refuse(
+    path: Path, frame: pd.DataFrame, bad: ArrayLike, column: str, expected: str, known: Sequence[str] = ()
+) -> None:
+    """Raise for the first bad row, and say how many there are. known: names, of which one may be meant."""
     rows = frame.index[np.asarray(bad, dtype=bool)]
     if not len(rows):
         return
     value = frame.loc[rows[0], column]
     shown = repr(value) if isinstance(value, str) else f"{value}"
+    meant = did_you_mean(str(value), known)
     others = len(rows) - 1
     more = f" (and {others} more row{'s' if others > 1 else ''})" if others else ""
-    raise InputError(path, row_problem(frame, rows[0], f"{column} is {shown}, expected {expected}{more}"))
+    raise InputError(
+        path, row_problem(frame, rows[0], f"{column} is {shown}, expected {expected}{more}{meant}")
+    )
 
 
 def complete_rows(frame: pd.DataFrame) -> pd.DataFrame:

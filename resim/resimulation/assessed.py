@@ -59,7 +59,8 @@ def refuse_absent(decides: Collection[str], there: Collection[str]) -> None:
 class ResimulationAssessment:
     """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation.
 
-    failures: of runs that failed, and why; also of those that have no assessment, as there was nothing to assess.
+    failures: of runs that failed, and why, by source (`rGT+M3` is of seed 3); also of those that have no assessment, as
+    there was nothing to assess.
     findings: what is wrong with the recording, worst first, notes left out. model: the runs with a perception model,
     where there are any, and criteria to judge them by.
     misfits: lines that name objects whose traces, by which they are assessed, are not where they were.
@@ -87,7 +88,7 @@ class ResimulationAssessment:
             out.append(
                 f"the EGO's path differs: {told}; `resim assess {folder} --path state` makes them comparable"
             )
-        out += [f"{name}: {why}" for name, why in self.failures.items() if name not in self.blocks]
+        out += [f"{name}: {why}" for name, why in self._lost().items()]
         out += self.misfits
         deciding = self.deciding()
         if others := [f"{name} {verdict}" for name, verdict in self._bad().items() if name not in deciding]:
@@ -100,8 +101,16 @@ class ResimulationAssessment:
         there = (*self.blocks, *model)
         if self.decides is None:
             return (*(name for name in self.blocks if name in SIMULATED), *model) or there
-        refuse_absent(self.decides, (*there, *self.failures))
+        refuse_absent(self.decides, (*there, *self._lost()))
         return self.decides
+
+    def _lost(self) -> dict[str, str]:
+        """The runs without a perception model that have no assessment, and why."""
+        return {
+            name: why
+            for name, why in self.failures.items()
+            if name not in self.blocks and not name.startswith(MODEL)
+        }
 
     def bad(self) -> dict[str, str]:
         """Give the verdict of each source that decides and does not pass."""

@@ -12,6 +12,7 @@ import resim
 from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash
 from resim.core.objects import GAP
+from resim.core.spelling import did_you_mean
 from resim.core.tracks import KINDS, Tracks
 from resim.metrics.risk.fitting import AHEAD, LEAST, MotionPoints, Refit, refit
 from resim.metrics.risk.prediction import (
@@ -50,7 +51,11 @@ def refit_prediction(
     codes of errors in the ground truth despite which a recording is taken. Raises InputError.
     """
     if unknown := [kind for kind in kinds if kind not in KINDS]:
-        raise InputError("--kind", f"there is no kind {unknown[0]!r}", f"Kinds: {', '.join(KINDS)}.")
+        raise InputError(
+            "--kind",
+            f"there is no kind {unknown[0]!r}{did_you_mean(unknown[0], KINDS)}",
+            f"Kinds: {', '.join(KINDS)}.",
+        )
     check_codes(accept)
     if twice := [f for n, f in enumerate(folders) if f.resolve() in [g.resolve() for g in folders[:n]]]:
         raise InputError(twice[0], "is a duplicate", "Give each recording once.")

@@ -13,6 +13,7 @@ from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.blocks import Block, assess_block, listed, measured_functioning, plans_of
 from resim.resimulation.model_runs import MODEL, ModelRuns
 from resim.resimulation.report import RunReport, SeedReport
+from resim.resimulation.result import of_seed
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, describe
 from resim.simulation.case import why_not_whole
@@ -33,14 +34,15 @@ def described_runs(report: RunReport) -> list[str]:
 
 
 def failures_of(report: RunReport, blocks: Mapping[str, Block]) -> dict[str, str]:
-    """Give the runs that failed, or ended before there was anything to assess, and why."""
-    out = {}
+    """Give the runs that failed, each seed's too, or ended before there was anything to assess, and why."""
+    out: dict[str, str] = {}
     for name, end in report.end.items():
         if (why := report.failure.get(name)) is not None:
             out[name] = str(why)
         elif name not in blocks:
             out[name] = f"ended by {end} before there was anything to assess"
-    return out
+    seeds = () if report.perception is None else report.perception.seeds
+    return out | {of_seed(seed.seed): seed.failure for seed in seeds if seed.failure}
 
 
 def blocks_of_run(

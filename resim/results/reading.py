@@ -95,7 +95,9 @@ def _run(folder: Path) -> _FolderContents:
     if build["drove"]:
         builds |= {"GT": label, "SD": label}
     found = list(_judged(_blocks(assessed), report["recording"], builds, report))
-    verdict = FAILED if any(report["failure"].values()) else _overall(o.verdict for o in found)
+    seeds = (report.get("perception") or {}).get("seeds", ())
+    failed = any(report["failure"].values()) or any(seed["failure"] for seed in seeds)
+    verdict = FAILED if failed else _overall(o.verdict for o in found)
     inputs = (*told, *_criteria(assessed))
     return _FolderContents(
         report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found)
@@ -110,7 +112,7 @@ def _assessment(folder: Path) -> _FolderContents:
     if (build := of["build"]) is not None:
         told.append(CatalogInput("build", build["label"], hash=build["hash"] or ""))
         simulated = "measures" not in assessed  # what drove the measured ones is not told
-        sources = ("rGT", "rSD", "rGT+M") if simulated else ("GT", "SD")
+        sources = ("rGT", "rSD", "rGT+M", *assessed["failures"]) if simulated else ("GT", "SD")
         builds = dict.fromkeys(sources, build["label"])
     name = of["recording"]["name"]
     found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))

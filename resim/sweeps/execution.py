@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 from pydantic import MISSING
 
-from resim.core.errors import InputError
+from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
@@ -31,9 +31,9 @@ from resim.metrics.criteria import read_criteria
 from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
-from resim.simulation.function.interface import load_build
+from resim.simulation.function.interface import Build, load_build, misfit_of
 from resim.sweeps.engines import refuse_difference, what_differs
-from resim.sweeps.file import Sweep, boundaries, runs
+from resim.sweeps.file import EXAMPLE, Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
 from resim.sweeps.tasks import (
@@ -156,7 +156,12 @@ def _cycles(sweep: Sweep, name: str, values: list[float]) -> None:
         )
     for build in (load_build(sweep.frozen[name]) for name in sweep.file.build):
         for value in values:
-            cycle_steps(with_values(build, ((name, value),)), ResimulationOptions().step)
+            try:
+                cycle_steps(with_values(build, ((name, value),)), ResimulationOptions().step)
+            except InputError as e:
+                raise InputError(sweep.path, e.problem, e.remedy) from e
+            except ResimError as e:
+                raise InputError(sweep.path, f"parameter {name!r}: {str(e).partition(': ')[2]}") from e
 
 
 def _has_outcome(sweep: Sweep) -> None:
@@ -171,19 +176,45 @@ def _has_outcome(sweep: Sweep) -> None:
 
 
 def _fits(sweep: Sweep, values: Values) -> None:
-    """Raise InputError where the model or a build does not take these values."""
-    swept_model(sweep.perception, values)
+    """Raise InputError, of the sweep's file, where the model or a build does not take these values."""
+    _model_fits(sweep, values)
     for name in sweep.file.build:
-        build = with_values(load_build(sweep.frozen[name]), values)
+        build = load_build(sweep.frozen[name])
         try:
-            with build.factory.afresh():
-                build.make()
-        except Exception as e:
-            raise InputError(
-                build.path, f"does not take the parameters of the sweep: {e}", "Correct them."
-            ) from e
+            build = with_values(build, values)
+        except InputError as e:
+            raise InputError(sweep.path, f"{build.path.name}: {e.problem}", e.remedy) from e
+        with build.factory.afresh():
+            _function_fits(sweep, build, values)
         if build.opened.found:
             raise InputError(build.path, build.opened.note())
+
+
+def _model_fits(sweep: Sweep, values: Values) -> None:
+    swept_model(sweep.perception, ())
+    try:
+        swept_model(sweep.perception, values)
+    except InputError as together:
+        for name, value in values:
+            try:
+                swept_model(sweep.perception, ((name, value),))
+            except InputError as e:
+                why = e.problem.partition("; ")[0].removeprefix(f"{name.removeprefix('perception.')}: ")
+                raise InputError(sweep.path, f"parameter {name!r}: {why}", EXAMPLE) from e
+        raise InputError(sweep.path, together.problem, EXAMPLE) from together
+
+
+def _function_fits(sweep: Sweep, build: Build, values: Values) -> None:
+    own = {name: value for name, value in values if name.startswith("function.")}
+    for name in own:
+        if misfit := misfit_of(build.factory.load(), {**build.parameters, name.partition(".")[2]: 0.0}):
+            raise InputError(sweep.path, f"parameter {name!r}: in {build.path.name} {misfit}", EXAMPLE)
+    try:
+        build.make()
+    except Exception as e:
+        given = ", ".join(f"{name} = {value:g}" for name, value in own.items())
+        problem = f"{build.path.name} does not take {given or 'its own [parameters]'}: {e}"
+        raise InputError(sweep.path, problem, "Correct the ranges.") from e
 
 
 def execute(

@@ -10,6 +10,7 @@ from pathlib import Path
 from resim.core.errors import InputError, ResimError
 from resim.core.files import relative
 from resim.core.plugins.frozen import FrozenFile, freeze_file
+from resim.core.spelling import did_you_mean
 from resim.metrics.criteria import freeze_criteria, read_criteria
 from resim.perception.model import freeze_model, read_model
 from resim.recordings.content import content_hash
@@ -62,7 +63,8 @@ def make_request(
     if call.seeds is not None and perception is None:
         raise InputError("--seeds", "are runs with a perception model", "Name one with --perception.")
     if strange := [name for name in call.vary if name not in PARAMETERS]:
-        raise InputError("--vary", f"there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
+        problem = f"there is no {strange[0]!r}{did_you_mean(strange[0], PARAMETERS)}"
+        raise InputError("--vary", problem, f"There are: {', '.join(PARAMETERS)}.")
     if against is not None and (call.vary or call.driven_by):
         raise InputError(
             "--against", "compares two builds and takes neither", "Leave out --vary and --driven-by."

@@ -13,6 +13,7 @@ from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import joined, relative
 from resim.core.spec import Strict, read_strict
+from resim.core.spelling import did_you_mean
 from resim.recordings.content import content_hash
 from resim.recordings.listed import RecordingEntry, found_folders
 from resim.scenario.variation import PARAMETERS
@@ -72,7 +73,8 @@ def read_suite(path: Path) -> Suite:
     """Read a suite and find its recordings. Raises InputError naming every fault."""
     file = read_strict(path, SuiteFile, EXAMPLE)
     if strange := [name for name in file.vary if name not in PARAMETERS]:
-        raise InputError(path, f"vary: there is no {strange[0]!r}", f"There are: {', '.join(PARAMETERS)}.")
+        problem = f"vary: there is no {strange[0]!r}{did_you_mean(strange[0], PARAMETERS)}"
+        raise InputError(path, problem, f"There are: {', '.join(PARAMETERS)}.")
     folders, hashes = found_folders(path, file.recording)
     return Suite(path=path, file=file, folders=folders, hashes=hashes)
 

@@ -14,6 +14,7 @@ import pytest
 from road import crossing
 
 from resim import __version__
+from resim.results.reading import read_entry
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -149,6 +150,33 @@ def test_a_function_that_fails_is_a_bad_verdict_with_results(
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["end"] == {"rGT": "function_failed"}
     assert (tmp_path / "out" / "report.html").stat().st_size > 1000
+
+
+UNLUCKY = """import random
+from resim.simulation.function.interface import Command
+class Own:
+    def __init__(self): self.luck = random.random()
+    def reset(self, setup): pass
+    def step(self, perceived):
+        if self.luck < 0.5: raise ValueError("lost")  # with seed 1, not with 0
+        return Command(0.0, 0.0)
+    def close(self): pass
+"""
+
+
+@pytest.mark.parametrize("criteria", [(), ("--criteria", ROOT / "scenarios" / "criteria" / "highway.toml")])
+def test_a_seed_that_failed_is_a_failure_when_it_is_assessed_again(
+    call: Call, recording: Callable[..., Path], write_build: Callable[..., Path], tmp_path: Path,
+    criteria: tuple[object, ...],
+) -> None:  # fmt: skip
+    model = ROOT / "adfunc" / "perception" / "none.json"
+    out, build = tmp_path / "out", write_build(UNLUCKY)
+    ran = call("run", recording(), "--build", build, "--perception", model, "--seeds", 2, "--out", out)
+    assessed = call("assess", out, *criteria)
+    for code, _, error in (ran, assessed):
+        assert (code, "rGT+M, seed 1: test-0.1 at t = -3.00 s raised ValueError: lost" in error) == (3, True)
+        assert "seed 0" not in error
+    assert read_entry(out).verdict == "failed"
 
 
 def test_a_collision_is_a_result_and_no_failure_of_the_job(call: Call, tmp_path: Path) -> None:
@@ -370,7 +398,7 @@ def test_a_code_that_no_finding_has_is_refused_for_a_map_too(call: Call, tmp_pat
     road.write_text(MAP.format(extra="", link=""))
     code, _, told = call("map", "convert", road, "--out", tmp_path / "out", "--accept", "LANEGAP")
     assert code == 2
-    assert told.startswith("resim: --accept: no finding has the code 'LANEGAP'. Codes: ")
+    assert told == "resim: --accept: no finding has the code 'LANEGAP', did you mean 'LANE_GAP'?\n"
     assert names(tmp_path) == ["road.xodr"]
 
 

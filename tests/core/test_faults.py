@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.faults import describe
+from resim.core.spec import Matching
+
+RESIM = Path(__file__).parents[2] / "resim"
 
 
 class Part(BaseModel):
@@ -14,7 +20,7 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     length: float = Field(gt=0.0, le=30.0)
-    kind: str = Field(default="car", pattern="^[a-z]+$")
+    kind: Annotated[str, Matching("^[a-z]+$", "lower-case letters")] = "car"
 
 
 class File(BaseModel):
@@ -25,6 +31,7 @@ class File(BaseModel):
     name: str
     cycle_time: float = Field(default=0.1, ge=0.01, lt=10.0)
     parts: list[Part] = Field(default=[], max_length=2)
+    needed: tuple[Part, ...] = Field(default=(Part(length=1.0),), min_length=1)
     quiet: bool = False
 
 
@@ -44,7 +51,9 @@ class File(BaseModel):
         ({"name": "a", "parts": [1]}, "parts.0: expected a table, found 1"),
         ({"name": "a", "parts": 3 * [{"length": 1.0}]}, "parts: expected at most 2 items, found 3"),
         ({"name": "a", "parts": [{"length": 1.0, "kind": "A"}]},
-         "parts.0.kind: expected text that matches '^[a-z]+$', found 'A'"),
+         "parts.0.kind: expected lower-case letters, found 'A'"),
+        ({"name": "a", "needed": []}, "needed: expected at least 1 item, found 0"),
+        ({"name": "a", "needed": [{"length": 0.0}]}, "needed.0.length: expected more than 0, found 0.0"),
         ({"name": 1, "quiet": []}, "name: expected text, found 1; quiet: expected true or false"),
         ([1], "the whole: expected a table"),
     ],
@@ -53,3 +62,8 @@ def test_each_fault_has_its_field_what_was_expected_and_what_was_found(data: obj
     with pytest.raises(ValidationError) as raised:
         File.model_validate(data)
     assert describe(raised.value.errors(), File) == said
+
+
+def test_no_field_tells_its_pattern() -> None:
+    """`Matching` says what is expected in words."""
+    assert [file for file in RESIM.rglob("*.py") if "Field(pattern" in file.read_text()] == []

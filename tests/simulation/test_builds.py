@@ -43,7 +43,7 @@ def test_the_hash_pins_file_and_source(write_build: Write) -> None:
 @pytest.mark.parametrize("parameters", ["gian = 1.0", "gain = 1.0\nother = 2"])
 def test_parameters_that_the_factory_does_not_take_are_refused(write_build: Write, parameters: str) -> None:
     with pytest.raises(
-        InputError, match=r"build\.toml: \[parameters\] do not fit Own: got an unexpected keyword"
+        InputError, match=r"build\.toml: \[parameters\] do not fit Own: there is no parameter"
     ):
         load_build(write_build(OWN, parameters=parameters))
 
@@ -65,7 +65,7 @@ def test_parameters_that_the_factory_does_not_take_are_refused(write_build: Writ
         (OWN, {"top": "time_limit = 1e-6"}, "time_limit: expected 0.001 or more"),
         (OWN, {"top": "cycle = 1"}, "cycle: there is no such field"),
         (OWN, {"top": "cycle_time = [1"}, "is not TOML"),
-        (OWN, {"module": "own.py", "name": "a:b"}, "factory: expected text that matches"),
+        (OWN, {"module": "own.py", "name": "a:b"}, "factory: expected a module and a name in it"),
     ],
     ids=lambda v: str(v)[:40] if isinstance(v, str) else "",
 )

@@ -367,8 +367,22 @@ def test_another_sweep_is_not_gone_on_with(undisturbed: tuple[Path, Path], call:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("perception.latency.speed", "perception.latency.sped", "latency.sped"),
-        ("perception.latency.speed", "function.no_such_thing", "no_such_thing"),
+        (
+            "perception.latency.speed",
+            "perception.latency.sped",
+            "parameter 'perception.latency.sped': there is no such field, did you mean 'speed'? See scen",
+        ),
+        (
+            "perception.latency.speed",
+            "function.threat_tme",
+            "parameter 'function.threat_tme': in highway_pilot-1.0.toml there is no parameter 'threat_tme', "
+            "did you mean 'threat_time'?",
+        ),
+        (
+            "perception.latency.speed",
+            "latency.speed",
+            "name: expected a name that begins with perception., ",
+        ),
         ("perception.latency.speed", "build.name", "build has no parameter 'name'"),
         ('perception = "', '# perception = "', "without a model"),
         ("scenarios/cut_in_brake", "scenarios/nowhere", "nowhere"),
@@ -393,7 +407,10 @@ def test_mistakes_are_told(tmp_path: Path, call: Call, old: str, new: str, told:
     path.write_text(path.read_text().replace(old, new))
     code, _, error = call("sweep", str(path), "--out", str(tmp_path / "out"))
     assert code == 2
+    if "parameter" in told:
+        assert error.startswith(f"resim: {path}: ")  # not the model or the build
     assert told in error
+    assert "parameter: expected at least" not in error
     assert not (tmp_path / "out").exists()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -16,6 +17,9 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from resim.core.errors import FunctionError, StopError
+
+_PRIVATE = re.compile(r"\b_resim_[0-9a-f]{16}\.")
+"""Before names of a user's modules (`resim.core.plugins.loading`), who knows them without it."""
 
 board: Any = array("d", [0.0, 0.0, 0.0, 0.0])
 """What a supervisor sees of the call that is under way: deadline [s of `time.monotonic`], limit [s], its number;
@@ -291,7 +295,7 @@ def name_of(e: BaseException) -> str:
 def exception_text(e: BaseException) -> str:
     """Give an exception as `repr` does; its class's name where making that fails."""
     try:
-        return repr(e)
+        return _PRIVATE.sub("", repr(e))
     except _Overrun:
         raise
     except BaseException:
@@ -301,7 +305,7 @@ def exception_text(e: BaseException) -> str:
 def _said(text: Callable[[], str]) -> str:
     """A text in one line; or that there is none, where making it fails."""
     try:
-        return " ".join(str(text()).split())
+        return _PRIVATE.sub("", " ".join(str(text()).split()))
     except _Overrun:
         raise
     except BaseException:

@@ -22,6 +22,7 @@ from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.geometry import Bools, Floats
+from resim.core.spelling import did_you_mean
 from resim.core.tracks import KINDS, ObjectKind, Strings
 
 CTRA, WALKING = 0, 1
@@ -223,7 +224,7 @@ def prediction(name: str = "published") -> Prediction:
     sets = _shipped()
     if name not in sets:
         remedy = f"Sets: {', '.join(sets)}; or name a file."
-        raise InputError("prediction", f"there is no set {name!r}", remedy)
+        raise InputError("prediction", f"there is no set {name!r}{did_you_mean(name, sets)}", remedy)
     return _resolved(name, sets[name])
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import file_hash, joined
 from resim.core.geometry import Bools, Floats
+from resim.core.spelling import did_you_mean
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.bias import sensor_bias
 from resim.recordings.mapped.frames import MapPositions, centred, place
@@ -96,11 +96,9 @@ def read_mapped(
         InputError: A file, column, unit, frame or value cannot be used; the EGO is not there; GT and SD have no common
             time.
     """
-    if rate is not None and not LEAST_RATE <= rate <= MOST_RATE:
-        raise InputError(
-            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second, {LEAST_RATE:g} to {MOST_RATE:g}."
-        )
     mapping = read_mapping(columns)
+    if rate is not None:
+        _check_rate(rate, mapping)
     if (own := ego or mapping.ego) is None:
         raise InputError(columns, "names no ego, and --ego is missing", 'Give ego = "..." or --ego.')
     network = load(existing_map(map, map))
@@ -127,6 +125,16 @@ def read_mapped(
         map=network.path.resolve(), gt=gt_frame, sd=sd_frame, plan=None, folder=None,
         gt_file=gt[0].path, sd_file=sd[0].path if sd else file,
     )  # fmt: skip
+
+
+def _check_rate(rate: float, mapping: TableMapping) -> None:
+    """Raise InputError for frames a second that are none, or that no table has a use for."""
+    if not LEAST_RATE <= rate <= MOST_RATE:
+        raise InputError(
+            "--rate", f"{rate:g} Hz is no rate", f"Give frames a second, {LEAST_RATE:g} to {MOST_RATE:g}."
+        )
+    if all(table.t.unit != "frames" for table in (*mapping.gt, *mapping.sd)):
+        raise InputError("--rate", "has no effect: no time of the mapping is in frames", "Leave it out.")
 
 
 def _timed(told: TableMapping, where: str, file: Path, columns: Path, rate: float | None) -> _Timed:
@@ -273,9 +281,7 @@ def _ego_track(gt: Sequence[_Table], ego: str) -> Tracks:
     frame = pd.concat([t.frame for t in gt])
     known = frame["id"].drop_duplicates().tolist()
     if ego not in known:
-        alike = get_close_matches(ego, known, 1)
-        hint = f"; did you mean {alike[0]!r}?" if alike else ""
-        problem = f"ego {ego!r} was not found in gt{hint}"
+        problem = f"ego {ego!r} was not found in gt{did_you_mean(ego, known)}"
         raise InputError(gt[0].path, problem, f"It has {', '.join(known[:20])}.")
     own = complete_rows(frame[frame["id"] == ego])
     if own.empty:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import warnings
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
+from resim.core.spelling import did_you_mean
 from resim.recordings.mapped.mapping import Column, CoordinateColumn, TableMapping, TimeColumn
 from resim.recordings.mapped.units import DEGREES, FACTORS, LENGTHS, TIMES
 from resim.recordings.tables import BIGGEST, read_parquet
@@ -154,9 +154,7 @@ def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Se
     names = [str(name) for name in frame.columns]
     if names.count(column) != 1:
         what = "has more than one column" if column in names else "has no column"
-        alike = get_close_matches(column.casefold(), [n.casefold() for n in names], 1, cutoff=0.5)
-        meant = [n for n in names if n.casefold() in alike and n != column]
-        hint = f"; did you mean {meant[0]!r}?" if meant and column not in names else ""
+        hint = did_you_mean(column, names, cutoff=0.5)
         raise InputError(path, f"{what} {column!r}, which {field} names{hint}", f"It has {', '.join(names)}.")
     found: pd.Series = frame[column]
     return found

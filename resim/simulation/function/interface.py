@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,6 +20,8 @@ from resim.core.geometry import Floats, constant, from_frame
 from resim.core.plugins.frozen import FrozenFile, load_frozen
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
 from resim.core.plugins.unlisted_files import OpenedFiles
+from resim.core.spec import ModuleAndName
+from resim.core.spelling import did_you_mean
 from resim.core.tracks import Strings
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
@@ -142,7 +144,7 @@ class BuildFile(BaseModel):
     model_config = ConfigDict(extra="forbid")
     name: str = Field(min_length=1)
     version: str = Field(min_length=1)
-    factory: str = Field(pattern=r"^[\w.]+:\w+$")
+    factory: ModuleAndName
     cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
     files: tuple[str, ...] = ()
@@ -235,12 +237,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         raise InputError(
             path, f"factory {said.factory!r} has no {', '.join(lacks)}", "An AD function has all three."
         )
-    try:
-        inspect.signature(factory).bind(**said.parameters)
-    except TypeError as e:
-        raise InputError(path, f"[parameters] do not fit {name}: {e}") from e
-    except ValueError:  # compiled code may not say its parameters; a run will find out
-        pass
+    if misfit := misfit_of(factory, said.parameters):
+        raise InputError(path, f"[parameters] do not fit {name}: {misfit}", "Correct them.")
     return Build(
         name=said.name,
         version=said.version,
@@ -253,6 +251,25 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         time_limit=said.time_limit,
         frozen=frozen,
     )
+
+
+def misfit_of(factory: Any, names: Iterable[str]) -> str:
+    """Say which of the parameters of these names a factory does not take, or lacks; "" where it may be called so."""
+    given = [*names]
+    try:
+        takes = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):  # compiled code may not say its parameters; a run will find out
+        return ""
+    known = [p.name for p in takes if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    anything = any(p.kind is p.VAR_KEYWORD for p in takes)
+    if strange := [name for name in given if name not in known and not anything]:
+        has = f"; it has: {', '.join(known)}" if known else "; it has none"
+        return f"there is no parameter {strange[0]!r}{did_you_mean(strange[0], known) or has}"
+    needed = [
+        p.name for p in takes if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    ]
+    lost = [name for name in needed if name not in given]
+    return f"parameter {lost[0]!r} is missing" if lost else ""
 
 
 def _has_both(factory: Any, one: str, many: str) -> bool:

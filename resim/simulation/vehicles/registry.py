@@ -9,6 +9,7 @@ from inspect import isclass
 from typing import Any
 
 from resim.core.errors import ResimError
+from resim.core.spelling import unknown
 from resim.simulation.vehicles.model import VehicleModel
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.single_track import SingleTrack
@@ -21,5 +22,5 @@ VEHICLES: Mapping[str, Callable[[], VehicleModel]] = {of.name: of for of in _CLA
 def vehicle_model(name: str) -> VehicleModel:
     """Give the vehicle model of this name. Raises ResimError where there is none."""
     if name not in VEHICLES:
-        raise ResimError(f"there is no vehicle model {name!r}; there are: {', '.join(VEHICLES)}")
+        raise ResimError(unknown("vehicle model", name, VEHICLES))
     return VEHICLES[name]()

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictFloat, model_validator
 from scipy.special import ndtr, ndtri
 
 from resim.core.geometry import Floats
+from resim.core.spec import Matching
+
+_NAME = Matching(
+    r"^(perception|build|function)(\.\w+)+$",
+    "a name that begins with perception., function. or build., such as perception.latency.speed",
+)
 
 
 class SweepParameter(BaseModel):
@@ -23,7 +30,7 @@ class SweepParameter(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
-    name: str = Field(pattern=r"^(perception|build|function)(\.\w+)+$")
+    name: Annotated[str, _NAME]
     low: StrictFloat | None = None
     high: StrictFloat | None = None
     values: tuple[StrictFloat, ...] = ()

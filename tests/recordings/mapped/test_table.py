@@ -212,7 +212,7 @@ def test_a_window_keeps_the_clock(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "column": ('id = "who"', 'id = "wo"', r"table\.csv: has no column 'wo', which gt\.id names; did you mean 'who'\?"),
+    "column": ('id = "who"', 'id = "wo"', r"table\.csv: has no column 'wo', which gt\.id names, did you mean 'who'\?"),
     "unit": ('unit = "m/s"', 'unit = "km/u"', r"mapping\.toml: gt\.v\.unit: expected .*'km/h'.*found 'km/u'"),
     "field": ("id =", "idd =", r"gt\.idd: there is no such field, did you mean 'id'\?"),
     "length unit": ('px", unit = "m"', 'px", unit = "deg"', r"gt\.x is in 'deg', but coordinates here are lengths"),
@@ -255,7 +255,7 @@ def test_refuses_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
 def test_refuses_an_ego_that_is_not_there(tmp_path: Path) -> None:
     _, gt = written(tmp_path, drive(), Way())
     with pytest.raises(
-        InputError, match=r"ego 'eggo' was not found in gt; did you mean 'ego'\?\. It has ego, 7, 8"
+        InputError, match=r"ego 'eggo' was not found in gt, did you mean 'ego'\? It has ego, 7, 8"
     ):
         imported(tmp_path, f"[gt]\n{gt}\n", ego="eggo")
     with pytest.raises(InputError, match=r"mapping\.toml: names no ego, and --ego is missing"):
