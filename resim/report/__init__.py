@@ -6,12 +6,14 @@ That of a perception model (`resim.report.perception`) is not loaded with them: 
 """
 
 from resim.report.assessment import write_assessment_page
+from resim.report.document import SHEET
 from resim.report.map import write_map_page
 from resim.report.page import write_report
 from resim.report.player import write_player_page
 from resim.report.shared import write_shared_scripts
 
 __all__ = [
+    "SHEET",
     "write_assessment_page",
     "write_map_page",
     "write_player_page",

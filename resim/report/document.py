@@ -83,11 +83,12 @@ def _taken(runs: Sequence[str], plots: bool) -> Markup:
     return join(html('<i hidden data-script="{}"></i>', one) for one in hashes)
 
 
-def script_sheet(scripts: Sequence[str]) -> str:
-    """Give what SHEET holds: the library of the plots and these scripts, each packed, by its hash."""
-    packed = {script_hash(one): b64encode(gzip.compress(one.encode(), mtime=0)).decode() for one in scripts}
-    library, hashed = _library()
-    held = {hashed: library} | packed
+def script_sheet(scripts: Sequence[str], *, plots: bool) -> str:
+    """Give what SHEET holds: these scripts and the library of the plots, each packed, by its hash."""
+    held = {script_hash(one): b64encode(gzip.compress(one.encode(), mtime=0)).decode() for one in scripts}
+    if plots:
+        library, hashed = _library()
+        held[hashed] = library
     return "".join(f'[data-script="{name}"]{{--script:"{one}"}}\n' for name, one in held.items())
 
 

@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_report(result.resimulation, result.assessment, made / "report.html", shared=True)
     write_report(result.resimulation, result.assessment, made / "alone.html")
     write_player_page([drive_of(read_recording(CORNER))], made / "play.html", shared=True)
-    write_shared_scripts(made)
+    write_shared_scripts(made / SHEET)
     return made
 
 

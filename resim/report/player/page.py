@@ -73,7 +73,7 @@ def player_styles() -> str:
 def player(drives: Sequence[PlayedDrive], *, alone: bool = False) -> Markup:
     """Give the player of these drives, once a page; alone: it has the page for itself and may be dark."""
     if not alone:
-        drives = [_smaller(drive) for drive in drives]
+        drives = [smaller(drive, EMBEDDED) for drive in drives]
     return html(
         '<div class="player" id="player" data-alone="{alone}">\n{layers}\n{stage}\n{transport}\n'
         '<p id="now"></p>{chart}<p id="mark" aria-live="polite"></p>\n'
@@ -85,8 +85,9 @@ def player(drives: Sequence[PlayedDrive], *, alone: bool = False) -> Markup:
     )  # fmt: skip
 
 
-def _smaller(drive: PlayedDrive) -> PlayedDrive:
-    return replace(drive, layers=tuple(thinned(layer, EMBEDDED) for layer in drive.layers))
+def smaller(drive: PlayedDrive, most: int) -> PlayedDrive:
+    """Give a drive with at most so many samples of objects in each layer."""
+    return replace(drive, layers=tuple(thinned(layer, most) for layer in drive.layers))
 
 
 LAYERS = Markup(
