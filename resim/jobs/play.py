@@ -25,8 +25,8 @@ from resim.scenario.jscen import read_jscen
 
 KINDS = "Give a recording, the folder that `resim run` wrote, or a JSCEN file (.json)."
 OTHERS = {
-    "verification.json": "the folder of `resim verify`: each of its reports has a player of its own, in reports/",
-    "inputs.json": "the folder of `resim verify`: each of its reports has a player of its own, in reports/",
+    "verification.json": "the folder of `resim verify`: the player of each recording is in its drives/",
+    "inputs.json": "the folder of `resim verify`: the player of each recording is in its drives/",
     "sweep.json": "the folder of `resim sweep`, which keeps no drives",
     "assessment.json": "the folder of `resim assess`: play what was assessed",
     "conversion.json": "the folder of `resim map convert`, which has no drive",

@@ -74,6 +74,7 @@
   }
 
   async function unpack() {
+    if (typeof Plotly !== "undefined") return; // from the file that pages of a folder share
     const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), letter => letter.charCodeAt(0));
     const unpacked = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");

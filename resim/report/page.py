@@ -15,12 +15,17 @@ from resim.report.view import OTHERS, SEEDS, View, view
 from resim.resimulation import Resimulation, ResimulationAssessment
 
 
-def write_report(result: Resimulation, assessed: ResimulationAssessment, path: Path) -> None:
-    """Write the page: one HTML file with all it needs; the same result gives the same bytes."""
-    path.write_text(page(view(result, assessed)), encoding="utf-8", newline="\n")
+def write_report(
+    result: Resimulation, assessed: ResimulationAssessment, path: Path, *, shared: bool = False
+) -> None:
+    """Write the page: one HTML file with all it needs; the same result gives the same bytes.
+
+    shared: but for its scripts, which it takes from the file that `write_shared_scripts` writes beside it.
+    """
+    path.write_text(page(view(result, assessed), shared=shared), encoding="utf-8", newline="\n")
 
 
-def page(look: View) -> Markup:
+def page(look: View, *, shared: bool = False) -> Markup:
     """Give the page's HTML."""
     drawn = ((panel, panel.draw(look)) for panel in PANELS)
     parts = [
@@ -30,7 +35,7 @@ def page(look: View) -> Markup:
     ]
     title = f"{look.result.recording.name} · {look.result.build.label}"
     body = html("<main>\n{}</main>", join(parts, "\n"))
-    return document(title, body, css=player_styles(), scripts=player_scripts())
+    return document(title, body, css=player_styles(), scripts=player_scripts(), shared=shared)
 
 
 def _section(name: str, title: str, body: Markup) -> Markup:

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import numpy as np
+import shapely
 
 from resim.core.geometry import Floats
 from resim.report.figure import PLAIN, Figure, FigurePart
@@ -23,6 +24,8 @@ LEAST_PANEL = 290
 """Width [px] of a panel beside others, under which its texts overlap: a narrow screen scrolls sideways."""
 FINEST = 1e-4
 """Part of a figure's width that is finer than a pixel."""
+SEEN = 2.5e-4
+"""Part of its width and height by which a line may be off whose values nobody can ask for: a quarter of a pixel."""
 
 
 def compact(values: Floats) -> np.ndarray[Any, Any]:
@@ -67,13 +70,39 @@ def line(
     hover: its text, a d3 template over x, y, and customdata if times t (K,) [s] are given; none if empty.
     """
     part = known(x + y)
+    drawn = (x[part], y[part]) if hover else without_unseen(x[part], y[part])
     return figure_trace("scatter",
-        x=compact(x[part]), y=compact(y[part]), mode="lines", name=name, showlegend=False,
+        x=compact(drawn[0]), y=compact(drawn[1]), mode="lines", name=name, showlegend=False,
         customdata=None if t is None else compact(t[part]),
         line={"color": color, "width": width, "dash": DASH if dashed else "solid"},
         hoverinfo="skip" if not hover else None,
         hovertemplate=html("<b>{}</b><br>{}<extra></extra>", plain(name), hover) if hover else None,
     )  # fmt: skip
+
+
+def without_unseen(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Give a line x, y (K,) without the points that nobody would miss: it is off by SEEN of its extent at most.
+
+    NaN, which breaks it, stays. Zoomed in four times it is still within a pixel.
+    """
+    there = np.isfinite(x) & np.isfinite(y)
+    pieces = np.flatnonzero(np.diff(np.r_[False, there, False])).reshape(-1, 2)
+    scale = [1.0 / (SEEN * (float(np.ptp(values[there])) or 1.0)) for values in (x, y)] if there.any() else []
+    keep = ~there & np.r_[True, there[:-1]]  # one break where there are many
+    for first, last in pieces.tolist():
+        keep[first:last] = _bends(x[first:last] * scale[0], y[first:last] * scale[1])
+    return x[keep], y[keep]
+
+
+def _bends(x: Floats, y: Floats) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Which points (K,) a line needs that is off by 1 at most (Douglas and Peucker 1973)."""
+    if len(x) < 3:
+        return np.ones(len(x), dtype=bool)
+    line = shapely.linestrings(np.column_stack([x, y, np.arange(len(x))]))
+    keep = np.zeros(len(x), dtype=bool)
+    kept = shapely.get_coordinates(shapely.simplify(line, 1.0, preserve_topology=False), include_z=True)[:, 2]
+    keep[kept.astype(int)] = True
+    return keep
 
 
 def known(values: Floats) -> slice:

@@ -42,7 +42,7 @@ CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.ht
 VERIFICATION = FolderKind(
     "inputs.json",
     re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{_HALF.pattern}"),
-    {"cases": _HALF, "reports": _HALF},
+    {"cases": _HALF, "drives": _HALF, "reports": _HALF},
 )
 SWEEP = FolderKind(
     "sweep.json",

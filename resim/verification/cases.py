@@ -55,13 +55,15 @@ Reports = Mapping[str, str]
 class VerificationCase:
     """What one recording gave.
 
-    traces: speeds for the page, None where the recording failed. time: how long it took [s].
+    traces: speeds for the page, None where the recording failed. time: how long it took [s]. drive: hash of the page
+    that plays it, None where there is none.
     """
 
     entry: RecordingResult
     traces: Traces | None
     time: float | None
     reports: Reports = field(default_factory=dict)
+    drive: str | None = None
 
 
 def _two_builds(found: Any) -> str:
@@ -80,7 +82,7 @@ class CaseFile:
     """What cases/*.json says: what one recording gave, wherever it lies.
 
     key: of all that it follows from. traces: speeds [m/s] for the page. time: how long it took [s]. reports: hashes of
-    the re-simulation reports that were written of it, by name.
+    the re-simulation reports that were written of it, by name. drive: hash of the page that plays it.
     """
 
     __pydantic_config__ = EXACT
@@ -90,6 +92,7 @@ class CaseFile:
     traces: Traces
     time: float
     reports: Annotated[Reports, Field(exclude_if=lambda reports: not reports)] = field(default_factory=dict)
+    drive: str | None = None
 
 
 def keep(out: Path, key: str, case: VerificationCase) -> None:
@@ -99,7 +102,7 @@ def keep(out: Path, key: str, case: VerificationCase) -> None:
         return
     kind = VerifiedContent if isinstance(entry, VerifiedRecording) else ComparedContent
     content = kind(**{f.name: getattr(entry, f.name) for f in fields(kind)})
-    told = CaseFile(key, content, case.traces, case.time, case.reports)
+    told = CaseFile(key, content, case.traces, case.time, case.reports, case.drive)
     with whole_file(out / CASES / f"{entry.name}.json", None) as path:
         write_json(sealed(to_json(told)), path)
 
@@ -124,5 +127,5 @@ def kept(
         return None
     kind = VerifiedRecording if isinstance(found.entry, VerifiedContent) else ComparedRecording
     return VerificationCase(
-        kind(**vars(source), **vars(found.entry)), found.traces, found.time, found.reports
+        kind(**vars(source), **vars(found.entry)), found.traces, found.time, found.reports, found.drive
     )

@@ -193,9 +193,13 @@ class VerifiedContent:
 
 @dataclass(frozen=True)
 class VerifiedRecording(VerifiedContent, RecordingSource):
-    """A recording and what its verification gave; reports: of its re-simulation, as seen from verification.json."""
+    """A recording and what its verification gave, its pages as seen from verification.json.
+
+    reports: of its re-simulation. drive: the page that plays it, None where there is none.
+    """
 
     reports: tuple[str, ...] = ()
+    drive: str | None = None
 
     @property
     def judged(self) -> WayRuns:
@@ -244,6 +248,10 @@ class ComparedContent:
 
 @dataclass(frozen=True)
 class ComparedRecording(ComparedContent, RecordingSource):
-    """A recording, driven by two builds; reports: of its re-simulations, as seen from verification.json."""
+    """A recording, driven by two builds, its pages as seen from verification.json.
+
+    reports: of its re-simulations. drive: the page that plays both, None where there is none.
+    """
 
     reports: tuple[str, ...] = ()
+    drive: str | None = None

@@ -14,17 +14,21 @@ from resim.core.provenance import versions
 from resim.core.schema import VerificationSchema
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
+from resim.report import SHEET, write_shared_scripts
+from resim.results import whole_file
 from resim.verification.cases import CASES, Traces, VerificationCase, keep, kept
 from resim.verification.entries import FailedRecording
 from resim.verification.inputs import VerificationRequest
-from resim.verification.report import VerificationReport
+from resim.verification.report import RecordingResult, VerificationReport
 from resim.verification.request import tasks
 from resim.verification.summary import summary
-from resim.verification.tasks import VerificationTask, report, reports_of, run
+from resim.verification.tasks import VerificationTask, drive_page, report, reports_of, run
 
 SCHEMA: VerificationSchema = "resim-verification-1"
 REPORTS = "reports"
 """The folder of the re-simulation reports of those to look at."""
+DRIVES = "drives"
+"""The folder of the pages that play all recordings."""
 LONGEST, LONGEST_SEED = 3600.0, 60.0
 """s of wall clock for one recording with all of its variations, and more for each seed that it may take."""
 
@@ -48,7 +52,12 @@ def verify(
     soon as it is there, and taken from if it was made from the same; None keeps nothing. damaged: hears of the file
     of a result that is not as it was written; it is made again. unreported: hears whose report cannot be made, and why.
     """
-    todo = tasks(a, base, None if out is None else out / REPORTS)
+    todo = tasks(a, base)
+    if out is not None:
+        todo = {
+            name: replace(task, reports=out / REPORTS, drives=out / DRIVES) for name, task in todo.items()
+        }
+        _write_scripts(a, out)
     keys = {name: _key(a, name) for name in todo}
     found = {} if out is None else _kept(a, out, todo, keys, damaged)
     for name, case in found.items():
@@ -68,9 +77,7 @@ def verify(
         for name, reason in sorted(lost.items()):
             unreported(name, reason)
     linked = {name: reports_of(name, builds=a.against is not None) for name in chosen if name not in lost}
-    entries = tuple(
-        replace(r, reports=tuple(f"{REPORTS}/{page}" for page in linked.get(r.name, ()))) for r in recordings
-    )
+    entries = tuple(_with_pages(found[r.name], linked.get(r.name, ())) for r in recordings)
     traces = {name: drawn for name in todo if (drawn := found[name].traces) is not None}
     return VerificationReport(SCHEMA, versions(), a, told, entries), traces
 
@@ -84,9 +91,33 @@ def _kept(
 ) -> dict[str, VerificationCase]:
     """What was found before, without reports of anything else."""
     every = {name: kept(out, task.source, keys[name], damaged) for name, task in todo.items()}
-    found = {name: case for name, case in every.items() if case is not None}
+    found = {name: case for name, case in every.items() if case is not None and _has_drive(out, case)}
     _remove_reports(out, [*todo], found, builds=a.against is not None)
     return found
+
+
+def _with_pages(case: VerificationCase, reports: Sequence[str]) -> RecordingResult:
+    """What is told of a recording, with the pages that lead on from it."""
+    told = replace(case.entry, reports=tuple(f"{REPORTS}/{page}" for page in reports))
+    if case.drive is None or isinstance(told, FailedRecording):
+        return told
+    return replace(told, drive=f"{DRIVES}/{drive_page(told.name)}")
+
+
+def _has_drive(out: Path, case: VerificationCase) -> bool:
+    """Whether the page that plays the drive is as it was written, or there is none."""
+    page = out / DRIVES / drive_page(case.entry.name)
+    return case.drive is None or (page.is_file() and file_hash(page) == case.drive)
+
+
+def _write_scripts(a: VerificationRequest, out: Path) -> None:
+    """Write the scripts that pages share, into the folders that may hold more than one."""
+    many = len(a.recordings)
+    pages = {DRIVES: many, REPORTS: min(many, a.reports) * (1 if a.against is None else 2)}
+    for name, count in pages.items():
+        if count > 1:
+            with whole_file(out / name / SHEET, None) as path:
+                write_shared_scripts(path, plots=name == REPORTS)
 
 
 def _run(
@@ -137,7 +168,10 @@ def _remove_reports(out: Path, names: list[str], kept: dict[str, VerificationCas
 def files_of(a: VerificationRequest) -> list[str]:
     """Give the names of the files that a verification may write into its folders, as seen from its results."""
     pages = [page for name in a.recordings for page in reports_of(name, builds=a.against is not None)]
-    return [*(f"{CASES}/{name}.json" for name in a.recordings), *(f"{REPORTS}/{page}" for page in pages)]
+    files = [f"{CASES}/{name}.json" for name in a.recordings]
+    files += [f"{folder}/{SHEET}" for folder in (REPORTS, DRIVES)]
+    files += [f"{DRIVES}/{drive_page(name)}" for name in a.recordings]
+    return files + [f"{REPORTS}/{page}" for page in pages]
 
 
 def _failed(failure: Failure, task: VerificationTask) -> VerificationCase:

@@ -10,9 +10,11 @@ from resim.core.json_text import json_text
 from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import read_sealed_json, to_json
+from resim.report import SHEET
 from resim.results import VERIFICATION, check_output, whole_file
 from resim.verification.cases import CASES, Traces
-from resim.verification.execution import REPORTS, files_of
+from resim.verification.entries import FailedRecording
+from resim.verification.execution import DRIVES, REPORTS, files_of
 from resim.verification.inputs import VerificationBegun, VerificationRequest
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
@@ -36,7 +38,7 @@ def begin(out: Path, a: VerificationRequest) -> None:
             (out / name).unlink(missing_ok=True)
     if before:
         others = {*read_sealed(mark, "Remove it.")["files"]} - {*files}  # of any version of resim
-        for path in (*out.glob(f"{CASES}/*"), *out.glob(f"{REPORTS}/*")):
+        for path in (path for folder in (CASES, REPORTS, DRIVES) for path in out.glob(f"{folder}/*")):
             if f"{path.parent.name}/{path.name}" in others:
                 path.unlink()
     _write(mark, told)
@@ -45,10 +47,12 @@ def begin(out: Path, a: VerificationRequest) -> None:
 
 
 def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) -> None:
-    """Write verification.json, verification.html and junit.xml, and take away reports that nothing leads to."""
+    """Write verification.json, verification.html and junit.xml, and take away pages that nothing leads to."""
     told = {report for r in found.recordings for report in r.reports}
+    told |= {r.drive for r in found.recordings if not isinstance(r, FailedRecording) and r.drive}
+    told |= {f"{Path(page).parent}/{SHEET}" for page in told}
     for name in files_of(found.inputs):
-        if name.startswith(f"{REPORTS}/") and name not in told:
+        if name.startswith((f"{REPORTS}/", f"{DRIVES}/")) and name not in told:
             (out / name).unlink(missing_ok=True)
     with whole_file(out / "verification.html", None) as path:
         write_verification_page(found, traces, path)

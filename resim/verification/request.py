@@ -152,7 +152,7 @@ def refuse_others(a: VerificationRequest, base: Path) -> None:
         )  # fmt: skip
 
 
-def tasks(a: VerificationRequest, base: Path, reports: Path | None) -> dict[str, VerificationTask]:
+def tasks(a: VerificationRequest, base: Path) -> dict[str, VerificationTask]:
     """Give a task for each recording, by name. base: what the paths are from."""
     against = None if a.against is None else _frozen(base, a.against)
     perception = None if a.perception is None else _frozen(base, a.perception)
@@ -160,7 +160,7 @@ def tasks(a: VerificationRequest, base: Path, reports: Path | None) -> dict[str,
         name: VerificationTask(
             RecordingSource(name, file.path, file.hash), _there(base, file), a.wanted.get(name) or file.hash,
             _frozen(base, a.build), against, _frozen(base, a.criteria), a.bases, perception, a.settings,
-            a.seeds, a.agreement, a.tolerances, a.vary, a.accept, a.vehicle, reports,
+            a.seeds, a.agreement, a.tolerances, a.vary, a.accept, a.vehicle,
         )
         for name, file in a.recordings.items()
     }  # fmt: skip

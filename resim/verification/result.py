@@ -8,6 +8,7 @@ from statistics import median
 from typing import TypeVar
 
 from resim.recordings.checked import finding_lines
+from resim.resimulation.assessed import ResimulationAssessment
 from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
 from resim.resimulation.result import Resimulation
 from resim.verification.blame import OpenLoopFinding
@@ -43,6 +44,7 @@ T = TypeVar("T")
 class VerificationResult:
     """What the verification of a recording gave.
 
+    played: what a player shows, with one seed of a perception model, and how it was assessed.
     outcomes: of GT, SD, rGT, rSD, as far as they are there; seeds: of the runs with the perception model, by seed.
     judged, causes: by way. recorded: the run on GT that showed the function what was recorded as perceived, beside the
     measured drive, where that was tried. driven: what it answers along the measured drive. validity: a range a
@@ -50,6 +52,7 @@ class VerificationResult:
     """
 
     result: Resimulation
+    played: tuple[Resimulation, ResimulationAssessment]
     outcomes: Mapping[str, DriveOutcome]
     seeds: Mapping[int, DriveOutcome]
     errors: Rms

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,11 +14,14 @@ from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.recordings import Recording
 from resim.recordings.content import refuse_changed
-from resim.report import write_report
+from resim.report import SHEET, write_player_page, write_report
+from resim.report.player import of_resimulation, smaller
 from resim.resimulation import (
     AssessmentOptions,
     Basis,
     PerceptionSetup,
+    Resimulation,
+    ResimulationAssessment,
     ResimulationOptions,
     assess_resimulation,
     load_checked,
@@ -38,6 +41,10 @@ PRELOADED = ("resim.resimulation.run",)
 """What a child has before it starts."""
 BUILDS = ("before", "now")
 """The older build and the newer one."""
+PLAYED = 60_000
+"""Samples of a layer in the page of a drive: of 50 objects at 25 Hz those of 48 s."""
+CURVES = ("risk", "TTC")
+"""Measures that the player draws."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,7 @@ class VerificationTask:
     """One recording to verify, or to run with two builds where `against` is one.
 
     source: what verification.json says of where it lies. hash: that its content must have, None where it could not be
-    read. reports: folder for the re-simulation reports, None for none.
+    read. reports: folder for the re-simulation reports, drives: for pages with the player; None for none.
     """
 
     source: RecordingSource
@@ -64,6 +71,7 @@ class VerificationTask:
     accept: tuple[str, ...]
     vehicle: str
     reports: Path | None = None
+    drives: Path | None = None
 
     @property
     def name(self) -> str:
@@ -72,12 +80,14 @@ class VerificationTask:
 
 
 def run(task: VerificationTask) -> VerificationCase:
-    """Give what verification.json says of the recording, the traces for the page, and how long it took [s]."""
+    """Verify the recording and write the page that plays it; gives what is told of it, and how long it took [s]."""
     begin = time.perf_counter()
     with _unchanged(task):
         recording = load_checked(task.folder, accept=task.accept)
-        entry, traces = _verify(task, recording) if task.against is None else _compare(task, recording)
-    return VerificationCase(entry, traces, time.perf_counter() - begin)
+        how = _verify if task.against is None else _compare
+        entry, traces, played = how(task, recording)
+        drive = _write_drive(task, played)
+    return VerificationCase(entry, traces, time.perf_counter() - begin, drive=drive)
 
 
 @contextmanager
@@ -88,22 +98,50 @@ def _unchanged(task: VerificationTask) -> Iterator[None]:
     refuse_changed(task.folder, task.hash)
 
 
-def _verify(task: VerificationTask, recording: Recording) -> tuple[VerifiedRecording, SpeedTraces]:
+Played = Mapping[str, tuple[Resimulation, ResimulationAssessment]]
+"""What the page of a drive plays, by its name there."""
+
+
+def _verify(task: VerificationTask, recording: Recording) -> tuple[VerifiedRecording, SpeedTraces, Played]:
     demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
     found = verify_recording(
         recording, load_build(task.build), demands,
         ResimulationOptions(bases=task.bases, vehicle=task.vehicle), _perceiving(task), task.accept,
     )  # fmt: skip
-    return found.entry(task.source), speed_traces(found.result)
+    return found.entry(task.source), speed_traces(found.result), {task.name: found.played}
 
 
-def _compare(task: VerificationTask, recording: Recording) -> tuple[ComparedRecording, BuildTraces]:
+def _compare(task: VerificationTask, recording: Recording) -> tuple[ComparedRecording, BuildTraces, Played]:
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
     options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle)
     found = compare_builds(
         recording, (old, new), read_criteria(task.criteria), options, _perceiving(task), task.accept
     )
-    return found.entry(task.source), BuildTraces(speed_traces(found.old), speed_traces(found.new))
+    traces = BuildTraces(speed_traces(found.old), speed_traces(found.new))
+    played = {}
+    if task.drives is not None:
+        for result in (found.new, found.old):
+            assessed = assess_resimulation(result, AssessmentOptions(only=CURVES))
+            played[f"{task.name} · {result.build.label}"] = (result, assessed)
+    return found.entry(task.source), traces, played
+
+
+def drive_page(name: str) -> str:
+    """Give the name of the page that plays a recording and its re-simulation."""
+    return f"{name}.html"
+
+
+def _write_drive(task: VerificationTask, played: Played) -> str | None:
+    """Write the page that plays the drive; give its hash, None where none is wanted."""
+    if task.drives is None:
+        return None
+    with whole_file(task.drives / drive_page(task.name), None) as file:
+        drives = [
+            smaller(replace(of_resimulation(result, assessed), name=name), PLAYED)
+            for name, (result, assessed) in played.items()
+        ]
+        write_player_page(drives, file, shared=(task.drives / SHEET).is_file())
+        return file_hash(file)
 
 
 def reports_of(name: str, *, builds: bool) -> list[str]:
@@ -137,7 +175,8 @@ def _write_reports(task: VerificationTask, files: Sequence[Path]) -> None:
             perceiving=_perceiving(replace(task, seeds=task.seeds[:REPORTED])),
             accept=task.accept,
         )
-        write_report(result, assess_resimulation(result, how), file)
+        shared = (file.parent / SHEET).is_file()
+        write_report(result, assess_resimulation(result, how), file, shared=shared)
 
 
 def _perceiving(task: VerificationTask) -> PerceptionSetup | None:

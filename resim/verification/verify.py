@@ -113,7 +113,9 @@ def verify_recording(
         for way, j in judged.items()
     }
     notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven)]))
-    out = VerificationResult(result, found, seeds, errors, judged, causes, recorded, driven, notes=notes)
+    out = VerificationResult(
+        result, (first, assessed), found, seeds, errors, judged, causes, recorded, driven, notes=notes
+    )
     if demands.vary and out.verdict == "verified":
         return _varied(out, assessed.blocks["GT"], demands.vary, how)
     return out

@@ -167,7 +167,8 @@ def test_a_recording_tells_its_cause_its_kpis_and_its_errors(measured, write):
     speed = entry["errors"]["PIPE_GT"]["ego"]["v"]
     assert f"> {speed:.3f}" in [words(off) for off in select(detail, ".rms .off")]
     assert f"{entry['errors']['S']['to']['v']:.3f}" in words(select(detail, ".rms")[0])
-    assert [a.get("href") for a in select(detail, "a")] == entry["reports"] == ["reports/rear_end.html"]
+    assert [a.get("href") for a in select(detail, "a")] == [entry["drive"], *entry["reports"]]
+    assert entry["reports"] == ["reports/rear_end.html"]
 
 
 def test_a_broken_limit_is_told_with_its_measure_its_moment_and_its_object(measured, write):
@@ -284,7 +285,7 @@ def test_build_against_build_worst_first_with_both_reports(builds, write):
     assert f"from {entry['t']:.1f} s" in words(detail)
     for text in entry["differences"]:
         assert text in words(detail)
-    assert [a.get("href") for a in select(detail, "a")] == entry["reports"]
+    assert [a.get("href") for a in select(detail, "a")] == [entry["drive"], *entry["reports"]]
     drawn = [path.get("class") for path in select(detail, "figure path")]
     assert {"before", "now", "thin", "mark"} <= set(drawn)
 

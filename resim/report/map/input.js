@@ -8,10 +8,19 @@ function keep(on) {
   if (!on) details.hidden = true;
 }
 
+function measure(on) {
+  keep(false);
+  setRuler(on);
+  document.getElementById("measure").setAttribute("aria-pressed", String(on));
+}
+
 listen({
-  hover: (px, py) => { if (!kept) inspect(px, py); },
+  hover: (px, py) => { if (!kept && !ruler.on) inspect(px, py); },
+  press: pressRuler,
+  drag: dragRuler,
   moving: () => { if (!kept) details.hidden = true; },
   tap: (px, py) => {
+    if (ruler.on) { tapRuler(px, py); return; }
     keep(false);
     const found = inspect(px, py);
     view.chosen = found && found.outer ? { lanes: [found] } : null;
@@ -26,17 +35,21 @@ listen({
 });
 
 const KEYS = {
-  ArrowLeft: () => move(80, 0), ArrowRight: () => move(-80, 0), ArrowUp: () => move(0, 80), ArrowDown: () => move(0, -80),
-  "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: whole, Home: whole,
-  Escape: () => { view.chosen = null; keep(false); redraw(); },
+  "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: whole, m: () => measure(!ruler.on),
+  Escape: () => { view.chosen = null; measure(false); },
 };
-canvas.addEventListener("keydown", event => {
-  if (!KEYS[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+const ON_MAP = { // elsewhere they scroll the page
+  ArrowLeft: () => move(80, 0), ArrowRight: () => move(-80, 0), ArrowUp: () => move(0, 80), ArrowDown: () => move(0, -80), Home: whole,
+};
+document.addEventListener("keydown", event => { // as in the player
+  const does = KEYS[event.key] || (event.target === canvas && ON_MAP[event.key]);
+  if (!does || event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "INPUT") return;
   event.preventDefault();
-  KEYS[event.key]();
+  does();
 });
 
 document.getElementById("all").addEventListener("click", () => { view.chosen = null; keep(false); whole(); });
+document.getElementById("measure").addEventListener("click", () => measure(!ruler.on));
 document.getElementById("closer").addEventListener("click", () => zoom(1.8));
 document.getElementById("farther").addEventListener("click", () => zoom(1 / 1.8));
 document.getElementById("stretch").addEventListener("click", () => {

@@ -15,7 +15,7 @@ from resim.road.flaws import Flaw
 from resim.road.opendrive import VEHICLE_LANES, RoadNetwork
 from resim.road.sumo import EXACT, VARIED, Conversion
 
-DRAWING = ("look.js", "data.js", "view.js", "lanes.js", "frame.js", "pointer.js")
+DRAWING = ("look.js", "data.js", "view.js", "lanes.js", "frame.js", "ruler.js", "pointer.js")
 """What draws a map and moves the view: the player's page has it, too."""
 SCRIPTS = (*DRAWING, "labels.js", "picture.js", "address.js", "inspect.js", "input.js")
 
@@ -60,10 +60,10 @@ def _section(name: str, title: str, body: Markup) -> Markup:
 
 STAGE = Markup(
     '<div class="stage" id="stage"><canvas id="map" tabindex="0" role="img" aria-label="The map from above. '
-    'Arrow keys move, + and - zoom, 0 shows all."></canvas><div class="place" id="place"></div>'
+    'Arrow keys move, + and - zoom, 0 shows all, M measures."></canvas><div class="place" id="place"></div>'
     '<div class="details" id="details" hidden></div></div>\n'
     '<p class="note">Wheel or pinch zooms, dragging moves; point at a lane for its details, click to keep them. '
-    "Keys: arrows, + and −, 0 for all. The address of the page holds the view.</p>"
+    "Keys: arrows on the map, + and −, 0 for all, M measures a distance by a drag or two taps, Esc ends it. The address of the page holds the view.</p>"
 )
 
 
@@ -107,6 +107,7 @@ def _controls(picture: Picture) -> Markup:
         '<span class="choice"><button type="button" id="all">Whole map</button>'
         '<button type="button" id="closer" aria-label="Zoom in">+</button>'
         '<button type="button" id="farther" aria-label="Zoom out">−</button></span>'
+        '<button type="button" id="measure" aria-pressed="false" title="Measure a distance (M)">Measure</button>'
         '<button type="button" id="stretch" aria-pressed="false" hidden></button>'
         '<form id="search"><input id="wanted" type="search" list="ids" autocomplete="off" spellcheck="false" '
         'placeholder="road or junction id" aria-label="Road or junction id"><datalist id="ids"></datalist>'

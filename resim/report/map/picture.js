@@ -26,6 +26,7 @@ function draw() {
   laneLabels(top);
   arrows(top);
   drawAxes();
+  drawRuler();
   scaleBar();
   north();
 }

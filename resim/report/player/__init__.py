@@ -3,7 +3,7 @@
 from resim.report.player.assessed import of_assessment
 from resim.report.player.drive import PlayedDrive
 from resim.report.player.measured import of_recording, of_scenario
-from resim.report.player.page import player, player_scripts, player_styles, write_player_page
+from resim.report.player.page import player, player_scripts, player_styles, smaller, write_player_page
 from resim.report.player.simulated import of_resimulation, of_run
 
 __all__ = [
@@ -16,5 +16,6 @@ __all__ = [
     "player",
     "player_scripts",
     "player_styles",
+    "smaller",
     "write_player_page",
 ]

@@ -6,7 +6,8 @@ const make = (tag, props, ...inside) => { const e = Object.assign(document.creat
 function told() { // buttons as the player is
   get("play").setAttribute("aria-label", play.on ? "Pause" : "Play");
   get("play").classList.toggle("on", play.on);
-  for (const name of ["follow", "trails", "labels", "plans", "measure"]) get(name).setAttribute("aria-pressed", String(play[name === "measure" ? "measuring" : name]));
+  for (const name of ["follow", "trails", "labels", "plans"]) get(name).setAttribute("aria-pressed", String(play[name]));
+  get("measure").setAttribute("aria-pressed", String(ruler.on));
   for (const button of get("layers").children) button.setAttribute("aria-pressed", String(play.layers[button.dataset.layer].shown));
   player.dataset.on = play.on ? "yes" : "no";
 }
@@ -143,10 +144,11 @@ function faster(way) {
 
 function flip(name) {
   play[name] = !play[name];
-  if (name === "measuring") { play.ruler = null; canvas.classList.toggle("measuring", play.measuring); }
   told();
   redraw();
 }
+
+function measure(on) { setRuler(on); told(); }
 
 function wholeDrive() { play.follow = false; told(); fit(WHOLE); }
 
@@ -154,9 +156,9 @@ const KEYS = {
   " ": () => (play.on ? pause() : start()), k: () => (play.on ? pause() : start()),
   ArrowRight: () => step(1), ArrowLeft: () => step(-1), "shift ArrowRight": () => seek(play.t + 1), "shift ArrowLeft": () => seek(play.t - 1),
   Home: () => seek(play.from), End: () => seek(play.to), "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: wholeDrive,
-  f: () => flip("follow"), m: () => flip("measuring"), t: () => flip("trails"), l: () => flip("labels"), p: () => flip("plans"),
+  f: () => flip("follow"), m: () => measure(!ruler.on), t: () => flip("trails"), l: () => flip("labels"), p: () => flip("plans"),
   ".": () => faster(1), ",": () => faster(-1), n: () => toMark(1), b: () => toMark(-1),
-  Escape: () => { choosePicked(null); if (play.measuring) flip("measuring"); },
+  Escape: () => { choosePicked(null); measure(false); },
 };
 (alone ? document : player).addEventListener("keydown", event => {
   const own = event.target, key = `${event.shiftKey && event.key.startsWith("Arrow") ? "shift " : ""}${event.key}`;
@@ -171,26 +173,20 @@ const KEYS = {
 
 for (const [id, does] of Object.entries({
   play: () => (play.on ? pause() : start()), back: () => step(-1), forth: () => step(1), first: () => seek(play.from), final: () => seek(play.to),
-  follow: () => flip("follow"), trails: () => flip("trails"), labels: () => flip("labels"), plans: () => flip("plans"), measure: () => flip("measuring"),
+  follow: () => flip("follow"), trails: () => flip("trails"), labels: () => flip("labels"), plans: () => flip("plans"), measure: () => measure(!ruler.on),
   closer: () => zoom(1.5), farther: () => zoom(1 / 1.5), all: wholeDrive,
 })) get(id).addEventListener("click", does);
 get("time").addEventListener("input", () => seek(Number(get("time").value)));
 get("speed").addEventListener("change", () => { play.speed = Number(get("speed").value); });
 get("drive").addEventListener("change", () => { if (play.on) pause(); load(Number(get("drive").value)); near(); writeAddress(); redraw(); });
 
-const mapPlace = (px, py) => ({ x: fromX(px), y: fromY(py) });
 listen({
   hover: () => {},
   moving: () => { if (play.follow) { play.follow = false; told(); } },
   leave: () => {},
-  press: (px, py) => { if (play.measuring && !play.half) play.ruler = { a: mapPlace(px, py), b: mapPlace(px, py) }; return play.measuring; },
-  drag: (px, py) => { play.ruler.b = mapPlace(px, py); play.half = false; redraw(); },
-  tap: (px, py) => {
-    if (!play.measuring) { choosePicked(pick(px, py)); return; }
-    if (play.half) play.ruler.b = mapPlace(px, py);
-    play.half = !play.half;
-    redraw();
-  },
+  press: pressRuler,
+  drag: dragRuler,
+  tap: (px, py) => { if (ruler.on) tapRuler(px, py); else choosePicked(pick(px, py)); },
   wheel: event => alone || event.ctrlKey || document.activeElement === canvas, // else the page scrolls
 });
 

@@ -1,4 +1,4 @@
-// The scene: ground, trails, plans, boxes, labels, the ruler.
+// The scene: ground, trails, plans, boxes, labels.
 const ground = document.createElement("canvas"), AROUND = 320; // px that the ground reaches beyond the picture
 const TRAIL = 3, FRESH = 0.5; // s of a trail; s up to which a plan is the EGO's
 let groundOf = null, sideBox = [0, 0, 0, 0]; // of the buttons on the picture
@@ -148,14 +148,6 @@ function drawLabels(who) {
     if (label(object, [`${name}${kind}`, speedOf(object.now.v)], color, object.ego || isCritical)) continue;
     label(object, [name], color, false);
   }
-}
-
-function drawRuler() {
-  if (!play.ruler) return;
-  const { a, b } = play.ruler, far = Math.hypot(a.x - b.x, a.y - b.y);
-  bar([[toX(a.x), toY(a.y)], [toX(b.x), toY(b.y)]]);
-  for (const p of [a, b]) { pen.beginPath(); pen.arc(toX(p.x), toY(p.y), 4, 0, 7); pen.fillStyle = LOOK.ink; pen.fill(); }
-  if (far > 0) haloed(`${far.toFixed(2)} m`, (toX(a.x) + toX(b.x)) / 2, (toY(a.y) + toY(b.y)) / 2 - 12, "center", 14);
 }
 
 function drawScene() {

@@ -34,12 +34,15 @@ ALL = _icon("M1 1h6v2H3v4H1zM11 1h6v6h-2V3h-4zM1 11h2v4h4v2H1zM15 11h2v6h-6v-2h4
 RULER = _icon("M1 6h16v7H1zM2.5 7.5v4h13v-4h-1.5v2h-1.5v-2H11v2.5H9.5V7.5H8v2H6.5v-2H5V10H3.5V7.5z")
 
 
-def write_player_page(drives: Sequence[PlayedDrive], path: Path) -> None:
-    """Write the page, one HTML file; the same drives give the same bytes. Raises InputError where it is too large."""
-    path.write_text(page(drives), encoding="utf-8", newline="\n")
+def write_player_page(drives: Sequence[PlayedDrive], path: Path, *, shared: bool = False) -> None:
+    """Write the page, one HTML file; the same drives give the same bytes. Raises InputError where it is too large.
+
+    shared: it takes its scripts from the file that `write_shared_scripts` writes beside it.
+    """
+    path.write_text(page(drives, shared=shared), encoding="utf-8", newline="\n")
 
 
-def page(drives: Sequence[PlayedDrive]) -> Markup:
+def page(drives: Sequence[PlayedDrive], *, shared: bool = False) -> Markup:
     """Give the page's HTML. Raises InputError where it would be too large for a browser."""
     title = drives[0].name if len(drives) == 1 else f"{len(drives)} drives"
     body = html(
@@ -48,7 +51,7 @@ def page(drives: Sequence[PlayedDrive]) -> Markup:
         player(drives, alone=True),
     )
     css = player_styles() + text("resim.report.player", "alone.css")
-    found = document(f"{title} · player", body, css=css, scripts=player_scripts(), plots=False)
+    found = document(f"{title} · player", body, css=css, scripts=player_scripts(), plots=False, shared=shared)
     if len(found) > LARGEST:
         problem = f"the page would have {len(found) / 1e6:.0f} MB, more than a browser opens"
         raise InputError("--out", problem, "Give fewer drives, or cut them.")
@@ -70,7 +73,7 @@ def player_styles() -> str:
 def player(drives: Sequence[PlayedDrive], *, alone: bool = False) -> Markup:
     """Give the player of these drives, once a page; alone: it has the page for itself and may be dark."""
     if not alone:
-        drives = [_smaller(drive) for drive in drives]
+        drives = [smaller(drive, EMBEDDED) for drive in drives]
     return html(
         '<div class="player" id="player" data-alone="{alone}">\n{layers}\n{stage}\n{transport}\n'
         '<p id="now"></p>{chart}<p id="mark" aria-live="polite"></p>\n'
@@ -82,8 +85,9 @@ def player(drives: Sequence[PlayedDrive], *, alone: bool = False) -> Markup:
     )  # fmt: skip
 
 
-def _smaller(drive: PlayedDrive) -> PlayedDrive:
-    return replace(drive, layers=tuple(thinned(layer, EMBEDDED) for layer in drive.layers))
+def smaller(drive: PlayedDrive, most: int) -> PlayedDrive:
+    """Give a drive with at most so many samples of objects in each layer."""
+    return replace(drive, layers=tuple(thinned(layer, most) for layer in drive.layers))
 
 
 LAYERS = Markup(

@@ -3,7 +3,7 @@ const player = document.getElementById("player"), alone = player.dataset.alone =
 const DARK_ROAD = { ...DARK, lane: lane => (lane.type.drivable ? "#2c343e" : "#20272f") };
 const LIGHT_ROAD = { ...LIGHT, lane: lane => (lane.type.drivable ? "#d6dade" : "#eceae3") };
 const CRITICAL = ["#c4161c", "#ff6b6b"];
-const play = { drive: null, layers: [], t: 0, from: 0, to: 1, on: false, speed: 1, follow: true, trails: true, labels: true, plans: true, picked: null, measuring: false, ruler: null };
+const play = { drive: null, layers: [], t: 0, from: 0, to: 1, on: false, speed: 1, follow: true, trails: true, labels: true, plans: true, picked: null };
 const dark = () => LOOK === DARK_ROAD, tone = pair => pair[dark() ? 1 : 0];
 
 const visible = () => play.layers.filter(layer => layer.shown);
@@ -15,7 +15,7 @@ function choose(number) { // plays another drive of the page
   play.layers = unpackDrive(drive);
   [play.from, play.to] = [drive.start, drive.end];
   play.t = play.from;
-  play.picked = play.ruler = null;
+  play.picked = ruler.ends = null;
   setMap(DATA.maps[drive.map]);
   sorted = {};
   const [west, south, east, north] = drive.box;

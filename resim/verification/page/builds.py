@@ -23,7 +23,7 @@ from resim.verification.page.cells import (
     signed,
     spread,
 )
-from resim.verification.page.drive import command, folded, reason, report_links
+from resim.verification.page.drive import command, drive_link, folded, reason, report_links
 from resim.verification.page.speeds import builds_figure
 from resim.verification.paired import Difference, RunPair
 from resim.verification.report import ComparisonSummary, RecordingResult, VerificationReport
@@ -147,9 +147,12 @@ def _detail(r: ComparedRecording, traces: BuildTraces | None, inputs: Verificati
     out.append(Markup("<h4>Each run</h4>") + _pairs(r.pairs))
     if r.reports:
         names = (f"Re-simulation report of {label}" for label in labels.values())
-        return join([*out, html("<p>{}</p>", report_links(r, *names))])
+        return join([*out, html("<p>{}</p>", join([*drive_link(r), report_links(r, *names)], " · "))])
     both = "\n".join(command(r, inputs, build) for build in builds.values())
-    return join([*out, html("<p>To see every step, in this file's folder:</p><pre>{}</pre>", both)])
+    more = html(
+        "<p>{}</p><p>To see every step, in this file's folder:</p><pre>{}</pre>", join(drive_link(r)), both
+    )
+    return join([*out, more])
 
 
 def _pairs(pairs: Sequence[RunPair]) -> Markup:

@@ -11,6 +11,7 @@ from resim.report.tables import decision_words
 from resim.resimulation.traces import SpeedTraces
 from resim.verification.compare import SimulatedSource
 from resim.verification.entries import (
+    ComparedRecording,
     ComparedRun,
     RecordingSource,
     SeedRun,
@@ -159,11 +160,17 @@ def _seeds(seeds: Sequence[SeedRun]) -> Markup:
 def _look_closer(entry: VerifiedRecording, inputs: VerificationRequest) -> Markup:
     """Links to the re-simulation reports, or the command that makes one."""
     if entry.reports:
-        return html("<p>{}</p>", report_links(entry))
+        return html("<p>{}</p>", join([*drive_link(entry), report_links(entry)], " · "))
     return html(
-        "<p>To see every step, in this file's folder:</p><pre>{}</pre>",
+        "<p>{}</p><p>To see every step, in this file's folder:</p><pre>{}</pre>",
+        join(drive_link(entry)),
         command(entry, inputs, inputs.build),
     )
+
+
+def drive_link(entry: VerifiedRecording | ComparedRecording) -> list[Markup]:
+    """Give the link to the page that plays the drive, where there is one."""
+    return [] if entry.drive is None else [html('<a href="{}">Play the drive</a>', quote(entry.drive))]
 
 
 def report_links(entry: RecordingResult, *names: str) -> Markup:
