@@ -20,6 +20,7 @@ from resim.recordings.mapped.mapping import (
     LEAST_RATE,
     MOST_RATE,
     HeadingColumn,
+    Mapping,
     Match,
     TableMapping,
     read_mapping,
@@ -127,7 +128,7 @@ def read_mapped(
     )  # fmt: skip
 
 
-def _check_rate(rate: float, mapping: TableMapping) -> None:
+def _check_rate(rate: float, mapping: Mapping) -> None:
     """Raise InputError for frames a second that are none, or that no table has a use for."""
     if not LEAST_RATE <= rate <= MOST_RATE:
         raise InputError(
