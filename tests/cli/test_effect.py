@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from resim.cli import check
-from resim.cli.terminal import Telling, told_as
+from resim.cli.terminal import OutputSettings, output_as
 from resim.core.finding import Finding
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def test_verbose_prints_every_finding(capsys: pytest.CaptureFixture[str], verbos
     """Two lines a finding; without it the first five of a kind, and how many more there are."""
     of = ("TIME_GAP", "warning", "GT")
     found = [Finding(*of, f"a{k}", 1.0, 2.0, 1.0, "s", "is not there", "nothing", "") for k in range(8)]
-    with told_as(Telling(verbose=verbose)):
+    with output_as(OutputSettings(verbose=verbose)):
         check.print_findings(found)
     out = capsys.readouterr().out
     assert (len(out.splitlines()), "... and 3 more of this code" in out) == (lines, not verbose)
