@@ -49,7 +49,8 @@ def assess(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for assessment.json, kpis.parquet and a page; an earlier one there is replaced."
+            help="Folder for assessment.json, kpis.parquet (read by DuckDB: docs/formats/results.md) and a page; "
+            "an earlier one there is replaced."
         ),
     ] = None,
     criteria: CriteriaFile = None,

@@ -38,11 +38,13 @@ class FunctionError(ResimError):
     """The AD function under test raised, answered nonsense or overran its time limit: the run has failed.
 
     frames: where it raised, from its own code on: file, line, name of what is called there; the innermost last.
+    words: the end of what it, or a process of its own, had written to the standard error during the call.
     """
 
-    def __init__(self, text: str, frames: tuple[tuple[str, int, str], ...] = ()) -> None:
+    def __init__(self, text: str, frames: tuple[tuple[str, int, str], ...] = (), words: str = "") -> None:
         super().__init__(text)
         self.frames = frames
+        self.words = words
 
 
 class ChangedError(FunctionError):

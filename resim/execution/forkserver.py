@@ -118,6 +118,11 @@ def readable(files: Sequence[int], timeout: float | None = None) -> list[int]:
     return [file for file, _ in waiting.poll(None if timeout is None else 1000.0 * timeout)]
 
 
+def _environment() -> dict[str, str]:
+    """That of the children: one thread of BLAS in each, unless the user says otherwise, as there are many of them."""
+    return {"OMP_NUM_THREADS": "1", **os.environ}
+
+
 class _Server:
     """The process that forks, as the command sees it."""
 
@@ -136,7 +141,7 @@ class _Server:
                 self._start(path)
             assert self._asking is not None
             assert self._process is not None
-            request = pickle.dumps((module, dict(os.environ)))
+            request = pickle.dumps((module, _environment()))
             socket.send_fds(self._asking, [_SIZE.pack(len(request))], files)
             self._asking.sendall(request)
             return self._process
@@ -148,7 +153,7 @@ class _Server:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _CODE.format(path=path), str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, stdout=2, start_new_session=True,
-                env={**os.environ, "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
+                env={**_environment(), "PYTHONHASHSEED": "0"},  # sets of names have one order in all children
             )  # fmt: skip
 
     def end(self) -> None:

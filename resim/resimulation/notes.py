@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -56,7 +57,7 @@ def notes(result: Resimulation) -> Iterator[str]:
             yield f"{source} left the measured route at {drive.left_route:.1f} s"
         if drive.failure:
             yield f"{source}: AD function failed: {drive.failure}"
-            yield from (f"{source}: raised at {line}" for line in drive.traceback)
+            yield from (f"{source}: {line}" for line in drive.blame())
     if "SD" in measured:
         yield from _sensed(recording, measured, result.errors)
 
@@ -73,8 +74,23 @@ def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDriv
     for end, what in words.items():
         if count := sum(d.end == end for d in drives):
             yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs {what}"
+    yield from _failed_seeds(perceiving, drives)
     if count := sum(d.left_route is not None for d in drives):
         yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs left the measured route"
+
+
+def _failed_seeds(perceiving: PerceptionSetup, drives: Sequence[SimulatedDrive]) -> Iterator[str]:
+    """Each failure that is another one, told once: its first seed, and in how many it was."""
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for k, drive in enumerate(drives):
+        if drive.failure:
+            same = drive.traceback or (re.sub(r"at t = [\d.]+ s ", "", drive.failure),)
+            alike.setdefault(same, []).append(k)
+    for of in alike.values():
+        drive, seed = drives[of[0]], perceiving.seeds[of[0]]
+        more = f" (and {len(of) - 1} more)" if len(of) > 1 else ""
+        yield f"rGT+M, seed {seed}{more}: AD function failed: {drive.failure}"
+        yield from (f"rGT+M, seed {seed}: {line}" for line in drive.blame())
 
 
 def _repaired(recording: Recording) -> Iterator[str]:

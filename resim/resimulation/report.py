@@ -219,6 +219,19 @@ class SeedProvenance:
 
 
 @dataclass(frozen=True)
+class FailureProvenance:
+    """Why the function failed in a drive.
+
+    traceback: where it raised, a line a call, from its own file on. last_words: the end of what the failed call, or a
+    process that it started, wrote to the standard error.
+    """
+
+    reason: str
+    traceback: tuple[str, ...]
+    last_words: str | None
+
+
+@dataclass(frozen=True)
 class PerceptionProvenance:
     """The parameters of the perception model that were set by hand, and its drives."""
 
@@ -232,7 +245,7 @@ class RunProvenance:
 
     hashes: of all inputs. cases: of all that is simulated, by drive. step, lead_in: s. control_error: largest distance
     [m] between where a vehicle was commanded to be and where the engine had it. times: s of wall clock by stage.
-    files: hashes of what was written.
+    failures: of the function, by drive. files: hashes of what was written.
     """
 
     __pydantic_config__ = EXACT
@@ -249,6 +262,7 @@ class RunProvenance:
     perception: PerceptionProvenance | None
     control_error: Mapping[str, float]
     times: Mapping[str, float]
+    failures: Mapping[str, FailureProvenance]
     files: Mapping[str, str]
 
 
@@ -268,6 +282,11 @@ def provenance(result: Resimulation, files: Mapping[str, str]) -> RunProvenance:
         perception=_perception_provenance(result),
         control_error={name: drive.control_error for name, drive in result.simulated().items()},
         times=result.times,
+        failures={
+            name: FailureProvenance(drive.failure, drive.traceback, drive.last_words or None)
+            for name, drive in result.drives.items()
+            if drive.failure
+        },
         files=files,
     )
 

@@ -126,6 +126,7 @@ class SimulatedDrive:
         failure: Why the function failed, or "".
         left_route: When [s] the EGO left the measured route (`resim.road.driven_route`), None where it did not.
         traceback: Where it raised what it failed by, a line for each call, the innermost last.
+        last_words: The end of what the failed call wrote to the standard error, or a process that it started; or "".
         control_error: Largest distance [m] between where a vehicle was commanded to be and where the engine had it.
         shown: Objects on all lists that the function was shown.
         outside: How many of them were outside of what the perception model was trained for.
@@ -142,6 +143,7 @@ class SimulatedDrive:
     failure: str
     left_route: float | None
     traceback: tuple[str, ...]
+    last_words: str
     control_error: float
     shown: int
     outside: int
@@ -153,10 +155,15 @@ class SimulatedDrive:
         How long it took, and where an engine says that it had somebody, is not of the drive; nor are the words of a
         failure, which may hold addresses.
         """
-        left = ("time", "control_error", "traceback", "failure")
+        left = ("time", "control_error", "traceback", "last_words", "failure")
         values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in left}
         values |= {"case": self.case.hash, "failed": bool(self.failure), "perceived": tuple(self.perceived)}
         return {name: _checksum(value).hexdigest()[:16] for name, value in values.items()}
+
+    def blame(self) -> tuple[str, ...]:
+        """Give what helps to find the fault of a function that failed: where it raised, a line a call; last words."""
+        words = (f"last words: {self.last_words}",) if self.last_words else ()
+        return (*(f"raised at {line}" for line in self.traceback), *words)
 
     @property
     def flaw(self) -> str:

@@ -222,14 +222,14 @@ class _Loop:
             return
         remedy = opened.remedy()
         why = f"{self.case.build.label} at t = {self.now:.2f} s {e}" + (f". {remedy}" if remedy else "")
-        self.runs[0].fail(why, e.frames)
+        self.runs[0].fail(why, e)
 
     def failed_on_closing(self, e: FunctionError) -> None:
         """End the run with that."""
         if len(self.runs) > 1:
             self.broken = self.broken or e
             return
-        self.runs[0].fail(f"{self.case.build.label} on closing {e}", e.frames)
+        self.runs[0].fail(f"{self.case.build.label} on closing {e}", e)
 
     def look(self) -> bool:
         """Look at the steps since the last look; say whether all runs ended in one or before."""
@@ -303,6 +303,7 @@ class _Loop:
             failure=run.failure,
             left_route=None,
             traceback=_lines(run.frames, opened),
+            last_words=run.words,
             control_error=control_error,
             shown=shown,
             outside=outside,
@@ -343,6 +344,7 @@ class _Run:
     shown: tuple[int, int] | None = None
     failure: str = ""
     frames: Sequence[tuple[str, int, str]] = ()
+    words: str = ""
     collisions: list[Collision] = field(default_factory=list)
 
     @property
@@ -350,7 +352,9 @@ class _Run:
         """Whether it ended before the scenario did."""
         return self.end != "duration"
 
-    def fail(self, why: str, frames: Sequence[tuple[str, int, str]]) -> None:
+    def fail(self, why: str, e: FunctionError) -> None:
         """End with the function's failure, unless it had ended otherwise; the first one counts."""
-        self.failure, self.frames = self.failure or why, self.frames or frames
+        self.failure, self.frames, self.words = (
+            self.failure or why, self.frames or e.frames, self.words or e.words,
+        )  # fmt: skip
         self.end = self.end if self.ended else "function_failed"

@@ -308,6 +308,10 @@ def test_a_table_of_ones_own_comes_to_a_report_as_the_guide_says(done: Done, tmp
     guessed = (tmp_path / "guessed.toml").read_text()
     for line in ('crs = "EPSG:4326"', 'unit = "ms"', 'unit = "km/h"', 'zero = "north", clockwise = true'):
         assert line in guessed
+    sensor = guessed.partition("[sd]")[2]
+    for line in ('id = "obj"', 't = { column = "stamp", unit = "s" }', 'x = { column = "dx"', 'y = { column = "dy"',
+                 'vx = { column = "vrel_x", unit = "m/s", relative = true }'):  # fmt: skip
+        assert f"\n{line}" in sensor, line
     build = tmp_path / "my_pilot.toml"
     done("run", out, "--build", build, "--out", tmp_path / "mine")
     assert json.loads((tmp_path / "mine" / "report.json").read_text())["build"]["name"] == "my_pilot"

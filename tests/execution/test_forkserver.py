@@ -33,6 +33,31 @@ def test_a_child_has_the_environment_of_the_moment(monkeypatch):
     assert answers(actions.environment, ["RESIM_X"]) == [None]
 
 
+@pytest.mark.parametrize(("own", "found"), [(None, "1"), ("3", "3")])
+def test_numerical_libraries_of_a_child_have_one_thread_unless_the_user_says_otherwise(
+    monkeypatch, own, found
+):
+    """The library's own process keeps its environment: its user may want all cores."""
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if own is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", own)
+    assert answers(actions.environment, ["OMP_NUM_THREADS"]) == [found]
+    assert os.environ.get("OMP_NUM_THREADS") == own
+
+
+@pytest.mark.parametrize(("own", "found"), [(None, "1"), ("3", "3")])
+def test_numerical_libraries_of_a_command_have_one_thread_unless_the_user_says_otherwise(own, found):
+    told = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    told |= {} if own is None else {"OMP_NUM_THREADS": own}
+    code = (
+        "import atexit, os, sys; sys.argv = ['resim', '--version']\n"
+        "atexit.register(lambda: print(os.environ['OMP_NUM_THREADS']))\n"
+        "from resim.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=told, capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == found
+
+
 def test_each_child_has_random_numbers_of_its_own():
     drawn = {answers(actions.random_numbers, [0])[0] for _ in range(3)}
     assert len({first for first, _ in drawn}) == 3

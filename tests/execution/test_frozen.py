@@ -109,6 +109,25 @@ def test_a_helper_of_the_same_name_in_another_build_is_another_one(
     assert rows[0][2:] != rows[1][2:]
 
 
+def test_a_build_that_is_edited_during_a_verification_runs_as_it_was_hashed(tmp_path: Path) -> None:
+    """What is written meanwhile would end the process of the second drive."""
+    pilot, out = build(tmp_path / "one", -1.0), tmp_path / "out"
+    wanted = make_request(
+        read_suite(suite(tmp_path)), pilot, None, Wanted(driven_by=("highway_pilot-1.0",)), out
+    )
+    edited: list[str] = []
+
+    def edit(name: str, verdict: str, kept: bool) -> None:
+        (pilot.parent / "helper.py").write_text("import os\nos._exit(9)\n")
+        (pilot.parent / "pilot.py").write_text("import os\nos._exit(9)\n")
+        pilot.write_text("name = 'other'\n")
+        edited.append(name)
+
+    found, _ = verify(wanted, tmp_path, None, workers=1, tell=edit)
+    assert len(edited) == 2
+    assert [r.error for r in found.recordings] == [None, None]
+
+
 @pytest.mark.slow
 def test_a_verification_runs_and_keeps_what_was_hashed(tmp_path: Path) -> None:
     criteria = tmp_path / "criteria.toml"

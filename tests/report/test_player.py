@@ -257,7 +257,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "problem"),
     [("nowhere", "there is no such file or folder"), ("empty", "holds neither recording.toml nor run.json"),
-     ("sweep", "keeps no drives"), ("verified", "each of its reports"), ("text.txt", "is no JSCEN file"),
+     ("sweep", "keeps no drives"), ("verified", "recording is in its drives"), ("text.txt", "is no JSCEN file"),
      ("broken.json", "is not JSON"), ("alone.jscen.json", "map.xodr")],
 )  # fmt: skip
 def test_what_is_no_drive_is_refused(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from junction import write_junction
 from turns import driven, turns
 
 from resim.core.tracks import Tracks
@@ -35,12 +36,20 @@ class Own:
 """
 
 
-@pytest.fixture(scope="module")
-def turn():
-    """The sharpest turn of the crossing whose way goes on elsewhere without it: what a drive along it passes."""
+@pytest.fixture(scope="module", params=["ours", "fabriksgatan"])
+def crossing(request, tmp_path_factory) -> Path:
+    """A crossing of our own, and a real one where it is at hand."""
+    if request.param == "ours":
+        return write_junction(tmp_path_factory.mktemp("map") / "junction.xodr")
     if not CROSSING.is_file():
         pytest.skip("no shared data")
-    net = load(CROSSING)
+    return CROSSING
+
+
+@pytest.fixture(scope="module")
+def turn(crossing):
+    """The sharpest turn of the crossing whose way goes on elsewhere without it: what a drive along it passes."""
+    net = load(crossing)
     return max(
         ((*driven(net, one, far=60.0), one) for one in turns(net)),
         key=lambda drive: abs(np.unwrap(drive[2])[-1] - drive[2][0]),
@@ -48,7 +57,7 @@ def turn():
 
 
 @pytest.fixture
-def recording(turn, tmp_path) -> Path:
+def recording(turn, crossing, tmp_path) -> Path:
     """A drive along the turn, as the EGO of a recording."""
     x, y, heading, _ = turn
     s = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
@@ -61,7 +70,7 @@ def recording(turn, tmp_path) -> Path:
         valid=np.ones((1, len(t)), dtype=bool),
     )  # fmt: skip
     write_recording(
-        Recording(name="turn", map=CROSSING, ego="ego", gt=tracks, gt_rate=25.0), tmp_path / "turn"
+        Recording(name="turn", map=crossing, ego="ego", gt=tracks, gt_rate=25.0), tmp_path / "turn"
     )
     return tmp_path / "turn"
 

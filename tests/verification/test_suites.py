@@ -69,6 +69,15 @@ def verdicts(out: Path) -> dict[str, str]:
     return {r["name"]: r["verdict"] for r in result(out)["recordings"]}
 
 
+@pytest.mark.parametrize("agreement", ["1e-11", "0.0", "0.49", "0.995", "1.0", "nan", "-0.9"])
+def test_an_agreement_that_nearly_anything_or_nothing_meets_is_refused(
+    suite: WriteSuite, agreement: str
+) -> None:
+    with pytest.raises(InputError, match="agreement"):
+        read_suite(suite(CORNER_CASE, more=f"agreement = {agreement}"))
+    assert read_suite(suite(CORNER_CASE, more="agreement = 0.5")).file.agreement == 0.5
+
+
 @pytest.mark.slow
 def test_the_corner_case_on_the_truth_is_not_verified_because_of_the_sensor(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path

@@ -51,12 +51,15 @@ def boards(shared: Any) -> tuple[Any, Any]:
     return whole[: BOARD - len(whose)].cast("d"), whole[BOARD - len(whose) :]
 
 
-def last_words(file: int) -> str:
-    """Give the end of what code under test wrote to the standard error, by `words`; its last lines as one."""
+def last_words(file: int, since: int = 0) -> str:
+    """Give the end of what code under test wrote to the standard error, by `words`; its last lines as one.
+
+    since: byte from which on it is told.
+    """
     with contextlib.suppress(OSError):
         size = os.fstat(file).st_size
         lines = (
-            os.pread(file, 4 * _MOST_WORDS, max(size - 4 * _MOST_WORDS, 0))
+            os.pread(file, 4 * _MOST_WORDS, max(size - 4 * _MOST_WORDS, since))
             .decode(errors="replace")
             .splitlines()
         )
@@ -228,7 +231,7 @@ class Watchdog:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
         board[1] = limit
         board[0] = self._begin + limit
-        failure, frames = "", tuple[_Frame, ...]()
+        failure, frames, heard = "", tuple[_Frame, ...](), _heard()
         try:
             self._inside = True
             try:
@@ -249,10 +252,18 @@ class Watchdog:
         finally:
             board[0] = 0.0
         if failure:
-            raise FunctionError(failure, frames)
+            _flush_errors()
+            raise FunctionError(failure, frames, "" if words is None else last_words(words, heard))
         if time.monotonic() - self._begin > limit and self._left() < 0.0:
             raise FunctionError(f"took longer than {limit:g} s to answer")
         return answer
+
+
+def _heard() -> int:
+    """How many bytes `words` holds."""
+    with contextlib.suppress(OSError):
+        return 0 if words is None else os.fstat(words).st_size
+    return 0
 
 
 def unanswered(limit: float) -> str:

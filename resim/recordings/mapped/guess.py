@@ -12,7 +12,7 @@ from resim.core.errors import InputError
 from resim.core.files import relative
 from resim.core.geometry import Floats
 from resim.core.tracks import KINDS
-from resim.recordings.mapped import conventions, names
+from resim.recordings.mapped import candidates, conventions, names
 from resim.recordings.mapped.lines import MappingLines, quoted
 from resim.recordings.mapped.mapping import TableMapping
 from resim.recordings.mapped.motion import TURN
@@ -153,7 +153,23 @@ class _Guess:
         elif self.where == "sd":
             out.lines.append("# id is not there: objects are followed from list to list")
         else:
-            out.ask('id = "..."', f"the column of ids, among {', '.join(map(str, self.frame.columns))}")
+            fits = candidates.id_like(self.rows, self.frame, self._taken(), self._numbers("t"))
+            self._propose(out, "id", "{}", "the column of ids", fits)
+
+    def _taken(self) -> set[str]:
+        """The columns that have a field by their names."""
+        return {column for column, _ in self.found.values()}
+
+    def _propose(
+        self, out: MappingLines, field: str, line: str, what: str, fits: list[candidates.Candidate]
+    ) -> None:
+        """A line to fill in, with the columns that fit by their numbers; line: around the column in quotes."""
+        if not fits:
+            every = ", ".join(map(str, self.frame.columns))
+            out.ask(f"{field} = {line.format(quoted('...'))}", f"{what}, among {every}")
+            return
+        told = "; or ".join(f"{column}: {why}" for column, why in fits[:3])
+        out.ask(f"{field} = {line.format(quoted(fits[0][0]))}", f"{what}; by its numbers {told}")
 
     def _alone(self) -> bool:
         """Whether each time is there once, as of one object."""
@@ -162,10 +178,9 @@ class _Guess:
 
     def _time(self, out: MappingLines) -> Floats | None:
         if "t" not in self.found:
-            out.ask(
-                't = { column = "...", unit = "s" }',
-                f"the time, among {', '.join(map(str, self.frame.columns))}",
-            )
+            ids = self._ids() if "id" in self.found else None
+            fits = candidates.time_like(self.rows, self.frame, self._taken(), ids)
+            self._propose(out, "t", '{{ column = {}, unit = "s" }}', "the time and its unit", fits)
             return None
         column, unit = self.found["t"]
         raw = self._numbers("t")
@@ -368,7 +383,11 @@ class _Guess:
         for name in ("vx", "vy"):
             column, unit = self.found[name]
             line = f'{name} = {{ column = {quoted(column)}, unit = "{unit if unit in SPEEDS else "m/s"}" }}'
-            if self.relative:
+            if "rel" in names.plain(column):
+                out.sure(
+                    line.replace(" }", ", relative = true }"), "by its name: the EGO's is still to be added"
+                )
+            elif self.relative:
                 out.ask(line, "add relative = true where the EGO's velocity is still to be added")
             else:
                 out.sure(line, "by its name; m/s is taken" if unit not in SPEEDS else "by its name")

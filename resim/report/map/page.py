@@ -63,7 +63,7 @@ STAGE = Markup(
     'Arrow keys move, + and - zoom, 0 shows all, M measures."></canvas><div class="place" id="place"></div>'
     '<div class="details" id="details" hidden></div></div>\n'
     '<p class="note">Wheel or pinch zooms, dragging moves; point at a lane for its details, click to keep them. '
-    "Keys: arrows on the map, + and −, 0 for all, M measures a distance by a drag or two taps, Esc ends it. "
+    "Keys: arrows on the map, + and −, 0 for all, M measures (a drag, or two taps), Esc ends it. "
     "The address of the page holds the view.</p>"
 )
 

@@ -144,8 +144,8 @@ function drawLabels(who) {
   const weight = o => (o.ego ? -3e9 : who && o.id === who.id ? -2e9 : play.picked === o.id ? -1e9 : (o.now.x - middle.now.x) ** 2 + (o.now.y - middle.now.y) ** 2);
   for (const object of [...seen.values()].sort((a, b) => weight(a) - weight(b))) {
     const isCritical = who && who.id === object.id, color = isCritical ? tone(CRITICAL) : LOOK.ink;
-    const name = object.ego ? "EGO" : short(object.id), kind = object.ego ? "" : ` ${object.kind}`;
-    if (label(object, [`${name}${kind}`, speedOf(object.now.v)], color, object.ego || isCritical)) continue;
+    const name = object.ego ? "EGO" : short(object.id);
+    if (label(object, [`${name} ${object.kind}`, speedOf(object.now.v)], color, object.ego || isCritical)) continue;
     label(object, [name], color, false);
   }
 }

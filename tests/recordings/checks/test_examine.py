@@ -519,6 +519,36 @@ def sensed(gt: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     return gt.assign(x=gt["x"] + off[0], y=gt["y"] + off[1])
 
 
+def short_tracks(before: RecordingTables) -> pd.DataFrame:
+    """The EGO for 40 s, and every second another car for 4 s: they brake and accelerate, each in its own way."""
+    row = before.gt[own(before.gt, "ego")].iloc[0]
+    parts = []
+    for k in range(-1, 37):
+        t = np.arange(0.0 if k < 0 else k, 40.0 if k < 0 else k + 4.0, 0.04).round(3)
+        v = 14.0 + 4.0 * np.sin(0.9 * t + 1.3 * k)
+        way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * 0.04)])
+        told = {"t": t, "x": 300.0 + 25.0 * (k + 1) + way, "y": -1.75 - 3.5 * (k % 2), "heading": 0.0, "v": v}
+        parts.append(pd.DataFrame({**row.to_dict(), **told, "id": "ego" if k < 0 else f"c{k}"}))
+    return pd.concat(parts, ignore_index=True).sort_values(["t", "id"], ignore_index=True)
+
+
+@pytest.mark.parametrize("rate", [0.02, -0.02])
+@pytest.mark.parametrize("source", ["gt", "sd"])
+def test_a_drift_is_found_in_short_tracks_of_our_own(tables: Read, rate: float, source: str) -> None:
+    """2 %, of which no track alone shows enough."""
+    before = tables("overtake")
+    gt = short_tracks(before)
+    clean = replace(before, gt=gt, sd=sensed(gt))
+    codes = {f.code for f in examine(clean, None)}
+    assert "CLOCK_DRIFT" not in codes
+    frame = gt if source == "gt" else clean.sd
+    assert frame is not None
+    found = examine(replace(clean, **{source: frame.assign(t=(1.0 + rate) * frame["t"])}), None)
+    drifts = [f for f in found if f.code == "CLOCK_DRIFT"]
+    assert [(f.severity, f.object) for f in drifts] == [("error", "")]
+    assert abs(drifts[0].value) == pytest.approx(0.02 * 40.0, rel=0.15)
+
+
 needs_ngsim = pytest.mark.skipif(not NGSIM.is_dir(), reason="needs the NGSIM scenarios beside the project")
 
 

@@ -90,6 +90,50 @@ def test_what_the_table_does_not_tell_is_left_to_fill_in(tmp_path: Path) -> None
         read_mapping(tmp_path / "m.toml")
 
 
+def table(folder: Path, order: list[str]) -> Path:
+    """A table whose names say nothing of time and ids: two objects at 25 Hz, one of them from 1 s on."""
+    t = 0.04 * np.arange(100)
+    rows = pd.concat(
+        [
+            pd.DataFrame({"c1": t[n:], "c2": k, "x": 5.0 * t[n:], "y": 4.0 * k, "q": np.sin(t[n:])})
+            for k, n in ((7, 0), (9, 25))
+        ]
+    )
+    rows.sort_values(order).to_csv(folder / "t.csv", index=False)
+    return folder / "t.csv"
+
+
+@pytest.mark.parametrize("order", [["c1", "c2"], ["c2", "c1"]])
+def test_times_and_ids_without_names_are_proposed_by_their_numbers(tmp_path: Path, order: list[str]) -> None:
+    text = guess(table(tmp_path, order), tmp_path / "m.toml")
+    (ids,) = (line for line in fill_ins(text) if line.startswith("# id = "))
+    assert ids.startswith('# id = "c2"')
+    assert "2 values in 175 rows" in ids
+    if order == ["c1", "c2"]:
+        (clock,) = (line for line in fill_ins(text) if line.startswith("# t = "))
+        assert clock.startswith('# t = { column = "c1"')
+        assert "it never falls down the table, and its steps are 0.04" in clock
+    assert '"q"' not in "".join(line for line in fill_ins(text) if line.startswith(("# id", "# t ")))
+
+
+def test_a_time_without_a_name_is_proposed_by_the_steps_of_each_object(tmp_path: Path) -> None:
+    path = table(tmp_path, ["c2", "c1"])
+    path.write_text(path.read_text().replace("c1,c2,x,y,q", "c1,track,x,y,q"))
+    (clock,) = (line for line in fill_ins(guess(path, tmp_path / "m.toml")) if line.startswith("# t = "))
+    assert clock.startswith('# t = { column = "c1"')
+    assert "of each object, and its steps are 0.04" in clock
+
+
+def test_an_id_that_stands_twice_at_a_time_is_none(tmp_path: Path) -> None:
+    path = table(tmp_path, ["c1", "c2"])
+    rows = pd.read_csv(path).rename(columns={"c1": "time"})
+    rows["sensor"] = 3
+    rows.to_csv(path, index=False)
+    (ids,) = (line for line in fill_ins(guess(path, tmp_path / "m.toml")) if line.startswith("# id = "))
+    assert "c2: 2 values in 175 rows, none twice at a time" in ids
+    assert "sensor" not in ids
+
+
 def test_names_and_values_of_a_table_add_no_line(tmp_path: Path) -> None:
     rows = pd.DataFrame(
         {"t": [0.0, 0.1], "x": [0.0, 1.0], "y": [0.0, 0.0], "id": ['a"b', 'a"b'], "type": ["]\nego", "x"]}
