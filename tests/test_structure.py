@@ -30,7 +30,9 @@ def test_no_two_classes_share_a_name_nor_a_class_and_a_type_alias() -> None:
         for node in ast.walk(module):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 classes[node.name].append(path)
-        if not path.startswith("cli/"):  # there, aliases are options of commands, named after what they take
+        # aliases of cli/ are options of commands, named after what they take; those of kernels stand in numba's cache,
+        # which cannot be read where one has another name
+        if not path.startswith("cli/") and "/kernel/" not in path:
             for name in aliases(module):
                 other[name].append(path)
     shared = {

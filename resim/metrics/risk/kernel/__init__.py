@@ -17,7 +17,7 @@ from numba import njit
 from resim.metrics.risk.kernel.compiled import borrowed
 from resim.metrics.risk.kernel.motion import COS, ROWS, SIN, VX, VY, X, Y, ctra
 from resim.metrics.risk.kernel.scene import assess
-from resim.metrics.risk.kernel.work import RiskArrays, RoadArrays, Sampling, SceneArrays
+from resim.metrics.risk.kernel.work import RiskArrays, Road, Sampling, SceneArrays
 
 _TEXT = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
 SOURCES = int(hashlib.sha256(_TEXT).hexdigest()[:15], 16)
@@ -52,4 +52,4 @@ def _entries(sources):
 
 kernel, ctra_plans = _entries(SOURCES)
 
-__all__ = ["RiskArrays", "RoadArrays", "Sampling", "SceneArrays", "ctra_plans", "kernel"]
+__all__ = ["RiskArrays", "Road", "Sampling", "SceneArrays", "ctra_plans", "kernel"]
