@@ -12,6 +12,7 @@ import library_reference
 import pages
 import pytest
 import yaml
+from field_tables import schema
 from pages import DOCS, PAGES, ROOT
 
 from resim import __version__
@@ -188,3 +189,12 @@ def test_nothing_is_installed_from_the_index_under_our_name() -> None:
     """There, resim is somebody else's package."""
     for path in [*PAGES, WORKFLOW, *(ROOT / "resim").rglob("*.py")]:
         assert not re.search(r"pip install\s+(-\S+\s+)*['\"]?resim\b", path.read_text(encoding="utf-8")), path
+
+
+def test_fields_that_a_docstring_has_as_attributes_have_a_meaning_in_the_table() -> None:
+    shown = schema("mapping")
+    assert "Attributes:" not in shown
+    assert "| field | type | default | meaning |" in shown
+    assert re.search(
+        r"^\| `gate` \| .* \| Farthest \[m\] that an SD object may be from its GT", shown, re.MULTILINE
+    )
