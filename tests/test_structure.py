@@ -1,6 +1,8 @@
 """What holds for all of resim's source: names that mean one thing, and functions that a reader can take in."""
 
 import ast
+import importlib
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,3 +53,13 @@ def test_no_function_is_longer_than_sixty_lines() -> None:
         and node.end_lineno - node.lineno >= LONGEST
     ]
     assert not long
+
+
+def test_what_ruff_knows_by_a_path_is_there() -> None:
+    lint = tomllib.loads((RESIM.parent / "pyproject.toml").read_text("utf-8"))["tool"]["ruff"]["lint"]
+    paths = lint["flake8-bandit"]["extend-markup-names"] + lint["flake8-bugbear"]["extend-immutable-calls"]
+    for path in [*paths, *lint["flake8-tidy-imports"]["banned-api"]]:
+        module, _, name = path.rpartition(".")
+        assert hasattr(importlib.import_module(module), name), path
+    for path in lint["per-file-ignores"]:
+        assert list(RESIM.parent.glob(path)), path
