@@ -45,7 +45,13 @@ class ConversionReport:
 
 @dataclass(frozen=True, eq=False)
 class MapCheck:
-    """A map, what is wrong in it (worst first), and its net."""
+    """A map, what is wrong in it, and its net.
+
+    Attributes:
+        network: The roads.
+        flaws: What is wrong in the map, worst first.
+        net: The SUMO net, with the errors of its lanes.
+    """
 
     network: RoadNetwork
     flaws: tuple[Flaw, ...]
