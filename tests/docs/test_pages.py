@@ -17,10 +17,9 @@ from pages import DOCS, PAGES, ROOT
 
 from resim import __version__
 from resim.cli import inputs
-from resim.core.schema import COLUMNS, OPTIONAL_COLUMNS, PLAN_COLUMNS
+from resim.core.schema import COLUMNS, EXISTENCE, GT_ID, OPTIONAL_COLUMNS, PLAN_COLUMNS, REPAIRED, TOLD
 from resim.core.tracks import KINDS
 from resim.metrics.measures.registry import MEASURES
-from resim.recordings.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
 
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 WORKFLOW = DOCS / "examples" / "verify.yml"
