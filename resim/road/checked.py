@@ -72,7 +72,11 @@ class MapCheck:
         return out + ([f"{len(lost)} link(s) of lanes not in the net"] if lost else [])
 
     def report(self, files: Mapping[str, str]) -> ConversionReport:
-        """Give what conversion.json says. files: hashes of what was written, by name."""
+        """Give what conversion.json says.
+
+        Args:
+            files: Hashes of what was written, by name.
+        """
         conversion = self.net.conversion
         return ConversionReport(
             versions=versions(),
