@@ -101,7 +101,7 @@ class HighwayPilot:
         ego, t = perceived.ego, perceived.t
         self.lanes.place(ego)
         others = self.lanes.locate(perceived)
-        lead = self.find_lead(t, ego[:, 3], others)
+        lead = self.mind(t, ego[:, 3], others)
         self.decide(t, ego, others, lead)
         v = ego[:, 3]
         a = self.accelerate(v, lead)
@@ -116,7 +116,7 @@ class HighwayPilot:
         """Whether any changes lane."""
         return CHANGE in self.mode.tolist()
 
-    def find_lead(self, t: float, v: Floats, others: Along) -> _Lead:
+    def mind(self, t: float, v: Floats, others: Along) -> _Lead:
         """Find the nearest vehicles that are in the way, or will be by their drift."""
         if (more := self.lanes.paths.room - self.known.shape[1]) > 0:
             self.known = np.pad(self.known, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
@@ -124,7 +124,7 @@ class HighwayPilot:
         if self.changing:
             offset = np.where(self.mode == CHANGE, self.lanes.d, 0.0)
         how = (self.half_width + 0.1, self.cut_in_horizon, self.half_length, self.cycle, self.smoothing)
-        kernel.find_lead(*others, v, offset, tuple(map(float, how)), self.known, (float(t), self.last), out)
+        kernel.mind(*others, v, offset, tuple(map(float, how)), self.known, (float(t), self.last), out)
         self.last = float(t)
         return _Lead(*out)
 

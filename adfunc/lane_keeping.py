@@ -14,7 +14,7 @@ from resim.core.geometry import Bools, Floats
 from resim.driving import kernel
 from resim.road.driven_route import Route, only_roads
 from resim.road.opendrive import RoadNetwork
-from resim.road.path import LanePath, PathPoint, lane_path
+from resim.road.path import Path, PathPoint, lane_path
 from resim.road.paths import Along, Paths
 from resim.simulation.function.batch import BatchFunction, Keys, PerceivedBatch, batch_of_one
 from resim.simulation.function.interface import Command, EgoState, Perceived, Setup
@@ -40,7 +40,7 @@ SMOOTH = 12.0
 
 
 @lru_cache(maxsize=256)
-def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float, route: Route) -> LanePath:
+def _anchored_path(road: RoadNetwork, road_id: str, lane: int, s: float, route: Route) -> Path:
     path = lane_path(road, road_id, lane, s, AHEAD, behind=BEHIND, route=route)
     ends = (np.interp(path.s + side * 0.5 * SMOOTH, path.s, path.heading) for side in (-1.0, 1.0))
     return replace(path, curvature=-np.subtract(*ends) / SMOOTH)
@@ -67,7 +67,7 @@ class Lanes:
         self.paths = Paths([self._path(b, setup.start) for b, setup in enumerate(setups)])
         self._find(np.array([setup.start for setup in setups]))
 
-    def _path(self, b: int, ego: EgoState) -> LanePath:
+    def _path(self, b: int, ego: EgoState) -> Path:
         """The lane that the EGO is on."""
         setup = self._setups[b]
         road, lane, s = _lane_at(setup.road, setup.route, ego.x, ego.y, ego.heading)

@@ -12,6 +12,8 @@ from typing import Any
 
 from resim.jobs.schemas import FORMATS, schema_of
 
+_ATTRIBUTES = re.compile(r"^Attributes:\n((?:    .*(?:\n|\Z))+)", re.MULTILINE)
+
 
 def schema(file: str) -> str:
     """Give the fields of a kind of file as tables, one for each of its parts."""
@@ -51,8 +53,12 @@ def _part(name: str, parts: Mapping[str, Mapping[str, Any]], *, top: bool) -> st
 
 
 def _meanings(text: str, fields: Collection[str]) -> tuple[str, dict[str, str]]:
-    """A model's docstring as Markdown: what it says of fields, `one, two: meaning.`, and the rest."""
+    """A model's docstring as Markdown: what it says of fields, `one, two: meaning.` or as attributes, and the rest."""
     found: dict[str, str] = {}
+    if attributes := _ATTRIBUTES.search(text):  # in Google's style
+        for name, meaning in re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", attributes[1], re.MULTILINE):
+            found[name] = re.sub(r"([*<|]|\](?=\())", r"\\\1", " ".join(meaning.split()).rstrip(";."))
+        text = text[: attributes.start()] + text[attributes.end() :]
     text = re.sub(r"([*<|]|\](?=\())", r"\\\1", text)
     starts = [
         m

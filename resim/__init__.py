@@ -23,22 +23,29 @@ if TYPE_CHECKING:
     from resim.jobs.play import play as play
     from resim.jobs.resimulate import ResimulationResult as ResimulationResult
     from resim.jobs.resimulate import resimulate as resimulate
+    from resim.jobs.sweep import SweepListener as SweepListener
     from resim.jobs.sweep import SweepOptions as SweepOptions
     from resim.jobs.sweep import SweepRuns as SweepRuns
     from resim.jobs.sweep import sweep as sweep
     from resim.jobs.train import train as train
     from resim.jobs.verify import Verification as Verification
+    from resim.jobs.verify import VerificationListener as VerificationListener
     from resim.jobs.verify import compare as compare
     from resim.jobs.verify import verify as verify
+    from resim.metrics.criteria import Criteria as Criteria
     from resim.metrics.criteria import read_criteria as read_criteria
     from resim.perception.model import PerceptionModel as PerceptionModel
     from resim.perception.model import read_model as read_model
     from resim.recordings.checked import load_checked as load_checked
     from resim.recordings.recording import Recording as Recording
+    from resim.report.player.drive import PlayedDrive as PlayedDrive
     from resim.resimulation.assessed import AssessmentOptions as AssessmentOptions
+    from resim.resimulation.assessed import ResimulationAssessment as ResimulationAssessment
     from resim.resimulation.perceived import PerceptionSetup as PerceptionSetup
+    from resim.resimulation.report import RunReport as RunReport
     from resim.resimulation.result import Resimulation as Resimulation
     from resim.resimulation.result import ResimulationOptions as ResimulationOptions
+    from resim.road.checked import MapCheck as MapCheck
     from resim.simulation.case import Case as Case
     from resim.simulation.case import SimulatedDrive as SimulatedDrive
     from resim.simulation.function.interface import Build as Build
@@ -58,22 +65,29 @@ _WHERE = {
     "play": "jobs.play",
     "ResimulationResult": "jobs.resimulate",
     "resimulate": "jobs.resimulate",
+    "SweepListener": "jobs.sweep",
     "SweepOptions": "jobs.sweep",
     "SweepRuns": "jobs.sweep",
     "sweep": "jobs.sweep",
     "train": "jobs.train",
     "Verification": "jobs.verify",
+    "VerificationListener": "jobs.verify",
     "compare": "jobs.verify",
     "verify": "jobs.verify",
+    "Criteria": "metrics.criteria",
     "read_criteria": "metrics.criteria",
     "PerceptionModel": "perception.model",
     "read_model": "perception.model",
     "load_checked": "recordings.checked",
     "Recording": "recordings.recording",
+    "PlayedDrive": "report.player.drive",
     "AssessmentOptions": "resimulation.assessed",
+    "ResimulationAssessment": "resimulation.assessed",
     "PerceptionSetup": "resimulation.perceived",
+    "RunReport": "resimulation.report",
     "Resimulation": "resimulation.result",
     "ResimulationOptions": "resimulation.result",
+    "MapCheck": "road.checked",
     "Case": "simulation.case",
     "SimulatedDrive": "simulation.case",
     "Build": "simulation.function.interface",

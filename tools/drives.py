@@ -9,7 +9,7 @@ import numpy as np
 from virtual_sensor import SensorErrors
 
 from resim.core.geometry import Floats
-from resim.road.path import LanePath as LanePath
+from resim.road.path import Path as LanePath
 
 LANE = 3.5
 """m, width of a lane of the proving ground."""

@@ -17,7 +17,7 @@ from make_scenarios import ROOT, record
 from virtual_sensor import SensorErrors
 
 from resim.core.geometry import Floats
-from resim.road.path import LanePath as LanePath
+from resim.road.path import Path as LanePath
 
 FIRST_SEED = 1000
 

@@ -10,9 +10,9 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import wrap_angle
+from resim.core.schema import REPAIRED
 from resim.recordings import RecordingTables
 from resim.recordings.repairs import Repaired, repair
-from resim.recordings.tables import REPAIRED
 from resim.road.opendrive import RoadNetwork
 
 HEAD = " | ".join([

@@ -28,11 +28,15 @@ def _packages() -> dict[str, str]:
 
 @cache
 def code_state() -> str:
-    """Give 16 digits of the hash of resim's source: a version under development changes without a new number."""
-    told = hashlib.sha256()
+    """Give 16 digits of the hash of resim's source: a version under development changes without a new number.
+
+    What a wheel ships besides (`shipped/`, functions under test among it) is no source of resim's: a checkout has none.
+    """
+    state = hashlib.sha256()
     root = Path(resim.__file__).parent
     for path in sorted(root.rglob("*")):
-        if path.suffix in (".py", ".json"):
-            told.update(path.relative_to(root).as_posix().encode())
-            told.update(path.read_bytes())
-    return told.hexdigest()[:16]
+        name = path.relative_to(root)
+        if path.suffix in (".py", ".json") and name.parts[0] != "shipped":
+            state.update(name.as_posix().encode())
+            state.update(path.read_bytes())
+    return state.hexdigest()[:16]

@@ -22,6 +22,11 @@ OPTIONAL_COLUMNS = ("yaw_rate", "a", "z")
 """Of tracks, one row a time and object: s, m (map frame, centre of the box), rad, m/s, m; yaw rate [rad/s], m/s²,
 height of the road under the centre of the box [m]."""
 
+GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
+TOLD = {"length": "told_length", "width": "told_width"}
+"""Of a recording's tables besides: the object's id in GT, its probability, codes of what a repair changed in the row;
+and by side the largest recorded size, where a repair changed it [m]."""
+
 PLAN_COLUMNS = ("t", "t_plan", "x", "y", "v")
 """Of a plan: when it was made, planned time [s, on the same clock], x, y [m], v [m/s]."""
 
@@ -30,6 +35,12 @@ ANSWER_COLUMNS = ("t", "acceleration", "curvature", "objects")
 
 RUN = "run"
 """Column of the tables of a sweep, and field of its journal: which run it is, counted from 0."""
+
+DRAWN_COLUMNS = ("recording", "build", "seed")
+"""Columns of the table of a sweep: what a run is of, besides the values of its parameters."""
+
+TEXT_OUTCOMES = ("end", "failure", "decision", "case")
+"""Columns of the table of a sweep that hold text, besides outcomes of criteria and their units."""
 
 Cell = str | bool | float | None
 """What a row says in one column; None where that is not known."""

@@ -89,34 +89,62 @@ class Tracks:
         return len(self.ids)
 
     def index(self, object_id: str) -> int:
-        """Give the row of the object; raises ResimError where there is none."""
+        """Give the row of the object.
+
+        Args:
+            object_id: Id of the object.
+
+        Raises:
+            ResimError: There is no such object.
+        """
         rows = np.flatnonzero(self.ids == object_id)
         if not len(rows):
             raise ResimError(f"no object {object_id!r} among {', '.join(self.ids[:20])}")
         return int(rows[0])
 
     def select(self, ids: Iterable[str]) -> Tracks:
-        """Give the tracks of these objects, in this order."""
+        """Give the tracks of these objects, in this order.
+
+        Args:
+            ids: Ids of the objects.
+        """
         return self._rows([self.index(i) for i in ids])
 
     def without(self, object_id: str) -> Tracks:
-        """Give the tracks of all objects but this one."""
+        """Give the tracks of all objects but this one.
+
+        Args:
+            object_id: Id of the object; one that is not there leaves all.
+        """
         return self._rows(np.flatnonzero(self.ids != object_id))
 
     def window(self, start: float, end: float) -> Tracks:
-        """Give the samples with start <= t <= end [s], and of the objects those that have one there."""
+        """Give the samples with start <= t <= end [s], and of the objects those that have one there.
+
+        Args:
+            start: First time [s].
+            end: Last time [s].
+        """
         keep = (self.t >= start) & (self.t <= end)
         cut = self.samples(np.flatnonzero(keep))
         return cut._rows(np.flatnonzero(cut.valid.any(axis=1)))
 
     def samples(self, rows: ArrayLike) -> Tracks:
-        """Give the samples at these places in `t`, in this order, which must be that of time."""
+        """Give the samples at these places in `t`, in this order, which must be that of time.
+
+        Args:
+            rows: (K,) places in `t`.
+        """
         rows = np.asarray(rows, dtype=int)
         taken = {name: value[:, rows] for name, value in self._arrays().items() if value.ndim == 2}
         return replace(self, t=self.t[rows], **taken)
 
     def shifted(self, dt: float) -> Tracks:
-        """Give the same tracks dt [s] later."""
+        """Give the same tracks dt [s] later.
+
+        Args:
+            dt: s.
+        """
         return replace(self, t=self.t + dt)
 
     def span(self) -> tuple[Floats, Floats]:
@@ -133,6 +161,10 @@ class Tracks:
 
         A time is valid for an object if it coincides with a sample or lies between two that are at most
         max_gap [s] apart; nothing is extrapolated.
+
+        Args:
+            t: (K,) s.
+            max_gap: Longest gap [s] that is interpolated.
         """
         t = np.asarray(t, dtype=float)
         names = ("x", "y", "heading", "v", *OPTIONAL_COLUMNS)
@@ -162,10 +194,16 @@ class Tracks:
         return replace(self, t=t, valid=np.isfinite(out["x"]), **out)
 
     def split(self, max_gap: float, *, keep: str) -> Tracks:
-        """Give tracks in which nobody is missing for more than max_gap [s]: who comes back later is another object.
+        """Give tracks in which no object is missing for more than max_gap [s]: one that comes back is another one.
 
-        The parts of object `5` are called `5`, `5~2`, `5~3`; the object `keep` is left whole. Raises ResimError
-        where an id reads as a part of another already.
+        The parts of object `5` are called `5`, `5~2`, `5~3`.
+
+        Args:
+            max_gap: Longest time [s] for which an object may be missing.
+            keep: Id of the object that is left whole.
+
+        Raises:
+            ResimError: An id reads as a part of another already.
         """
         if part_ids := self.parts():
             whole = whole_id(part_ids[0], set(self.ids.tolist()))
@@ -231,6 +269,9 @@ class Tracks:
 
         Objects stand in the order of their first row, times are the union of all. Length, width and kind
         are those of an object's first row.
+
+        Args:
+            frame: COLUMNS in SI units, one row a time and object.
         """
         t, sample = np.unique(frame["t"].to_numpy(float), return_inverse=True)
         ids = frame["id"].astype(str)
@@ -253,7 +294,14 @@ class Tracks:
 
     @classmethod
     def concatenate(cls, parts: list[Tracks]) -> Tracks:
-        """Give the objects of all parts in one; raises ResimError where they do not share their times."""
+        """Give the objects of all parts in one.
+
+        Args:
+            parts: Tracks with the same times.
+
+        Raises:
+            ResimError: They do not share their times.
+        """
         if any(not np.array_equal(part.t, parts[0].t) for part in parts):
             raise ResimError("tracks: only parts with the same times can be concatenated")
 

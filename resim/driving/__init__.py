@@ -1,1 +1,1 @@
-"""What the shipped functions drive by, compiled: the lead, an acceleration, a curvature, a plan, for B runs."""
+"""What the shipped functions drive by, compiled: a lead to mind, an acceleration, a curvature, a plan, for B runs."""

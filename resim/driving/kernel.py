@@ -34,7 +34,7 @@ def time_to_collision(gap, closing, lead_a):
 
 @njit(error_model="numpy")
 def _remembered(known, v, t, last, cycle, smoothing):
-    """The acceleration [m/s²] of an object from the speeds seen: known (3,) goes on (`find_lead`)."""
+    """The acceleration [m/s²] of an object from the speeds seen: known (3,) goes on (`mind`)."""
     t0, v0, a0 = t - cycle, v, 0.0
     if known[0] == last:
         t0, v0, a0 = last, known[1], known[2]
@@ -47,7 +47,7 @@ def _remembered(known, v, t, last, cycle, smoothing):
     KEYS, TABLE, TABLE, TABLE, TABLE, TABLE, TABLE, VECTOR, VECTOR, types.UniTuple(float64, 5), float64[:, :, ::1],
     types.UniTuple(float64, 2), float64[:, ::1],
 )  # fmt: skip
-def find_lead(key, s, d, v_s, v_d, half_length, half_width, v, offset, how, known, when, out):
+def mind(key, s, d, v_s, v_d, half_length, half_width, v, offset, how, known, when, out):
     """Fill out (4, B) of the vehicle to mind: the gap to it [m], NO_LEAD without one, its speed [m/s] and acceleration
     [m/s²], and how soon [s] the gap is gone.
 

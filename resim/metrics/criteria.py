@@ -139,7 +139,14 @@ class CriteriaFile(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Criteria:
-    """What a drive has to keep to, and the user's own measures. hash: SHA-256 of the file and their sources."""
+    """What a drive has to keep to, and the user's own measures.
+
+    Attributes:
+        name: Of the set.
+        criteria: In the order of the file.
+        own: The user's own measures.
+        hash: SHA-256 of the file and the sources of those measures.
+    """
 
     name: str
     criteria: tuple[Criterion, ...]

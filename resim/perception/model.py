@@ -290,7 +290,22 @@ class Training(ParameterGroup):
 class _Model(ParameterGroup):
     """A model. The parameters at the top are of all maneuvers; `maneuvers` has those of maneuvers with enough data.
 
-    id_switch: 1/s, at which a detected object gets another id.
+    Attributes:
+        schema_: Kind and version of the file.
+        name: What it is called.
+        provenance: Where it comes from.
+        latency: How late what is perceived is.
+        averaging: Over which time values are averaged.
+        errors: Errors of perceived values.
+        maneuvers: In place of the parameters at the top, by maneuver.
+        detection: Which objects are detected.
+        field_of_view: Where objects can be detected.
+        update: When lists of objects are made.
+        id_switch: 1/s, at which a detected object gets another id.
+        false_objects: Objects that are perceived and not there.
+        ego: How the EGO's own state is perceived.
+        validity: States of objects that it was trained on.
+        training: What it was trained on, None where it was not.
     """
 
     schema_: PerceptionSchema = Field(default="resim-perception-1", alias="schema")

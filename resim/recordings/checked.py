@@ -9,11 +9,11 @@ from pathlib import Path
 
 from resim.core.errors import InputError
 from resim.core.finding import Finding
+from resim.core.schema import REPAIRED
 from resim.core.spelling import did_you_mean
 from resim.recordings import Recording, RecordingTables, read_tables, recording_of, write_tables
 from resim.recordings.checks import CODES, examine
 from resim.recordings.repairs import FILTERS, AppliedRepair, Repaired, repair
-from resim.recordings.tables import REPAIRED
 from resim.road.flaws import MAP_CODES
 from resim.road.opendrive import load
 

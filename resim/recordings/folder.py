@@ -10,11 +10,11 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.schema import PLAN_COLUMNS
+from resim.core.schema import GT_ID, PLAN_COLUMNS
 from resim.recordings.recording import Recording, existing_map
 from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
 from resim.recordings.source import RecordingTables, recording_of
-from resim.recordings.tables import GT_ID, read_table, read_track_table, row_problem
+from resim.recordings.tables import read_table, read_track_table, row_problem
 
 
 def read_tables(folder: Path) -> RecordingTables:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.core.objects import ALIKE, UNKNOWN
-from resim.recordings.tables import GT_ID, TOLD
+from resim.core.schema import GT_ID, TOLD
 
 PARTLY = 2.0
 """Factor by which a side may differ of what somebody has named as the EGO: a sensor may see half of it."""

@@ -101,7 +101,11 @@ class Recording:
         return Tracks.concatenate([sd, self.ego_at(sd.t)])
 
     def ego_at(self, t: Floats) -> Tracks:
-        """Give the GT's EGO at t (T,) [s], between samples that are at most two of its usual steps apart."""
+        """Give the GT's EGO at t (T,) [s], between samples that are at most two of its usual steps apart.
+
+        Args:
+            t: (T,) s.
+        """
         own = self.gt.select([self.ego])
         step = float(np.median(np.diff(own.t[own.valid[0]]))) if own.valid[0].sum() > 1 else 0.0
         return own.at(t, max_gap=2.0 * step)

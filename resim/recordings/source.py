@@ -11,21 +11,13 @@ from numpy.typing import NDArray
 
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats
+from resim.core.schema import EXISTENCE, GT_ID, REPAIRED, TOLD
 from resim.core.tracks import Strings, Tracks
 from resim.recordings.identity import UNMATCHED, DetectionSpread
 from resim.recordings.own_detection import misnamed_egos, without_names
 from resim.recordings.recording import Recording, sample_rate
 from resim.recordings.settings import Environment, Settings
-from resim.recordings.tables import (
-    EXISTENCE,
-    FILLED,
-    GT_ID,
-    REPAIRED,
-    TOLD,
-    VALUES,
-    check_complete,
-    check_times,
-)
+from resim.recordings.tables import FILLED, VALUES, check_complete, check_times
 
 LONGEST = 14_400.0
 """Largest time [s] from a table's first sample to its last."""

@@ -14,13 +14,10 @@ from numpy.typing import ArrayLike
 
 from resim.core.errors import InputError
 from resim.core.files import plain_names
-from resim.core.schema import COLUMNS, OPTIONAL_COLUMNS
+from resim.core.schema import COLUMNS, EXISTENCE, GT_ID, OPTIONAL_COLUMNS, REPAIRED, TOLD
 from resim.core.spelling import did_you_mean, nearest
 from resim.core.tracks import KINDS
 
-GT_ID, EXISTENCE, REPAIRED = "gt_id", "existence_probability", "repaired"
-TOLD = {"length": "told_length", "width": "told_width"}
-"""Columns of the largest size [m] that a row had before a repair gave it another."""
 FILLED = (
     "MISSING_VALUES", "MISSING_SAMPLES", "GAP", "OUTLIER", "REPEATED_SAMPLES", "ACCELERATION", "YAW_RATE",
     "SPEED_DISAGREES", "HEADING_DISAGREES",

@@ -15,7 +15,7 @@ from resim.report.plots import clock_words
 from resim.resimulation import Resimulation, ResimulationAssessment
 from resim.resimulation.report import RunReport
 from resim.road.opendrive import LaneShape
-from resim.road.path import LanePath, lane_path
+from resim.road.path import Path, lane_path
 
 MOST_IN_FOCUS = 3
 """Traffic objects drawn in colour; the others are grey."""
@@ -55,7 +55,7 @@ class View:
     tracks: Mapping[str, Tracks]
     focus: tuple[str, ...]
     lead: str | None
-    path: LanePath
+    path: Path
     on_lane: bool
     origin: tuple[float, float]
     turn: float
@@ -173,7 +173,7 @@ def view(result: Resimulation, assessed: ResimulationAssessment) -> View:
     )
 
 
-def _lead(tracks: Tracks, ego: str, reactions: Iterable[float | None], path: LanePath) -> str | None:
+def _lead(tracks: Tracks, ego: str, reactions: Iterable[float | None], path: Path) -> str | None:
     """The TO nearest ahead of the EGO in its lane, around the reactions; else over the whole drive."""
     times = [t for t in reactions if t is not None]
     around = tracks.window(min(times) - 1.0, max(times) + 1.0) if times else tracks
@@ -204,7 +204,7 @@ def _focus(result: Resimulation, sources: Iterable[Tracks], lead: str | None) ->
     return tuple(order[:MOST_IN_FOCUS])
 
 
-def _path(result: Resimulation, tracks: Mapping[str, Tracks], first: Tracks) -> tuple[LanePath, bool]:
+def _path(result: Resimulation, tracks: Mapping[str, Tracks], first: Tracks) -> tuple[Path, bool]:
     """The centre of the EGO's starting lane, or its own way where it turned off (False)."""
     n = first.index(result.ego)
     own = first.valid[n]
@@ -226,7 +226,7 @@ def _length(tracks: Tracks, n: int) -> float:
     return float(np.hypot(np.diff(tracks.x[n, own]), np.diff(tracks.y[n, own])).sum())
 
 
-def _own_way(x: Floats, y: Floats, heading: Floats) -> LanePath:
+def _own_way(x: Floats, y: Floats, heading: Floats) -> Path:
     """A path through the EGO's positions, points at least 2 m apart, straight before and after."""
     keep = [0]
     for k in range(1, len(x)):
@@ -241,4 +241,4 @@ def _own_way(x: Floats, y: Floats, heading: Floats) -> LanePath:
     way = np.r_[way[0], way, way[-1]]
     s = np.r_[0.0, np.cumsum(np.hypot(np.diff(px), np.diff(py)))] - 150.0
     none = np.zeros(len(s))
-    return LanePath(s, px, py, way, none, none, none, none, none, ends=True, end=float(s[-1]))
+    return Path(s, px, py, way, none, none, none, none, none, ends=True, end=float(s[-1]))

@@ -57,14 +57,20 @@ def refuse_absent(decides: Collection[str], there: Collection[str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ResimulationAssessment:
-    """The assessment of each of GT, SD, rGT, rSD, as far as they are there. run: whether it is of a re-simulation.
+    """The assessment of each of GT, SD, rGT, rSD, as far as they are there.
 
-    failures: of runs that failed, and why, by source (`rGT+M3` is of seed 3); also of those that have no assessment, as
-    there was nothing to assess.
-    findings: what is wrong with the recording, worst first, notes left out. model: the runs with a perception model,
-    where there are any, and criteria to judge them by.
-    misfits: lines that name objects whose traces, by which they are assessed, are not where they were.
-    decides: sources whose verdict is that on the drive, None as in `AssessmentOptions`.
+    Attributes:
+        name: Of the recording.
+        network: The roads.
+        run: Whether it is of a re-simulation.
+        blocks: The assessments, by source.
+        criteria: What they were judged by, None where there were none.
+        failures: Of runs that failed, and why, by source (`rGT+M3` is of seed 3); also of those that have no
+            assessment, as there was nothing to assess.
+        findings: What is wrong with the recording, worst first, notes left out.
+        model: The runs with a perception model, where there are any, and criteria to judge them by.
+        misfits: Lines that name objects whose traces, by which they are assessed, are not where they were.
+        decides: Sources whose verdict is that on the drive, None as in `AssessmentOptions`.
     """
 
     name: str

@@ -100,12 +100,28 @@ class PerceptionReport:
 class RunReport:
     """What report.json says. Times are in s, by source (GT, SD, rGT, rSD) where they are several.
 
-    errors: by step, "ego" or "to", and quantity. sums: whether the steps add up to PIPE (`fidelity.sums`).
-    reaction: first braking; reaction_difference: that minus first braking in GT; reaction_spread: how uncertain that
-    is. decision: what the EGO did, None where it is not known. collisions: with whom the EGO collided. end: what ended
-    a run; failure: why the function failed in it. left_route: when the EGO left the roads and connections that the
-    measured EGO took, None where it did not. end_position_error: distance [m] from the measured EGO at the end.
-    repaired: samples by source and code of the finding. doubts: what GT and SD leave open.
+    Attributes:
+        recording: Name of the recording.
+        map: Name of the map's file.
+        ego: Id of the EGO.
+        build: The AD function.
+        errors: By step, "ego" or "to", and quantity.
+        sums: Whether the steps add up to PIPE (`fidelity.sums`).
+        reaction: First braking.
+        reaction_difference: First braking minus that in GT.
+        reaction_spread: How uncertain that difference is.
+        decision: What the EGO did, None where it is not known.
+        collision: Whether the EGO collided.
+        collisions: With whom the EGO collided.
+        end: What ended a run.
+        failure: Why the function failed in a run.
+        left_route: When the EGO left the roads and connections that the measured EGO took, None where it did not.
+        end_position_error: Distance [m] from the measured EGO at the end.
+        perception: The runs with a perception model, None where there are none.
+        warnings: What to know to believe the results.
+        findings: What is wrong with the recording, worst first.
+        repaired: Samples by source and code of the finding.
+        doubts: What GT and SD leave open.
     """
 
     __pydantic_config__ = EXACT

@@ -76,7 +76,16 @@ class ResimulationOptions:
         seed: int | None = None,
         open_loop: bool = False,
     ) -> Case:
-        """Give the case of a scenario and a build. perception: `IdealPerception`, seed: by default the options'."""
+        """Give the case of a scenario and a build.
+
+        Args:
+            scenario: What is driven.
+            network: Its roads.
+            build: The AD function.
+            perception: What the function sees; by default `IdealPerception`.
+            seed: Of every random draw; by default the options'.
+            open_loop: Whether the function's answers move nothing.
+        """
         return Case(
             scenario=scenario,
             network=network,
@@ -181,7 +190,11 @@ class Resimulation:
         return tuple(drive.case.seed for drive in self.perceived().values())
 
     def of(self, seed: int) -> tuple[SimulatedDrive, Scenario | None, StepErrors | None]:
-        """Give the drive with a perception model and this seed, what describes it, and its pipeline error, if any."""
+        """Give the drive with a perception model and this seed, what describes it, and its pipeline error, if any.
+
+        Args:
+            seed: One of the seeds that were run.
+        """
         source = of_seed(seed)
         return self.drives[source], self.refits.get(source), self.errors.get(pipeline_step(source))
 

@@ -10,11 +10,11 @@ import pandas as pd
 
 from resim.core.geometry import Bools
 from resim.core.objects import GAP
-from resim.core.schema import OPTIONAL_COLUMNS
+from resim.core.schema import OPTIONAL_COLUMNS, REPAIRED
 from resim.core.tracks import Tracks
 from resim.metrics.doubts.unseen import Absence
 from resim.recordings import Recording
-from resim.recordings.tables import JOINED, PARTED, REPAIRED, VALUES
+from resim.recordings.tables import JOINED, PARTED, VALUES
 from resim.resimulation.result import Basis
 
 SLACK = 2.0

@@ -48,7 +48,13 @@ class ConversionReport:
 
 @dataclass(frozen=True, eq=False)
 class MapCheck:
-    """A map, what is wrong in it (worst first), and its net."""
+    """A map, what is wrong in it, and its net.
+
+    Attributes:
+        network: The roads.
+        flaws: What is wrong in the map, worst first.
+        net: The SUMO net, with the errors of its lanes.
+    """
 
     network: RoadNetwork
     flaws: tuple[Flaw, ...]
@@ -69,7 +75,11 @@ class MapCheck:
         return out + ([f"{len(lost)} link(s) of lanes not in the net"] if lost else [])
 
     def report(self, files: Mapping[str, str]) -> ConversionReport:
-        """Give what conversion.json says. files: hashes of what was written, by name."""
+        """Give what conversion.json says.
+
+        Args:
+            files: Hashes of what was written, by name.
+        """
         conversion = self.net.conversion
         return ConversionReport(
             versions=versions(),

@@ -36,7 +36,7 @@ class PathPoint(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LanePath:
+class Path:
     """K points along the centre of a lane and what it goes on into, in driving direction; all (K,).
 
     s: m along the path, 0 at the start position. heading: rad, unwrapped. curvature: 1/m, left positive.
@@ -144,7 +144,7 @@ class _ProjectionSearch(NamedTuple):
     positions: Callable[..., Floats]
 
 
-def _search(path: LanePath) -> _ProjectionSearch:
+def _search(path: Path) -> _ProjectionSearch:
     # compiled: numba is imported where it is used only
     from resim.road import kernel
 
@@ -165,7 +165,7 @@ def _search(path: LanePath) -> _ProjectionSearch:
 def lane_path(
     net: RoadNetwork, road: str, lane: int, s: float, length: float, *,
     behind: float = 50.0, step: float = 1.0, route: Route = NO_ROUTE,
-) -> LanePath:  # fmt: skip
+) -> Path:  # fmt: skip
     """Give the path from (road, lane, s) `length` [m] ahead and `behind` [m] back, see `follow` for the way.
 
     Points lie at most step [m] apart on the reference line, at every lane section's border too. Where the
@@ -236,7 +236,7 @@ def _neighbour(net: RoadNetwork, road: str, section: int, lane: int, other: int,
     return net.lane_width(road, other, s)
 
 
-def _assemble(table: Floats, own: int, length: float, behind: float, step: float, *, ends: bool) -> LanePath:
+def _assemble(table: Floats, own: int, length: float, behind: float, step: float, *, ends: bool) -> Path:
     table, own = _advancing(table, own)
     s = np.r_[0.0, np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))]
     s = s - s[own]
@@ -249,7 +249,7 @@ def _assemble(table: Floats, own: int, length: float, behind: float, step: float
         s, table = _straight(-s[::-1], table[::-1], behind, -step)
         s, table = -s[::-1], table[::-1]
     x, y, heading, curvature, left, right, half, limit = np.ascontiguousarray(table.T)
-    return LanePath(s, x, y, heading, curvature, left, right, half, limit, ends, end)
+    return Path(s, x, y, heading, curvature, left, right, half, limit, ends, end)
 
 
 def _advancing(table: Floats, own: int) -> tuple[Floats, int]:

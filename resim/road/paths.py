@@ -1,4 +1,4 @@
-"""The paths of several runs, asked together; what each gives is what its `LanePath` alone gives, to the bit."""
+"""The paths of several runs, asked together; what each gives is what its `Path` alone gives, to the bit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats, constant
-from resim.road.path import LanePath
+from resim.road.path import Path
 
 Integers = NDArray[np.intp]
 
@@ -38,12 +38,12 @@ class Along(NamedTuple):
 class Paths:
     """The paths of B runs, and the segments of them on which the EGOs and the objects are."""
 
-    def __init__(self, paths: Sequence[LanePath]) -> None:
+    def __init__(self, paths: Sequence[Path]) -> None:
         self.paths = [*paths]
         self._egos = np.full(len(paths), -1)
         self._objects = np.full((len(paths), 1), -1)
 
-    def change(self, b: int, path: LanePath) -> None:
+    def change(self, b: int, path: Path) -> None:
         """Put another path in a run's place."""
         self.paths[b] = path
         self._egos[b] = self._objects[b] = -1
@@ -121,7 +121,7 @@ class Paths:
             out[rows] = path.speed_limit_at(s[rows])
         return out
 
-    def _each(self) -> Iterator[tuple[LanePath, slice | list[int]]]:
+    def _each(self) -> Iterator[tuple[Path, slice | list[int]]]:
         """Each path that there is, and which runs are on it."""
         first = self.paths[0]
         if all(path is first for path in self.paths):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork, RoadPositions
-from resim.road.path import LanePath, lane_path
+from resim.road.path import Path, lane_path
 
 REACTED = -0.5
 """Acceleration [m/s²] of the EGO below which it has reacted (Wagner 2021, Section 5.3.2): that of splines, with little
@@ -123,7 +123,7 @@ def _leaves_lane(
     return first, "lane_change_left" if d[first] > 0.0 else "lane_change_right"
 
 
-def _lane_ahead(network: RoadNetwork, at: RoadPositions, driven: float) -> LanePath:
+def _lane_ahead(network: RoadNetwork, at: RoadPositions, driven: float) -> Path:
     """The lane of a position from a bit before it to a bit beyond a drive of so many metres.
 
     It begins and ends in steps, so that drives of one scenario share it.

@@ -68,7 +68,11 @@ class Case:
     open_loop: bool = False
 
     def drive(self, *, window: bool = False) -> SimulatedDrive:
-        """Simulate it (`Engine.drive`)."""
+        """Simulate it (`Engine.drive`).
+
+        Args:
+            window: Whether the simulator shows its window.
+        """
         return self.engine.drive([self], window=window)[0]
 
     @cached_property

@@ -20,7 +20,7 @@ from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
-from resim.core.schema import RUN, Row
+from resim.core.schema import DRAWN_COLUMNS, RUN, Row
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
@@ -266,7 +266,7 @@ def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
     files = [{name: frozen.hash for name, frozen in sweep.frozen.items()}, sweep.hashes, sweep.criteria.hash]
     content = [*files, None if seen is None else seen.hash, sweep.vehicle, to_json(sweep.file), versions()]
     begun = zlib.crc32(json.dumps(content, sort_keys=True, default=str).encode())
-    columns = ["recording", "build", "seed", *(p.name for p in sweep.file.parameter)]
+    columns = [*DRAWN_COLUMNS, *(p.name for p in sweep.file.parameter)]
     rows = zip(wanted[RUN].tolist(), *(wanted[name].tolist() for name in columns), strict=True)
     return {number: f"{zlib.crc32(repr(of).encode(), begun):08x}" for number, *of in rows}
 

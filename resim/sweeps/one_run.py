@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from resim.core.schema import Cell, Row
+from resim.core.schema import TEXT_OUTCOMES, Cell, Row
 from resim.metrics.criteria import Criteria
 from resim.perception.model import PerceptionModel
 from resim.perception.runtime.sensor import Sensor
@@ -20,7 +20,7 @@ from resim.scenario import maneuvers
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 from resim.sweeps.outcomes.definition import FinishedRun
-from resim.sweeps.outcomes.registry import OUTCOMES, TEXTS
+from resim.sweeps.outcomes.registry import OUTCOMES
 from resim.verification.verify import COMPARED
 
 RATE = 5.0
@@ -109,7 +109,7 @@ def _without_values(row: Row) -> Row:
     """The row of a run that failed: what it did until then says nothing of what it would have come to."""
     final = {o.column for o in OUTCOMES if o.final and row[o.column] != o.good}
     return {
-        name: value if name in TEXTS or name in final or name.startswith("kpi ") else None
+        name: value if name in TEXT_OUTCOMES or name in final or name.startswith("kpi ") else None
         for name, value in row.items()
     }
 

@@ -12,14 +12,14 @@ import library_reference
 import pages
 import pytest
 import yaml
+from field_tables import schema
 from pages import DOCS, PAGES, ROOT
 
 from resim import __version__
 from resim.cli import inputs
-from resim.core.schema import COLUMNS, OPTIONAL_COLUMNS, PLAN_COLUMNS
+from resim.core.schema import COLUMNS, EXISTENCE, GT_ID, OPTIONAL_COLUMNS, PLAN_COLUMNS, REPAIRED, TOLD
 from resim.core.tracks import KINDS
 from resim.metrics.measures.registry import MEASURES
-from resim.recordings.tables import EXISTENCE, GT_ID, REPAIRED, TOLD
 
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 WORKFLOW = DOCS / "examples" / "verify.yml"
@@ -188,3 +188,12 @@ def test_nothing_is_installed_from_the_index_under_our_name() -> None:
     """There, resim is somebody else's package."""
     for path in [*PAGES, WORKFLOW, *(ROOT / "resim").rglob("*.py")]:
         assert not re.search(r"pip install\s+(-\S+\s+)*['\"]?resim\b", path.read_text(encoding="utf-8")), path
+
+
+def test_fields_that_a_docstring_has_as_attributes_have_a_meaning_in_the_table() -> None:
+    shown = schema("mapping")
+    assert "Attributes:" not in shown
+    assert "| field | type | default | meaning |" in shown
+    assert re.search(
+        r"^\| `gate` \| .* \| Farthest \[m\] that an SD object may be from its GT", shown, re.MULTILINE
+    )

@@ -55,18 +55,28 @@ def test_importing_resim_loads_nothing_else() -> None:
 def public() -> Iterator[tuple[str, object]]:
     """Everything that is to be described: exports, and what the modules of jobs define, with methods."""
     for name in resim.__all__:
-        yield f"resim.{name}", getattr(resim, name)
+        value = getattr(resim, name)
+        yield f"resim.{name}", value
+        if inspect.isclass(value):
+            yield from ((f"resim.{name}.{key}", method) for key, method in methods(value))
     for info in pkgutil.iter_modules(resim.jobs.__path__, "resim.jobs."):
         module = importlib.import_module(info.name)
         for name, value in vars(module).items():
             if not name.startswith("_") and getattr(value, "__module__", None) == info.name:
                 yield f"{info.name}.{name}", value
                 if inspect.isclass(value):
-                    yield from (
-                        (f"{info.name}.{name}.{key}", method)
-                        for key, method in vars(value).items()
-                        if inspect.isfunction(method) and method.__name__ == key and not key.startswith("_")
-                    )
+                    yield from ((f"{info.name}.{name}.{key}", method) for key, method in methods(value))
+
+
+def methods(kind: type) -> Iterator[tuple[str, object]]:
+    """The methods that a class of resim's defines itself, class methods too."""
+    for key, value in vars(kind).items():
+        method = value.__func__ if isinstance(value, classmethod | staticmethod) else value
+        written = (
+            inspect.isfunction(method) and method.__name__ == key and method.__module__.startswith("resim")
+        )
+        if written and not key.startswith("_"):
+            yield key, method
 
 
 PUBLIC = dict(public())
@@ -78,7 +88,7 @@ def test_every_argument_and_result_is_described(name: str) -> None:
     assert inspect.isfunction(function)
     sections = described(function)
     signature = inspect.signature(function)
-    assert set(sections.get("Args", {})) == set(signature.parameters) - {"self"}
+    assert set(sections.get("Args", {})) == set(signature.parameters) - {"self", "cls"}
     is_job = inspect.getmodule(function) is not None and "." not in function.__qualname__
     gives = signature.return_annotation not in ("None", None)
     if is_job:  # a method without arguments says what it gives in its first line

@@ -22,7 +22,7 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.road.links import Graph, LaneKey, lane_graph
 from resim.road.opendrive import RoadNetwork
-from resim.road.path import LanePath
+from resim.road.path import Path
 
 Ints = NDArray[np.int64]
 
@@ -221,9 +221,9 @@ def _smooth(x: Floats, y: Floats, heading: Floats) -> tuple[Floats, Floats]:
     return turn, (turn[high] - turn[low]) / (STEP * np.maximum(high - low, 1))
 
 
-def _as_path(points: Floats) -> LanePath:
+def _as_path(points: Floats) -> Path:
     """The way as a path that places can be projected on."""
     zero, s = np.zeros(len(points)), np.linspace(0.0, STEP * (len(points) - 1), len(points))
     heading: Floats = np.asarray(np.unwrap(np.arctan2(points[:, 3], points[:, 2])), dtype=np.float64)
     x, y, curvature = points[:, 0].copy(), points[:, 1].copy(), points[:, 4].copy()
-    return LanePath(s, x, y, heading, curvature, zero, zero, zero, zero, ends=True, end=float(s[-1]))
+    return Path(s, x, y, heading, curvature, zero, zero, zero, zero, ends=True, end=float(s[-1]))

@@ -133,7 +133,7 @@ def _samples(mode: Mode, count: int, seed: int) -> tuple[Floats, Floats]:
 def accident_risk(scenes: Scenes, parameters: RiskParameters = DEFAULTS) -> Risk:
     """Give the accident risk of scenes. Raises ResimError where they hold NaN, or ways in the published mode."""
     # compiles, or reads what it compiled: only when risk is asked for
-    from resim.metrics.risk.kernel import RiskArrays, RoadArrays, Sampling, SceneArrays, kernel
+    from resim.metrics.risk.kernel import RiskArrays, Road, Sampling, SceneArrays, kernel
 
     p = parameters
     scenes.known()
@@ -154,7 +154,7 @@ def accident_risk(scenes: Scenes, parameters: RiskParameters = DEFAULTS) -> Risk
     found = Risk(r_to, np.empty(number), np.empty(number), collision, ttc, ttr)
     kernel(
         SceneArrays(*[_as_compiled(part) for part in given]),
-        RoadArrays(*[_as_compiled(part) for part in lanes]),
+        Road(*[_as_compiled(part) for part in lanes]),
         Sampling(sample, weight, limits, times, p.step, p.mode == "continuous"),
         RiskArrays(found.r_to, found.r_ind, found.r_dep, found.collision, found.ttc, found.ttr),
     )

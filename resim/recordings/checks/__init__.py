@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from resim.core.finding import Finding, Source
+from resim.core.schema import GT_ID
 from resim.recordings import RecordingTables
 from resim.recordings.checks.bodies import impossible, overlaps, sizes, swapped
 from resim.recordings.checks.clock import in_order
@@ -26,7 +27,6 @@ from resim.recordings.checks.samples import duplicates, holes, missing_values, r
 from resim.recordings.checks.time_unit import time_unit
 from resim.recordings.checks.tracks import CheckedTable, table_of
 from resim.recordings.checks.units import mirrored, speed_units
-from resim.recordings.tables import GT_ID
 from resim.road.opendrive import RoadNetwork
 
 __all__ = ["CODES", "FindingCode", "examine"]

@@ -25,6 +25,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, wrap_angle
+from resim.core.schema import GT_ID
 from resim.core.tracks import Tracks
 from resim.recordings.formats.mcity_frames import MOTION, PLACE, SIZE, read_objects, trials
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
@@ -33,7 +34,7 @@ from resim.recordings.mapped.matching import assigned
 from resim.recordings.recording import existing_map, sample_rate
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
-from resim.recordings.tables import GT_ID, complete_rows
+from resim.recordings.tables import complete_rows
 from resim.recordings.window import TICK, beyond_ego
 from resim.road.opendrive import RoadNetwork, load
 

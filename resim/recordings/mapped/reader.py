@@ -12,6 +12,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import file_hash, joined
 from resim.core.geometry import Bools, Floats
+from resim.core.schema import EXISTENCE, GT_ID
 from resim.core.spelling import did_you_mean
 from resim.core.tracks import KINDS, Tracks
 from resim.recordings.mapped.bias import sensor_bias
@@ -41,7 +42,7 @@ from resim.recordings.mapped.tracking import tracked
 from resim.recordings.recording import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
-from resim.recordings.tables import EXISTENCE, GT_ID, complete_rows
+from resim.recordings.tables import complete_rows
 from resim.recordings.window import TICK, beyond_ego, window_of
 from resim.road.opendrive import RoadNetwork, load
 

@@ -9,6 +9,7 @@ from itertools import groupby
 import pandas as pd
 
 from resim.core.finding import Finding, Source
+from resim.core.schema import REPAIRED
 from resim.recordings import RecordingTables
 from resim.recordings.checks import examine
 from resim.recordings.repairs.clocks import clock_drift, clock_jump, clock_offset, time_unit
@@ -21,7 +22,7 @@ from resim.recordings.repairs.rows import duplicate_samples, time_backwards
 from resim.recordings.repairs.settings import FILTERS, Filter, RepairOptions
 from resim.recordings.repairs.sizes import size_changes, size_swapped
 from resim.recordings.repairs.units import heading, mirrored_y, speed_unit
-from resim.recordings.tables import FILLED, JOINED, PARTED, REPAIRED
+from resim.recordings.tables import FILLED, JOINED, PARTED
 from resim.road.opendrive import RoadNetwork
 
 __all__ = ["FILTERS", "JUDGED", "AppliedRepair", "Count", "Filter", "Repaired", "repair"]

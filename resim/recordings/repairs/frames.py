@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from resim.core.finding import Source
 from resim.core.geometry import Bools, unwrap_angle
+from resim.core.schema import GT_ID, REPAIRED, TOLD
 from resim.recordings import RecordingTables
 from resim.recordings.checks.tracks import CheckedTable, Track, table_of
-from resim.recordings.tables import GT_ID, REPAIRED, TOLD, VALUES
+from resim.recordings.tables import VALUES
 
 SOURCES: tuple[Source, ...] = ("gt", "sd")
 

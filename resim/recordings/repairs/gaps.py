@@ -7,7 +7,7 @@ import pandas as pd
 
 from resim.core.finding import Finding
 from resim.core.geometry import Bools, Floats, wrap_angle
-from resim.core.schema import OPTIONAL_COLUMNS
+from resim.core.schema import EXISTENCE, OPTIONAL_COLUMNS
 from resim.recordings import RecordingTables
 from resim.recordings.checks.samples import HOLE, SHORT
 from resim.recordings.checks.tracks import PEDESTRIAN, Complex, Track
@@ -21,7 +21,7 @@ from resim.recordings.repairs.frames import (
     with_frame,
 )
 from resim.recordings.repairs.settings import RepairOptions
-from resim.recordings.tables import EXISTENCE, VALUES
+from resim.recordings.tables import VALUES
 
 SLOW = 0.5
 """Speed [m/s] below which a path has no direction that is worth more than the headings at its ends."""

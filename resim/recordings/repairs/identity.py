@@ -10,6 +10,7 @@ import pandas as pd
 from resim.core.finding import Finding
 from resim.core.geometry import Bools
 from resim.core.objects import GAP, successions
+from resim.core.schema import GT_ID
 from resim.core.tracks import Tracks
 from resim.recordings import RecordingTables
 from resim.recordings.checks.matching import NEAREST, beside
@@ -25,7 +26,6 @@ from resim.recordings.repairs.frames import (
     with_gt_id,
 )
 from resim.recordings.repairs.settings import RepairOptions
-from resim.recordings.tables import GT_ID
 
 
 def id_reused(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from resim.core.finding import Finding
+from resim.core.schema import TOLD
 from resim.recordings import RecordingTables
 from resim.recordings.repairs.frames import (
     frame_of,
@@ -14,7 +15,6 @@ from resim.recordings.repairs.frames import (
     with_frame,
 )
 from resim.recordings.repairs.settings import RepairOptions
-from resim.recordings.tables import TOLD
 
 
 def time_backwards(tables: RecordingTables, finding: Finding, how: RepairOptions) -> RecordingTables:

@@ -76,7 +76,16 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class PlayedDrive:
-    """A drive as the player shows it. layers: in the order of their switches; notes: what to know of them."""
+    """A drive as the player shows it.
+
+    Attributes:
+        name: What it is called.
+        ego: Id of the EGO.
+        network: The roads.
+        layers: Its sources, in the order of their switches.
+        marks: What happened when.
+        notes: What to know of the layers.
+    """
 
     name: str
     ego: str

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from resim.core.schema import TEXT_OUTCOMES
 from resim.sweeps.outcomes.definition import ColumnType, OutcomeDefinition
 from resim.sweeps.outcomes.verdict import VERDICT
 from resim.sweeps.outcomes.decision import SAME_DECISION
@@ -17,13 +18,10 @@ OUTCOMES: tuple[OutcomeDefinition, ...] = tuple(
 )
 """All that are imported above."""
 
-TEXTS = ("end", "failure", "decision", "case")
-"""Columns of every run that hold texts, besides outcomes."""
-
 
 def type_of(column: str) -> ColumnType:
     """Give the type of a column of the table of runs."""
-    if column in TEXTS or column.startswith(("kpi ", "unit ")):
+    if column in TEXT_OUTCOMES or column.startswith(("kpi ", "unit ")):
         return "text"
     return next((outcome.type for outcome in OUTCOMES if outcome.column == column), "number")
 

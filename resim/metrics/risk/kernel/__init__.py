@@ -17,7 +17,7 @@ from numba import njit
 from resim.metrics.risk.kernel.compiled import borrowed
 from resim.metrics.risk.kernel.motion import COS, ROWS, SIN, VX, VY, X, Y, ctra
 from resim.metrics.risk.kernel.scene import assess
-from resim.metrics.risk.kernel.work import RiskArrays, RoadArrays, Sampling, SceneArrays
+from resim.metrics.risk.kernel.work import RiskArrays, Road, Sampling, SceneArrays
 
 _TEXT = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
 SOURCES = hashlib.sha256(_TEXT).hexdigest()[:16]
@@ -31,7 +31,7 @@ def _entry(function):
 
 @_entry
 def kernel(scenes, road, sampling, out):
-    """Fill out, the RiskArrays of SceneArrays, RoadArrays and Sampling; see `accident_risk`."""
+    """Fill out, the RiskArrays of SceneArrays, Road and Sampling; see `accident_risk`."""
     assess(borrowed(scenes), borrowed(road), borrowed(sampling), borrowed(out))
     return 0  # the arguments' owners are in Python, and wait
 
@@ -52,4 +52,4 @@ def ctra_plans(state, h, steps):
     return out
 
 
-__all__ = ["RiskArrays", "RoadArrays", "Sampling", "SceneArrays", "ctra_plans", "kernel"]
+__all__ = ["RiskArrays", "Road", "Sampling", "SceneArrays", "ctra_plans", "kernel"]

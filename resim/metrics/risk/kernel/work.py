@@ -20,7 +20,7 @@ PAD = 7
 SceneArrays = namedtuple("SceneArrays", "plan ego_size state size inputs motion")
 """See `resim.metrics.risk.metric.Scenes`."""
 
-RoadArrays = namedtuple("RoadArrays", "points begin first count s d")
+Road = namedtuple("Road", "points begin first count s d")
 """See `resim.metrics.risk.lane_paths.LanePaths`."""
 
 Sampling = namedtuple("Sampling", "sample weight limits times h swept")
