@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import VEHICLE_HELP, BadVerdictError, Settings, Workers, app, command
+from resim.cli.app import VEHICLE_HELP, BadVerdictError, Settings, Workers, app, command, vehicle_option
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
 from resim.cli.progress import Progress
 from resim.cli.runs import register
@@ -80,9 +80,7 @@ def verify(
     seeds: Seeds = None,
     vary: Vary = None,
     driven_by: DrivenBy = None,
-    vehicle: Annotated[
-        str | None, typer.Option(metavar="MODEL", help=VEHICLE_HELP, show_default="kinematic")
-    ] = None,
+    vehicle: Annotated[str | None, vehicle_option(VEHICLE_HELP, "kinematic")] = None,
     workers: Workers = None,
     replay: Replay = None,
 ) -> None:
@@ -92,12 +90,6 @@ def verify(
     with 1 where a recording is not verified or a limit of the suite is broken, with 2 where a recording is broken, with
     3 where a function failed.
     """
-    from resim.cli.verification import print_verification
-    from resim.jobs.verify import compare
-    from resim.jobs.verify import verify as verify_build
-    from resim.verification.folder import text
-    from resim.verification.request import VerifyOptions
-
     if replay is not None:
         _refuse_others(suite, build, out, against, perception, settings, seeds, vary, driven_by, vehicle)
         _replay(replay, workers)
@@ -105,6 +97,13 @@ def verify(
     if suite is None or build is None or out is None:
         lost = "SUITE" if suite is None else "--build" if build is None else "--out"
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
+    _check(suite, perception, settings or (), seeds, vary or ())
+    from resim.cli.verification import print_verification
+    from resim.jobs.verify import compare
+    from resim.jobs.verify import verify as verify_build
+    from resim.verification.folder import text
+    from resim.verification.request import VerifyOptions
+
     options = VerifyOptions(
         perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()),
         vehicle or "kinematic",
@@ -120,6 +119,16 @@ def verify(
     add_to_json(out=out, verification=json.loads(text(found.report)))
     register(out)
     _end(found)
+
+
+def _check(
+    suite: Path, perception: Path | None, settings: Sequence[str], seeds: int | None, vary: Sequence[str]
+) -> None:
+    """Look at the options before anything is imported that takes time. Raises InputError."""
+    from resim.verification.suite import check_call, read_suite
+
+    perceives = perception is not None or read_suite(suite).file.perception is not None
+    check_call(perceives, settings=settings, seeds=seeds, vary=vary)
 
 
 def _tell_damaged(path: Path) -> None:

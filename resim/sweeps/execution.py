@@ -33,9 +33,10 @@ from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import Build, load_build, misfit_of
 from resim.sweeps.engines import refuse_difference, what_differs
-from resim.sweeps.file import EXAMPLE, Sweep, boundaries, runs
+from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
+from resim.sweeps.sweep_file import EXAMPLE
 from resim.sweeps.tasks import (
     RunBatch,
     RunResult,

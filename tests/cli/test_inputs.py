@@ -39,7 +39,7 @@ def called(folder: Path, *words: str, **environment: str) -> subprocess.Complete
         ("verify none.toml", "none.toml: cannot be read", remedies.SUITE),
         ("sweep none.toml --out o", "none.toml: cannot be read", remedies.SWEEP),
         ("map check none.xodr", "none.xodr: cannot be read", remedies.MAP),
-        ("perception train good none --out o", "none/recording.toml: cannot", remedies.RECORDING),
+        ("perception train none --out o", "none/recording.toml: cannot", remedies.RECORDING),
         ("perception show bad.toml", "bad.toml: is not JSON", remedies.MODEL),
         ("suite new good --out o --criteria none", "none: cannot be read", remedies.CRITERIA),
     ],

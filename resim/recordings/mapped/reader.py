@@ -38,7 +38,7 @@ from resim.recordings.mapped.motion import (
 )
 from resim.recordings.mapped.rows import Rows, read_rows
 from resim.recordings.mapped.tracking import tracked
-from resim.recordings.recording import existing_map
+from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
 from resim.recordings.tables import EXISTENCE, GT_ID, complete_rows
