@@ -18,7 +18,7 @@ from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
-    from resim.jobs.sweep import SweepListener, SweepOptions
+    from resim.jobs.sweep import SweepListener
     from resim.sweeps.file import SweepBoundary
 
 
@@ -56,14 +56,15 @@ def sweep(
     for name, given in (("--resume", resume), ("--scheduler", scheduler)):
         if dry_run and given:
             raise InputError(name, "has no effect on --dry-run", "Leave out one of the two.")
-    from resim.jobs.sweep import SweepOptions
-    from resim.jobs.sweep import sweep as run_sweep
-
-    options = SweepOptions(vehicle, resume, _shard(shard), workers, scheduler)
+    part = _shard(shard)
     if dry_run:
-        _estimate(file, out, options)
+        _estimate(file, out, vehicle, part, workers)
         return
     with _progress() as listener:
+        from resim.jobs.sweep import SweepOptions
+        from resim.jobs.sweep import sweep as run_sweep
+
+        options = SweepOptions(vehicle, resume, part, workers, scheduler)
         done = run_sweep(file, out, options, listener=listener)
     failed, first = done.failures()
     add_to_json(out=out, runs=done.runs, failed=failed, missing=done.missing)
@@ -99,10 +100,11 @@ def _tell_boundary(found: SweepBoundary, builds: bool) -> None:
     say(f"{of}: {told} ({found.points} points)")
 
 
-def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
+def _estimate(file: Path, out: Path, vehicle: str, shard: tuple[int, int], workers: int | None) -> None:
     """Do a few runs, and say how long all of them take."""
-    from resim.jobs.sweep import estimate
+    from resim.jobs.sweep import SweepOptions, estimate
 
+    options = SweepOptions(vehicle, shard=shard, workers=workers)
     found = estimate(file, out, options)
     add_to_json(runs=found.runs, seconds_a_run=found.each, bytes_a_run=found.size, processes=options.processes,
          failures=found.failures)  # fmt: skip
@@ -135,10 +137,9 @@ def _say_dashboard(address: str) -> None:
 @contextmanager
 def _progress() -> Iterator[SweepListener]:
     """Counts runs, and those that failed."""
-    from resim.jobs.sweep import SweepListener
-
     failures = 0
     with Progress("runs") as progress:
+        from resim.jobs.sweep import SweepListener
 
         def done(failed: bool) -> None:
             nonlocal failures

@@ -98,21 +98,22 @@ def verify(
         lost = "SUITE" if suite is None else "--build" if build is None else "--out"
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
     _check(suite, perception, settings or (), seeds, vary or ())
-    from resim.cli.verification import print_verification
-    from resim.jobs.verify import compare
-    from resim.jobs.verify import verify as verify_build
-    from resim.verification.folder import text
-    from resim.verification.request import VerifyOptions
-
-    options = VerifyOptions(
-        perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()),
-        vehicle or "kinematic",
-    )  # fmt: skip
     with _progress() as listener:
+        from resim.jobs.verify import compare
+        from resim.jobs.verify import verify as verify_build
+        from resim.verification.request import VerifyOptions
+
+        options = VerifyOptions(
+            perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()),
+            vehicle or "kinematic",
+        )  # fmt: skip
         if against is None:
             found = verify_build(suite, build, out, options, workers=workers, listener=listener)
         else:
             found = compare(suite, build, against, out, options, workers=workers, listener=listener)
+    from resim.cli.verification import print_verification
+    from resim.verification.folder import text
+
     print_verification(found.report)
     say("")
     say(f"verification: {out / 'verification.html'}")
@@ -145,9 +146,9 @@ def _refuse_others(*given: object) -> None:
 
 
 def _replay(path: Path, workers: int | None) -> None:
-    from resim.jobs.verify import replay
-
     with _progress() as listener:
+        from resim.jobs.verify import replay
+
         again = replay(path, workers=workers, listener=listener)
     if again.same:
         add_to_json(same=True)
@@ -186,9 +187,8 @@ def _end(verification: Verification) -> None:
 @contextmanager
 def _progress() -> Iterator[VerificationListener]:
     """Counts recordings."""
-    from resim.jobs.verify import VerificationListener
-
     with Progress("recordings") as progress:
+        from resim.jobs.verify import VerificationListener
 
         def done(name: str, verdict: str, kept: bool) -> None:
             if kept:
