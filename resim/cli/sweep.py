@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -102,12 +103,15 @@ def _tell_boundary(found: SweepBoundary, builds: bool) -> None:
 
 def _estimate(file: Path, out: Path, vehicle: str, shard: tuple[int, int], workers: int | None) -> None:
     """Do a few runs, and say how long all of them take."""
+    begin = time.monotonic()
     from resim.jobs.sweep import SweepOptions, estimate
 
+    loading = time.monotonic() - begin
     options = SweepOptions(vehicle, shard=shard, workers=workers)
     found = estimate(file, out, options)
-    add_to_json(runs=found.runs, seconds_a_run=found.each, bytes_a_run=found.size, processes=options.processes,
-         failures=found.failures)  # fmt: skip
+    seconds = found.seconds + loading
+    add_to_json(runs=found.runs, seconds=seconds, seconds_a_run=found.each, bytes_a_run=found.size,
+         processes=options.processes, failures=found.failures)  # fmt: skip
     if found.runs == 0:
         say("0 runs")
         return
@@ -115,7 +119,6 @@ def _estimate(file: Path, out: Path, vehicle: str, shard: tuple[int, int], worke
         say(f"a run fails: {found.failures[0]}")
     if found.each is None:
         return
-    seconds = found.each * found.runs / options.processes
     told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"
     count = f"{'at least ' * found.adaptive}{found.runs} runs of {found.each:.2f} s each"
     size = found.size * found.runs / 1e6
