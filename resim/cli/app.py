@@ -43,6 +43,8 @@ class _FirstByDefault(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front where none is named."""
+        if ctx.resilient_parsing and not args:  # the shell completes the command itself
+            return super().parse_args(ctx, args)
         first = next(iter(self.commands))
         return super().parse_args(ctx, args if args and args[0] in self.commands else [first, *args])
 
