@@ -15,9 +15,10 @@ from resim.core.geometry import Floats
 from resim.core.sealed import sealed
 from resim.core.spec import to_json
 from resim.results import write_json, write_parquet
-from resim.sweeps.file import Sweep, SweepBoundary, SweepFile, boundaries, check_plan, runs
+from resim.sweeps.file import Sweep, SweepBoundary, boundaries, check_plan, runs
 from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.plans.registry import PLANS
+from resim.sweeps.sweep_file import SweepFile
 
 LATENCY = SweepParameter(name="perception.latency.speed", low=0.0, high=1.0, steps=11)
 BIAS = SweepParameter(name="perception.errors.longitudinal.bias.constant", low=-2.0, high=2.0, steps=9)

@@ -21,8 +21,9 @@ from typer.core import TyperGroup
 
 from resim import __version__
 from resim.cli.terminal import OutputSettings, output_as, say
-from resim.core.errors import FunctionError, ResimError, StopError
+from resim.core.errors import FunctionError, InputError, ResimError, StopError
 from resim.core.files import refuse_undecodable
+from resim.core.spelling import unknown
 from resim.simulation.vehicles.registry import VEHICLES
 
 Job = TypeVar("Job", bound=Callable[..., None])
@@ -42,6 +43,8 @@ class _FirstByDefault(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front where none is named."""
+        if ctx.resilient_parsing and not args:  # the shell completes the command itself
+            return super().parse_args(ctx, args)
         first = next(iter(self.commands))
         return super().parse_args(ctx, args if args and args[0] in self.commands else [first, *args])
 
@@ -96,8 +99,37 @@ Settings = Annotated[
 ]
 """Parameters of a perception model that take the place of the file's."""
 
+
+def unknown_vehicle(name: str) -> str:
+    """Say which vehicle models there are where none has this name, else ""."""
+    return "" if name in VEHICLES else unknown("vehicle model", name, VEHICLES)
+
+
+def _vehicle(context: typer.Context, name: str | None) -> str | None:
+    """Look whether there is such a vehicle model before anything is imported that takes time. Raises InputError."""
+    if name is not None and not context.resilient_parsing and (problem := unknown_vehicle(name)):
+        raise InputError("--vehicle", problem)
+    return name
+
+
+def _vehicles(incomplete: str) -> list[str]:
+    """The vehicle models that the shell offers."""
+    return [name for name in VEHICLES if name.startswith(incomplete)]
+
+
+def vehicle_option(words: str, default: str | None = None) -> Any:
+    """Give the option that names the EGO's vehicle model, which the shell completes."""
+    return typer.Option(
+        metavar="MODEL",
+        callback=_vehicle,
+        autocompletion=_vehicles,
+        help=words,
+        show_default=default or True,
+    )
+
+
 VEHICLE_HELP = f"Vehicle model of the EGO, one of: {', '.join(VEHICLES)}."
-Vehicle = Annotated[str, typer.Option(metavar="MODEL", help=VEHICLE_HELP)]
+Vehicle = Annotated[str, vehicle_option(VEHICLE_HELP)]
 """Which model (`resim.simulation.vehicles.registry.VEHICLES`) moves the EGO."""
 
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; default: all cores.")]

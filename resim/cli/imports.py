@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from resim.cli.app import app, command
-from resim.cli.inputs import A_MAP
+from resim.cli.inputs import A_MAP, A_SOURCE, A_TABLE
 from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def _commands() -> MutableMapping[str, Any]:
 
 
 def guess(
-    file: Annotated[Path, typer.Argument(help="CSV or Parquet table of the ground truth.")],
+    file: Annotated[Path, typer.Argument(callback=A_TABLE, help="CSV or Parquet table of the ground truth.")],
     out: Annotated[Path, typer.Option(help="Mapping (TOML) to write.")],
     sensor: Annotated[
         Path | None, typer.Option("--sd", metavar="FILE", help="CSV or Parquet table of the sensor data.")
@@ -112,7 +112,7 @@ def _command(form: RecordingFormat) -> Callable[..., None]:
         _write(form.reader(file, map=map_file, ego=ego, start=start, end=end, **own), out)
 
     *common, _ = inspect.signature(convert, eval_str=True).parameters.values()
-    file = Annotated[Path, typer.Argument(help=form.file_help)]
+    file = Annotated[Path, typer.Argument(callback=A_SOURCE, help=form.file_help)]
     first = Parameter(form.file, Parameter.POSITIONAL_OR_KEYWORD, annotation=file)
     free = {"map_file": "map", "ego": "ego"}
     shared = [p.replace(default=None) if free.get(p.name) in form.works_out else p for p in common]

@@ -1,4 +1,8 @@
-"""Arguments and options that name files. Each is looked at before anything is imported that takes time."""
+"""Arguments and options that name files. Each is looked at before anything is imported that takes time.
+
+What says what such a file may hold (`settings`, `suite`, `sweep_file`, `criteria_file`) imports no tables, maps or
+compiled code, and is imported only where such a file is named.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import typer
 
 from resim.core import remedies
 from resim.core.errors import InputError
-from resim.core.files import open_file, parse_json, parse_toml, read_file
+from resim.core.files import joined, open_file, parse_json, parse_toml, read_file
 
 _Given = Path | Sequence[Path] | None
 
@@ -49,15 +53,86 @@ def _drive(path: Path) -> None:
 
 def _recording(path: Path) -> None:
     _parsed(parse_toml, path / "recording.toml", remedies.RECORDING)
+    from resim.recordings.present import look_over
+
+    look_over(path)
+
+
+def _criteria(path: Path) -> None:
+    raw = read_file(path, remedies.CRITERIA)
+    parse_toml(raw, path, remedies.CRITERIA)
+    from resim.metrics.criteria_file import parse_criteria
+
+    parse_criteria(raw, path)
+
+
+def _suite(path: Path) -> None:
+    _parsed(parse_toml, path, remedies.SUITE)
+    from resim.verification.suite import read_suite
+
+    _criteria(joined(path, read_suite(path).file.criteria))
+
+
+def _sweep(path: Path) -> None:
+    _parsed(parse_toml, path, remedies.SWEEP)
+    from resim.recordings.listed import found_folders
+    from resim.sweeps.sweep_file import read_sweep_file
+
+    file = read_sweep_file(path)
+    folders, _ = found_folders(path, file.recording)
+    for folder in folders.values():
+        _recording(folder)
+    if file.suite is not None:
+        _suite(joined(path, file.suite))
+    for name in file.build:
+        _parsed(parse_toml, joined(path, name), remedies.BUILD)
+    if file.perception is not None:
+        _parsed(parse_json, joined(path, file.perception), remedies.MODEL)
+        _swept_model(path, joined(path, file.perception), [p.name for p in file.parameter])
+    _criteria(joined(path, file.criteria))
+
+
+def _swept_model(path: Path, model: Path, names: Sequence[str]) -> None:
+    """Raise InputError, of the sweep at `path`, for a parameter that its model does not have."""
+    from resim.perception.model import read_model
+
+    read_model(model)
+    for name in (name for name in names if name.startswith("perception.")):
+        own = name.removeprefix("perception.")
+        try:
+            read_model(model, (f"{own}=0.0",))
+        except InputError as e:
+            why = e.problem.partition("; ")[0].removeprefix(f"{own}: ")
+            if why.startswith("there is no"):  # whether the values are right is asked when all are known
+                raise InputError(path, f"parameter {name!r}: {why}", remedies.SWEEP) from e
 
 
 def _map(path: Path) -> None:
     open_file(path, remedies.MAP).close()
 
 
+def _there(path: Path) -> None:
+    if not path.exists():
+        raise InputError(path, "there is no such file or folder", "Check the path.")
+
+
+def _table(path: Path) -> None:
+    open_file(path, "Check the path of the table.").close()
+
+
+def _swept(path: Path) -> None:
+    if not (path / "sweep.json").is_file():
+        raise InputError(path, "holds no sweep", remedies.SWEPT)
+
+
 A_RECORDING, A_DRIVE, A_MAP = _each(_recording), _each(_drive), _each(_map)
-A_BUILD, A_SUITE, A_SWEEP = (_each(_toml(r)) for r in (remedies.BUILD, remedies.SUITE, remedies.SWEEP))
-A_CRITERIA = _each(_toml(remedies.CRITERIA))
+A_BUILD, A_SUITE, A_SWEEP, A_CRITERIA = (
+    _each(_toml(remedies.BUILD)),
+    _each(_suite),
+    _each(_sweep),
+    _each(_criteria),
+)
+A_SOURCE, A_TABLE, A_SWEPT = _each(_there), _each(_table), _each(_swept)
 A_MODEL = _each(lambda path: _parsed(parse_json, path, remedies.MODEL))
 """Callbacks of arguments and options."""
 

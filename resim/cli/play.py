@@ -9,6 +9,7 @@ import typer
 
 from resim.cli.app import app, command
 from resim.cli.terminal import add_to_json, say
+from resim.core import remedies
 from resim.core.errors import InputError
 
 
@@ -38,7 +39,10 @@ def play(
 
     A recording is shown with all its findings, also those that `resim run` refuses.
     """
-    if assess and not any((drive / "recording.toml").is_file() for drive in drives):
+    for path in drives:
+        if not path.exists():
+            raise InputError(path, "there is no such file or folder", remedies.PLAYED)
+    if assess and not any((path / "recording.toml").is_file() for path in drives):
         problem = "assesses recordings, and none is given; the folder of a run has its curves already"
         raise InputError("--assess", problem, "Leave it out.")
     from resim.jobs.play import play as job

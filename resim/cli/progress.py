@@ -1,4 +1,6 @@
-"""How far a command is: a bar on a terminal, elsewhere a line now and then, or for each step; to standard error."""
+"""How far a command is: a bar on a terminal, elsewhere a line at once and then now and then, or for each step; to
+standard error.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ class ProgressReporter:
     def __init__(self, unit: str, total: int | None = None) -> None:
         """total: how many there are, None for what is not known yet."""
         self.unit, self._total, self.done, self._first = unit, total, 0, 0
-        self._begin = self._told = time.monotonic()
+        self._begin, self._told = time.monotonic(), float("-inf")
         self._bar: Bar | None = None
 
     def __enter__(self) -> ProgressReporter:
@@ -51,6 +53,7 @@ class ProgressReporter:
             )  # fmt: skip
             self._bar.start()
             self._bar.add_task("", total=self._total, rate="")
+        self._show("")
         return self
 
     def __exit__(
@@ -61,6 +64,8 @@ class ProgressReporter:
 
     def expect(self, total: int) -> None:
         """Note how many there are."""
+        if self._total is None:
+            self._told = float("-inf")  # nothing was told yet but that it begins
         self._total = total
         self._show("")
 

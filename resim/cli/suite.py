@@ -30,12 +30,8 @@ def new(
     ],
 ) -> None:
     """Write a suite of all recordings in a folder, with the hashes of their content."""
-    from resim.execution.workers import in_child
     from resim.recordings.settings import SETTINGS
-    from resim.results import whole_file
-    from resim.verification.suite import new_suite, read_suite
 
-    in_child(_read, criteria)  # a file that holds none is told of now
     found = sorted(path.parent for path in folder.rglob(SETTINGS)) if folder.is_dir() else []
     for one in found:
         refuse_undecodable(one)
@@ -43,6 +39,11 @@ def new(
         raise InputError(folder, "holds no recording", remedies.RECORDING)
     if out.exists():
         raise InputError(out, "exists already", "Name a new file: a suite may have been edited.")
+    from resim.execution.workers import in_child
+    from resim.results import whole_file
+    from resim.verification.suite import new_suite, read_suite
+
+    in_child(_read, criteria)  # a file that holds none is told of now
     text = new_suite(found, criteria, out, out.stem)
     with whole_file(out, None) as path:
         path.write_text(text, encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,7 @@ from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError
 
 if TYPE_CHECKING:
-    from resim.jobs.sweep import SweepListener, SweepOptions
+    from resim.jobs.sweep import SweepListener
     from resim.sweeps.file import SweepBoundary
 
 
@@ -56,14 +57,15 @@ def sweep(
     for name, given in (("--resume", resume), ("--scheduler", scheduler)):
         if dry_run and given:
             raise InputError(name, "has no effect on --dry-run", "Leave out one of the two.")
-    from resim.jobs.sweep import SweepOptions
-    from resim.jobs.sweep import sweep as run_sweep
-
-    options = SweepOptions(vehicle, resume, _shard(shard), workers, scheduler)
+    part = _shard(shard)
     if dry_run:
-        _estimate(file, out, options)
+        _estimate(file, out, vehicle, part, workers)
         return
     with _progress() as listener:
+        from resim.jobs.sweep import SweepOptions
+        from resim.jobs.sweep import sweep as run_sweep
+
+        options = SweepOptions(vehicle, resume, part, workers, scheduler)
         done = run_sweep(file, out, options, listener=listener)
     failed, first = done.failures()
     add_to_json(out=out, runs=done.runs, failed=failed, missing=done.missing)
@@ -99,13 +101,17 @@ def _tell_boundary(found: SweepBoundary, builds: bool) -> None:
     say(f"{of}: {told} ({found.points} points)")
 
 
-def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
+def _estimate(file: Path, out: Path, vehicle: str, shard: tuple[int, int], workers: int | None) -> None:
     """Do a few runs, and say how long all of them take."""
-    from resim.jobs.sweep import estimate
+    begin = time.monotonic()
+    from resim.jobs.sweep import SweepOptions, estimate
 
+    loading = time.monotonic() - begin
+    options = SweepOptions(vehicle, shard=shard, workers=workers)
     found = estimate(file, out, options)
-    add_to_json(runs=found.runs, seconds_a_run=found.each, bytes_a_run=found.size, processes=options.processes,
-         failures=found.failures)  # fmt: skip
+    seconds = found.seconds + loading
+    add_to_json(runs=found.runs, seconds=seconds, seconds_a_run=found.each, bytes_a_run=found.size,
+         processes=options.processes, failures=found.failures)  # fmt: skip
     if found.runs == 0:
         say("0 runs")
         return
@@ -113,7 +119,6 @@ def _estimate(file: Path, out: Path, options: SweepOptions) -> None:
         say(f"a run fails: {found.failures[0]}")
     if found.each is None:
         return
-    seconds = found.each * found.runs / options.processes
     told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"
     count = f"{'at least ' * found.adaptive}{found.runs} runs of {found.each:.2f} s each"
     size = found.size * found.runs / 1e6
@@ -135,10 +140,9 @@ def _say_dashboard(address: str) -> None:
 @contextmanager
 def _progress() -> Iterator[SweepListener]:
     """Counts runs, and those that failed."""
-    from resim.jobs.sweep import SweepListener
-
     failures = 0
     with ProgressReporter("runs") as progress:
+        from resim.jobs.sweep import SweepListener
 
         def done(failed: bool) -> None:
             nonlocal failures

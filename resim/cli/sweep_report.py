@@ -7,14 +7,17 @@ from typing import Annotated
 
 import typer
 
-from resim.cli.app import BadVerdictError, command, sweep_app
+from resim.cli.app import BadVerdictError, command, sweep_app, vehicle_option
+from resim.cli.inputs import A_SWEPT
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 
 
 @command(sweep_app, "report")
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", callback=A_SWEPT, help="Folder of a finished sweep.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(help="Page to write (HTML), with a JSON file beside it; default: DIR/report.html."),
@@ -51,14 +54,14 @@ def report(
 
 @command(sweep_app, "repeat")
 def repeat_run(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished sweep.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", callback=A_SWEPT, help="Folder of a finished sweep.")
+    ],
     run: Annotated[int, typer.Argument(min=0, help="Number of the run, as in the report and the table.")],
     out: Annotated[
         Path, typer.Option(help="Folder for its traces and report; an earlier result there is replaced.")
     ],
-    vehicle: Annotated[
-        str | None, typer.Option(metavar="MODEL", help="Vehicle model of the EGO; default: the sweep's.")
-    ] = None,
+    vehicle: Annotated[str | None, vehicle_option("Vehicle model of the EGO; default: the sweep's.")] = None,
 ) -> None:
     """Do one run of a sweep again, compare it with its row in the table, and write the same files as `resim run`.
 

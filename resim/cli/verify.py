@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import VEHICLE_HELP, BadVerdictError, Settings, Workers, app, command
+from resim.cli.app import VEHICLE_HELP, BadVerdictError, Settings, Workers, app, command, vehicle_option
 from resim.cli.inputs import A_BUILD, A_MODEL, A_SUITE
 from resim.cli.progress import ProgressReporter
 from resim.cli.runs import register
@@ -80,9 +80,7 @@ def verify(
     seeds: Seeds = None,
     vary: Vary = None,
     driven_by: DrivenBy = None,
-    vehicle: Annotated[
-        str | None, typer.Option(metavar="MODEL", help=VEHICLE_HELP, show_default="kinematic")
-    ] = None,
+    vehicle: Annotated[str | None, vehicle_option(VEHICLE_HELP, "kinematic")] = None,
     workers: Workers = None,
     replay: Replay = None,
 ) -> None:
@@ -92,12 +90,6 @@ def verify(
     with 1 where a recording is not verified or a suite limit is exceeded, with 2 where a recording is broken, with
     3 where a function failed.
     """
-    from resim.cli.verification import print_verification
-    from resim.jobs.verify import compare
-    from resim.jobs.verify import verify as verify_build
-    from resim.verification.folder import text
-    from resim.verification.request import VerifyOptions
-
     if replay is not None:
         _refuse_others(suite, build, out, against, perception, settings, seeds, vary, driven_by, vehicle)
         _replay(replay, workers)
@@ -105,21 +97,39 @@ def verify(
     if suite is None or build is None or out is None:
         lost = "SUITE" if suite is None else "--build" if build is None else "--out"
         raise InputError(lost, "is missing", "resim verify SUITE --build BUILD --out FOLDER")
-    options = VerifyOptions(
-        perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()),
-        vehicle or "kinematic",
-    )  # fmt: skip
+    _check(suite, perception, settings or (), seeds, vary or ())
     with _progress() as listener:
+        from resim.jobs.verify import compare
+        from resim.jobs.verify import verify as verify_build
+        from resim.verification.request import VerifyOptions
+
+        options = VerifyOptions(
+            perception, tuple(settings or ()), seeds, tuple(vary or ()), tuple(driven_by or ()),
+            vehicle or "kinematic",
+        )  # fmt: skip
         if against is None:
             found = verify_build(suite, build, out, options, workers=workers, listener=listener)
         else:
             found = compare(suite, build, against, out, options, workers=workers, listener=listener)
+    from resim.cli.verification import print_verification
+    from resim.verification.folder import text
+
     print_verification(found.report)
     say("")
     say(f"verification: {out / 'verification.html'}")
     add_to_json(out=out, verification=json.loads(text(found.report)))
     register(out)
     _end(found)
+
+
+def _check(
+    suite: Path, perception: Path | None, settings: Sequence[str], seeds: int | None, vary: Sequence[str]
+) -> None:
+    """Look at the options before anything is imported that takes time. Raises InputError."""
+    from resim.verification.suite import check_call, read_suite
+
+    perceives = perception is not None or read_suite(suite).file.perception is not None
+    check_call(perceives, settings=settings, seeds=seeds, vary=vary)
 
 
 def _tell_damaged(path: Path) -> None:
@@ -136,9 +146,9 @@ def _refuse_others(*given: object) -> None:
 
 
 def _replay(path: Path, workers: int | None) -> None:
-    from resim.jobs.verify import replay
-
     with _progress() as listener:
+        from resim.jobs.verify import replay
+
         again = replay(path, workers=workers, listener=listener)
     if again.same:
         add_to_json(same=True)
@@ -177,9 +187,8 @@ def _end(verification: Verification) -> None:
 @contextmanager
 def _progress() -> Iterator[VerificationListener]:
     """Counts recordings."""
-    from resim.jobs.verify import VerificationListener
-
     with ProgressReporter("recordings") as progress:
+        from resim.jobs.verify import VerificationListener
 
         def done(name: str, verdict: str, kept: bool) -> None:
             if kept:

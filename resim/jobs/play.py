@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.spec import read_sealed_json
@@ -23,7 +24,7 @@ from resim.road.flaws import MAP_CODES
 from resim.road.opendrive import load
 from resim.scenario.jscen import read_jscen
 
-KINDS = "Give a recording, the folder that `resim run` wrote, or a JSCEN file (.json)."
+KINDS = remedies.PLAYED
 OTHERS = {
     "verification.json": "the folder of `resim verify`: the player of each recording is in its drives/",
     "inputs.json": "the folder of `resim verify`: the player of each recording is in its drives/",

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from resim.core.spec import json_schema, sealed_schema
-from resim.metrics.criteria import CriteriaFile
+from resim.metrics.criteria_file import CriteriaFile
 from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
 from resim.recordings.mapped.mapping import Mapping as ColumnMapping
@@ -19,9 +19,9 @@ from resim.resimulation.report import RunProvenance, RunReport
 from resim.road.checked import ConversionReport
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
-from resim.sweeps.file import SweepFile
 from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
+from resim.sweeps.sweep_file import SweepFile
 from resim.verification.cases import CaseFile
 from resim.verification.inputs import VerificationBegun
 from resim.verification.report import VerificationReport

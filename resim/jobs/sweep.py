@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
 from resim.results import SWEEP_REPORT, check_output, whole_file, write_json
 from resim.sweeps.analysis import analyse
-from resim.sweeps.execution import begin, compact, execute, inputs, sample, table
+from resim.sweeps.estimate import sample
+from resim.sweeps.execution import begin, compact, execute, inputs, table
 from resim.sweeps.file import Sweep, read_sweep
 from resim.sweeps.manifest import SweepInputs, SweepManifest
 from resim.sweeps.page import write_sweep_page
@@ -188,7 +190,8 @@ class SweepEstimate:
     Attributes:
         runs: How many runs; of an adaptive plan at least as many.
         adaptive: Whether the plan is adaptive.
-        each: Time of one run [s]; None where all that were tried fail, or there are none.
+        each: Time of one run [s] in its batch; None where all that were tried fail, or there are none.
+        seconds: Time of the whole sweep [s].
         size: Size of one run's result [bytes].
         failures: Why runs that were tried failed.
     """
@@ -196,12 +199,13 @@ class SweepEstimate:
     runs: int
     adaptive: bool
     each: float | None
+    seconds: float
     size: float
     failures: tuple[str, ...]
 
 
 def estimate(file: str | Path, out: str | Path, options: SweepOptions = SweepOptions()) -> SweepEstimate:
-    """Run a few runs of a sweep, and say how large it is; nothing is written.
+    """Run a few runs of a sweep as it runs them, and say how large it is; nothing is written.
 
     Args:
         file: Sweep file.
@@ -214,13 +218,17 @@ def estimate(file: str | Path, out: str | Path, options: SweepOptions = SweepOpt
     Raises:
         InputError: The file cannot be used.
     """
+    begin = time.monotonic()
     wanted = read_sweep(path_of(file), options.vehicle)
     _, runs = in_child(_checked, (wanted, path_of(out), options.shard, True))
     adaptive = wanted.file.planned.grows
     if runs is None or runs.empty:  # as of a shard more than there are runs
-        return SweepEstimate(0, adaptive, None, 0.0, ())
-    each, size, failures = sample(wanted, runs, options.processes)
-    return SweepEstimate(len(runs), adaptive, each, size, tuple(failures))
+        return SweepEstimate(0, adaptive, None, 0.0, 0.0, ())
+    checking = time.monotonic() - begin  # as the sweep does, too
+    found = sample(wanted, runs, options.processes)
+    return SweepEstimate(
+        len(runs), adaptive, found.each, checking + found.seconds, found.size, found.failures
+    )
 
 
 def _checked(

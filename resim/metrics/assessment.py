@@ -11,8 +11,8 @@ from resim.metrics.criteria import Criteria, Outcome, Verdict, judge, overall
 from resim.metrics.doubts.doubt import doubted, resized
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import DriveScenes
+from resim.metrics.kinds import MeasureKind
 from resim.metrics.measures import MeasureDefinition, MeasureValues
-from resim.metrics.measures.definition import MeasureKind
 from resim.metrics.measures.inputs import MeasureInputs
 from resim.metrics.risk import Risk
 

@@ -11,8 +11,8 @@ from resim.core.geometry import Bools, Floats
 from resim.metrics.assessment import Assessment
 from resim.metrics.criteria import Outcome, Verdict
 from resim.metrics.drive import PathSource
+from resim.metrics.kinds import MeasureKind
 from resim.metrics.measures import MeasureValues, State
-from resim.metrics.measures.definition import MeasureKind
 from resim.metrics.measures.values import StateArray
 
 REASONS = {

@@ -10,22 +10,18 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from resim.core import faults, remedies
 from resim.core.errors import ChangedError, FunctionError, InputError
-from resim.core.files import parse_toml, read_file
+from resim.core.files import read_file
 from resim.core.geometry import Bools, Floats
 from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
-from resim.core.spec import ModuleAndName
 from resim.core.spelling import did_you_mean
+from resim.metrics.criteria_file import EXAMPLE, SAME, Criterion, OwnMeasure, parse_criteria, step_of
 from resim.metrics.measures import MeasureDefinition, MeasureValues, State
-from resim.metrics.measures.definition import MeasureKind
 from resim.metrics.measures.inputs import MeasureInputs
 from resim.metrics.measures.registry import MEASURES
-from resim.metrics.measures.values import WorstEnd
 from resim.road.opendrive import lend_network
 
 Outcome = Literal["PASS", "FAIL", "INVALID"]
@@ -33,108 +29,6 @@ NAMED = 5
 """Objects that a reason names."""
 MEASURE_LIMIT = 60.0
 """s of wall clock for a measure of the user's own, for one drive."""
-EXAMPLE = remedies.CRITERIA
-_SAME = 1e-9
-
-
-class Criterion(BaseModel):
-    """A requirement: a measure must not be below or above a limit for `duration` [s] or longer.
-
-    measure: its name. beyond: the limit of its magnitude, in either direction. start, end: the part of the drive [s
-    from its start] that counts. weight: for weighted sums by the user. source: where the threshold comes from.
-    """
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-    name: str = Field(min_length=1)
-    measure: str = Field(min_length=1)
-    below: float | None = Field(default=None, strict=True)
-    above: float | None = Field(default=None, strict=True)
-    beyond: float | None = Field(default=None, ge=0.0, strict=True)
-    duration: float = Field(default=0.0, ge=0.0, strict=True)
-    start: float = Field(default=0.0, ge=0.0, strict=True)
-    end: float | None = Field(default=None, gt=0.0, strict=True)
-    weight: float = Field(default=1.0, ge=0.0, strict=True)
-    source: str = ""
-
-    @model_validator(mode="after")
-    def _one_limit(self) -> Criterion:
-        if [self.below, self.above, self.beyond].count(None) != 2:
-            raise ValueError("expected one of below, above and beyond")
-        if self.end is not None and self.end <= self.start:
-            raise ValueError("end: expected more than start")
-        return self
-
-    @property
-    def side(self) -> Literal["below", "above", "beyond"]:
-        """On which side of the limit it is broken."""
-        return "below" if self.below is not None else "above" if self.above is not None else "beyond"
-
-    @property
-    def limit(self) -> float:
-        """The limit, in the unit of the measure."""
-        return float(getattr(self, self.side))
-
-    def worsens(self, worst: WorstEnd) -> bool:
-        """Say whether it is broken towards the worse end of a measure: only there is the worst known that can be."""
-        return worst == "both" or (self.side == "below") == (worst == "low")
-
-    def badness(self, value: Floats) -> Floats:
-        """Give values so that larger is worse and more than 0 breaks the limit; NaN stays NaN."""
-        if self.side == "below":
-            return np.asarray(self.limit - value)
-        return np.asarray((value if self.side == "above" else np.abs(value)) - self.limit)
-
-    def within(self, t: Floats) -> Bools:
-        """Say which of the scenes at t (S,) [s] lie in the part of the drive that counts.
-
-        A scene stands for the time until the next one: a part that begins between two has the one before, as what is
-        found in it may be of the part.
-        """
-        end = math.inf if self.end is None else t[0] + self.end
-        until = np.append(t[1:], t[-1] + 4.0 * _SAME)
-        return np.asarray((until > t[0] + self.start + _SAME) & (t <= end + _SAME))
-
-    def extent(self, t: Floats) -> float:
-        """Give how long [s] the part that counts is, of a drive with scenes at t (S,) [s]."""
-        end = t[-1] if self.end is None else min(t[-1], t[0] + self.end)
-        return float(end - t[0] - self.start)
-
-    def lasts(self, times: Floats, t: Floats) -> Bools:
-        """Say whether a limit can have been broken for the duration; times: of `longest`, below 0 for never.
-
-        Broken in k successive scenes and kept in those around it was broken for more than k - 1 and less than k + 1
-        steps; `longest` says k. What may have lasted for the duration counts as if it had: PASS is never wrong.
-        """
-        surely, maybe = times >= self.duration - _SAME, times + _step(t) > self.duration + _SAME
-        return np.asarray((times >= 0.0) & (surely | maybe))
-
-
-class OwnMeasure(BaseModel):
-    """A user's own measure: `function` is "module:name", the module's file beside the file of criteria.
-
-    The function takes a Drive and its RoadNetwork and gives an array (S,) of the EGO or (S, K) of it and each object,
-    in `unit`, NaN where it is not defined. worst: which end is the worse one.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    name: str = Field(min_length=1)
-    function: ModuleAndName
-    unit: str = Field(min_length=1)
-    kind: MeasureKind = "quantitative"
-    worst: WorstEnd = "high"
-
-
-class CriteriaFile(BaseModel):
-    """What a criteria file says."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    name: str = Field(min_length=1)
-    files: tuple[str, ...] = ()
-    measure: tuple[OwnMeasure, ...] = ()
-    criterion: tuple[Criterion, ...] = Field(min_length=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,23 +70,8 @@ class Verdict:
 def freeze_criteria(path: Path) -> FrozenFile:
     """Keep a copy of a file of criteria, with the code of its own measures. Raises InputError."""
     raw = read_file(path, EXAMPLE)
-    file = _parsed(raw, path)
+    file = parse_criteria(raw, path)
     return freeze_code(path, raw, [o.function for o in file.measure], file.files)
-
-
-def _parsed(raw: bytes, path: Path) -> CriteriaFile:
-    said = parse_toml(raw, path, EXAMPLE)
-    if "objectification" in said:
-        raise InputError(
-            path, "there is no table [[objectification]]", "Write [[measure]]: it has the same fields."
-        )
-    try:
-        return CriteriaFile.model_validate(said)
-    except ValidationError as e:
-        found = [
-            p for p in e.errors() if p["type"] != "too_short"
-        ] or e.errors()  # what is too short lacks the faulty
-        raise InputError(path, faults.describe(found, CriteriaFile), EXAMPLE) from e
 
 
 def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
@@ -209,7 +88,7 @@ def read_criteria(criteria: str | Path | FrozenFile) -> Criteria:
     """
     frozen = criteria if isinstance(criteria, FrozenFile) else freeze_criteria(Path(criteria))
     path, copy = frozen.path, load_frozen(frozen, freeze_criteria)
-    file = _parsed(copy.raw, path)
+    file = parse_criteria(copy.raw, path)
     own = tuple(_own(frozen, copy, o) for o in file.measure)
     known = [measure.name for measure in (*MEASURES, *own)]
     for what, called in (("criterion", [c.name for c in file.criterion]), ("measure", known)):
@@ -311,7 +190,7 @@ def judge(
     for k in np.flatnonzero(broken_by.any(axis=0)).tolist():
         times[k] = longest(broken_by[:, k], t)
     most, extent = float(times.max(initial=-1.0)), criterion.extent(t)
-    short = most >= 0.0 and extent < criterion.duration - _SAME
+    short = most >= 0.0 and extent < criterion.duration - SAME
     failed = criterion.lasts(times, t) & (not short)
     lost = counts & (states == State.NOT_COMPUTED)
     beyond = _beyond(criterion, measure, counts & (states == State.NO_CONFLICT), broken_by, t)
@@ -320,7 +199,7 @@ def judge(
     value, when, whom = (None, None, "") if worst is None else (
         float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
     )  # fmt: skip
-    upto = most + _step(t) if failed.any() and most < criterion.duration - _SAME else most
+    upto = most + step_of(t) if failed.any() and most < criterion.duration - SAME else most
     lasted = f"{'up to ' if upto > most else ''}{min(upto, extent):.1f} s"
     broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {lasted}"
     outcome: Outcome = "PASS"
@@ -355,7 +234,7 @@ def _beyond(criterion: Criterion, measure: MeasureValues, none: Bools, broken: B
     """In which scenes (S, K) a limit can be broken beyond the horizon, of those who can have broken it for long."""
     if measure.beyond is None:
         return np.zeros(none.shape, dtype=bool)
-    can = none & ((criterion.badness(measure.beyond) > _SAME) | (not criterion.worsens(measure.worst)))
+    can = none & ((criterion.badness(measure.beyond) > SAME) | (not criterion.worsens(measure.worst)))
     long = [
         c.any() and criterion.lasts(np.array([longest(c | b, t)]), t).any()
         for c, b in zip(can.T, broken.T, strict=True)
@@ -437,11 +316,4 @@ def longest(broken: Bools, t: Floats) -> float:
     if not broken.any():
         return -1.0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], broken, [False]]).astype(np.int8)))
-    return float((t[edges[1::2] - 1] - t[edges[::2]]).max()) + _step(t)
-
-
-def _step(t: Floats) -> float:
-    """The time [s] between scenes; 0 for one alone."""
-    steps = np.sort(np.diff(t))
-    middle = steps[(len(steps) - 1) // 2 : len(steps) // 2 + 1]
-    return float(middle.sum() / len(middle)) if len(steps) else 0.0  # np.median takes ten times as long
+    return float((t[edges[1::2] - 1] - t[edges[::2]]).max()) + step_of(t)

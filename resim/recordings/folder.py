@@ -11,7 +11,8 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.schema import GT_ID, PLAN_COLUMNS
-from resim.recordings.recording import Recording, existing_map
+from resim.recordings.present import existing_map, ground_truth, table_file
+from resim.recordings.recording import Recording
 from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
 from resim.recordings.source import RecordingTables, recording_of
 from resim.recordings.tables import read_table, read_track_table, row_problem
@@ -26,9 +27,7 @@ def read_tables(folder: Path) -> RecordingTables:
     folder = Path(folder)
     settings = read_settings(folder / SETTINGS)
     road = existing_map(folder / SETTINGS, folder / settings.map)
-    gt_file, sd_file, plan_file = (_table(folder, name) for name in ("gt", "sd", "plan"))
-    if gt_file is None:
-        raise InputError(folder, "holds neither gt.csv nor gt.parquet", "Put the ground truth there.")
+    gt_file, sd_file, plan_file = ground_truth(folder), table_file(folder, "sd"), table_file(folder, "plan")
     gt = read_track_table(gt_file)
     _check_ego(folder, gt_file, gt, settings.ego)
     sd = None if sd_file is None else _read_sensor_data(sd_file, gt)
@@ -88,17 +87,6 @@ def _write(tables: RecordingTables, folder: Path, map_reference: str | None) -> 
         beside.replace(folder)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
-
-
-def _table(folder: Path, name: str) -> Path | None:
-    """The CSV or Parquet file of that name, None where there is neither. Raises InputError for what is no file."""
-    found = [path for end in ("csv", "parquet") if os.path.lexists(path := folder / f"{name}.{end}")]
-    if len(found) > 1:
-        raise InputError(folder, f"holds both {name}.csv and {name}.parquet", "Keep the right one.")
-    if found and not found[0].is_file():
-        problem = "is not a regular file but a folder, device, pipe or dangling link"
-        raise InputError(found[0], problem, "Put the table itself there, or remove it.")
-    return found[0] if found else None
 
 
 def _check_ego(folder: Path, path: Path, gt: pd.DataFrame, ego: str) -> None:

@@ -121,13 +121,3 @@ def sample_rate(source: Path, tracks: Tracks) -> float:
         problem = f"samples are {step:g} s apart, expected {FINEST:g} s or more"
         raise InputError(source, problem, "Give t in seconds.")
     return round(1.0 / step, 6)
-
-
-def existing_map(source: Path, road: Path) -> Path:
-    """Give the map file resolved; InputError against `source`, which names it, where there is none."""
-    try:
-        if road.is_file():
-            return road.resolve()
-    except OSError:  # a name no file system takes
-        pass
-    raise InputError(source, f"map: there is no file {road}", "Name an OpenDRIVE file that exists.")

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 from resim.core.errors import ResimError
 from resim.core.schema import Row
 from resim.simulation.direct import Direct
 from resim.simulation.engine import Engine
 from resim.simulation.sumo.engine import Sumo
+from resim.sweeps.sweep_file import EngineName
 
-EngineName = Literal["sumo", "direct"]
 Fingerprint = Mapping[str, str]
 """Of a drive (`SimulatedDrive.fingerprint`)."""
 ENGINES: Mapping[EngineName, Engine] = {"sumo": Sumo(), "direct": Direct()}

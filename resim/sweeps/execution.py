@@ -8,9 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import chain
-from operator import itemgetter
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import pandas as pd
@@ -33,9 +31,10 @@ from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import Build, load_build, misfit_of
 from resim.sweeps.engines import refuse_difference, what_differs
-from resim.sweeps.file import EXAMPLE, Sweep, boundaries, runs
+from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
+from resim.sweeps.sweep_file import EXAMPLE
 from resim.sweeps.tasks import (
     RunBatch,
     RunResult,
@@ -352,22 +351,6 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
             sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
             file.engine, file.repeated_in_sumo if file.engine == "direct" else 0.0,
         )  # fmt: skip
-
-
-def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> tuple[float | None, float, list[str]]:
-    """Do a few runs and give the median time [s] of one, its size [bytes], and why any failed."""
-    some = list(tasks(sweep, wanted.groupby(["recording", "build"], sort=False).head(4).head(16)))
-    batches = in_batches(some, 1)
-    done = run_all(
-        run, batches, workers=min(workers, len(batches)), time_limit=sweep.file.time_limit, size=len
-    )
-    found = [result for _, result in sorted(done, key=itemgetter(0))]
-    failures = [r.reason for r in found if isinstance(r, Failure)]
-    good = [r for batch in found if not isinstance(batch, Failure) for r in batch]
-    if not good:
-        return None, 0.0, failures
-    size = sum(len(json.dumps(r.row)) for r in good) / len(good) / 4.0  # as Parquet packs it
-    return median(r.time for r in good), size, failures
 
 
 def compact(sweep: Sweep, out: Path) -> tuple[int, int]:

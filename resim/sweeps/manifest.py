@@ -9,7 +9,8 @@ from pydantic import MISSING
 
 from resim.core.schema import SweepSchema
 from resim.core.spec import EXACT
-from resim.sweeps.file import SweepBoundary, SweepFile
+from resim.sweeps.file import SweepBoundary
+from resim.sweeps.sweep_file import SweepFile
 from resim.verification.inputs import HashedFile, NamedBuild
 
 SCHEMA: SweepSchema = "resim-sweep-1"

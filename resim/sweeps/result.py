@@ -12,15 +12,16 @@ from typing import Any
 import pandas as pd
 from pydantic import MISSING
 
+from resim.core import remedies
 from resim.core.errors import InputError, ResimError
 from resim.core.spec import read_sealed_json
 from resim.execution import journal
 from resim.metrics.criteria import read_criteria
 from resim.results.rows import read_rows
-from resim.sweeps.file import SweepFile
 from resim.sweeps.manifest import SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES
 from resim.sweeps.plans.parameter import SweepParameter
+from resim.sweeps.sweep_file import SweepFile
 
 RESUME = "Do what is missing: resim sweep FILE --out {folder} --resume"
 RESULTS = ("decision", *(outcome.column for outcome in OUTCOMES))
@@ -77,7 +78,7 @@ def read_swept(folder: Path) -> SweepResult:
     """Read a sweep's folder. Raises InputError where there is none, where it is not finished, or damaged."""
     resume = RESUME.format(folder=shlex.quote(str(folder)))
     if not (folder / "sweep.json").is_file():
-        raise InputError(folder, "holds no sweep", "Name the folder that `resim sweep --out` wrote.")
+        raise InputError(folder, "holds no sweep", remedies.SWEPT)
     path = folder / "manifest.json"
     if not path.is_file():
         done = len({entry.run for entry in journal.read(folder / "journal")})

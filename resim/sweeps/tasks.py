@@ -17,8 +17,9 @@ from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
-from resim.sweeps.engines import ENGINES, EngineName, Fingerprint, is_repeated
+from resim.sweeps.engines import ENGINES, Fingerprint, is_repeated
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
+from resim.sweeps.sweep_file import EngineName
 
 PRELOADED = ("resim.resimulation.run",)
 """What a child has before it starts."""

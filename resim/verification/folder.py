@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from resim.core.errors import InputError
 from resim.core.files import read_file
 from resim.core.json_text import json_text
 from resim.core.provenance import versions
@@ -33,6 +34,8 @@ def begin(out: Path, a: VerificationRequest) -> None:
     told = json_text(sealed(to_json(VerificationBegun(versions(), a, tuple(files)))))
     mark = out / VERIFICATION.mark
     before = read_file(mark, "Remove it.") if mark.is_file() else b""
+    if before:
+        _refuse_other(out, mark, a)
     if before != told.encode():
         for name in ("verification.json", "verification.html", "junit.xml"):
             (out / name).unlink(missing_ok=True)
@@ -44,6 +47,20 @@ def begin(out: Path, a: VerificationRequest) -> None:
     _write(mark, told)
     for path in [*out.glob(".*.new"), *out.glob("*/.*.new")]:  # of one that was killed
         path.unlink()
+
+
+def _refuse_other(out: Path, mark: Path, a: VerificationRequest) -> None:
+    """Raise InputError where the folder holds the verification of another suite or build: it would be lost."""
+    held = read_sealed(mark, "Remove it.")["inputs"]
+    labels = [(held.get(which) or {}).get("label") for which in ("build", "against")]
+    was = _subject(held.get("name"), *labels)
+    now = _subject(a.name, a.build.label, None if a.against is None else a.against.label)
+    if was != now:
+        raise InputError(out, f"holds the verification {was}, not {now}", "Name another folder with --out.")
+
+
+def _subject(suite: str | None, build: str | None, against: str | None) -> str:
+    return f"of {build} on {suite}" + ("" if against is None else f" against {against}")
 
 
 def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) -> None:

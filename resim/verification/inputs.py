@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from resim.core.spec import EXACT, Strict
-from resim.verification.paired import RegressionLimits
+from resim.verification.limits import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
 

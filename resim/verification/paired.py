@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from resim.core.geometry import Floats
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
@@ -16,20 +15,6 @@ from resim.verification.compare import kpi_text
 ENDED = "lasts to the end"
 """Stands among KPIs lost where the new build's run ended early and the old one's did not."""
 Change = Literal["gained", "lost", "same"]
-
-
-class RegressionLimits(BaseModel):
-    """What a new build may cost: KPIs lost, decisions changed, and the rise of the largest risk in any scenario.
-
-    None: as many as there are. seeds: of how many runs of each build, with a perception model.
-    """
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-    lost: int | None = Field(strict=True, default=0, ge=0)
-    changed: int | None = Field(strict=True, default=None, ge=0)
-    risk: float | None = Field(strict=True, default=0.05, ge=0.0)
-    seeds: int = Field(strict=True, default=20, ge=1, le=5000)
 
 
 @dataclass(frozen=True)

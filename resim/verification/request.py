@@ -10,20 +10,18 @@ from pathlib import Path
 from resim.core.errors import InputError, ResimError
 from resim.core.files import relative
 from resim.core.plugins.frozen import FrozenFile, freeze_file
-from resim.core.spelling import did_you_mean
 from resim.metrics.criteria import freeze_criteria, read_criteria
 from resim.perception.model import freeze_model, read_model
 from resim.recordings.content import content_hash
 from resim.recordings.settings import SETTINGS, read_settings
 from resim.resimulation import check_codes
-from resim.scenario.variation import PARAMETERS
 from resim.simulation.function.interface import freeze_build, load_build
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.registry import vehicle_model
 from resim.verification.entries import RecordingSource
 from resim.verification.inputs import HashedFile, NamedBuild, VerificationRequest
 from resim.verification.sequential import SequentialTest
-from resim.verification.suite import Suite
+from resim.verification.suite import Suite, check_call
 from resim.verification.tasks import VerificationTask
 from resim.verification.verify import UNKNOWN, may_verify
 
@@ -58,13 +56,7 @@ def make_request(
     """
     file = suite.file
     perception = call.perception or (None if file.perception is None else suite.beside(file.perception))
-    if call.settings and perception is None:
-        raise InputError("--set", f"{call.settings[0]!r} without a model", "Name one with --perception.")
-    if call.seeds is not None and perception is None:
-        raise InputError("--seeds", "are runs with a perception model", "Name one with --perception.")
-    if strange := [name for name in call.vary if name not in PARAMETERS]:
-        problem = f"there is no {strange[0]!r}{did_you_mean(strange[0], PARAMETERS)}"
-        raise InputError("--vary", problem, f"There are: {', '.join(PARAMETERS)}.")
+    check_call(perception is not None, settings=call.settings, seeds=call.seeds, vary=call.vary)
     if against is not None and (call.vary or call.driven_by):
         raise InputError(
             "--against", "compares two builds and takes neither", "Leave out --vary and --driven-by."

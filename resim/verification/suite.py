@@ -16,8 +16,8 @@ from resim.core.spec import Strict, read_strict
 from resim.core.spelling import did_you_mean
 from resim.recordings.content import content_hash
 from resim.recordings.listed import RecordingEntry, found_folders
-from resim.scenario.variation import PARAMETERS
-from resim.verification.paired import RegressionLimits
+from resim.scenario.varied import VARIED
+from resim.verification.limits import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
 EXAMPLE = remedies.SUITE
@@ -72,11 +72,24 @@ class Suite(Strict):
 def read_suite(path: Path) -> Suite:
     """Read a suite and find its recordings. Raises InputError naming every fault."""
     file = read_strict(path, SuiteFile, EXAMPLE)
-    if strange := [name for name in file.vary if name not in PARAMETERS]:
-        problem = f"vary: there is no {strange[0]!r}{did_you_mean(strange[0], PARAMETERS)}"
-        raise InputError(path, problem, f"There are: {', '.join(PARAMETERS)}.")
+    _check_varied(path, "vary: ", file.vary)
     folders, hashes = found_folders(path, file.recording)
     return Suite(path=path, file=file, folders=folders, hashes=hashes)
+
+
+def _check_varied(source: str | Path, field: str, names: Sequence[str]) -> None:
+    if strange := [name for name in names if name not in VARIED]:
+        problem = f"{field}there is no {strange[0]!r}{did_you_mean(strange[0], VARIED)}"
+        raise InputError(source, problem, f"There are: {', '.join(VARIED)}.")
+
+
+def check_call(perceives: bool, *, settings: Sequence[str], seeds: int | None, vary: Sequence[str]) -> None:
+    """Raise InputError for options of `resim verify` that mean nothing. perceives: whether a model perceives."""
+    if settings and not perceives:
+        raise InputError("--set", f"{settings[0]!r} without a model", "Name one with --perception.")
+    if seeds is not None and not perceives:
+        raise InputError("--seeds", "are runs with a perception model", "Name one with --perception.")
+    _check_varied("--vary", "", vary)
 
 
 def new_suite(folders: Sequence[Path], criteria: Path, out: Path, name: str) -> str:

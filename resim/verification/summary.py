@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from resim.resimulation.drive_outcome import COMFORT
 from resim.verification.entries import ComparedRecording, VerifiedRecording
 from resim.verification.inputs import VerificationRequest
-from resim.verification.paired import RegressionLimits, RunPair, difference
+from resim.verification.limits import RegressionLimits
+from resim.verification.paired import RunPair, difference
 from resim.verification.report import (
     ComparisonSummary,
     LimitCheck,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from resim.resimulation.drive_outcome import Rms
+if TYPE_CHECKING:
+    from resim.resimulation.drive_outcome import Rms
 
 
 class _ToleranceModel(BaseModel):

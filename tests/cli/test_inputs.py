@@ -39,7 +39,7 @@ def called(folder: Path, *words: str, **environment: str) -> subprocess.Complete
         ("verify none.toml", "none.toml: cannot be read", remedies.SUITE),
         ("sweep none.toml --out o", "none.toml: cannot be read", remedies.SWEEP),
         ("map check none.xodr", "none.xodr: cannot be read", remedies.MAP),
-        ("perception train good none --out o", "none/recording.toml: cannot", remedies.RECORDING),
+        ("perception train none --out o", "none/recording.toml: cannot", remedies.RECORDING),
         ("perception show bad.toml", "bad.toml: is not JSON", remedies.MODEL),
         ("suite new good --out o --criteria none", "none: cannot be read", remedies.CRITERIA),
     ],
@@ -57,11 +57,23 @@ def test_what_is_none_of_its_kind_is_told_at_once(
     assert done.stderr.endswith(f"{remedy}\n")
 
 
-def test_the_shell_completes_after_what_is_not_there(tmp_path: Path) -> None:
-    words = {"_RESIM_COMPLETE": "complete_bash", "COMP_WORDS": "resim run none --bas", "COMP_CWORD": "3"}
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("resim run none --bas", "--basis"),
+        ("resim sweep re", "report repeat"),
+        ("resim assess fi", "fit-prediction"),
+        ("resim sweep none --dr", "--dry-run"),
+        ("resim assess none --crit", "--criteria"),
+        ("resim run none --vehicle ", "kinematic single-track"),
+        ("resim verify none --vehicle s", "single-track"),
+    ],
+)
+def test_the_shell_completes_after_what_is_not_there(tmp_path: Path, words: str, completed: str) -> None:
+    asked = {"_RESIM_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
     code = "import sys; sys.argv = ['resim']; from resim.cli import main; main()"
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, **words}, capture_output=True, text=True,
+        [sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, **asked}, capture_output=True, text=True,
         timeout=60.0, check=True,
     )  # fmt: skip
-    assert done.stdout.strip() == "--basis"
+    assert done.stdout.split() == completed.split()

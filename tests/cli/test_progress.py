@@ -20,19 +20,21 @@ def test_a_line_now_and_then(clock: list[float], capsys: pytest.CaptureFixture[s
     with ProgressReporter("runs") as told:
         told.skip(10)
         told.expect(50)
+        told.expect(50)
         for _ in range(20):
             clock[0] += 6.0
             told.step("2 failed")
     out, error = capsys.readouterr()
     assert out == ""
-    assert error.splitlines()[0] == "12 of 50 runs, about 4 min left: 2 failed"
+    assert error.splitlines()[:2] == ["0 runs", "10 of 50 runs"]
+    assert error.splitlines()[2] == "12 of 50 runs, about 4 min left: 2 failed"
     assert error.splitlines()[-1] == "30 of 50 runs, about 2 min left: 2 failed"
-    assert len(error.splitlines()) == 10
+    assert len(error.splitlines()) == 12
 
 
-def test_who_is_done_soon_says_nothing(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_is_done_soon_says_that_it_begins(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressReporter("stages", 3) as told:
         for stage in ("read", "train", "validate"):
             told.step(stage)
             clock[0] += 3.0
-    assert tuple(capsys.readouterr()) == ("", "")
+    assert tuple(capsys.readouterr()) == ("", "0 of 3 stages\n")

@@ -5,7 +5,8 @@ import pytest
 from conftest import ROOT
 
 from resim.core.errors import InputError
-from resim.metrics.criteria import Criterion, judge, overall, read_criteria
+from resim.metrics.criteria import judge, overall, read_criteria
+from resim.metrics.criteria_file import Criterion
 from resim.metrics.measures import MeasureValues, State
 
 T = np.arange(50) * 0.1

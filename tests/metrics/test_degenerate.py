@@ -11,7 +11,8 @@ from conftest import ROOT
 from resim.core.errors import ResimError
 from resim.metrics.assessment import assess
 from resim.metrics.assessment_report import drive_assessment
-from resim.metrics.criteria import Criteria, Criterion, read_criteria
+from resim.metrics.criteria import Criteria, read_criteria
+from resim.metrics.criteria_file import Criterion
 from resim.metrics.drive import drive
 from resim.metrics.measures.collision import contacts
 from resim.metrics.measures.inputs import MeasureInputs

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from conftest import ROOT
 
-from resim.metrics.criteria import Criteria, Criterion
+from resim.metrics.criteria import Criteria
+from resim.metrics.criteria_file import Criterion
 from resim.metrics.drive import drive
 from resim.metrics.measures.horizon import LONGEST
 from resim.metrics.measures.inputs import MeasureInputs

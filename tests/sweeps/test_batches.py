@@ -19,8 +19,10 @@ from resim.recordings import read_commonroad, read_recording
 from resim.resimulation import ResimulationOptions
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build, load_build
-from resim.sweeps import tasks
+from resim.sweeps import execution, tasks
 from resim.sweeps.engines import ENGINES, what_differs
+from resim.sweeps.estimate import sampled
+from resim.sweeps.file import read_sweep, runs
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
 from resim.sweeps.result import SweepResult, read_swept
 from resim.sweeps.tasks import MOST, RunTask, in_batches
@@ -308,3 +310,16 @@ def test_a_run_that_ends_its_process_costs_itself_alone(
     assert rows["failure"][five].str.contains("ended its process, which ended with code 3").all()
     columns = [name for name in rows.columns if name not in ("case", "build")]
     assert rows[~five][columns].to_json() == good[~five][columns].to_json()
+
+
+@pytest.mark.parametrize(("engine", "workers", "count", "size"), [("direct", 2, 4, 32), ("sumo", 2, 8, 1)])
+def test_what_a_dry_run_tries_is_what_the_sweep_does(
+    engine: str, workers: int, count: int, size: int
+) -> None:
+    sweep = read_sweep(ROOT / "scenarios" / "sweeps" / "perception_latency.toml")
+    sweep = sweep.model_copy(update={"file": sweep.file.model_copy(update={"engine": engine})})
+    batches = in_batches(list(execution.tasks(sweep, runs(sweep))), workers)
+    tried = sampled(batches, workers)
+    assert len(tried) == count
+    assert set(map(len, tried)) == {size}
+    assert all(one in batches for one in tried)

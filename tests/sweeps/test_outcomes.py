@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from resim.sweeps.file import Adaptive
 from resim.sweeps.outcomes.registry import OUTCOMES, column_of, type_of
+from resim.sweeps.sweep_file import Adaptive
 
 KPI = "kpi collision"
 

@@ -9,7 +9,8 @@ import pytest
 
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.entries import BuildVerdict, ComparedRecording, ReactionsOfBuilds
-from resim.verification.paired import RegressionLimits, RunPair, difference, pair
+from resim.verification.limits import RegressionLimits
+from resim.verification.paired import RunPair, difference, pair
 from resim.verification.report import ComparisonSummary, LimitCheck
 from resim.verification.summary import summary
 

@@ -481,3 +481,16 @@ def test_a_vehicle_model_is_recorded_and_its_results_are_its_own(
     code, _, error = call("verify", suite(OVERTAKE), "--build", PILOT, "--out", out, "--vehicle", "boat")
     assert code == 2
     assert "there is no vehicle model 'boat'" in error
+
+
+def test_the_verification_of_another_suite_or_build_is_not_replaced(
+    call: VerifyOptions, suite: WriteSuite, tmp_path: Path
+) -> None:
+    out, mine = tmp_path / "out", suite(OVERTAKE)
+    assert call("verify", mine, "--build", REPLAY, "--out", out, "--workers", 1)[0] == 0
+    before = {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+    for other, build in ((suite(OVERTAKE, name="other"), REPLAY), (mine, PILOT)):
+        code, _, error = call("verify", other, "--build", build, "--out", out, "--workers", 1)
+        assert (code, "holds the verification of replay-1.0 on suite, not of " in error) == (2, True)
+        assert {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()} == before
+    assert call("verify", mine, "--build", REPLAY, "--out", out, "--workers", 1)[0] == 0

@@ -8,7 +8,8 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import whole_id
-from resim.metrics.criteria import Criterion, Verdict, amount, longest
+from resim.metrics.criteria import Verdict, amount, longest
+from resim.metrics.criteria_file import Criterion
 from resim.metrics.doubts.absent import AbsentObject
 from resim.metrics.doubts.reach import Reach
 from resim.metrics.doubts.unseen import Absence, Doubts

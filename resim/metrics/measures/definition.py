@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from resim.core.geometry import Floats
-from resim.metrics.measures.values import MeasureValues, StateArray, WorstEnd
+from resim.metrics.kinds import MeasureKind, WorstEnd
+from resim.metrics.measures.values import MeasureValues, StateArray
 
 if TYPE_CHECKING:
     from resim.core.tracks import Tracks
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from resim.metrics.risk import Risk
     from resim.road.opendrive import RoadNetwork
 
-MeasureKind = Literal["functional", "quantitative", "legal"]
-"""functional: what the function and its perception did; quantitative: how near, how hard, how risky; legal: what rules
-say (Groh 2018, III.B)."""
 KINDS: tuple[MeasureKind, ...] = ("quantitative", "legal", "functional")
 """In the order of tables."""
 

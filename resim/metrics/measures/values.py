@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats
+from resim.metrics.kinds import WorstEnd
 
 StateArray = NDArray[np.uint8]
-WorstEnd = Literal["low", "high", "both"]
-"""Which end of a measure is the worse one; both: the one farther from 0."""
 
 
 class State(IntEnum):

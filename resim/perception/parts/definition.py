@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from resim.perception.runtime.streams import PartStreams
-from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import World
+
+if TYPE_CHECKING:
+    from resim.simulation.function.interface import EgoState, Perceived
+    from resim.simulation.perception import World
 
 
 class RunningPart:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 from resim.core.geometry import Floats
 from resim.perception.fields import NotNegative, Number, ParameterGroup, Positive
 from resim.perception.parts.definition import PerceptionPart, RunningPart
-from resim.simulation.function.interface import EgoState
+
+if TYPE_CHECKING:
+    from resim.simulation.function.interface import EgoState
 
 _BLOCK = 64
 _PARTS = ("longitudinal", "lateral", "heading", "speed")
@@ -55,7 +58,7 @@ class PerceivedEgoState(RunningPart):
         """Give the state with the errors a step [s] after the last; infinite for the first."""
         own = np.array([ego])
         self._alone.localise(own, _FIRST, step)
-        return EgoState(*own[0].tolist())
+        return type(ego)(*own[0].tolist())
 
 
 _FIRST = np.zeros(1, dtype=np.intp)

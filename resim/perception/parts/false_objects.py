@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -13,8 +13,10 @@ from pydantic import Field, model_validator
 from resim.core.geometry import wrap_angle
 from resim.perception.fields import NotNegative, Number, ParameterGroup, Positive
 from resim.perception.parts.definition import PerceptionPart, RunningPart
-from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import World
+
+if TYPE_CHECKING:
+    from resim.simulation.function.interface import EgoState, Perceived
+    from resim.simulation.perception import World
 
 MOST_FALSE = 100.0
 """False objects on the list at once, in the mean."""
@@ -123,7 +125,7 @@ def with_false(seen: Perceived, false: list[FalseObject], model: FalseObjects, e
         (seen.width, np.full(n, model.width)),
         (seen.z_ego, np.full(n, np.nan)),
     )
-    return Perceived(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
+    return type(seen)(seen.t, seen.ego, *(np.concatenate(parts) for parts in more))
 
 
 FALSE_OBJECTS = PerceptionPart(

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resim.core.tracks import Strings
 from resim.perception.parts.definition import PerceptionPart, RunningPart
 from resim.perception.runtime.streams import PartStreams
-from resim.simulation.function.interface import Perceived
-from resim.simulation.perception import World
+
+if TYPE_CHECKING:
+    from resim.core.tracks import Strings
+    from resim.simulation.function.interface import Perceived
+    from resim.simulation.perception import World
 
 
 class IdSwitches(RunningPart):

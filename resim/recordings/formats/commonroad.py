@@ -15,7 +15,8 @@ from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.core.xml import safe_root
 from resim.recordings.formats.registry import FORMATS, RecordingFormat
-from resim.recordings.recording import Recording, existing_map, sample_rate
+from resim.recordings.present import existing_map
+from resim.recordings.recording import Recording, sample_rate
 from resim.recordings.window import cut_window
 
 VERSIONS = ("2018a", "2018b", "2020a")

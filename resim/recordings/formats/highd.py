@@ -21,7 +21,8 @@ from resim.core.errors import InputError
 from resim.core.geometry import from_frame, wrap_angle
 from resim.core.tracks import Tracks
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
-from resim.recordings.recording import Recording, existing_map
+from resim.recordings.present import existing_map
+from resim.recordings.recording import Recording
 from resim.recordings.tables import check_tracks, read_table
 from resim.recordings.window import cut_window
 

@@ -31,7 +31,8 @@ from resim.recordings.formats.mcity_frames import MOTION, PLACE, SIZE, read_obje
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
 from resim.recordings.mapped.frames import from_degrees
 from resim.recordings.mapped.matching import assigned
-from resim.recordings.recording import existing_map, sample_rate
+from resim.recordings.present import existing_map
+from resim.recordings.recording import sample_rate
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
 from resim.recordings.tables import complete_rows

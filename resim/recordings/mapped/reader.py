@@ -39,7 +39,7 @@ from resim.recordings.mapped.motion import (
 )
 from resim.recordings.mapped.rows import SourceTable, read_rows
 from resim.recordings.mapped.tracking import tracked
-from resim.recordings.recording import existing_map
+from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
 from resim.recordings.tables import complete_rows

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictFloat, model_validator
-from scipy.special import ndtr, ndtri
 
 from resim.core.geometry import Floats
 from resim.core.spec import Matching
@@ -86,6 +85,8 @@ class SweepParameter(BaseModel):
         low, high = float(self.low or 0.0), float(self.high or 0.0)
         if self.mean is None or self.std is None:
             return np.clip((x - low) / (high - low), 0.0, 1.0)
+        from scipy.special import ndtr  # slow to load, and seldom needed
+
         first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
         below: Floats = (ndtr((x - self.mean) / self.std) - first) / (last - first)
         return np.clip(below, 0.0, 1.0)
@@ -98,6 +99,8 @@ class SweepParameter(BaseModel):
         low, high = float(self.low or 0.0), float(self.high or 0.0)
         if self.mean is None or self.std is None:
             return np.asarray(low + share * (high - low))
+        from scipy.special import ndtr, ndtri
+
         first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
         drawn: Floats = self.mean + self.std * ndtri(first + share * (last - first))
         return np.clip(drawn, low, high)
