@@ -76,6 +76,12 @@ class Journal:
                 self.path, problem, "Free disk space, and resume with --resume: nothing is lost."
             ) from e
 
+    def set_aside(self) -> Path:
+        """Give the file another name, under which nobody reads it as a journal, and give that."""
+        aside = self.path.with_name(f"{self.path.name}.refused")
+        self.path.replace(aside)
+        return aside
+
     def __enter__(self) -> Journal:
         return self
 

@@ -94,13 +94,13 @@ def run_all(
     workers: int,
     time_limit: float,
     pool: Executor | None = None,
-    size: Callable[[Task], int] = lambda task: 1,
+    has_parts: Callable[[Task], bool] = lambda task: False,
 ) -> Iterator[tuple[int, Result | Failure]]:
     """Give the result of each task, or why it failed, with its place in `tasks`, as they come.
 
-    function: of a module, as children import it anew. time_limit: s of wall clock for a task of size 1, from when its
-    process took it up; one of another `size` has as many times that, and is given up where the function under test ends
-    its process, as who gave it may give its parts. pool: that of a cluster of so many workers; threads of this machine,
+    function: of a module, as children import it anew. time_limit: s of wall clock for a task, from when its process
+    took it up. has_parts: whether who gave a task may give its parts; it is given up where the function under test ends
+    its process. pool: that of a cluster of so many workers; threads of this machine,
     if none is given. Closing the iterator kills what still runs here.
     """
     children: list[_Child] = []
@@ -111,8 +111,7 @@ def run_all(
     todo = iter(range(len(tasks)))
     try:
         for k in todo:
-            many = size(tasks[k])
-            waiting[there.submit(supervised, function, tasks[k], many * time_limit, many == 1)] = k
+            waiting[there.submit(supervised, function, tasks[k], time_limit, not has_parts(tasks[k]))] = k
             if len(waiting) < _AHEAD * workers:
                 continue
             yield from _finished(waiting)

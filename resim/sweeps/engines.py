@@ -38,11 +38,15 @@ def what_differs(one: tuple[Fingerprint, Row], other: tuple[Fingerprint, Row]) -
     return ""
 
 
+class EnginesDifferError(ResimError):
+    """A run is not the same with the engine direct and in SUMO."""
+
+
 def refuse_difference(run: int, what: str) -> None:
-    """Raise ResimError for a run whose repetition in SUMO differs in this; nothing for ""."""
+    """Raise EnginesDifferError for a run whose repetition in SUMO differs in this; nothing for ""."""
     if what:
-        raise ResimError(
+        raise EnginesDifferError(
             f"run {run} is not the same with the engine direct and in SUMO: {what} differs. Either the function does "
-            "not answer the same to the same twice, or resim has a fault. "
+            "not answer the same to the same twice, or by step_batch otherwise than by step, or resim has a fault. "
             'engine = "sumo" simulates every run in SUMO.'
         )

@@ -15,7 +15,7 @@ from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.sweeps.execution import tasks
 from resim.sweeps.file import Sweep
-from resim.sweeps.tasks import RunBatch, RunResult, in_batches, run
+from resim.sweeps.tasks import RunBatch, RunResult, has_parts, in_batches, run
 
 _ROUNDS, _ROUNDS_ALONE = 2, 4
 """Batches a worker that are tried, and where each is one run."""
@@ -42,7 +42,9 @@ def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> SweepSample:
     begin = time.monotonic()
     first, found = 0.0, list[tuple[int, tuple[RunResult, ...] | Failure]]()
     limit = sweep.file.time_limit
-    for k, result in run_all(run, chosen, workers=min(workers, len(chosen)), time_limit=limit, size=len):
+    for k, result in run_all(
+        run, chosen, workers=min(workers, len(chosen)), time_limit=limit, has_parts=has_parts
+    ):
         first = first or time.monotonic() - begin
         found.append((k, result))
     failures = tuple(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import chain
@@ -30,7 +30,7 @@ from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import Build, load_build, misfit_of
-from resim.sweeps.engines import refuse_difference, what_differs
+from resim.sweeps.engines import EnginesDifferError, refuse_difference, what_differs
 from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
@@ -40,9 +40,11 @@ from resim.sweeps.tasks import (
     RunResult,
     RunTask,
     Values,
+    has_parts,
     in_batches,
     run,
     swept_model,
+    to_prove_first,
     with_values,
 )
 from resim.verification.inputs import HashedFile, NamedBuild
@@ -55,6 +57,8 @@ FAILED = "failed"
 """End of a run that has no result: its process crashed every time, or it could not be begun."""
 
 Tell = Callable[[bool], None]
+NumberedResult = tuple[int, RunResult | Failure]
+"""The number of a run, and what it came to."""
 """Hears of each run that was done: whether it failed."""
 
 
@@ -245,7 +249,7 @@ def execute(
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
-            for number, result in _proved(todo, sweep.file.time_limit, workers, pool):
+            for number, result in _kept_if_proved(file, _proved(todo, sweep.file.time_limit, workers, pool)):
                 if not isinstance(result, Failure):
                     name = of[number]
                     if name not in checked:
@@ -276,46 +280,68 @@ def _rows(sweep: Sweep, out: Path) -> dict[int, Row]:
     return {entry.run: entry.row if needed else {} for entry in journal.read(out / "journal", type_of)}
 
 
+def _kept_if_proved(file: journal.Journal, results: Iterator[NumberedResult]) -> Iterator[NumberedResult]:
+    """Give the results; where the engine's proof fails, set aside what the journal has: none of it can be believed."""
+    try:
+        yield from results
+    except EnginesDifferError as e:
+        aside = file.set_aside()
+        raise EnginesDifferError(f"{e} The results so far are set aside, in {aside.name}.") from e
+
+
 def _proved(
     todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
-) -> Iterator[tuple[int, RunResult | Failure]]:
-    """Give the result of each run by its number, those last that are repeated in SUMO.
+) -> Iterator[NumberedResult]:
+    """Give the result of each run by its number: first of those that prove a build's batches, then of all others.
 
-    Raises ResimError where a run is not the same there.
+    A batch with runs that are repeated in SUMO comes when they were, and are the same. Raises EnginesDifferError where
+    one is not.
     """
-    direct: dict[int, RunResult] = {}
-    for number, result in _tried(todo, time_limit, workers, pool):
-        if isinstance(result, Failure) or result.fingerprint is None:
-            yield number, result
-        else:
-            direct[number] = result
-    again = [replace(task, engine="sumo") for task in todo if task.run in direct]
-    for number, result in _tried(again, time_limit, workers, pool):
-        refuse_difference(number, _difference(direct[number], result))
-        yield number, direct[number]
+    batches = in_batches(todo, workers)
+    first = to_prove_first(batches)
+    chosen = {batch[0].run for batch in first}
+    for part in (first, [batch for batch in batches if batch[0].run not in chosen]):
+        waiting = list[list[NumberedResult]]()
+        for done in _tried(part, time_limit, workers, pool):
+            if any(_is_to_be_repeated(result) for _, result in done):
+                waiting.append(done)
+            else:
+                yield from done
+        direct = {number: result for done in waiting for number, result in done if _is_to_be_repeated(result)}
+        again = [(replace(task, engine="sumo"),) for batch in part for task in batch if task.run in direct]
+        for number, result in chain.from_iterable(_tried(again, time_limit, workers, pool)):
+            refuse_difference(number, _difference(direct[number], result))
+        yield from chain.from_iterable(waiting)
 
 
-def _difference(one: RunResult, other: RunResult | Failure) -> str:
+def _is_to_be_repeated(result: RunResult | Failure) -> bool:
+    return not isinstance(result, Failure) and result.fingerprint is not None
+
+
+def _difference(one: RunResult | Failure, other: RunResult | Failure) -> str:
     """Where a run and its repetition in SUMO are not the same."""
-    if isinstance(other, Failure) or one.fingerprint is None or other.fingerprint is None:
+    if isinstance(one, Failure) or one.fingerprint is None:
+        return "how it ended"
+    if isinstance(other, Failure) or other.fingerprint is None:
         return f"how it ended ({other.reason if isinstance(other, Failure) else 'another case'})"
     return what_differs((one.fingerprint, one.row), (other.fingerprint, other.row))
 
 
 def _tried(
-    todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
-) -> Iterator[tuple[int, RunResult | Failure]]:
-    """Give the result of each run by its number; what crashes is tried again after all others.
+    batches: Sequence[RunBatch], time_limit: float, workers: int, pool: Executor | None
+) -> Iterator[list[NumberedResult]]:
+    """Give the results of each batch; what crashes is tried again after all others.
 
     A batch without results is done again in halves, down to the run that is to blame.
     """
-    batches, tries = in_batches(todo, workers), dict.fromkeys((task.run for task in todo), 0)
+    tries = dict.fromkeys((task.run for batch in batches for task in batch), 0)
     while batches:
         again = list[RunBatch]()
-        for k, results in run_all(run, batches, workers=workers, time_limit=time_limit, pool=pool, size=len):
+        done = run_all(run, batches, workers=workers, time_limit=time_limit, pool=pool, has_parts=has_parts)
+        for k, results in done:
             batch, half = batches[k], len(batches[k]) // 2
             if not isinstance(results, Failure):
-                yield from ((task.run, result) for task, result in zip(batch, results, strict=True))
+                yield [(task.run, result) for task, result in zip(batch, results, strict=True)]
             elif half:
                 again += [batch[:half], batch[half:]]
             else:
@@ -324,7 +350,7 @@ def _tried(
                 if results.crashed and tries[number] < ATTEMPTS:
                     again.append(batch)
                 else:
-                    yield number, results
+                    yield [(number, results)]
         batches = sorted(again, key=lambda batch: batch[0].run)
 
 
@@ -334,7 +360,7 @@ def _entry(result: RunResult | Failure, number: int, plan: str, sweep: Sweep) ->
         return JournalEntry(number, plan, result.row, result.time)
     reason, files = result.reason, {name: frozen.path for name, frozen in sweep.frozen.items()}
     for name, path in (files | sweep.folders).items():
-        reason = reason.replace(str(path), name)
+        reason = reason.replace(str(path.resolve()), name).replace(str(path), name)
     return JournalEntry(number, plan, {"end": FAILED, "failure": reason}, None)
 
 

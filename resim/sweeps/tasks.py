@@ -96,13 +96,33 @@ def in_batches(tasks: Sequence[RunTask], workers: int) -> list[RunBatch]:
     alike: dict[object, list[RunTask]] = {}
     for task in tasks:
         values = tuple(value for value in task.values if not value[0].startswith("perception."))
-        alike.setdefault(replace(task, run=0, seed=0, values=values), []).append(task)
+        alike.setdefault(replace(task, run=0, seed=0, values=values, repeated=0.0), []).append(task)
     most = min(MOST, max(len(tasks) // (_EACH * workers), 1))
     out = []
     for group in alike.values():
         size = most if group[0].engine == "direct" else 1
         out += [tuple(group[k : k + size]) for k in range(0, len(group), size)]
     return out
+
+
+def has_parts(batch: RunBatch) -> bool:
+    """Say whether a batch can be done in halves."""
+    return len(batch) > 1
+
+
+def to_prove_first(batches: Sequence[RunBatch]) -> list[RunBatch]:
+    """Give the first batch of several runs of each recording and build, its first and last run to be repeated.
+
+    Only then is it known that the build's `step_batch` answers as its `step`, which drives what is in no batch.
+    """
+    first = dict[object, RunBatch]()
+    for batch in batches:
+        if has_parts(batch) and batch[0].repeated > 0.0:
+            first.setdefault((batch[0].folder, batch[0].build), batch)
+    return [
+        (replace(one, repeated=1.0), *between, replace(last, repeated=1.0))
+        for one, *between, last in first.values()
+    ]
 
 
 @lru_cache(maxsize=32)

@@ -115,19 +115,22 @@ def _made(build: Build, watchdog: Watchdog) -> Any:
 
 
 class BatchDriver:
-    """One function for several runs; remembers as `Driver` does."""
+    """One function for several runs; remembers as `Driver` does.
+
+    All runs together have the time that one has alone: so none passes that is too slow by itself, and who takes longer
+    is driven in smaller batches, which takes no run's result from it.
+    """
 
     def __init__(self, build: Build, watchdog: Watchdog) -> None:
-        self._build, self._watchdog = build, watchdog
+        self._build, self._watchdog, self._limit = build, watchdog, build.time_limit
         self._function: BatchFunction
         self._seen: list[PerceivedBatch] = []
         self._plans: list[tuple[float, Floats]] = []
 
     def reset(self, setups: Sequence[Setup]) -> None:
         """Execute the function's modules, make it and prepare it for all runs."""
-        self._limit = self._build.time_limit * len(setups)
         self._function = _made(self._build, self._watchdog)
-        self._watchdog.call(_RESET_LIMIT * len(setups), lambda: self._function.reset_batch(setups))
+        self._watchdog.call(_RESET_LIMIT, lambda: self._function.reset_batch(setups))
         self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step_batch)
 
     def step(self, perceived: PerceivedBatch, keep: bool) -> Floats:

@@ -1,0 +1,152 @@
+"""No table is made of batches in which a function drives otherwise, or longer, than it may alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from conftest import Call
+
+from resim.execution import journal
+from resim.sweeps.result import read_swept
+from resim.sweeps.tasks import RunTask, in_batches, to_prove_first
+
+ROOT = Path(__file__).parents[2]
+
+PILOTS = """
+import time
+import numpy as np
+from resim.simulation.function.batch import CommandBatch
+from resim.simulation.function.interface import Command
+
+
+class Honest:
+    def __init__(self, k=0.0):
+        self.k = k
+
+    def reset(self, setup):
+        self.reset_batch([setup])
+
+    def reset_batch(self, setups):
+        self.seeds, self.calls = np.array([setup.seed for setup in setups]), 0
+
+    def answers(self, t):
+        self.calls += 1
+        self.wait()
+        return np.full(len(self.seeds), -2.0 if t > 1.0 else 0.0)
+
+    def step(self, perceived):
+        return Command(float(self.answers(perceived.t)[0]), 0.0)
+
+    def step_batch(self, perceived):
+        return CommandBatch(self.answers(perceived.t), np.zeros(len(perceived)))
+
+    def wait(self):
+        pass
+
+    def close(self):
+        pass
+
+
+class Lies(Honest):
+    def step(self, perceived):
+        return Command(0.5, 0.0)  # alone, which is what counts, it never brakes
+
+    def step_batch(self, perceived):
+        return Honest.step_batch(self, perceived)
+
+    def reset_batch(self, setups):
+        Honest.reset_batch(self, setups)
+
+
+class Slow(Honest):
+    def wait(self):
+        if self.calls == 10 and (self.seeds % 4 == 1).any():
+            time.sleep(0.8)
+"""
+
+SWEEP = """
+name = "proof"
+criteria = "{root}/scenarios/criteria/highway.toml"
+build = [{builds}]
+engine = "direct"
+seeds = {seeds}
+perception = "{root}/adfunc/perception/proving_ground.json"
+[[recording]]
+folder = "{root}/scenarios/rear_end"
+[[parameter]]
+name = "perception.latency.speed"
+values = [0.0]
+"""
+
+
+@pytest.fixture
+def sweep(call: Call, tmp_path: Path) -> Callable[..., tuple[int, str, Path]]:
+    """Sweep with these pilots; gives exit code, standard error and the folder."""
+    (tmp_path / "pilots.py").write_text(PILOTS)
+
+    def run(
+        *names: str, seeds: int = 24, workers: int = 1, more: tuple[str, ...] = ()
+    ) -> tuple[int, str, Path]:
+        for name in names:
+            limit = "time_limit = 0.4\n" if name == "Slow" else ""
+            text = f'name = "{name.lower()}"\nversion = "1"\nfactory = "pilots:{name}"\n{limit}'
+            (tmp_path / f"{name}.toml").write_text(text)
+        file, builds = tmp_path / "sweep.toml", ", ".join(f'"{name}.toml"' for name in names)
+        file.write_text(SWEEP.format(root=ROOT, builds=builds, seeds=seeds))
+        out = tmp_path / f"out_{workers}"
+        code, _, error = call("sweep", file, "--out", out, "--workers", workers, "--quiet", *more)
+        return code, error, out
+
+    return run
+
+
+def test_a_refused_sweep_stays_refused(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    code, error, out = sweep("Lies")
+    assert code == 2
+    assert "run 0 is not the same with the engine direct and in SUMO" in error
+    assert "1-of-1.jsonl.refused" in error
+    assert [*journal.read(out / "journal")] == []
+    assert sweep("Lies", more=("--resume",))[0] == 2
+    assert not (out / "manifest.json").exists()
+
+
+def test_each_build_is_proved(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    code, error, out = sweep("Honest", "Lies", seeds=8)
+    assert code == 2
+    assert "is not the same" in error
+    assert not (out / "manifest.json").exists()
+
+
+def test_each_shard_proves_its_own(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    assert sweep("Lies", more=("--shard", "2/3"))[0] == 2
+
+
+def test_who_is_too_slow_fails_whatever_the_batches(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    tables = list[pd.DataFrame]()
+    for workers in (1, 4):
+        code, error, out = sweep("Slow", seeds=16, workers=workers)
+        assert code == 3, error
+        tables.append(read_swept(out).rows)
+    for rows in tables:
+        slow = rows["seed"] % 4 == 1
+        assert (rows["end"][slow] == "function_failed").all()
+        assert rows["failure"][~slow].isna().all()
+    assert tables[0].drop(columns="failure").equals(tables[1].drop(columns="failure"))
+
+
+def test_the_first_batch_of_each_recording_and_build_is_proved_first() -> None:
+    def task(run: int, folder: str, build: str, repeated: float = 0.01) -> RunTask:
+        return RunTask(
+            run, Path(folder), "", build, None, build, (), (), run, "kinematic", "direct", repeated
+        )  # type: ignore[arg-type]
+
+    every = [task(k, "ab"[k % 2], "cd"[k // 2 % 2]) for k in range(256)]
+    first = to_prove_first(in_batches(every, 1))
+    assert sorted(batch[0].run for batch in first) == [0, 1, 2, 3]
+    for batch in first:
+        assert [one.repeated for one in batch] == [1.0, *[0.01] * (len(batch) - 2), 1.0]
+    assert to_prove_first(in_batches([task(k, "a", "c", 0.0) for k in range(64)], 1)) == []
+    assert to_prove_first(in_batches([task(k, "a", "c") for k in range(3)], 4)) == []  # all alone, by step
