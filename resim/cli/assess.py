@@ -88,13 +88,7 @@ def assess(
 
     if out is not None:
         check_output(out, ASSESSMENT)
-    if accept and (drive / "run.json").is_file():
-        problem = f"{accept[0]} has no effect on a run, of which `resim run` has accepted the findings"
-        raise InputError("--accept", problem, "Leave it out.")
-    if road_aware and mode is ModeChoice.published:
-        raise InputError(
-            "--road-aware", "the published mode does not use the road", "Leave out one of the two."
-        )
+    _refuse_without_effect(drive, accept, road_aware and mode is ModeChoice.published)
     asked = _AssessOptions(
         drive, None if criteria is None else in_child(_frozen, criteria), mode, path, prediction, road_aware, seed,
         tuple(accept or ()), deciding(verdict_of, criteria), out, sys.stdout.isatty(), output_settings(),
@@ -104,6 +98,17 @@ def assess(
     done.tell("assessment", out)
     add_to_json(out=out, assessment=done.document, problem=done.bad)
     done.end()
+
+
+def _refuse_without_effect(drive: Path, accept: Sequence[str] | None, road_unused: bool) -> None:
+    """Raise InputError for what would have no effect."""
+    if accept and (drive / "run.json").is_file():
+        problem = f"{accept[0]} has no effect on a run, of which `resim run` has accepted the findings"
+        raise InputError("--accept", problem, "Leave it out.")
+    if road_unused:
+        raise InputError(
+            "--road-aware", "the published mode does not use the road", "Leave out one of the two."
+        )
 
 
 @dataclass(frozen=True)

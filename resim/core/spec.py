@@ -52,7 +52,7 @@ NumberOrNan = Annotated[
 
 
 @dataclass(frozen=True)
-class Matching:
+class TextPattern:
     """Text of a form, for `Annotated`. pattern: what all of it must match; expected: that in words."""
 
     pattern: str
@@ -73,9 +73,9 @@ class Matching:
 
 
 ModuleAndName = Annotated[
-    str, Matching(r"^[\w.]+:\w+$", "a module and a name in it, such as my_module:MyFunction")
+    str, TextPattern(r"^[\w.]+:\w+$", "a module and a name in it, such as my_module:MyFunction")
 ]
-Sha256 = Annotated[str, Matching(r"^[0-9a-f]{64}$", "a SHA-256: 64 characters of 0-9 and a-f")]
+Sha256 = Annotated[str, TextPattern(r"^[0-9a-f]{64}$", "a SHA-256: 64 characters of 0-9 and a-f")]
 
 
 class Strict(BaseModel):

@@ -25,7 +25,7 @@ class Criterion(BaseModel):
     """A requirement: a measure must not be below or above a limit for `duration` [s] or longer.
 
     measure: its name. beyond: the limit of its magnitude, in either direction. start, end: the part of the drive [s
-    from its start] that counts. weight: for whoever sums up. source: where the threshold comes from.
+    from its start] that counts. weight: for weighted sums by the user. source: where the threshold comes from.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)

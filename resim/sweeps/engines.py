@@ -47,6 +47,6 @@ def refuse_difference(run: int, what: str) -> None:
     if what:
         raise EnginesDifferError(
             f"run {run} is not the same with the engine direct and in SUMO: {what} differs. Either the function does "
-            "not answer the same to the same twice, or by step_batch otherwise than by step, or resim has a fault. "
+            "not answer the same to the same twice, or step and step_batch answer differently, or resim has a fault. "
             'engine = "sumo" simulates every run in SUMO.'
         )

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from resim.core.faults import describe
-from resim.core.spec import Matching
+from resim.core.spec import TextPattern
 
 RESIM = Path(__file__).parents[2] / "resim"
 
@@ -20,7 +20,7 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     length: float = Field(gt=0.0, le=30.0)
-    kind: Annotated[str, Matching("^[a-z]+$", "lower-case letters")] = "car"
+    kind: Annotated[str, TextPattern("^[a-z]+$", "lower-case letters")] = "car"
 
 
 class File(BaseModel):
@@ -65,5 +65,5 @@ def test_each_fault_has_its_field_what_was_expected_and_what_was_found(data: obj
 
 
 def test_no_field_tells_its_pattern() -> None:
-    """`Matching` says what is expected in words."""
+    """`TextPattern` says what is expected in words."""
     assert [file for file in RESIM.rglob("*.py") if "Field(pattern" in file.read_text()] == []

@@ -56,7 +56,8 @@ RUN_HERE = {
     "mapping.toml",
     "mine.toml",
 }
-RUN_BY_THE_TUTORIAL = {"first.toml", "second.toml", "late.toml", "rows.py"}
+RUN_ELSEWHERE = {"first.toml", "second.toml", "late.toml", "rows.py", "read_table.py"}
+"""By the tests of the tutorial and of Parquet files."""
 
 
 def example(page: Path, name: str) -> str:
@@ -71,7 +72,7 @@ def test_every_example_is_run() -> None:
         for language in ("python", "toml")
         for name in pages.named(page, language)
     }
-    assert every == RUN_HERE | RUN_BY_THE_TUTORIAL
+    assert every == RUN_HERE | RUN_ELSEWHERE
     for page in EXTEND.glob("*.md"):
         test = Path(__file__).with_name(f"test_extend_{page.stem}.py")
         assert f'"{page.name}"' in test.read_text(), page.name

@@ -20,7 +20,7 @@ UNSIGNED = 1
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class UnusedRule:
     """What of the map's rules is not in the net, and why.
 
     kind: traffic light, sign, speed sign, priority or controller. road: where it stands, "" for the last two.
@@ -54,7 +54,7 @@ class Rules:
     before: tuple[tuple[EdgePair, EdgePair], ...]
     signs: int
     priorities: int
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[UnusedRule, ...]
 
 
 class _RuledWays(NamedTuple):
@@ -67,8 +67,10 @@ class _RuledWays(NamedTuple):
     connections: dict[Ends, SumoConnection]
     why: str
 
-    def left_out(self, why: str) -> LeftOut:
-        return LeftOut("traffic light" if self.kind == "light" else "sign", self.id, self.road, self.s, why)
+    def left_out(self, why: str) -> UnusedRule:
+        return UnusedRule(
+            "traffic light" if self.kind == "light" else "sign", self.id, self.road, self.s, why
+        )
 
 
 def find_rules(network: RoadNetwork, made: PlainNetwork) -> Rules:
@@ -135,7 +137,7 @@ def _ranks(signs: Iterable[_RuledWays]) -> dict[Ends, int]:
     return ranks
 
 
-def _without_effect(signs: Iterable[_RuledWays], edges: Collection[EdgePair]) -> Iterator[LeftOut]:
+def _without_effect(signs: Iterable[_RuledWays], edges: Collection[EdgePair]) -> Iterator[UnusedRule]:
     for each in signs:
         if not each.connections:
             yield each.left_out("traffic lights rule its junction")
@@ -157,7 +159,7 @@ def _all_way(
             yield node
 
 
-def _add_priorities(network: RoadNetwork, precedence: Precedence) -> tuple[int, list[LeftOut]]:
+def _add_priorities(network: RoadNetwork, precedence: Precedence) -> tuple[int, list[UnusedRule]]:
     """How many of the junctions' priorities are taken over, and the others."""
     taken, refused = 0, []
     for junction in network.junctions.values():
@@ -166,5 +168,5 @@ def _add_priorities(network: RoadNetwork, precedence: Precedence) -> tuple[int, 
             taken += not why
             if why:
                 name = f"junction {junction.id}: {high} before {low}"
-                refused.append(LeftOut("priority", name, "", None, why))
+                refused.append(UnusedRule("priority", name, "", None, why))
     return taken, refused

@@ -11,7 +11,7 @@ from resim.road.opendrive import RoadNetwork, SpeedSign
 from resim.road.sumo.pieces import Piece
 from resim.road.sumo.plain import PlainNetwork
 from resim.road.sumo.programs import Program
-from resim.road.sumo.rules import LeftOut, Rules
+from resim.road.sumo.rules import Rules, UnusedRule
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class TakenRules:
     speed_signs: int = 0
     priorities: int = 0
     programs: tuple[Program, ...] = ()
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[UnusedRule, ...] = ()
 
 
 def taken(
@@ -44,16 +44,16 @@ def taken(
     return TakenRules(len(lights), rules.signs, signs - len(lost), rules.priorities, programs, left_out)
 
 
-def _speed_signs(network: RoadNetwork, made: PlainNetwork) -> Iterator[LeftOut]:
+def _speed_signs(network: RoadNetwork, made: PlainNetwork) -> Iterator[UnusedRule]:
     """The speed signs that give no edge its limit: an edge has the one in its middle (`plainxml`)."""
     holding = {(piece.road, _sign(network, piece, lane)) for piece in made.pieces.all for lane in piece.lanes}
     for road in network.roads.values():
         for sign in road.signs:
             if math.isnan(sign.speed):
                 why = f"it shows no speed that a sign can show ({sign.text})"
-                yield LeftOut("speed sign", sign.id, road.id, sign.s, why)
+                yield UnusedRule("speed sign", sign.id, road.id, sign.s, why)
             elif (road.id, sign) not in holding:
-                yield LeftOut("speed sign", sign.id, road.id, sign.s, "it holds in the middle of no edge")
+                yield UnusedRule("speed sign", sign.id, road.id, sign.s, "it holds in the middle of no edge")
 
 
 def _sign(network: RoadNetwork, piece: Piece, lane: int) -> SpeedSign | None:
@@ -68,9 +68,9 @@ def _sign(network: RoadNetwork, piece: Piece, lane: int) -> SpeedSign | None:
     return signs[-1 if piece.forward else 0] if signs else None
 
 
-def _controllers(network: RoadNetwork, lights: set[str]) -> Iterator[LeftOut]:
+def _controllers(network: RoadNetwork, lights: set[str]) -> Iterator[UnusedRule]:
     """The controllers without a traffic light in the net."""
     for controller in network.controllers:
         if lights.isdisjoint(controller.signals):
             why = "it switches no traffic light of the net" if controller.signals else "it names no signal"
-            yield LeftOut("controller", controller.id, "", None, why)
+            yield UnusedRule("controller", controller.id, "", None, why)

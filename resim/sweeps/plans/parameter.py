@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictFloat, model_validator
 
 from resim.core.geometry import Floats
-from resim.core.spec import Matching
+from resim.core.spec import TextPattern
 
-_NAME = Matching(
+_NAME = TextPattern(
     r"^(perception|build|function)(\.\w+)+$",
     "a name that begins with perception., function. or build., such as perception.latency.speed",
 )
