@@ -192,14 +192,15 @@ def judge(
     most, extent = float(times.max(initial=-1.0)), criterion.extent(t)
     short = most >= 0.0 and extent < criterion.duration - SAME
     failed = criterion.lasts(times, t) & (not short)
+    fails = bool(failed.any())
     lost = counts & (states == State.NOT_COMPUTED)
     beyond = _beyond(criterion, measure, counts & (states == State.NO_CONFLICT), broken_by, t)
     meant = counts & (states != State.NOT_DEFINED) & ~lost
-    worst = _worst(np.where(failed, bad, np.nan) if failed.any() else bad)
+    worst = _worst(np.where(failed, bad, np.nan) if fails else bad)
     value, when, whom = (None, None, "") if worst is None else (
         float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
     )  # fmt: skip
-    upto = most + step_of(t) if failed.any() and most < criterion.duration - SAME else most
+    upto = most + step_of(t) if fails and most < criterion.duration - SAME else most
     lasted = f"{'up to ' if upto > most else ''}{min(upto, extent):.1f} s"
     broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {lasted}"
     outcome: Outcome = "PASS"
@@ -208,7 +209,7 @@ def judge(
         reason = (
             _no_conflict(criterion, measure, counts & (states == State.NO_CONFLICT)) if whose else "no object"
         )
-    if failed.any():
+    if fails:
         outcome, reason = "FAIL", broken
     elif short:
         outcome, reason = (

@@ -75,6 +75,8 @@ class Criterion(BaseModel):
         A scene stands for the time until the next one: a part that begins between two has the one before, as what is
         found in it may be of the part.
         """
+        if self.start == 0.0 and self.end is None:
+            return np.ones(len(t), dtype=bool)
         end = math.inf if self.end is None else t[0] + self.end
         until = np.append(t[1:], t[-1] + 4.0 * SAME)
         return np.asarray((until > t[0] + self.start + SAME) & (t <= end + SAME))
@@ -90,8 +92,11 @@ class Criterion(BaseModel):
         Broken in k successive scenes and kept in those around it was broken for more than k - 1 and less than k + 1
         steps; `longest` says k. What may have lasted for the duration counts as if it had: PASS is never wrong.
         """
+        ever: Bools = np.asarray(times >= 0.0)
+        if not ever.any():
+            return ever
         surely, maybe = times >= self.duration - SAME, times + step_of(t) > self.duration + SAME
-        return np.asarray((times >= 0.0) & (surely | maybe))
+        return np.asarray(ever & (surely | maybe))
 
 
 class OwnMeasure(BaseModel):
