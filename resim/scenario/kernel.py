@@ -174,8 +174,11 @@ def at_nodes(spline, grid):
 
 
 @inner
-def _column(spline, centre, value, kink, bend, firsts, begin, out):
-    """Write a column at the nodes of the segments around its centre, which begin at this node."""
+def _column(spline, column, firsts, begin, out):
+    """Write a column, its centre, value, kink and bend, at the nodes of the segments around its centre, which begin at
+    this node.
+    """
+    centre, value, kink, bend = column
     weights, count = spline.weights, len(spline.knots)
     low, high = max(centre - REACH - 1, 0), min(centre + REACH + 1, count - 1)
     start = firsts[low]
@@ -209,8 +212,9 @@ def _nearest(measured, knots, ridge_bend, ridge):
     values, between = np.empty(measured.grid), np.empty(len(measured.nodes) - measured.grid)
     first, last = np.empty(count, np.int64), np.empty(count, np.int64)
     for i in range(count):
-        _column(flat, i, value[i], kink[i], bend[i], flat.grid, 0, values)
-        _column(flat, i, value[i], kink[i], bend[i], flat.between, measured.grid, between)
+        column = (i, value[i], kink[i], bend[i])
+        _column(flat, column, flat.grid, 0, values)
+        _column(flat, column, flat.between, measured.grid, between)
         low, high = max(i - REACH - 1, 0), min(i + REACH + 1, count - 1)
         first[i] = np.searchsorted(measured.t, knots[low]) if low > 0 else 0
         last[i] = np.searchsorted(measured.t, knots[high]) if high < count - 1 else len(own)
@@ -237,13 +241,15 @@ def _nearest(measured, knots, ridge_bend, ridge):
 
 
 @inner
-def _evaluated(measured, v_knots, v_values, heading_knots, heading_values, start, noise):
-    """Give a candidate of splines of speed and heading, a start x + iy [m], and the positions' noise [m].
+def _evaluated(measured, splines, noise):
+    """Give a candidate of splines (knots and values of speed, the same of heading, the start x + iy [m]), and the
+    positions' noise [m].
 
     weights: of the headings and of second derivatives of speed and heading, by the noise. direction (1 m long) and
     motion [m/s] at the nodes; how far off positions are (T,) [m], their mean distance; the rest of the residual,
     weighted: headings (T,), second derivatives (K,); cost, the sum of all squares.
     """
+    v_knots, v_values, heading_knots, heading_values, start = splines
     by_heading, by_v, by_turn = weights = (noise / HEADING_OFF, noise / BEND_V, noise / BEND_HEADING)
     v, heading = spline(v_knots, v_values, measured), spline(heading_knots, heading_values, measured)
     speed, angle = at_nodes(v, measured.grid), at_nodes(heading, measured.grid)
@@ -277,12 +283,13 @@ def _evaluated(measured, v_knots, v_values, heading_knots, heading_values, start
 
 
 @inner
-def _place_column(values, between, g0, b0, factor, factor_between, measured, s0, s1, sums, out):
-    """Write the positions' derivatives by a column at samples s0 <= n < s1, and give it after them.
+def _place_column(even, more, measured, span, sums, out):
+    """Write the positions' derivatives by a column at samples s0 <= n < s1 (span), and give it after them.
 
-    values, between: the column at its nodes of the grid, from g0 on, and at those between, from b0 on. factor,
-    factor_between (2, ...): what they are multiplied by there. sums (2, ...): for a time.
+    even: the column at its nodes of the grid, the first of them, and what it is multiplied by there (2, ...); more: the
+    same of the nodes between. sums (2, ...): for a time.
     """
+    (values, g0, factor), (between, b0, factor_between), (s0, s1) = even, more, span
     before, own, half, grid, count = measured.before, measured.own, measured.half, measured.grid, len(values)
     x = y = 0.0
     for k in range(count):
@@ -347,29 +354,29 @@ def _normal_equations(measured, state, move):
     for i in range(cv + ch):
         values, more = scratch[: g[i, 1] - g[i, 0]], scratch_between[: b[i, 1] - b[i, 0]]
         if i < cv:
-            _column(v, v_centre[i], v_value[i], v_kink[i], v_bends[i], v.grid, 0, values)
-            _column(v, v_centre[i], v_value[i], v_kink[i], v_bends[i], v.between, grid, more)
+            column = (v_centre[i], v_value[i], v_kink[i], v_bends[i])
+            _column(v, column, v.grid, 0, values)
+            _column(v, column, v.between, grid, more)
         else:
-            j = i - cv
-            _column(heading, h_centre[j], h_value[j], h_kink[j], h_bends[j], heading.grid, 0, values)
-            _column(heading, h_centre[j], h_value[j], h_kink[j], h_bends[j], heading.between, grid, more)
+            column = (h_centre[i - cv], h_value[i - cv], h_kink[i - cv], h_bends[i - cv])
+            _column(heading, column, heading.grid, 0, values)
+            _column(heading, column, heading.between, grid, more)
             for n in range(s0[i], s1[i]):
                 k = own[n] - g[i, 0] if own[n] < grid else own[n] - grid - b[i, 0]
                 there = values if own[n] < grid else more
                 angles[offset[i] + n - s0[i]] = by_heading * there[k] if 0 <= k < len(there) else 0.0
         factor = straight if i < cv else turning
         after[i, 0], after[i, 1] = _place_column(
-            values, more, g[i, 0], b[i, 0], factor, factor[:, grid:], measured, s0[i], s1[i], sums,
+            (values, g[i, 0], factor), (more, b[i, 0], factor[:, grid:]), measured, (s0[i], s1[i]), sums,
             places[offset[i] : offset[i + 1]],
         )  # fmt: skip
     normal, gradient = np.zeros((count, count)), np.zeros(count)
+    columns = (cv, s0, s1, offset, places, angles, after)
     for w0 in range(0, samples, WINDOW):
-        _add_window(
-            w0, min(w0 + WINDOW, samples), cv, s0, s1, offset, places, angles, after, state.off, state.heading_off,
-            normal, gradient,
-        )  # fmt: skip
-    _add_bends(len(v.knots), 0, v_bends, state.v_bend, by_v, normal, gradient)
-    _add_bends(len(heading.knots), cv, h_bends, state.heading_bend, by_turn, normal, gradient)
+        window = (w0, min(w0 + WINDOW, samples))
+        _add_window(window, columns, state.off, state.heading_off, normal, gradient)
+    _add_bends(0, v_bends, state.v_bend, by_v, normal, gradient)
+    _add_bends(cv, h_bends, state.heading_bend, by_turn, normal, gradient)
     return normal, gradient
 
 
@@ -392,10 +399,13 @@ def _products(rows, rest):
 
 
 @inner
-def _add_window(
-    w0, w1, cv, s0, s1, offset, places, angles, after, off, heading_off, normal, gradient
-):  # fmt: skip
-    """Add the part of the samples w0 <= n < w1: columns that change in them, and those that changed before."""
+def _add_window(window, columns, off, heading_off, normal, gradient):
+    """Add the part of the samples w0 <= n < w1: columns that change in them, and those that changed before.
+
+    columns: how many are of speed; first and last sample in which each changes (C,); where it begins in places and
+    angles, its values there; what it is after them (C, 2).
+    """
+    (w0, w1), (cv, s0, s1, offset, places, angles, after) = window, columns
     count, size = len(s0), w1 - w0
     active, past = np.empty(count, np.int64), np.empty(count, np.int64)
     actives = pasts = turning = 0
@@ -455,8 +465,9 @@ def _add_window(
 
 
 @inner
-def _add_bends(count, first, bends, residual, weight, normal, gradient):
-    """Add the part of the second derivatives, by the values at the knots."""
+def _add_bends(first, bends, residual, weight, normal, gradient):
+    """Add the part of the second derivatives (K,), by the values at the knots."""
+    count = len(residual)
     for i in range(count):
         for k in range(max(i - REACH, 0), min(i + REACH, count - 1) + 1):
             gradient[first + i] += weight * bends[i, k - i + REACH] * residual[k]
@@ -595,8 +606,7 @@ def improved(measured, splines, noise, rounds, move):
     are (T,), x + iy [m], the same along and across the motion; and their mean distance.
     """
     measured = Measured(*measured)
-    v, p_v, heading, p_heading, start = splines
-    state, damping = _evaluated(measured, v, p_v, heading, p_heading, start, noise), 1e-2
+    state, damping = _evaluated(measured, splines, noise), 1e-2
     for _ in range(rounds):
         normal, gradient = _normal_equations(measured, state, move)
         better, trial = False, state
@@ -608,7 +618,7 @@ def improved(measured, splines, noise, rounds, move):
                 v, p_v, first = _moved(state.v, state.p_v, delta, 0, move)
                 heading, p_heading, first = _moved(state.heading, state.p_heading, delta, first, move)
                 start = state.start + complex(delta[first], delta[first + 1])
-                trial = _evaluated(measured, v, p_v, heading, p_heading, start, noise)
+                trial = _evaluated(measured, (v, p_v, heading, p_heading, start), noise)
                 better = trial.cost < state.cost
                 if better:
                     break

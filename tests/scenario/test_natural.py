@@ -23,7 +23,7 @@ NORMAL_EQUATIONS, NEAREST = kernel._normal_equations, kernel._nearest
 def evaluated(measured, v, p_v, h, p_h, start, noise):
     """What the compiled search sees of a candidate, and its normal equations without and with moves of knots."""
     measured = MEASURED(*measured)
-    state = EVALUATED(measured, v, p_v, h, p_h, start, noise)
+    state = EVALUATED(measured, (v, p_v, h, p_h, start), noise)
     fixed, moving = NORMAL_EQUATIONS(measured, state, False), NORMAL_EQUATIONS(measured, state, True)
     seen = state.direction, state.motion, state.off, state.mean
     return seen, (state.heading_off, state.v_bend, state.heading_bend), state.cost, fixed, moving
