@@ -122,7 +122,7 @@ def assess(
             again, _ = larger.judged(c.measure, c.side, c.limit)
             with_larger = judge(c, again, drive.t, drive.ids, drive.present)
             verdict = resized(verdict, with_larger, c, definitions[c.measure], inputs, doubts)
-        verdict = doubted(verdict, c, definitions[c.measure], measure, inputs, doubts, seen)
+        verdict = doubted(verdict, c, definitions[c.measure], (measure, seen), inputs, doubts)
         if flaw and verdict.outcome == "PASS" and not inputs.contacts:
             verdict = replace(verdict, outcome="INVALID", reason=flaw)
         verdicts[c.name] = verdict

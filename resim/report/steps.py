@@ -142,7 +142,7 @@ def error_panel(figure: Figure, view: View, step: str, quantity: str, cell: dict
         trace = line(*joined([view.since(errors.t)] * len(grey), [values[n] for n in grey]), color=OTHERS,
                      name="other TOs", width=0.8)  # fmt: skip
         figure.add_trace(trace, **cell)
-    text = [_ribbon(figure, view, errors, quantity, source, who, cell) for who in ("TO", "EGO")]
+    text = [_ribbon(figure, view, errors, (quantity, source, who), cell) for who in ("TO", "EGO")]
     for name in reversed(view.shown):
         if name in every:
             figure.add_trace(
@@ -163,12 +163,14 @@ def _ribbon(
     figure: Figure,
     view: View,
     errors: StepErrors,
-    quantity: str,
-    source: str,
-    who: str,
+    of: tuple[str, str, str],
     cell: dict[str, int],
 ) -> Markup:
-    """Mean ± std over the time of the errors; gives it as a coloured text, "" where there is no error."""
+    """Mean ± std over the time of the errors; gives it as a coloured text, "" where there is no error.
+
+    of: quantity, source, and whose they are.
+    """
+    quantity, source, who = of
     found = errors.statistics(EGO_ROW if who == "EGO" else TO_ROWS)[quantity]
     if found is None:
         return Markup()

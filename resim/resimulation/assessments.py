@@ -72,7 +72,7 @@ def assess_recording(recording: Recording, how: AssessmentOptions) -> Resimulati
         )
         for basis, scenario in described.items()
     }  # fmt: skip
-    found = _assessed(recording.name, network, False, blocks, how, {}, recording.findings)
+    found = _assessed(recording.name, network, blocks, how, {}, recording.findings)
     rows = {str(basis): measured[basis].to_frame() for basis in described}
     scenarios = {str(basis): scenario for basis, scenario in described.items()}
     return replace(found, misfits=tuple(misfits(scenarios, rows, network).values()))
@@ -86,11 +86,9 @@ def assess_resimulation(
     report = result.report
     blocks = blocks_of_run(result.scenarios(), tables, report)
     failures = failures_of(report, blocks)
-    found = _assessed(
-        result.recording.name, result.network, True, blocks, how, failures, result.recording.findings
-    )
+    found = _assessed(result.recording.name, result.network, blocks, how, failures, result.recording.findings)
     runs = model_runs(blocks["GT"], tables, report, result.network, how) if model else None
-    return replace(found, model=runs, misfits=tuple(result.misfits.values()))
+    return replace(found, run=True, model=runs, misfits=tuple(result.misfits.values()))
 
 
 def drive_block(
@@ -113,15 +111,14 @@ def _assess_results(folder: Path, how: AssessmentOptions) -> ResimulationAssessm
         model = model_runs(blocks["GT"], tables, written, network, how)
     except (ValueError, KeyError, TypeError) as e:
         raise InputError(folder / "report.json", "is not what `resim run` writes", REMEDY) from e
-    found = _assessed(written.recording, network, True, blocks, how, failures, written.findings)
+    found = _assessed(written.recording, network, blocks, how, failures, written.findings)
     rows = {name: tables.tracks[tables.tracks.source == name] for name in scenarios}
-    return replace(found, model=model, misfits=tuple(misfits(scenarios, rows, network).values()))
+    return replace(found, run=True, model=model, misfits=tuple(misfits(scenarios, rows, network).values()))
 
 
 def _assessed(
     name: str,
     network: RoadNetwork,
-    run: bool,
     blocks: Mapping[str, Block],
     how: AssessmentOptions,
     failures: Mapping[str, str],
@@ -129,5 +126,5 @@ def _assessed(
 ) -> ResimulationAssessment:
     found = {key: assess_block(block, network, how) for key, block in blocks.items()}
     return ResimulationAssessment(
-        name, network, run, found, how.criteria, failures, finding_lines(findings), decides=how.decides
+        name, network, False, found, how.criteria, failures, finding_lines(findings), decides=how.decides
     )

@@ -126,7 +126,7 @@ def first_off_routes(
         low, high = np.searchsorted(every.point, (first, after))
         of = slice(int(low), int(high))
         lanes = DrivingLanes(every.point[of] - first, every.road[of], every.heading[of], every.z[of])
-        out.append(_first_off(network, route, lanes, *drive))
+        out.append(_first_off(network, route, lanes, drive))
     return out
 
 
@@ -134,12 +134,10 @@ def _first_off(
     network: RoadNetwork,
     route: Route,
     lanes: DrivingLanes,
-    x: Floats,
-    y: Floats,
-    heading: Floats,
-    z: Floats | None,
+    drive: tuple[Floats, Floats, Floats, Floats | None],
 ) -> int | None:
-    """The first sample off the route; lanes: at the samples."""
+    """The first sample off the route; lanes: at the samples. drive: x, y, heading, z."""
+    x, y, heading, z = drive
     held = np.isin(lanes.road, route.roads)
     if z is not None:
         held &= ~(np.abs(lanes.z - z[lanes.point]) > LEVEL)

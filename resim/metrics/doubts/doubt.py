@@ -24,16 +24,16 @@ def doubted(
     verdict: Verdict,
     criterion: Criterion,
     asked: MeasureDefinition,
-    measure: MeasureValues,
+    judged: tuple[MeasureValues, LookAhead],
     inputs: MeasureInputs,
     doubts: Doubts,
-    seen: LookAhead,
 ) -> Verdict:
     """Give a verdict, INVALID in place of PASS where somebody can have broken the criterion.
 
     It can be broken where an object, under whatever ids, is beyond the limit, or can be at worst where it is absent, in
-    scenes that last together as long as the criterion says.
+    scenes that last together as long as the criterion says. judged: of `MeasureInputs.judged`.
     """
+    measure, seen = judged
     drive = inputs.drive
     if verdict.outcome != "PASS":
         return verdict

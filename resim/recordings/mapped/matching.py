@@ -53,7 +53,7 @@ def assigned(gt: pd.DataFrame, sd: pd.DataFrame, gate: float, ego: str) -> Assig
     for k in range(len(seen.t)):
         own, known = np.flatnonzero(seen.valid[:, k]), np.flatnonzero(truth.valid[:, k])
         if len(own) and len(known):
-            i, j = _pairs(seen, truth, own, known, k, gate, never)
+            i, j = _pairs(seen, truth, (own, known), k, gate, never)
             wins[i, j] += 1
     both = seen.valid.astype(int) @ truth.valid.T.astype(int)
     most = wins.argmax(axis=1)
@@ -112,9 +112,10 @@ def distances(truth: Tracks, sd: Tracks, gt_id: Strings) -> Floats:
 
 
 def _pairs(
-    sd: Tracks, truth: Tracks, own: np.ndarray, known: np.ndarray, k: int, gate: float, never: Bools
+    sd: Tracks, truth: Tracks, rows: tuple[np.ndarray, np.ndarray], k: int, gate: float, never: Bools
 ) -> tuple[np.ndarray, np.ndarray]:
-    """SD and GT rows that belong to each other at a time. never: (N_sd, N_gt) pairs that do not."""
+    """SD and GT rows that belong to each other at a time, of these. never: (N_sd, N_gt) pairs that do not."""
+    own, known = rows
     apart = np.hypot(sd.x[own, k][:, None] - truth.x[known, k], sd.y[own, k][:, None] - truth.y[known, k])
     apart[never[np.ix_(own, known)]] = np.inf
     i, j = nearest(apart, gate)
