@@ -55,6 +55,21 @@ def test_no_function_is_longer_than_sixty_lines() -> None:
     assert not long
 
 
+def test_no_more_functions_have_many_parameters() -> None:
+    many = [
+        f"{path}:{node.lineno} {node.name}"
+        for path, module in modules()
+        for node in ast.walk(module)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and len(
+            {a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)}
+            - {"self", "cls"}
+        )
+        > 6
+    ]
+    assert len(many) <= 28, many
+
+
 def test_what_ruff_knows_by_a_path_is_there() -> None:
     lint = tomllib.loads((RESIM.parent / "pyproject.toml").read_text("utf-8"))["tool"]["ruff"]["lint"]
     paths = lint["flake8-bandit"]["extend-markup-names"] + lint["flake8-bugbear"]["extend-immutable-calls"]
