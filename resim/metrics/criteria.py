@@ -212,10 +212,8 @@ def judge(
     if fails:
         outcome, reason = "FAIL", broken
     elif short:
-        outcome, reason = (
-            "INVALID",
-            f"{broken}; the drive has less than {criterion.duration:g} s in this part",
-        )
+        outcome = "INVALID"
+        reason = f"{broken}; the drive has less than {criterion.duration:g} s in this part"
     elif lost.any():
         scenes = f"{int(lost.any(axis=1).sum())} of {int(within.sum())} scenes"
         outcome, reason = "INVALID", f"not computed in {scenes}{_names(lost, whose)}"

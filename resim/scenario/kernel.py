@@ -430,8 +430,7 @@ def _add_window(window, columns, off, heading_off, normal, gradient):
                     turns[n - w0, a - straight] = angles[offset[c] + n - s0[c]]
             else:
                 rows[2 * (n - w0), a], rows[2 * (n - w0) + 1, a] = after[c, 0], after[c, 1]
-    rest, headings = np.zeros(2 * whole), np.zeros(whole)
-    fore, aside = 0.0, 0.0
+    rest, headings, fore, aside = np.zeros(2 * whole), np.zeros(whole), 0.0, 0.0
     for n in range(size):
         rest[2 * n], rest[2 * n + 1] = off[w0 + n].real, off[w0 + n].imag
         fore += rest[2 * n]
@@ -452,15 +451,13 @@ def _add_window(window, columns, off, heading_off, normal, gradient):
         for n in range(size):
             sums[a, 0] += rows[2 * n, a]
             sums[a, 1] += rows[2 * n + 1, a]
-    for p in range(pasts):
-        c = past[p]
+    for c in past[:pasts]:
         gradient[c] += after[c, 0] * fore + after[c, 1] * aside
         for a in range(actives):
             both = after[c, 0] * sums[a, 0] + after[c, 1] * sums[a, 1]
             normal[c, active[a]] += both
             normal[active[a], c] += both
-        for q in range(pasts):
-            d = past[q]
+        for d in past[:pasts]:
             normal[c, d] += size * (after[c, 0] * after[d, 0] + after[c, 1] * after[d, 1])
 
 
