@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -28,6 +29,7 @@ from pydantic_core.core_schema import no_info_after_validator_function
 from resim.core import faults
 from resim.core.errors import InputError
 from resim.core.files import LARGEST_TEXT, parse_json, parse_toml, read_file
+from resim.core.geometry import Floats
 from resim.core.sealed import CHECKSUM, read_sealed
 
 EXACT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -49,6 +51,25 @@ NumberOrNan = Annotated[
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
 ]
 """A number of a dataclass that is NaN where there is none: null in its file."""
+
+
+def _array(told: Any) -> Floats:
+    cells = np.array(told, dtype=object)
+    if not all(cell is None or type(cell) in (int, float) for cell in cells.ravel()):
+        raise ValueError("expected numbers, or null for none")
+    return cells.astype(float)
+
+
+def _rows(array: Floats) -> Any:
+    rows = array.astype(object)
+    rows[np.isnan(array)] = None
+    return rows.tolist()
+
+
+ArrayInFile = Annotated[
+    Floats, PlainValidator(_array), PlainSerializer(_rows), WithJsonSchema({"type": "array"})
+]
+"""An array of a dataclass, NaN where there is no number: lists in its file, and null."""
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,16 @@ def _lost(tracks: Tracks, name: str, off: float) -> Absence:
     start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
     why = f"its trace is {off:.0f} m away from its positions, or these contradict each other"
     size = float(tracks.length[n]), float(tracks.width[n])
-    return Absence(name, start, end, np.empty(0), np.empty((0, 5)), size, why)
+    return Absence(
+        object=name,
+        start=start,
+        end=end,
+        why=why,
+        straight=False,
+        size=size,
+        t=np.empty(0),
+        state=np.empty((0, 5)),
+    )
 
 
 def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:

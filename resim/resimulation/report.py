@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
-
-from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
+from typing import TypeVar
 
 from resim.core.finding import Finding
 from resim.core.provenance import versions
@@ -25,26 +23,6 @@ from resim.simulation.case import Collision, End
 T = TypeVar("T")
 ByQuantity = Mapping[str, Statistics | None]
 """Statistics of d [m], v [m/s] and heading [rad], None where there is no sample."""
-
-
-def _of(make: Callable[[Any], T]) -> Callable[[Any], T]:
-    """As pydantic has it, any fault is a ValueError."""
-
-    def made(data: Any) -> T:
-        try:
-            return make(data)
-        except (KeyError, TypeError, AttributeError) as e:
-            raise ValueError(str(e)) from e
-
-    return made
-
-
-DoubtsInFile = Annotated[
-    Doubts,
-    PlainValidator(_of(Doubts.from_json)),
-    PlainSerializer(Doubts.to_json),
-    WithJsonSchema({"type": "object"}),
-]
 
 
 @dataclass(frozen=True)
@@ -146,7 +124,7 @@ class RunReport:
     warnings: tuple[str, ...]
     findings: tuple[Finding, ...]
     repaired: Mapping[str, Mapping[str, int]]
-    doubts: Mapping[str, DoubtsInFile]
+    doubts: Mapping[str, Doubts]
 
 
 def report(result: Resimulation) -> RunReport:

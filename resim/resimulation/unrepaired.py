@@ -98,7 +98,16 @@ def _gaps(seen: Tracks, joined: Bools) -> Iterator[Absence]:
             )
             size = float(seen.length[n]), float(seen.width[n])
             start, end = seen.t[both].tolist()
-            yield Absence(str(seen.ids[n]), start, end, seen.t[both], state, size, "not seen")
+            yield Absence(
+                object=str(seen.ids[n]),
+                start=start,
+                end=end,
+                why="not seen",
+                straight=False,
+                size=size,
+                t=seen.t[both],
+                state=state,
+            )
 
 
 def _nowhere(tracks: Tracks, n: int) -> Absence:
@@ -106,4 +115,13 @@ def _nowhere(tracks: Tracks, n: int) -> Absence:
     start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
     size = float(tracks.length[n]), float(tracks.width[n])
     why = "its samples were repaired"
-    return Absence(str(tracks.ids[n]), start, end, np.empty(0), np.empty((0, 5)), size, why)
+    return Absence(
+        object=str(tracks.ids[n]),
+        start=start,
+        end=end,
+        why=why,
+        straight=False,
+        size=size,
+        t=np.empty(0),
+        state=np.empty((0, 5)),
+    )

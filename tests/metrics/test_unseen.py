@@ -22,6 +22,7 @@ from metrics.passing import (
 )  # fmt: skip
 
 from resim.core.objects import ObjectIds
+from resim.core.spec import exactly, to_json
 from resim.core.tracks import Tracks
 from resim.metrics.doubts.reach import MOST, Reach
 from resim.metrics.doubts.unseen import Absence, absences
@@ -61,6 +62,12 @@ VANISHES = {
     "not seen before": (late, "from 0.00 to 5.80 s: not seen"),
     "seen once": (once, "from 0.00 to 9.00 s: not seen"),
 }  # fmt: skip
+
+
+def absence(t, state):
+    return Absence(
+        object="1", start=0.0, end=float(t[-1]), why="", straight=False, size=(4.7, 1.9), t=t, state=state
+    )
 
 
 def test_whole_it_fails(judge):
@@ -217,7 +224,10 @@ def test_nobody_who_keeps_the_acceleration_is_outside_of_his_reach():
         ends = np.array([0, n])
         state = np.column_stack([x[ends], np.zeros(2), v[ends]])
         t = np.arange(n + 1) * h
-        reach = Reach.of(Absence("1", 0.0, t[-1], t[ends], state, (4.7, 1.9), ""), t[::50])
+        reach = Reach.of(
+            absence(t[ends], state),
+            t[::50],
+        )
         off = np.hypot(*np.moveaxis(reach.centre - x[::50, None], 2, 0))
         assert (off <= reach.radius).all()
         faster = np.hypot(*np.moveaxis(reach.velocity - v[::50, None], 2, 0))
@@ -226,7 +236,10 @@ def test_nobody_who_keeps_the_acceleration_is_outside_of_his_reach():
 
 def test_the_reach_in_the_middle_is_a_sixteenth_of_what_it_would_be_free_to_end():
     state = np.array([[0.0, 0.0, 0.0, 10.0, 0.0], [60.0, 0.0, 0.0, 10.0, 0.0]])
-    reach = Reach.of(Absence("1", 0.0, 6.0, np.array([0.0, 6.0]), state, (4.7, 1.9), ""), np.array([3.0]))
+    reach = Reach.of(
+        absence(np.array([0.0, 6.0]), state),
+        np.array([3.0]),
+    )
     assert reach.centre[0, 2] == pytest.approx([30.0, 0.0])
     assert reach.radius[0, 2] == pytest.approx(MOST * 36.0 / 16.0 + 0.2)
 
@@ -235,7 +248,7 @@ def test_absences_survive_their_file():
     car = standing()
     tracks = Tracks.from_frame(pd.concat([ego(), away(3.0)(car)]))
     (one,) = absences(ObjectIds.of(tracks, without_speed(car[car.t == 5.0]), ego="ego"))[0]
-    again = Absence.from_json(one.to_json())
+    again = exactly(to_json(one), Absence)
     assert (again.object, again.start, again.end, again.why) == (one.object, one.start, one.end, one.why)
     assert np.array_equal(again.t, one.t)
     assert np.array_equal(again.state, one.state, equal_nan=True)

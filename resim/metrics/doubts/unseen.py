@@ -15,14 +15,14 @@ A row that lacks no position is a sighting all the same: it bounds where the obj
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from resim.core.geometry import Bools, Floats
+from resim.core.geometry import Bools
 from resim.core.objects import GAP, ObjectIds
 from resim.core.sightings import SAME, Sightings
+from resim.core.spec import ArrayInFile
 from resim.core.tracks import Tracks
 from resim.metrics.doubts.edges import SightEdges
 
@@ -33,7 +33,7 @@ BETWEEN = 0.2
 LEFT = "not seen there by the measured EGO, while this EGO is nearer"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Absence:
     """An object that is not known from `start` to `end` [s], but for sightings t (n,) [s].
 
@@ -45,39 +45,19 @@ class Absence:
     object: str
     start: float
     end: float
-    t: Floats
-    state: Floats
-    size: tuple[float, float]
     why: str
-    straight: bool = False
+    straight: bool
+    size: tuple[float, float]
+    t: ArrayInFile
+    state: ArrayInFile
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", self.state.reshape(len(self.t), 5))
 
     @property
     def is_beyond(self) -> bool:
         """Whether it is before the first or after the last sighting, not between two."""
         return len(self.t) > 0 and (self.t[0] > self.start + SAME or self.t[-1] < self.end - SAME)
-
-    def to_json(self) -> dict[str, Any]:
-        """Give what report.json holds of it: NaN is null."""
-        state = [[None if np.isnan(x) else float(x) for x in row] for row in self.state]
-        fields = {
-            "object": self.object,
-            "start": self.start,
-            "end": self.end,
-            "why": self.why,
-            "straight": self.straight,
-        }
-        return {**fields, "size": list(self.size), "t": self.t.tolist(), "state": state}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Absence:
-        """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
-        t = np.array(data["t"], dtype=float)
-        length, width = map(float, data["size"])
-        return cls(
-            str(data["object"]), float(data["start"]), float(data["end"]), t,
-            np.array(data["state"], dtype=float).reshape(len(t), 5), (length, width), str(data["why"]),
-            bool(data["straight"]),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +68,11 @@ class Doubts:
     there, for an EGO that drives as the measured one.
     """
 
-    absences: tuple[Absence, ...] = ()
-    sizes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    off: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    same: tuple[tuple[str, ...], ...] = ()
-    excused: tuple[Absence, ...] = ()
+    absences: tuple[Absence, ...]
+    sizes: Mapping[str, tuple[float, float]]
+    off: Mapping[str, tuple[float, float]]
+    same: tuple[tuple[str, ...], ...]
+    excused: tuple[Absence, ...]
 
     def one(self, name: str) -> tuple[str, ...]:
         """Give the ids that can be the same object as this one, it among them."""
@@ -110,29 +90,8 @@ class Doubts:
         """
         return replace(self, absences=(*self.absences, *_nearer(self.excused, own, measured)), excused=())
 
-    def to_json(self) -> dict[str, Any]:
-        """Give what report.json holds of it."""
-        sizes = {name: list(size) for name, size in self.sizes.items()}
-        same = [list(ids) for ids in self.same]
-        return {
-            "absences": [a.to_json() for a in self.absences],
-            "sizes": sizes,
-            "off": {name: list(by) for name, by in self.off.items()},
-            "same": same,
-            "excused": [a.to_json() for a in self.excused],
-        }
 
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Doubts:
-        """Inverse of `to_json`. Raises KeyError, TypeError or ValueError for what is none."""
-        sizes = {str(name): (float(a), float(b)) for name, (a, b) in data["sizes"].items()}
-        off = {str(name): (float(a), float(b)) for name, (a, b) in data["off"].items()}
-        same = tuple(tuple(map(str, ids)) for ids in data["same"])
-        absent, excused = (tuple(map(Absence.from_json, data[name])) for name in ("absences", "excused"))
-        return cls(absent, sizes, off, same, excused)
-
-
-WHOLE = Doubts()
+WHOLE = Doubts((), {}, {}, (), ())
 """Of a source that leaves nothing open."""
 
 
@@ -266,4 +225,13 @@ def _absent(k: Sightings, start: float, end: float) -> Absence:
     inside = (k.t > start + SAME) & (k.t < end - SAME) & ~k.usable
     lacking = inside.any() or ((k.blind >= start - SAME) & (k.blind <= end + SAME)).any()
     why = f"its rows lack {k.lacks}" if k.lacks and (lacking or not k.usable.any()) else "not seen"
-    return Absence(k.id_at(start), start, end, k.t[keep], k.state[keep], k.size, why)
+    return Absence(
+        object=k.id_at(start),
+        start=start,
+        end=end,
+        why=why,
+        straight=False,
+        size=k.size,
+        t=k.t[keep],
+        state=k.state[keep],
+    )
