@@ -98,7 +98,7 @@ def sweep(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     )
     second = "perception.latency.position" if batches else "function.fault"  # runs of one fault are batches
     (home / "sweep.toml").write_text(SWEEP.format(root=ROOT, points=POINTS, engine=engine, second=second))
-    assert start("resim", "sweep", str(home / "sweep.toml"), "--out", str(home / "undisturbed")).wait() == 0
+    assert start("resim", "sweep", str(home / "sweep.toml"), "--out", str(home / "undisturbed")).wait() == 3
     return home / "sweep.toml"
 
 
@@ -175,7 +175,9 @@ def test_killed_so_often_it_is_the_same(sweep: Path, kills: int) -> None:
             if on_cluster:
                 there.run()
             if command is None or command.poll() is not None:
-                assert command is None or command.returncode != 0, f"over after {killed}: it needs more runs"
+                assert command is None or command.returncode not in (0, 3), (
+                    f"over after {killed}: it needs more runs"
+                )
                 how = ("--scheduler", there.address) if on_cluster else ("--workers", "2")
                 command = start("resim", "sweep", str(sweep), "--out", str(out), "--resume", *how)
                 time.sleep(rng.uniform(3.0, 5.0))
@@ -200,7 +202,9 @@ def test_killed_so_often_it_is_the_same(sweep: Path, kills: int) -> None:
             kill_all(command)
         there.close()
     assert all(killed.values()), killed
-    assert start("resim", "sweep", str(sweep), "--out", str(out), "--resume").wait() == 0
+    assert (
+        start("resim", "sweep", str(sweep), "--out", str(out), "--resume").wait() == 3
+    )  # some runs fail, as they are to
     entries = sorted(entry.run for entry in journal.read(out / "journal"))
     assert entries == list(range(POINTS))
     assert bytes_of(out) == bytes_of(sweep.with_name("undisturbed"))
