@@ -11,6 +11,7 @@ import os
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 
@@ -78,7 +79,8 @@ class Journal:
 
     def set_aside(self) -> Path:
         """Give the file another name, under which nobody reads it as a journal, and give that."""
-        aside = self.path.with_name(f"{self.path.name}.refused")
+        free = (self.path.with_name(f"{self.path.name}.refused{n or ''}") for n in count())
+        aside = next(path for path in free if not path.exists())
         self.path.replace(aside)
         return aside
 

@@ -41,7 +41,7 @@ ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|
 CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html"))
 VERIFICATION = FolderKind(
     "inputs.json",
-    re.compile(rf"inputs\.json|verification\.(html|json)|junit\.xml|{_HALF.pattern}"),
+    re.compile(rf"inputs\.json|(verification\.(html|json)|junit\.xml)(\.previous)?|{_HALF.pattern}"),
     {"cases": _HALF, "drives": _HALF, "reports": _HALF},
 )
 SWEEP = FolderKind(
@@ -49,7 +49,7 @@ SWEEP = FolderKind(
     re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|{_HALF.pattern}"),
     {
         "runs": re.compile(rf"part-\d+\.parquet|{_HALF.pattern}"),
-        "journal": re.compile(r"\d+-of-\d+\.jsonl"),
+        "journal": re.compile(r"\d+-of-\d+\.jsonl(\.refused\d*)?"),
     },
 )
 

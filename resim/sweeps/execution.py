@@ -310,6 +310,11 @@ def _proved(
         direct = {number: result for done in waiting for number, result in done if _is_to_be_repeated(result)}
         again = [(replace(task, engine="sumo"),) for batch in part for task in batch if task.run in direct]
         for number, result in chain.from_iterable(_tried(again, time_limit, workers, pool)):
+            if isinstance(result, Failure):
+                raise ResimError(
+                    f"run {number} could not be repeated in SUMO: {result.reason}. Results so far are kept: resume "
+                    'with --resume, or take engine = "sumo".'
+                )
             refuse_difference(number, _difference(direct[number], result))
         yield from chain.from_iterable(waiting)
 
@@ -318,11 +323,9 @@ def _is_to_be_repeated(result: RunResult | Failure) -> bool:
     return not isinstance(result, Failure) and result.fingerprint is not None
 
 
-def _difference(one: RunResult | Failure, other: RunResult | Failure) -> str:
+def _difference(one: RunResult | Failure, other: RunResult) -> str:
     """Where a run and its repetition in SUMO are not the same."""
-    if isinstance(one, Failure) or one.fingerprint is None:
-        return "how it ended"
-    if isinstance(other, Failure) or other.fingerprint is None:
+    if isinstance(one, Failure) or one.fingerprint is None or other.fingerprint is None:
         return f"how it ended ({other.reason if isinstance(other, Failure) else 'another case'})"
     return what_differs((one.fingerprint, one.row), (other.fingerprint, other.row))
 

@@ -52,6 +52,8 @@ RunBatch = tuple[RunTask, ...]
 """Runs that one process does at once."""
 MOST = 32
 """Runs of a batch: more save little, and their lists take memory."""
+GROUPS = 8
+"""Groups of runs alike, of each recording and build, whose first batch is proved before any other result counts."""
 _EACH = 4
 """Batches that each worker has at least, so that all end at about the same time."""
 
@@ -95,8 +97,8 @@ def in_batches(tasks: Sequence[RunTask], workers: int) -> list[RunBatch]:
     """
     alike: dict[object, list[RunTask]] = {}
     for task in tasks:
-        values = tuple(value for value in task.values if not value[0].startswith("perception."))
-        alike.setdefault(replace(task, run=0, seed=0, values=values, repeated=0.0), []).append(task)
+        key = replace(task, run=0, seed=0, values=_values_in_common(task), repeated=0.0)
+        alike.setdefault(key, []).append(task)
     most = min(MOST, max(len(tasks) // (_EACH * workers), 1))
     out = []
     for group in alike.values():
@@ -111,18 +113,36 @@ def has_parts(batch: RunBatch) -> bool:
 
 
 def to_prove_first(batches: Sequence[RunBatch]) -> list[RunBatch]:
-    """Give the first batch of several runs of each recording and build, its first and last run to be repeated.
+    """Give the first batches of each recording and build, their first, middle and last runs to be repeated.
 
-    Only then is it known that the build's `step_batch` answers as its `step`, which drives what is in no batch.
+    Only then is it known that the build's `step_batch` answers as its `step`, and both the same to the same. Batches of
+    other parameters of the function are of other groups: up to GROUPS of them are chosen, evenly.
     """
-    first = dict[object, RunBatch]()
+    groups = dict[object, dict[object, RunBatch]]()
     for batch in batches:
-        if has_parts(batch) and batch[0].repeated > 0.0:
-            first.setdefault((batch[0].folder, batch[0].build), batch)
+        if batch[0].repeated > 0.0:
+            one = batch[0]
+            of_values = groups.setdefault((one.folder, one.build), {})
+            of_values.setdefault(_values_in_common(one), batch)
+    chosen = [batch for found in groups.values() for batch in _evenly([*found.values()], GROUPS)]
     return [
-        (replace(one, repeated=1.0), *between, replace(last, repeated=1.0))
-        for one, *between, last in first.values()
+        tuple(
+            replace(task, repeated=1.0) if k in (0, len(batch) // 2, len(batch) - 1) else task
+            for k, task in enumerate(batch)
+        )
+        for batch in chosen
     ]
+
+
+def _evenly(batches: list[RunBatch], most: int) -> list[RunBatch]:
+    """The first, the last, and some between."""
+    count = min(len(batches), most)
+    return [batches[k * (len(batches) - 1) // max(count - 1, 1)] for k in range(count)]
+
+
+def _values_in_common(task: RunTask) -> Values:
+    """Those that all runs of a batch have: of the function and the build, not of perception."""
+    return tuple(value for value in task.values if not value[0].startswith("perception."))
 
 
 @lru_cache(maxsize=32)

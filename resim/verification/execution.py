@@ -77,7 +77,7 @@ def verify(
         for name, reason in sorted(lost.items()):
             unreported(name, reason)
     linked = {name: reports_of(name, builds=a.against is not None) for name in chosen if name not in lost}
-    entries = tuple(_with_pages(found[r.name], linked.get(r.name, ())) for r in recordings)
+    entries = tuple(_with_pages(found[r.name], linked.get(r.name, ()), out is None) for r in recordings)
     traces = {name: drawn for name in todo if (drawn := found[name].traces) is not None}
     return VerificationReport(SCHEMA, versions(), a, told, entries), traces
 
@@ -96,10 +96,10 @@ def _kept(
     return found
 
 
-def _with_pages(case: VerificationCase, reports: Sequence[str]) -> RecordingResult:
-    """What is told of a recording, with the pages that lead on from it."""
+def _with_pages(case: VerificationCase, reports: Sequence[str], as_if: bool) -> RecordingResult:
+    """What is told of a recording, with the pages that lead on from it; as_if: as if its drive's page were written."""
     told = replace(case.entry, reports=tuple(f"{REPORTS}/{page}" for page in reports))
-    if case.drive is None or isinstance(told, FailedRecording):
+    if isinstance(told, FailedRecording) or (case.drive is None and not as_if):
         return told
     return replace(told, drive=f"{DRIVES}/{drive_page(told.name)}")
 

@@ -21,12 +21,15 @@ from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
 from resim.verification.report import VerificationReport
 
+SUMMARIES = ("verification.json", "verification.html", "junit.xml")
+"""What tells of all recordings."""
 REMEDY = "Give the verification.json that `resim verify` wrote."
 
 
 def begin(out: Path, a: VerificationRequest) -> None:
-    """Make the folder, or go on in it: say in it what is asked for, and take away what is of something else.
+    """Make the folder, or go on in it, and say in it what is asked for.
 
+    What is there of other inputs stays until the new results are whole, its summaries as `*.previous`.
     Raises InputError where it holds anything that is no result.
     """
     check_output(out, VERIFICATION)
@@ -37,13 +40,9 @@ def begin(out: Path, a: VerificationRequest) -> None:
     if before:
         _refuse_other(out, mark, a)
     if before != told.encode():
-        for name in ("verification.json", "verification.html", "junit.xml"):
-            (out / name).unlink(missing_ok=True)
-    if before:
-        others = {*read_sealed(mark, "Remove it.")["files"]} - {*files}  # of any version of resim
-        for path in (path for folder in (CASES, REPORTS, DRIVES) for path in out.glob(f"{folder}/*")):
-            if f"{path.parent.name}/{path.name}" in others:
-                path.unlink()
+        for name in SUMMARIES:
+            if (out / name).is_file():
+                (out / name).replace(out / f"{name}.previous")
     _write(mark, told)
     for path in [*out.glob(".*.new"), *out.glob("*/.*.new")]:  # of one that was killed
         path.unlink()
@@ -68,13 +67,16 @@ def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) ->
     told = {report for r in found.recordings for report in r.reports}
     told |= {r.drive for r in found.recordings if not isinstance(r, FailedRecording) and r.drive}
     told |= {f"{Path(page).parent}/{SHEET}" for page in told}
-    for name in files_of(found.inputs):
-        if name.startswith((f"{REPORTS}/", f"{DRIVES}/")) and name not in told:
-            (out / name).unlink(missing_ok=True)
     with whole_file(out / "verification.html", None) as path:
         write_verification_page(found, traces, path)
     _write(out / "junit.xml", junit(found))
     _write(out / "verification.json", text(found))
+    told |= {f"{CASES}/{r.name}.json" for r in found.recordings}
+    for path in (path for folder in (CASES, REPORTS, DRIVES) for path in out.glob(f"{folder}/*")):
+        if f"{path.parent.name}/{path.name}" not in told:
+            path.unlink()
+    for name in SUMMARIES:
+        (out / f"{name}.previous").unlink(missing_ok=True)
 
 
 def text(found: VerificationReport) -> str:

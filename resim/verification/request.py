@@ -140,7 +140,8 @@ def refuse_others(a: VerificationRequest, base: Path) -> None:
         was = f"was driven by {label!r}" + (", with another hash" if label == build.label else "")
         raise InputError(
             name, f"{was}, not by this {build.label!r}{more}",
-            f"Use the build that drove, compare builds with --against, or accept it with --driven-by {label}.",
+            "Use the build that drove, compare builds with --against, or accept it with --driven-by "
+            f"{label}. Where nothing says which build drove, say so in recording.toml: build = \"{build.label}\".",
         )  # fmt: skip
 
 

@@ -111,7 +111,9 @@ def _verifies_what_it_says(out: Path) -> None:
 def _describes_its_columns(out: Path) -> None:
     """The page of results names every column that was written, and no other."""
     for name in ("tracks", "answers", "plans", "kpis"):
-        assert described(f"\n`{name}.parquet`, ") == columns(f"{out}/seen/{name}.parquet")
+        assert described(f"\n`{name}.parquet` ([read by one line](#read-a-table)), ") == columns(
+            f"{out}/seen/{name}.parquet"
+        )
     every = described("## Sweep")
     fixed = {name for name in every if not name.endswith("…")}
     families = tuple(name.removesuffix("…") for name in every if name.endswith("…"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +12,7 @@ from conftest import Call
 
 from resim.execution import journal
 from resim.sweeps.result import read_swept
-from resim.sweeps.tasks import RunTask, in_batches, to_prove_first
+from resim.sweeps.tasks import GROUPS, RunTask, in_batches, to_prove_first
 
 ROOT = Path(__file__).parents[2]
 
@@ -61,6 +62,24 @@ class Lies(Honest):
         Honest.reset_batch(self, setups)
 
 
+class Forgets(Honest):
+    def step(self, perceived):  # brakes by k, as a batch does not
+        return Command(float(self.answers(perceived.t)[0]) * (1.0 + self.k), 0.0)
+
+    def reset_batch(self, setups):
+        Honest.reset_batch(self, setups)
+
+    def step_batch(self, perceived):
+        return Honest.step_batch(self, perceived)
+
+
+class Middle(Honest):
+    def step_batch(self, perceived):
+        answers = self.answers(perceived.t)
+        answers[1:-1] = 0.5
+        return CommandBatch(answers, np.zeros(len(perceived)))
+
+
 class Slow(Honest):
     def wait(self):
         if self.calls == 10 and (self.seeds % 4 == 1).any():
@@ -77,8 +96,8 @@ perception = "{root}/adfunc/perception/proving_ground.json"
 [[recording]]
 folder = "{root}/scenarios/rear_end"
 [[parameter]]
-name = "perception.latency.speed"
-values = [0.0]
+name = "{swept}"
+values = {values}
 """
 
 
@@ -88,14 +107,16 @@ def sweep(call: Call, tmp_path: Path) -> Callable[..., tuple[int, str, Path]]:
     (tmp_path / "pilots.py").write_text(PILOTS)
 
     def run(
-        *names: str, seeds: int = 24, workers: int = 1, more: tuple[str, ...] = ()
+        *names: str, seeds: int = 24, workers: int = 1, more: tuple[str, ...] = (), ks: tuple[float, ...] = ()
     ) -> tuple[int, str, Path]:
         for name in names:
             limit = "time_limit = 0.4\n" if name == "Slow" else ""
             text = f'name = "{name.lower()}"\nversion = "1"\nfactory = "pilots:{name}"\n{limit}'
             (tmp_path / f"{name}.toml").write_text(text)
         file, builds = tmp_path / "sweep.toml", ", ".join(f'"{name}.toml"' for name in names)
-        file.write_text(SWEEP.format(root=ROOT, builds=builds, seeds=seeds))
+        swept = "function.k" if ks else "perception.latency.speed"
+        text = SWEEP.format(root=ROOT, builds=builds, seeds=seeds, swept=swept, values=list(ks) or [0.0])
+        file.write_text(text)
         out = tmp_path / f"out_{workers}"
         code, _, error = call("sweep", file, "--out", out, "--workers", workers, "--quiet", *more)
         return code, error, out
@@ -147,6 +168,31 @@ def test_the_first_batch_of_each_recording_and_build_is_proved_first() -> None:
     first = to_prove_first(in_batches(every, 1))
     assert sorted(batch[0].run for batch in first) == [0, 1, 2, 3]
     for batch in first:
-        assert [one.repeated for one in batch] == [1.0, *[0.01] * (len(batch) - 2), 1.0]
+        proved = [k for k, one in enumerate(batch) if one.repeated == 1.0]
+        assert proved == [0, len(batch) // 2, len(batch) - 1]
     assert to_prove_first(in_batches([task(k, "a", "c", 0.0) for k in range(64)], 1)) == []
-    assert to_prove_first(in_batches([task(k, "a", "c") for k in range(3)], 4)) == []  # all alone, by step
+    alone = to_prove_first(in_batches([task(k, "a", "c") for k in range(3)], 4))
+    assert [[one.repeated for one in batch] for batch in alone] == [[1.0]]  # by step, which may be random
+    swept = [replace(task(k, "a", "c"), values=(("function.k", float(k % 20)),)) for k in range(80)]
+    groups = [batch[0].values[0][1] for batch in to_prove_first(in_batches(swept, 1))]
+    assert len(groups) == GROUPS
+    assert (groups[0], groups[-1]) == (0.0, 19.0)
+
+
+def test_a_parameter_that_batches_forget_is_found(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    """Its first value, with which all is well, tells nothing of the others."""
+    code, error, _ = sweep("Forgets", seeds=8, ks=(0.0, 0.5))
+    assert code == 2
+    assert "is not the same" in error
+
+
+def test_what_is_wrong_in_the_middle_of_a_batch_is_found(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    assert sweep("Middle")[0] == 2
+
+
+def test_a_second_refusal_keeps_the_first(sweep: Callable[..., tuple[int, str, Path]]) -> None:
+    _, _, out = sweep("Lies")
+    (out / "journal" / "1-of-1.jsonl.refused").write_text("keep me")
+    sweep("Lies", more=("--resume",))
+    assert (out / "journal" / "1-of-1.jsonl.refused").read_text() == "keep me"
+    assert (out / "journal" / "1-of-1.jsonl.refused1").exists()

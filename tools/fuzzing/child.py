@@ -80,7 +80,7 @@ def _left(own: Path, before: set[str], folder: Path) -> list[str]:
     nets = [name for name in new if name.startswith("cache/") and name.count("/") == 1]
     whole = {
         f"{net}{end}" for net in nets if not net.startswith("cache/converting-")
-        for end in ("", "/net.xml", "/conversion.json")
+        for end in ("", "/net.xml", "/simulated.net.xml", "/conversion.json")
     }  # fmt: skip
     odd = [name for name in new if name not in whole] + sorted(whole - set(new))
     return odd + [p.name for p in (folder / "tmp").iterdir() if not p.name.startswith(SESSION)]

@@ -37,9 +37,9 @@ LEFT = "not seen there by the measured EGO, while this EGO is nearer"
 class Absence:
     """An object that is not known from `start` to `end` [s], but for sightings t (n,) [s].
 
-    state: (n, 5) x, y [m], heading [rad], vx, vy [m/s] of the sightings, heading NaN where unknown. n = 0: nobody knows
-    where it is. size: length, width [m]. why: what is the matter, in words. straight: it goes on as it does at its
-    sighting.
+    state: (n, 5) x, y [m], heading [rad], vx, vy [m/s] of the sightings, heading NaN where unknown. n = 0: nothing is
+    known of where it is. size: length, width [m]. why: what is the matter, in words. straight: it goes on as it does at
+    its sighting.
     """
 
     object: str

@@ -22,6 +22,8 @@ OFF = 0.5
 """Misfit [rad] from which on a heading may be turned, or counted from elsewhere: less is a wrong alignment."""
 BETTER = 0.7
 """Part of another convention's misfit at which one fits better; else the simpler one is taken."""
+RIVALS = 3.0
+"""Times its misfit up to which another convention may be the right one as well."""
 LIVELY, OFTEN, STILL = 4.0, (0.5, 0.8), 0.004
 """Times by which the heading's changes over 0.4 s exceed the course's when it is in degrees, at one of these
 quantiles; changes [rad] that are noise of a heading in radians."""
@@ -123,7 +125,10 @@ def _finding(
         together = not name and (convention.factor == 1.0 or as_is > NOISE)  # not all of a table skid
         repair: str | None = None
         severity: Severity | None = None
-        if together or _is_sure(convention, own, table.step):
+        if rivals := _rivals(convention, misfits[name]):
+            text += f"; as {' or '.join(rivals)} they fit as well, so which it is has to be said where it is imported"
+            repair = ""
+        elif together or _is_sure(convention, own, table.step):
             sure[name] = convention
         else:
             text += "; or they are correct (noisy, or the vehicle skids); the course cannot decide"
@@ -140,6 +145,23 @@ def _finding(
         return np.unwrap((whole or sure.get(track.id, PLAIN))(track.heading))
 
     return table.shaped(heading=converted_heading), out
+
+
+def _rivals(convention: Convention, misfit: Floats) -> list[str]:
+    """Other conventions that the course cannot tell from this one, with how far off each is [rad].
+
+    A map's north is not true north away from its meridian, so the right one may be off by some hundredths of a rad. On
+    a straight road to the north, clockwise and anticlockwise differ by little more.
+    """
+    own = float(misfit[CONVENTIONS.index(convention)])
+    return [
+        f"{other.words} ({off:.3g} rad)"
+        for other, off in zip(CONVENTIONS[1:], misfit[1:].tolist(), strict=True)
+        if other is not convention
+        and other.code == convention.code == "HEADING_CONVENTION"
+        and other.factor == convention.factor
+        and off < max(TURNED, own) * RIVALS
+    ]
 
 
 def _lively(track: Track, step: float) -> bool:

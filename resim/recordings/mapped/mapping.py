@@ -150,7 +150,7 @@ class TableMapping(Strict):
         file: Of the table, relative to the mapping; without it the file that the command names.
         separator: Between values of a CSV: one ASCII character.
         decimal: What stands before the decimals.
-        only: Rows that are read: those with these values in these columns.
+        only: Rows that are read: those with this value, or one of these, in each of these columns.
         crs: Coordinate system of x and y (or lat and lon), as pyproj knows it, such as EPSG:4326 or EPSG:25832; they
             are turned into the map's by its geoReference.
         frame: What x and y count from, where no crs is given: the map, the EGO or its sensor (x ahead, y to the left).
@@ -183,7 +183,7 @@ class TableMapping(Strict):
     file: str | None = Field(default=None, min_length=1)
     separator: str = Field(default=",", min_length=1, max_length=1)
     decimal: Literal[".", ","] = "."
-    only: dict[str, str] = Field(default_factory=dict)
+    only: dict[str, str | tuple[str, ...]] = Field(default_factory=dict)
     crs: str | None = Field(default=None, min_length=1)
     frame: Literal["map", "ego", "sensor"] = "map"
     mounting: Pose | None = None

@@ -108,6 +108,9 @@ def read_mapped(
         [_timed(table, where, file, columns, rate) for table in tables]
         for where, tables in (("gt", mapping.gt), ("sd", mapping.sd))
     )
+    if all(one.rows.path.resolve() != file.resolve() for one in (*truth, *seen)):
+        problem = f"is read by no table of {columns.name}, as each names a file of its own"
+        raise InputError(file, problem, "Leave out `file` of the table that it is for, or give that file.")
     origin = _origin(truth)
     gt = _placed(truth, origin, network, own)
     sd = _placed(seen, origin, network, own, _ego_track(gt, own))

@@ -163,12 +163,16 @@ def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Se
 def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
     """Read a table's rows that the mapping wants. Raises InputError."""
     frame = read_any(path, mapping.separator)
-    for column, value in mapping.only.items():
-        frame = frame[column_of(path, frame, column, f"{where}.only").map(_text) == value]
-        if frame.empty:
+    for column, wanted in mapping.only.items():
+        values = (wanted,) if isinstance(wanted, str) else wanted
+        there = column_of(path, frame, column, f"{where}.only").map(_text)
+        if lost := [value for value in values if not (there == value).any()] or (
+            [] if values else ["nothing"]
+        ):
             raise InputError(
-                path, f"no row has {value!r} in {column!r} ({where}.only)", "Correct the mapping."
+                path, f"no row has {lost[0]!r} in {column!r} ({where}.only)", "Correct the mapping."
             )
+        frame = frame[there.isin(values)]
     return SourceTable(path, where, mapping, frame)
 
 

@@ -641,3 +641,17 @@ def test_noisy_headings_on_a_straight_road_are_not_degrees(tables: Read, look: L
     heading = before.sd["heading"] + np.random.default_rng(1).normal(0.0, noise, len(before.sd))
     found = look(replace(before, sd=before.sd.assign(heading=heading)))
     assert [f.text for f in found if f.severity == "error"] == []
+
+
+def test_a_convention_that_the_course_cannot_tell_is_not_repaired(tables: Read) -> None:
+    """To the north, on a map whose north is 2.5 degrees off true north, compasses turn either way for all one knows."""
+    before = tables("cut_in_brake")
+    turned = {
+        name: frame.assign(x=-frame["y"], y=frame["x"], heading=frame["heading"] + 0.5 * np.pi)
+        for name, frame in (("gt", before.gt), ("sd", before.sd))
+    }
+    compass = turned["gt"].assign(heading=0.5 * np.pi - turned["gt"]["heading"] + np.radians(2.5))
+    bad = replace(before, gt=compass, sd=turned["sd"])
+    found = [f for f in examine(bad, None) if f.code == "HEADING_CONVENTION"]
+    assert [f.repair for f in found] == [""]
+    assert "fit as well" in found[0].text

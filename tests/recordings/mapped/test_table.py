@@ -55,12 +55,12 @@ def test_every_way_of_writing_gives_the_drive_back(way: Way, seen: str, relative
     truth = drive()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _, gt = written(folder, truth, way, "gt")
+        path, gt = written(folder, truth, way, "gt")
         others = truth[truth["id"] != "ego"]
         sensed = replace(way, frame=seen, velocity=relative, offset=None)
         rows = truth.copy()
         _, sd = written(folder, rows, sensed, "sd")
-        found = imported(folder, f"[gt]\n{gt}\n[sd]\n{sd}\n", folder / "gt.csv")
+        found = imported(folder, f"[gt]\n{gt}\n[sd]\n{sd}\n", path)
     same(found.gt, truth)
     assert found.sd is not None
     same(found.sd, truth)
@@ -182,9 +182,9 @@ def test_one_table_may_hold_both_and_several_files_one_source(tmp_path: Path) ->
     same(found.sd, truth)
     parts = ""
     for name in ("ego", "7", "8"):
-        _, text = written(tmp_path, truth[truth["id"] == name], Way(), f"log_{name}")
+        path, text = written(tmp_path, truth[truth["id"] == name], Way(), f"log_{name}")
         parts += f"[[gt]]\n{text}\n".replace('id = "who"', f'id = {{ value = "{name}" }}')
-    same(imported(tmp_path, parts).gt, truth)
+    same(imported(tmp_path, parts, path).gt, truth)
 
 
 def test_the_published_schema_takes_what_the_reader_takes(tmp_path: Path) -> None:
@@ -337,3 +337,26 @@ def test_refuses_files_that_are_no_tables(tmp_path: Path, raw: bytes, message: s
     (tmp_path / "table.csv").write_bytes(raw)
     with pytest.raises(InputError, match=message):
         imported(tmp_path, f"[gt]\n{gt}\n")
+
+
+def test_a_file_that_no_table_reads_is_refused(tmp_path: Path) -> None:
+    _, gt = written(tmp_path, drive(), Way(), "table")
+    other = tmp_path / "other.csv"
+    other.write_bytes((tmp_path / "table.csv").read_bytes())
+    text = f"[gt]\n{gt}\n" if "file =" in gt else f'[gt]\nfile = "table.csv"\n{gt}\n'
+    assert len(imported(tmp_path, text, tmp_path / "table.csv").gt)
+    with pytest.raises(InputError, match=r"other\.csv: is read by no table of mapping\.toml"):
+        imported(tmp_path, text, other)
+
+
+def test_rows_of_several_values_are_one_table(tmp_path: Path) -> None:
+    truth = drive()
+    _, gt = written(tmp_path, truth, Way(), "table")
+    column = next(line for line in gt.splitlines() if line.startswith("id =")).partition("=")[2].strip()
+    ids = sorted(set(truth["id"]))
+    found = imported(
+        tmp_path, f"[gt]\n{gt}\nonly = {{ {column} = {ids[:2]!r} }}\n".replace("'", '"'), ego=ids[0]
+    )
+    assert sorted(set(found.gt["id"])) == ids[:2]
+    with pytest.raises(InputError, match="no row has 'nobody'"):
+        imported(tmp_path, f'[gt]\n{gt}\nonly = {{ {column} = ["{ids[0]}", "nobody"] }}\n', ego=ids[0])
