@@ -12,7 +12,7 @@ from resim.core.objects import GAP, HARDEST, ObjectIds
 from resim.core.sightings import Sightings
 from resim.core.tracks import Tracks
 from resim.metrics.doubts.contradiction import FAR, LEAP, WORTH, off_by, size_turned, turned_by
-from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off
+from resim.metrics.doubts.unseen import Absence, Doubts, absences, cut_off, never_sighted
 from resim.recordings import Recording
 from resim.recordings.checks import TORN
 from resim.recordings.checks.bodies import LEAST_LARGEST, SEEN, SIZE
@@ -174,16 +174,7 @@ def _lost(tracks: Tracks, name: str, off: float) -> Absence:
     start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
     why = f"its trace is {off:.0f} m away from its positions, or these contradict each other"
     size = float(tracks.length[n]), float(tracks.width[n])
-    return Absence(
-        object=name,
-        start=start,
-        end=end,
-        why=why,
-        straight=False,
-        size=size,
-        t=np.empty(0),
-        state=np.empty((0, 5)),
-    )
+    return never_sighted(name, start, end, size, why)
 
 
 def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:

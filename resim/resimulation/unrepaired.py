@@ -12,7 +12,7 @@ from resim.core.geometry import Bools
 from resim.core.objects import GAP
 from resim.core.schema import OPTIONAL_COLUMNS, REPAIRED
 from resim.core.tracks import Tracks
-from resim.metrics.doubts.unseen import Absence
+from resim.metrics.doubts.unseen import Absence, never_sighted
 from resim.recordings import Recording
 from resim.recordings.tables import JOINED, PARTED, VALUES
 from resim.resimulation.result import Basis
@@ -115,13 +115,4 @@ def _nowhere(tracks: Tracks, n: int) -> Absence:
     start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
     size = float(tracks.length[n]), float(tracks.width[n])
     why = "its samples were repaired"
-    return Absence(
-        object=str(tracks.ids[n]),
-        start=start,
-        end=end,
-        why=why,
-        straight=False,
-        size=size,
-        t=np.empty(0),
-        state=np.empty((0, 5)),
-    )
+    return never_sighted(str(tracks.ids[n]), start, end, size, why)

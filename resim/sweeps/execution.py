@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,41 +23,31 @@ from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
 from resim.execution.child import Failure
 from resim.execution.journal import JournalEntry
-from resim.execution.workers import run_all
 from resim.metrics.criteria import read_criteria
 from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
 from resim.simulation.function.interface import Build, load_build, misfit_of
-from resim.sweeps.engines import EnginesDifferError, refuse_difference, what_differs
 from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
 from resim.sweeps.outcomes.registry import OUTCOMES, type_of
+from resim.sweeps.proof import kept_if_proved, proved
 from resim.sweeps.sweep_file import EXAMPLE
 from resim.sweeps.tasks import (
-    RunBatch,
     RunResult,
     RunTask,
     Values,
-    has_parts,
-    in_batches,
-    run,
     swept_model,
-    to_prove_first,
     with_values,
 )
 from resim.verification.inputs import HashedFile, NamedBuild
 
-ATTEMPTS = 3
-"""How often a run is tried whose process crashes."""
 PART = 100_000
 """Rows of one file of the table."""
 FAILED = "failed"
 """End of a run that has no result: its process crashed every time, or it could not be begun."""
 
 Tell = Callable[[bool], None]
-NumberedResult = tuple[int, RunResult | Failure]
-"""The number of a run, and what it came to."""
 """Hears of each run that was done: whether it failed."""
 
 
@@ -249,7 +238,7 @@ def execute(
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
-            for number, result in _kept_if_proved(file, _proved(todo, sweep.file.time_limit, workers, pool)):
+            for number, result in kept_if_proved(file, proved(todo, sweep.file.time_limit, workers, pool)):
                 if not isinstance(result, Failure):
                     name = of[number]
                     if name not in checked:
@@ -278,83 +267,6 @@ def _rows(sweep: Sweep, out: Path) -> dict[int, Row]:
     """Give what the results are by run, where the plan follows from them; else empty, to spare the memory."""
     needed = sweep.file.planned.grows
     return {entry.run: entry.row if needed else {} for entry in journal.read(out / "journal", type_of)}
-
-
-def _kept_if_proved(file: journal.Journal, results: Iterator[NumberedResult]) -> Iterator[NumberedResult]:
-    """Give the results; where the engine's proof fails, set aside what the journal has: none of it can be believed."""
-    try:
-        yield from results
-    except EnginesDifferError as e:
-        aside = file.set_aside()
-        raise EnginesDifferError(f"{e} The results so far are set aside, in {aside.name}.") from e
-
-
-def _proved(
-    todo: list[RunTask], time_limit: float, workers: int, pool: Executor | None
-) -> Iterator[NumberedResult]:
-    """Give the result of each run by its number: first of those that prove a build's batches, then of all others.
-
-    A batch with runs that are repeated in SUMO comes when they were, and are the same. Raises EnginesDifferError where
-    one is not.
-    """
-    batches = in_batches(todo, workers)
-    first = to_prove_first(batches)
-    chosen = {batch[0].run for batch in first}
-    for part in (first, [batch for batch in batches if batch[0].run not in chosen]):
-        waiting = list[list[NumberedResult]]()
-        for done in _tried(part, time_limit, workers, pool):
-            if any(_is_to_be_repeated(result) for _, result in done):
-                waiting.append(done)
-            else:
-                yield from done
-        direct = {number: result for done in waiting for number, result in done if _is_to_be_repeated(result)}
-        again = [(replace(task, engine="sumo"),) for batch in part for task in batch if task.run in direct]
-        for number, result in chain.from_iterable(_tried(again, time_limit, workers, pool)):
-            if isinstance(result, Failure):
-                raise ResimError(
-                    f"run {number} could not be repeated in SUMO: {result.reason}. Results so far are kept: resume "
-                    'with --resume, or take engine = "sumo".'
-                )
-            refuse_difference(number, _difference(direct[number], result))
-        yield from chain.from_iterable(waiting)
-
-
-def _is_to_be_repeated(result: RunResult | Failure) -> bool:
-    return not isinstance(result, Failure) and result.fingerprint is not None
-
-
-def _difference(one: RunResult | Failure, other: RunResult) -> str:
-    """Where a run and its repetition in SUMO are not the same."""
-    if isinstance(one, Failure) or one.fingerprint is None or other.fingerprint is None:
-        return f"how it ended ({other.reason if isinstance(other, Failure) else 'another case'})"
-    return what_differs((one.fingerprint, one.row), (other.fingerprint, other.row))
-
-
-def _tried(
-    batches: Sequence[RunBatch], time_limit: float, workers: int, pool: Executor | None
-) -> Iterator[list[NumberedResult]]:
-    """Give the results of each batch; what crashes is tried again after all others.
-
-    A batch without results is done again in halves, down to the run that is to blame.
-    """
-    tries = dict.fromkeys((task.run for batch in batches for task in batch), 0)
-    while batches:
-        again = list[RunBatch]()
-        done = run_all(run, batches, workers=workers, time_limit=time_limit, pool=pool, has_parts=has_parts)
-        for k, results in done:
-            batch, half = batches[k], len(batches[k]) // 2
-            if not isinstance(results, Failure):
-                yield [(task.run, result) for task, result in zip(batch, results, strict=True)]
-            elif half:
-                again += [batch[:half], batch[half:]]
-            else:
-                number = batch[0].run
-                tries[number] += 1
-                if results.crashed and tries[number] < ATTEMPTS:
-                    again.append(batch)
-                else:
-                    yield [(number, results)]
-        batches = sorted(again, key=lambda batch: batch[0].run)
 
 
 def _entry(result: RunResult | Failure, number: int, plan: str, sweep: Sweep) -> JournalEntry:

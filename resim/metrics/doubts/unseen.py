@@ -60,6 +60,20 @@ class Absence:
         return len(self.t) > 0 and (self.t[0] > self.start + SAME or self.t[-1] < self.end - SAME)
 
 
+def never_sighted(name: str, start: float, end: float, size: tuple[float, float], why: str) -> Absence:
+    """Give the absence of an object that is nowhere sighted in this time [s]. size: length, width [m]."""
+    return Absence(
+        object=name,
+        start=start,
+        end=end,
+        why=why,
+        straight=False,
+        size=size,
+        t=np.empty(0),
+        state=np.empty((0, 5)),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Doubts:
     """What a source leaves open. absences: who is not known when; sizes: of objects whose size or heading is in doubt
