@@ -17,6 +17,14 @@ def modules() -> Iterator[tuple[str, ast.Module]]:
         yield path.relative_to(RESIM).as_posix(), ast.parse(path.read_text("utf-8"))
 
 
+def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    """Every function with its file, line and name."""
+    for path, module in modules():
+        for node in ast.walk(module):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield f"{path}:{node.lineno} {node.name}", node
+
+
 def aliases(module: ast.Module) -> Iterator[str]:
     """Names of types that a module gives by assignment: `Floats = NDArray[...]`."""
     for node in module.body:
@@ -45,23 +53,18 @@ def test_no_two_classes_share_a_name_nor_a_class_and_a_type_alias() -> None:
 
 def test_no_function_is_longer_than_sixty_lines() -> None:
     long = [
-        f"{path}:{node.lineno} {node.name}"
-        for path, module in modules()
-        for node in ast.walk(module)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and node.end_lineno is not None
-        and node.end_lineno - node.lineno >= LONGEST
+        where
+        for where, node in functions()
+        if node.end_lineno is not None and node.end_lineno - node.lineno >= LONGEST
     ]
     assert not long
 
 
 def test_no_more_functions_have_many_parameters() -> None:
     many = [
-        f"{path}:{node.lineno} {node.name}"
-        for path, module in modules()
-        for node in ast.walk(module)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and len(
+        where
+        for where, node in functions()
+        if len(
             {a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)}
             - {"self", "cls"}
         )

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from browsed import chromium, opened, too_faint
+from browsed import opened, too_faint
 from played import CORNER, drive_of
 
 from resim.recordings import read_recording
@@ -16,12 +15,6 @@ from resim.road.opendrive import load
 
 PAGES = ("map.html", "play.html")
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from browsed import chromium, opened, too_faint
+from browsed import opened, too_faint
 from conftest import ROOT
 from PIL import Image
 from swept import THREE, write_adaptive, write_swept
@@ -49,12 +48,6 @@ recording = [{{folder = "{root}/scenarios/cut_in_brake"}}, {{folder = "{root}/sc
 NAMES = ("run", "assessment", "sweep", "adaptive", "verification", "perception", "map", "player")
 LARGEST = 2_000_000
 """Bytes of a page with figures of the shipped drives."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

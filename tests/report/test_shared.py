@@ -5,24 +5,17 @@ from __future__ import annotations
 import gzip
 import re
 from base64 import b64encode
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from browsed import chromium, opened
+from browsed import opened
 from played import CORNER, PILOT, drive_of
 
 from resim.jobs.resimulate import resimulate
 from resim.recordings import read_recording
 from resim.report import write_player_page, write_report, write_shared_scripts
 from resim.report.document import SHEET
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
