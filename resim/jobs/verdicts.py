@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from resim.resimulation import ResimulationAssessment
-from resim.resimulation.model_runs import MODEL
+from resim.resimulation.result import source_words
 
 
 def reason_not_passed(found: ResimulationAssessment) -> str:
@@ -18,9 +18,7 @@ def reason_not_passed(found: ResimulationAssessment) -> str:
         Which run failed, or which criterion is not met or cannot be judged; "" where there is nothing.
     """
     if found.failures:
-        return "; ".join(
-            f"{name.replace(MODEL, f'{MODEL}, seed ')}: {why}" for name, why in found.failures.items()
-        )
+        return "; ".join(f"{source_words(name)}: {why}" for name, why in found.failures.items())
     failed = found.bad()
     if not failed or found.criteria is None:
         return ""

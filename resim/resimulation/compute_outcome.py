@@ -21,6 +21,7 @@ from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import Resimulation
 from resim.road.opendrive import RoadNetwork
 from resim.scenario import maneuvers
+from resim.scenario.scenario import Scenario
 from resim.simulation.case import SimulatedDrive
 
 PARTED = {"d": 0.5, "v": 0.5}
@@ -48,21 +49,24 @@ def seed_outcome(result: Resimulation, seed: int, how: AssessmentOptions) -> Dri
 
 def seed_outcomes(runs: Sequence[tuple[Resimulation, int]], how: AssessmentOptions) -> list[DriveOutcome]:
     """Give what drives on GT of one map came to, as `seed_outcome` each; they take less time together."""
-    blocks, out = dict[int, Block](), [_nothing(result.of(seed)[0]) for result, seed in runs]
-    for n, (result, seed) in enumerate(runs):
-        gt, (drive, refit, _) = result.described["GT"], result.of(seed)
-        if refit is not None:
-            made = replace(refit, objects=gt.objects)
-            blocks[n] = drive_block(drive, made, result.prepared.doubts["GT"], gt)
-    found = assess_blocks([*blocks.values()], runs[0][0].network, how) if blocks else []
-    for n, assessment in zip(blocks, found, strict=True):
-        result, seed = runs[n]
-        drive, refit, pipe = result.of(seed)
-        assert refit is not None
+    each = [(result, *result.of(seed)) for result, seed in runs]
+    blocks = [_of_gt_traffic(result, drive, refit) for result, drive, refit, _ in each if refit is not None]
+    found = iter(assess_blocks(blocks, runs[0][0].network, how) if blocks else ())
+    out = []
+    for result, drive, refit, pipe in each:
+        if refit is None:
+            out.append(_nothing(drive))
+            continue
         tracks = ego_tracks(refit, result.network)
-        came_to = outcome(assessment, tracks, result.network, result.ego, drive)
-        out[n] = replace(came_to, errors=None if pipe is None else pipe.rms(EGO_ROW))
+        came_to = outcome(next(found), tracks, result.network, result.ego, drive)
+        out.append(replace(came_to, errors=None if pipe is None else pipe.rms(EGO_ROW)))
     return out
+
+
+def _of_gt_traffic(result: Resimulation, drive: SimulatedDrive, refit: Scenario) -> Block:
+    """The EGO as it drove, the traffic as GT's scenario has it."""
+    gt = result.described["GT"]
+    return drive_block(drive, replace(refit, objects=gt.objects), result.prepared.doubts["GT"], gt)
 
 
 def _nothing(drive: SimulatedDrive) -> DriveOutcome:

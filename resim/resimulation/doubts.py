@@ -170,11 +170,8 @@ def _larger(
 
 def _lost(tracks: Tracks, name: str, off: float) -> Absence:
     """Somebody whose place is worth nothing."""
-    n = tracks.index(name)
-    start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
     why = f"its trace is {off:.0f} m away from its positions, or these contradict each other"
-    size = float(tracks.length[n]), float(tracks.width[n])
-    return never_sighted(name, start, end, size, why)
+    return never_sighted(tracks, tracks.index(name), why)
 
 
 def _torn(recording: Recording, basis: Basis) -> Iterator[tuple[str, float]]:

@@ -15,7 +15,7 @@ from resim.recordings import Recording
 from resim.recordings.checked import by_code, finding_lines
 from resim.resimulation.fidelity import EGO_ROW, StepErrors
 from resim.resimulation.perceived import PerceptionSetup
-from resim.resimulation.result import Basis, Resimulation, is_recorded_build
+from resim.resimulation.result import Basis, Resimulation, is_recorded_build, of_seed, source_words
 from resim.road.checked import MapCheck
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
@@ -87,10 +87,10 @@ def _failed_seeds(perceiving: PerceptionSetup, drives: Sequence[SimulatedDrive])
             same = drive.traceback or (re.sub(r"at t = [\d.]+ s ", "", drive.failure),)
             alike.setdefault(same, []).append(k)
     for of in alike.values():
-        drive, seed = drives[of[0]], perceiving.seeds[of[0]]
+        drive, who = drives[of[0]], source_words(of_seed(perceiving.seeds[of[0]]))
         more = f" (and {len(of) - 1} more)" if len(of) > 1 else ""
-        yield f"rGT+M, seed {seed}{more}: AD function failed: {drive.failure}"
-        yield from (f"rGT+M, seed {seed}: {line}" for line in drive.blame())
+        yield f"{who}{more}: AD function failed: {drive.failure}"
+        yield from (f"{who}: {line}" for line in drive.blame())
 
 
 def _repaired(recording: Recording) -> Iterator[str]:

@@ -182,7 +182,7 @@ class Resimulation:
     def failure(self) -> str:
         """Why the function failed, and in which run, or ""."""
         whys = {name: drive.failure for name, drive in self.drives.items() if drive.failure}
-        return "; ".join(f"{name.replace(MODEL, f'{MODEL}, seed ')}: {why}" for name, why in whys.items())
+        return "; ".join(f"{source_words(name)}: {why}" for name, why in whys.items())
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -244,6 +244,11 @@ MODEL = "rGT+M"
 def of_seed(seed: int) -> str:
     """Give the source of the drive on GT with a perception model and this seed."""
     return f"{MODEL}{seed}"
+
+
+def source_words(source: str) -> str:
+    """Give what a source is called in a message: "rGT+M, seed 3" of rGT+M3."""
+    return source.replace(MODEL, f"{MODEL}, seed ")
 
 
 def pipeline_step(source: str) -> str:

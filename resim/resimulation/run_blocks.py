@@ -11,7 +11,7 @@ from resim.core.tracks import Tracks
 from resim.metrics.assessment import Assessment
 from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.blocks import Block, assess_block, listed, measured_functioning, plans_of
-from resim.resimulation.model_runs import MODEL, ModelRuns
+from resim.resimulation.model_runs import ModelRuns
 from resim.resimulation.report import RunReport, SeedReport
 from resim.resimulation.result import of_seed
 from resim.road.opendrive import RoadNetwork
@@ -94,7 +94,7 @@ def model_runs(
 
 def _model_block(gt: Block, tables: RunTables, seed: SeedReport, network: RoadNetwork) -> Block | None:
     """One run with a perception model: the EGO as it drove, the traffic of GT; None where it ended at once."""
-    source, ego = f"{MODEL}{seed.seed}", gt.scenario.ego.id
+    source, ego = of_seed(seed.seed), gt.scenario.ego.id
     rows = tables.tracks[tables.tracks.source == source]
     if len(rows) < 2:
         return None

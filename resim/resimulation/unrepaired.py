@@ -51,7 +51,7 @@ def without_repairs(recording: Recording, basis: Basis, tracks: Tracks) -> Unrep
     lost: tuple[Absence, ...] = ()
     if (tracks.valid[me] & ~filled[me]).sum() < 2:
         filled[me] = False
-        lost = (_nowhere(tracks, me),)
+        lost = (never_sighted(tracks, me, "its samples were repaired"),)
     beyond = rows[rows["filled"] & ~((rows["id"] == recording.ego) & bool(lost))]
     more = [] if incomplete is None else [incomplete]
     more += [frame.assign(**dict.fromkeys(VALUES, np.nan)) for frame in (beyond, _seams(rows))]
@@ -108,11 +108,3 @@ def _gaps(seen: Tracks, joined: Bools) -> Iterator[Absence]:
                 t=seen.t[both],
                 state=state,
             )
-
-
-def _nowhere(tracks: Tracks, n: int) -> Absence:
-    """Somebody of whom nothing was seen as it stands there."""
-    start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
-    size = float(tracks.length[n]), float(tracks.width[n])
-    why = "its samples were repaired"
-    return never_sighted(str(tracks.ids[n]), start, end, size, why)

@@ -65,6 +65,8 @@ class Path:
         """
         search = self._search
         x_, y_ = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        if x_.size != y_.size:
+            raise ValueError(f"x and y are not equally many: {x_.shape}, {y_.shape}")
         s, d = search.project(search.table, search.scores, x_.ravel(), y_.ravel())
         return s, d
 

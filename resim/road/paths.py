@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -47,7 +47,8 @@ class Paths:
         """Put another path in a run's place."""
         self.paths[b] = path
         self._egos[b] = self._objects[b] = -1
-        self.__dict__.pop("_stacked", None)
+        for kept in ("_stacked", "_each"):
+            self.__dict__.pop(kept, None)
 
     def place(self, ego: Floats) -> tuple[Floats, Floats, Floats]:
         """Give s, d [m] and the paths' headings [rad] (B,) where the EGOs are; ego: (B, 6) x, y [m] first."""
@@ -103,32 +104,32 @@ class Paths:
     def xy(self, s: Floats, d: Floats) -> tuple[Floats, Floats]:
         """Give the map positions (B, K) [m] at s (B, K), d (B, K) metres to the left."""
         x, y = np.empty(s.shape), np.empty(s.shape)
-        for path, rows in self._each():
+        for path, rows in self._each:
             x[rows], y[rows] = path.xy(s[rows], d[rows])
         return x, y
 
     def curvature_at(self, s: Floats) -> Floats:
         """Give the curvatures (B,) [1/m] at s (B,) [m]."""
         out = np.empty(len(s))
-        for path, rows in self._each():
+        for path, rows in self._each:
             out[rows] = path.curvature_at(s[rows])
         return out
 
     def speed_limit_at(self, s: Floats) -> Floats:
         """Give the speed limits (B,) [m/s] at s (B,) [m], NaN where there is none."""
         out = np.empty(len(s))
-        for path, rows in self._each():
+        for path, rows in self._each:
             out[rows] = path.speed_limit_at(s[rows])
         return out
 
-    def _each(self) -> Iterator[tuple[Path, slice | list[int]]]:
+    @cached_property
+    def _each(self) -> list[tuple[Path, slice | list[int]]]:
         """Each path that there is, and which runs are on it."""
         first = self.paths[0]
         if all(path is first for path in self.paths):
-            yield first, slice(None)
-            return
-        for path in {id(path): path for path in self.paths}.values():
-            yield path, [b for b, own in enumerate(self.paths) if own is path]
+            return [(first, slice(None))]
+        which = {id(path): path for path in self.paths}.values()
+        return [(path, [b for b, own in enumerate(self.paths) if own is path]) for path in which]
 
     @cached_property
     def _stacked(self) -> tuple[Floats, Floats, Integers]:

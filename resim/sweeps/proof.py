@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import chain
+from typing import TypeGuard
 
 from resim.core.errors import ResimError
 from resim.execution.child import Failure
@@ -60,14 +61,14 @@ def proved(
         yield from chain.from_iterable(waiting)
 
 
-def _is_to_be_repeated(result: RunResult | Failure) -> bool:
+def _is_to_be_repeated(result: RunResult | Failure) -> TypeGuard[RunResult]:
     return not isinstance(result, Failure) and result.fingerprint is not None
 
 
-def _difference(one: RunResult | Failure, other: RunResult) -> str:
+def _difference(one: RunResult, other: RunResult) -> str:
     """Where a run and its repetition in SUMO are not the same."""
-    if isinstance(one, Failure) or one.fingerprint is None or other.fingerprint is None:
-        return f"how it ended ({other.reason if isinstance(other, Failure) else 'another case'})"
+    if one.fingerprint is None or other.fingerprint is None:
+        return "how it ended (another case)"
     return what_differs((one.fingerprint, one.row), (other.fingerprint, other.row))
 
 

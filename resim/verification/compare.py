@@ -13,7 +13,6 @@ from resim.verification.tolerance import Excess, Tolerances, excesses
 
 VerificationVerdict = Literal["verified", "not verified", "undecided", "invalid", "error"]
 SimulatedSource = Literal["rGT", "rSD", "rGT+M"]
-WAYS: tuple[SimulatedSource, ...] = ("rGT", "rSD", "rGT+M")
 """Re-simulated on ground truth, on sensor data, and on ground truth with a perception model."""
 Equality = Literal["equal", "differs", "invalid"]
 NO_EVENT = "nothing"

@@ -113,6 +113,11 @@ def test_project_takes_empty_and_scalar(path):
     assert path.project(x, y)[0].shape == (1,)
 
 
+def test_project_refuses_places_without_an_x_or_a_y(path):
+    with pytest.raises(ValueError, match="not equally many"):
+        path.project(np.zeros(20), np.zeros(19))
+
+
 def test_project_is_fast_enough_for_every_step(path):
     x, y = path.xy(np.linspace(0, 300, 6), np.linspace(-5, 5, 6))
     path.project(x, y)

@@ -13,6 +13,7 @@ from resim.resimulation.run import describe_recording
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.scenario import Scenario
 from resim.scenario.variation import PARAMETERS, vary
+from resim.scenario.varied import VARIED
 
 ROOT = Path(__file__).parents[2]
 T = np.arange(0.0, 9.11, 0.1)
@@ -80,3 +81,7 @@ def test_what_cannot_be_varied_is_told(scene: tuple[Scenario, RoadNetwork]) -> N
         vary(overtake, network, "1", "braking", 1.0)
     with pytest.raises(ResimError, match="no lane change to move"):
         vary(overtake, network, "1", "lane_change", 1.0)
+
+
+def test_suites_know_the_names_of_all_that_can_be_varied() -> None:
+    assert tuple(PARAMETERS) == VARIED

@@ -60,15 +60,16 @@ class Absence:
         return len(self.t) > 0 and (self.t[0] > self.start + SAME or self.t[-1] < self.end - SAME)
 
 
-def never_sighted(name: str, start: float, end: float, size: tuple[float, float], why: str) -> Absence:
-    """Give the absence of an object that is nowhere sighted in this time [s]. size: length, width [m]."""
+def never_sighted(tracks: Tracks, n: int, why: str) -> Absence:
+    """Give the absence of the n-th object, which is nowhere sighted while it is there."""
+    start, end = tracks.t[tracks.valid[n]][[0, -1]].tolist()
     return Absence(
-        object=name,
+        object=str(tracks.ids[n]),
         start=start,
         end=end,
         why=why,
         straight=False,
-        size=size,
+        size=(float(tracks.length[n]), float(tracks.width[n])),
         t=np.empty(0),
         state=np.empty((0, 5)),
     )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -123,10 +123,13 @@ def look_together(drives: Sequence[MeasureInputs], names: Iterable[str]) -> list
     asked = [one.definition(name) for name in names]
     every = [*asked, *(one.definition(name) for measure in asked for name in measure.made_of)]
     risks, known = _of_scenes(drives, [measure.name for measure in every if measure.by_scene])
+    together = _of_same_times(drives)
     for measure in every:
         if measure.own is not None:
-            for mine, values in zip(known, _of_own(drives, measure.own), strict=True):
-                mine[measure.name] = values
+            for rows, tracks in together:
+                values = measure.own(tracks, one.network)
+                for row, n in enumerate(rows):
+                    known[n][measure.name] = values.track(row)
     return [
         replace(each, found=risk, _known=mine, _looking={})
         for each, risk, mine in zip(drives, risks, known, strict=True)
@@ -145,29 +148,15 @@ def _of_scenes(
     return [every.risk.scenes(part) for part in parts], known
 
 
-def _of_own(
-    drives: Sequence[MeasureInputs], own: Callable[[Tracks, RoadNetwork], MeasureValues]
-) -> list[MeasureValues]:
-    """A measure of the EGO's track of each drive, computed for all that have the same times."""
+def _of_same_times(drives: Sequence[MeasureInputs]) -> list[tuple[list[int], Tracks]]:
+    """Give which drives have the same times, and the tracks of their EGOs together; the ids are numbers."""
     alike = dict[object, list[int]]()
     for n, each in enumerate(drives):
         alike.setdefault((each.drive.t.tobytes(), each.drive.own.z is None), []).append(n)
-    out = dict[int, MeasureValues]()
-    for rows in alike.values():
-        tracks = _stacked(tuple(drives[n].drive.own for n in rows))
-        found = own(tracks, drives[0].network)
-        out |= {n: found.track(row) for row, n in enumerate(rows)}
-    return [out[n] for n in range(len(drives))]
-
-
-@lru_cache(maxsize=8)
-def _stacked(tracks: tuple[Tracks, ...]) -> Tracks:
-    """Give tracks of one object each, at the same times, as those of as many objects; their ids are numbers.
-
-    Kept, for the next measure of the same drives.
-    """
-    named = [replace(one, ids=np.array([str(n)])) for n, one in enumerate(tracks)]
-    return Tracks.concatenate(named)
+    return [
+        (rows, Tracks.concatenate([replace(drives[n].drive.own, ids=np.array([str(n)])) for n in rows]))
+        for rows in alike.values()
+    ]
 
 
 def _are_alike(one: MeasureInputs, other: MeasureInputs) -> bool:

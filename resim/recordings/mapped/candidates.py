@@ -14,18 +14,16 @@ from resim.recordings.mapped.rows import SourceTable, calendar_seconds
 EVEN = 0.5
 """Part of the usual step by which most steps of a clock differ from it at most."""
 REPEATED = 3
-"""SourceTable an object has at least, in the mean."""
+"""Rows an object has at least, in the mean."""
 Candidate = tuple[str, str]
 """A column, and why it fits."""
 
 
-def time_like(
-    rows: SourceTable, frame: pd.DataFrame, taken: set[str], ids: pd.Series | None
-) -> list[Candidate]:
+def time_like(rows: SourceTable, taken: set[str], ids: pd.Series | None) -> list[Candidate]:
     """Give columns that run like a clock, down the table or of each object (ids), the evenest steps first."""
     found = []
-    for column in _others(frame, taken):
-        values = _numbers(rows, frame, column)
+    for column in _others(rows.frame, taken):
+        values = _numbers(rows, column)
         if values is None:
             continue
         groups = [("down the table", pd.Series(0, index=range(len(values))))]
@@ -44,10 +42,10 @@ def time_like(
     return [(column, why) for _, column, why in sorted(found, key=lambda one: -one[0])]
 
 
-def id_like(rows: SourceTable, frame: pd.DataFrame, taken: set[str], t: Floats | None) -> list[Candidate]:
+def id_like(rows: SourceTable, taken: set[str], t: Floats | None) -> list[Candidate]:
     """Give columns of whole numbers or words that recur, none twice at a time t (K,) where that is known."""
     found = []
-    for column in _others(frame, taken):
+    for column in _others(rows.frame, taken):
         values = rows.words(column)
         own = values[values != ""]
         count = own.nunique()
@@ -64,12 +62,12 @@ def _others(frame: pd.DataFrame, taken: set[str]) -> Iterator[str]:
     return (str(column) for column in frame.columns if str(column) not in taken)
 
 
-def _numbers(rows: SourceTable, frame: pd.DataFrame, column: str) -> Floats | None:
+def _numbers(rows: SourceTable, column: str) -> Floats | None:
     """The column as numbers, or as seconds of a calendar; None where it is neither, or not whole."""
     try:
         values = rows.plain_numbers(column)
     except InputError:
-        values = calendar_seconds(frame[column])
+        values = calendar_seconds(rows.frame[column])
     return values if len(values) > 1 and np.isfinite(values).all() else None
 
 

@@ -153,7 +153,7 @@ class _Guess:
         elif self.where == "sd":
             out.lines.append("# id is not there: objects are followed from list to list")
         else:
-            fits = candidates.id_like(self.rows, self.frame, self._taken(), self._numbers("t"))
+            fits = candidates.id_like(self.rows, self._taken(), self._numbers("t"))
             self._propose(out, "id", "{}", "the column of ids", fits)
 
     def _taken(self) -> set[str]:
@@ -179,7 +179,7 @@ class _Guess:
     def _time(self, out: MappingLines) -> Floats | None:
         if "t" not in self.found:
             ids = self._ids() if "id" in self.found else None
-            fits = candidates.time_like(self.rows, self.frame, self._taken(), ids)
+            fits = candidates.time_like(self.rows, self._taken(), ids)
             self._propose(out, "t", '{{ column = {}, unit = "s" }}', "the time and its unit", fits)
             return None
         column, unit = self.found["t"]

@@ -166,11 +166,11 @@ def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
     for column, wanted in mapping.only.items():
         values = (wanted,) if isinstance(wanted, str) else wanted
         there = column_of(path, frame, column, f"{where}.only").map(_text)
-        if lost := [value for value in values if not (there == value).any()] or (
-            [] if values else ["nothing"]
-        ):
+        lost = [value for value in values if not (there == value).any()]
+        if lost or not values:
+            missing = lost[0] if lost else "nothing"
             raise InputError(
-                path, f"no row has {lost[0]!r} in {column!r} ({where}.only)", "Correct the mapping."
+                path, f"no row has {missing!r} in {column!r} ({where}.only)", "Correct the mapping."
             )
         frame = frame[there.isin(values)]
     return SourceTable(path, where, mapping, frame)

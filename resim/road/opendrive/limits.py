@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from resim.core.geometry import Floats
-from resim.road.opendrive.model import Road
+from resim.road.opendrive.model import Road, SpeedSign
 
 
 def limits(road: Road, section: int, lane: int, s: Floats) -> Floats:
@@ -26,14 +26,19 @@ def limits(road: Road, section: int, lane: int, s: Floats) -> Floats:
     return np.where(np.isfinite(value), value, np.nan)
 
 
-def _signed(road: Road, lane: int, along: bool, s: Floats) -> Floats:
-    """The limit (K,) of the sign in force, NaN where there is none or its end was signed."""
+def signs_for(road: Road, lane: int, along: bool) -> list[SpeedSign]:
+    """Give the signs with a speed, inf for one that ends a limit, for a lane driven along s or against it, by s."""
     way = "+" if along else "-"
-    signs = [
-        (sign.s, sign.speed) for sign in sorted(road.signs, key=lambda sign: sign.s)
+    return [
+        sign for sign in sorted(road.signs, key=lambda sign: sign.s)
         if sign.orientation in (way, "none") and not np.isnan(sign.speed)
         and (not sign.lanes or any(low <= lane <= high for low, high in sign.lanes))
     ]  # fmt: skip
+
+
+def _signed(road: Road, lane: int, along: bool, s: Floats) -> Floats:
+    """The limit (K,) of the sign in force, NaN where there is none or its end was signed."""
+    signs = [(sign.s, sign.speed) for sign in signs_for(road, lane, along)]
     if not signs:
         return np.full(len(s), np.nan)
     if along:

@@ -9,7 +9,7 @@ from lxml.etree import _Element
 
 from resim.core.errors import InputError
 from resim.road.opendrive.model import Controller, Orientation, Signal, SignalKind
-from resim.road.opendrive.signs import country_of, lane_ranges, shown
+from resim.road.opendrive.signs import country_of, described, lane_ranges, shown
 from resim.road.opendrive.xml import Reader
 
 LIGHTS = frozenset({"1000001", "1000009", "1000010", "1000011"})
@@ -66,10 +66,7 @@ def _signal(reader: Reader, element: _Element, signal: _Element | None, where: s
         problem, orientation = error.problem, "none"
     if signal is None:
         problem = "it refers to a signal that is not in the map"
-    named = ("country", "type", "subtype", "dynamic")
-    text = ", ".join(
-        f"{name}={signal.get(name)}" for name in named if signal is not None and signal.get(name)
-    )
+    text = "" if signal is None else described(signal, ("country", "type", "subtype", "dynamic"))
     return Signal(
         element.get("id", ""), None if signal is None else kind_of(signal), s, cast(Orientation, orientation),
         ranges or (), text, element.tag == "signalReference", problem,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 from lxml.etree import _Element
@@ -45,13 +45,17 @@ def read_signs(
         orientation = element.get("orientation", "none")
         if orientation not in ("+", "-", "none"):
             raise reader.error(at, f"orientation={orientation!r} is none of +, -, none")
-        named = ("country", "type", "subtype", "value", "unit")
         found.append(SpeedSign(
             id=element.get("id", ""), s=reader.number(element, "s", at),
             orientation=cast(Orientation, orientation), lanes=lane_ranges(reader, element, at), speed=speed,
-            text=", ".join(f"{name}={signal.get(name)}" for name in named if signal.get(name)),
+            text=described(signal, ("country", "type", "subtype", "value", "unit")),
         ))  # fmt: skip
     return tuple(sorted(found, key=lambda sign: sign.s))
+
+
+def described(signal: _Element, names: Sequence[str]) -> str:
+    """Give these attributes of a signal, those that it has, in words."""
+    return ", ".join(f"{name}={signal.get(name)}" for name in names if signal.get(name))
 
 
 def shown(signal: _Element) -> float | None:

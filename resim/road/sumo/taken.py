@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from resim.core import spec
 from resim.road.opendrive import RoadNetwork, SpeedSign
+from resim.road.opendrive.limits import signs_for
 from resim.road.sumo.pieces import Piece
 from resim.road.sumo.plain import PlainNetwork
 from resim.road.sumo.programs import Program
@@ -60,11 +61,10 @@ def _sign(network: RoadNetwork, piece: Piece, lane: int) -> SpeedSign | None:
     """The speed sign that holds for a lane in the middle of an edge."""
     middle = 0.5 * (piece.start + piece.end)
     signs = [
-        sign for sign in network.roads[piece.road].signs
-        if sign.orientation in ("none", "+" if piece.forward else "-") and not math.isnan(sign.speed)
-        and (not sign.lanes or any(low <= lane <= high for low, high in sign.lanes))
-        and (sign.s <= middle) == piece.forward
-    ]  # fmt: skip
+        sign
+        for sign in signs_for(network.roads[piece.road], lane, piece.forward)
+        if (sign.s <= middle) == piece.forward
+    ]
     return signs[-1 if piece.forward else 0] if signs else None
 
 
