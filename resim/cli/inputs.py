@@ -94,7 +94,7 @@ def _sweep(path: Path) -> None:
 
 def _swept_model(path: Path, model: Path, names: Sequence[str]) -> None:
     """Raise InputError, of the sweep at `path`, for a parameter that its model does not have."""
-    from resim.perception.model import read_model
+    from resim.perception.model import fault_of, read_model
 
     read_model(model)
     for name in (name for name in names if name.startswith("perception.")):
@@ -102,7 +102,7 @@ def _swept_model(path: Path, model: Path, names: Sequence[str]) -> None:
         try:
             read_model(model, (f"{own}=0.0",))
         except InputError as e:
-            why = e.problem.partition("; ")[0].removeprefix(f"{own}: ")
+            why = fault_of(e, own)
             if why.startswith("there is no"):  # whether the values are right is asked when all are known
                 raise InputError(path, f"parameter {name!r}: {why}", remedies.SWEEP) from e
 

@@ -366,6 +366,11 @@ def freeze_model(path: Path) -> FrozenFile:
     return freeze(path, read_file(path, REMEDY))
 
 
+def fault_of(error: InputError, parameter: str) -> str:
+    """Give the first fault that `read_model` found with this parameter set, without the parameter's name."""
+    return error.problem.partition("; ")[0].removeprefix(f"{parameter}: ")
+
+
 def read_model(model: str | Path | FrozenFile, overrides: tuple[str, ...] = ()) -> PerceptionModel:
     """Read a perception model.
 

@@ -25,6 +25,9 @@ from resim.scenario.scenario import Scenario
 FINE = 100.0
 """Samples a second [Hz] in which collisions are looked for."""
 
+TOGETHER = 32
+"""Blocks that are assessed together at most: their arrays take memory."""
+
 DELAY = "CLOCK_OFFSET"
 """Code of the finding that says how late SD is."""
 
@@ -52,9 +55,17 @@ def assess_block(block: Block, network: RoadNetwork, how: AssessmentOptions) -> 
 
 def assess_blocks(blocks: Sequence[Block], network: RoadNetwork, how: AssessmentOptions) -> list[Assessment]:
     """Assess blocks as `assess_block` does each; those of the same objects take less time together."""
+    parts = [blocks[k : k + TOGETHER] for k in range(0, len(blocks), TOGETHER)]
+    return [found for part in parts for found in _assess_together(part, network, how)]
+
+
+def _assess_together(
+    blocks: Sequence[Block], network: RoadNetwork, how: AssessmentOptions
+) -> list[Assessment]:
+    """Assess one block or more."""
     made = [_scenes_of(block, network, how) for block in blocks]
-    names = [measure.name for measure in asked(made[0].inputs, how.criteria, how.only)] if made else []
-    every = look_together([one.inputs for one in made], names) if made else []
+    names = [measure.name for measure in asked(made[0].inputs, how.criteria, how.only)]
+    every = look_together([one.inputs for one in made], names)
     return [
         assess(inputs, how.criteria, block.flaw, how.only, one.doubts, one.larger)
         for block, one, inputs in zip(blocks, made, every, strict=True)

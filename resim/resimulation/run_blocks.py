@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from resim.core.tracks import Tracks
-from resim.metrics.assessment import Assessment
 from resim.resimulation.assessed import AssessmentOptions
-from resim.resimulation.blocks import Block, assess_block, listed, measured_functioning, plans_of
+from resim.resimulation.blocks import Block, assess_blocks, listed, measured_functioning, plans_of
 from resim.resimulation.model_runs import ModelRuns
 from resim.resimulation.report import RunReport, SeedReport
 from resim.resimulation.result import of_seed
@@ -84,10 +83,10 @@ def model_runs(
     told = report.perception
     if told is None or how.criteria is None:
         return None
-    found: dict[int, Assessment | None] = {}
-    for seed in told.seeds:
-        block = _model_block(gt, tables, seed, network)
-        found[seed.seed] = None if block is None else assess_block(block, network, replace(how, only=()))
+    blocks = {seed.seed: _model_block(gt, tables, seed, network) for seed in told.seeds}
+    whole = {seed: block for seed, block in blocks.items() if block is not None}
+    judged = assess_blocks([*whole.values()], network, replace(how, only=()))
+    found = dict.fromkeys(blocks, None) | dict(zip(whole, judged, strict=True))
     collided = tuple(seed.seed for seed in told.seeds if seed.collisions)
     return ModelRuns(told.model.name, how.criteria, found, collided)
 

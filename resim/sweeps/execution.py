@@ -24,6 +24,7 @@ from resim.execution import journal
 from resim.execution.child import Failure
 from resim.execution.journal import JournalEntry
 from resim.metrics.criteria import read_criteria
+from resim.perception.model import fault_of
 from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
 from resim.simulation.function.driver import cycle_steps
@@ -191,7 +192,7 @@ def _model_fits(sweep: Sweep, values: Values) -> None:
             try:
                 swept_model(sweep.perception, ((name, value),))
             except InputError as e:
-                why = e.problem.partition("; ")[0].removeprefix(f"{name.removeprefix('perception.')}: ")
+                why = fault_of(e, name.removeprefix("perception."))
                 raise InputError(sweep.path, f"parameter {name!r}: {why}", EXAMPLE) from e
         raise InputError(sweep.path, together.problem, EXAMPLE) from together
 

@@ -111,12 +111,13 @@ def _has_drive(out: Path, case: VerificationCase) -> bool:
 
 
 def _write_scripts(a: VerificationRequest, out: Path) -> None:
-    """Write the scripts that pages share, into the folders that may hold more than one."""
+    """Write the scripts that pages share, into folders that may hold more than one or have those of another resim."""
     many = len(a.recordings)
     pages = {DRIVES: many, REPORTS: min(many, a.reports) * (1 if a.against is None else 2)}
     for name, count in pages.items():
-        if count > 1:
-            with whole_file(out / name / SHEET, None) as path:
+        sheet = out / name / SHEET
+        if count > 1 or sheet.is_file():
+            with whole_file(sheet, None) as path:
                 write_shared_scripts(path, plots=name == REPORTS)
 
 

@@ -90,6 +90,15 @@ def test_a_drive_that_is_gone_is_made_again_and_the_others_are_kept(suite: Path)
     assert page.read_bytes() == before
 
 
+def test_scripts_of_another_resim_beside_a_single_drive_are_replaced(tmp_path: Path) -> None:
+    verified(tmp_path, REPLAY, "rear_end", "overtake")
+    sheet = tmp_path / "out" / "drives" / SHEET
+    scripts = sheet.read_bytes()
+    sheet.write_text("/* of another resim */", encoding="utf-8")
+    verified(tmp_path, REPLAY, "rear_end")
+    assert sheet.read_bytes() == scripts
+
+
 def test_a_single_drive_stands_alone_and_builds_are_played_one_after_the_other(tmp_path: Path) -> None:
     found = verified(tmp_path, BLIND, "rear_end", against=PILOT)
     out = tmp_path / "out"
