@@ -102,3 +102,12 @@ def test_a_measure_of_measures_says_so() -> None:
         measure.compute(Asking(inputs))  # type: ignore[arg-type]
         assert asked == set(measure.made_of), measure.name
     assert np.isfinite(inputs.risk.r_ind).any()
+
+
+def test_as_many_as_there_may_be_are_assessed_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    each, result = blocks(read_recording(ROOT / "scenarios" / "cut_in_brake"), range(5))
+    whole = assess_blocks(each, result.network, HOW)
+    monkeypatch.setattr("resim.resimulation.blocks.TOGETHER", 2)
+    for one, found in zip(whole, assess_blocks(each, result.network, HOW), strict=True):
+        same(one, found)
+    assert assess_blocks([], result.network, HOW) == []
