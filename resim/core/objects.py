@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from resim.core.geometry import Bools, Floats, to_frame
 from resim.core.levels import over
@@ -149,13 +147,18 @@ def _alike(one: Sightings, two: Sightings) -> bool:
 
 def linked(one: Sequence[int], two: Sequence[int], count: int) -> list[list[int]]:
     """Give which of `count` hang together by links from one to two, in groups of two and more."""
-    links = coo_array(
-        (np.ones(len(one)), (np.array(one, dtype=int), np.array(two, dtype=int))), (count, count)
-    )
-    of = connected_components(links, directed=False)[1]
+    root = list(range(count))
+
+    def of(n: int) -> int:
+        while root[n] != n:
+            root[n] = n = root[root[n]]
+        return n
+
+    for a, b in zip(one, two, strict=True):
+        root[max(of(a), of(b))] = min(of(a), of(b))
     groups: dict[int, list[int]] = {}
     for n in sorted({*one, *two}):
-        groups.setdefault(int(of[n]), []).append(n)
+        groups.setdefault(of(n), []).append(n)
     return list(groups.values())
 
 

@@ -58,8 +58,8 @@ def check_output(folder: Path, kind: FolderKind = RUN) -> None:
     """Refuse, before any work is done, a folder that must not be replaced."""
     remedy = "Name another with --out."
     try:
-        if folder.is_file():
-            raise InputError(folder, "is a file, expected a folder for the results", remedy)
+        if folder.exists() and not folder.is_dir():  # a file, or a device, which no rename may take away
+            raise InputError(folder, "is no folder, expected one for the results", remedy)
         whole = folder.absolute()
         above = next((parent for parent in whole.parents if parent.exists()), whole)
         if not above.is_dir() or not os.access(above, os.W_OK):

@@ -145,8 +145,12 @@ def test_folders_that_are_no_results_are_left_alone(tmp_path: Path) -> None:
         InputError, match=r"exists and is not a results folder \(it has no run\.json of resim"
     ):
         check_output(tmp_path / "mine")
-    with pytest.raises(InputError, match="is a file, expected a folder"):
+    with pytest.raises(InputError, match="is no folder, expected one"):
         check_output(tmp_path / "mine" / "thesis.txt")
+    os.mkfifo(tmp_path / "pipe")  # as devices are: /dev/null too
+    with pytest.raises(InputError, match="is no folder, expected one"), whole_folder(tmp_path / "pipe"):
+        pass
+    assert (tmp_path / "pipe").is_fifo()
     with pytest.raises(InputError, match=r"thesis\.txt is no folder that you may write"):
         check_output(tmp_path / "mine" / "thesis.txt" / "out")
     with (

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, Tracks
@@ -124,6 +123,8 @@ def _pairs(
 
 def nearest(apart: Floats, gate: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Give rows and columns of the pairs within the gate whose sum of distances, of (N, M) [m], is least."""
+    from scipy.optimize import linear_sum_assignment  # slow to load, and not needed to tell what is wrong in a file
+
     i, j = linear_sum_assignment(np.where(apart <= gate, apart, BEYOND))
     near = apart[i, j] <= gate
     return i[near], j[near]
