@@ -26,7 +26,7 @@ from resim.recordings.checks.reference import reference_points
 from resim.recordings.checks.samples import duplicates, holes, missing_values, repeated
 from resim.recordings.checks.time_unit import time_unit
 from resim.recordings.checks.tracks import CheckedTable, table_of
-from resim.recordings.checks.units import mirrored, speed_units
+from resim.recordings.checks.units import mirrored, sides, speed_units
 from resim.road.opendrive import RoadNetwork
 
 __all__ = ["CODES", "FindingCode", "examine"]
@@ -119,6 +119,9 @@ def _both(
 
     Tracks that are torn have no one clock or name; where the tear is no error, their pieces are compared as well.
     """
+    if swapped := [*sides(gt, sd, ego)]:
+        yield from swapped
+        return
     named = [f.finding for f in known]
     elsewhere = {f.source for f in named if f.code in ("OFF_MAP", "WRONG_WAY") and not f.object}
     if len(elsewhere) == 1:

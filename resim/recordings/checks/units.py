@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,8 @@ from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.recordings.checks.codes import RankedFinding, found
 from resim.recordings.checks.derived import motion
 from resim.recordings.checks.place import WALKERS
-from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Track
+from resim.recordings.checks.tracks import PEDESTRIAN, CheckedTable, Complex, Track
+from resim.recordings.sides import sides_swapped
 from resim.road.opendrive import RoadNetwork
 
 SPEED_UNITS = {"km/h": 3.6, "mph": 2.236936}
@@ -122,6 +123,22 @@ def mirrored(
         out.append(_mirrored(table, height, "m", text, repair=None if sure else ""))
         tables.append(_turned(table))
     return tables[0], tables[1], out  # type: ignore[return-value]
+
+
+def sides(gt: CheckedTable, sd: CheckedTable, ego: str) -> Iterator[RankedFinding]:
+    """Give an SD whose left and right of the EGO are swapped: its y was turned in the EGO's frame, not in the map's."""
+    own = next((k for k in gt.tracks if k.id == ego), None)
+    t = np.unique(np.concatenate([np.zeros(0), *(k.t for k in sd.tracks)]))
+    if own is None or not len(t):
+        return
+
+    def places(tracks: list[Track]) -> Complex:
+        return np.array([np.interp(t, k.t, k.p, left=np.nan, right=np.nan) for k in tracks])
+
+    others = [k for k in gt.tracks if k.id != ego]
+    heading = np.interp(t, own.t, np.unwrap(own.heading))
+    if others and (text := sides_swapped(places([own])[0], heading, places([*sd.tracks]), places(others))):
+        yield _mirrored(sd, MIRROR_FAR, "m", f"{text}; import it with the other sign of y", repair="")
 
 
 def _mirrored(

@@ -368,7 +368,11 @@ class _Guess:
         ratio = float(np.median(np.abs(raw[drives]) / moves[1][drives]))
         best = min(SPEEDS, key=lambda u: abs(ratio * SPEEDS[u] - 1.0))
         told = f"{ratio:.3g} times what the positions give"
-        if abs(ratio * SPEEDS[best] - 1.0) < conventions.FITS:
+        fits = abs(ratio * SPEEDS[best] - 1.0) < conventions.FITS
+        if fits and unit in SPEEDS and best != unit:
+            text = f"by its name; but {told}, as of {best}: is it relative to the EGO, or its name wrong?"
+            out.ask(line(quoted(column), unit), text)
+        elif fits:
             out.sure(line(quoted(column), best), told)
         else:
             out.ask(

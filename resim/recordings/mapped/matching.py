@@ -123,7 +123,9 @@ def _pairs(
 
 def nearest(apart: Floats, gate: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Give rows and columns of the pairs within the gate whose sum of distances, of (N, M) [m], is least."""
-    from scipy.optimize import linear_sum_assignment  # slow to load, and not needed to tell what is wrong in a file
+    from scipy.optimize import (
+        linear_sum_assignment,  # slow to load, and not needed to tell what is wrong in a file
+    )
 
     i, j = linear_sum_assignment(np.where(apart <= gate, apart, BEYOND))
     near = apart[i, j] <= gate

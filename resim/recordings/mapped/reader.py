@@ -41,6 +41,7 @@ from resim.recordings.mapped.rows import SourceTable, read_rows
 from resim.recordings.mapped.tracking import tracked
 from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
+from resim.recordings.sides import sides_swapped
 from resim.recordings.source import RecordingTables, check_extent
 from resim.recordings.tables import complete_rows
 from resim.recordings.window import TICK, beyond_ego, window_of
@@ -379,11 +380,22 @@ def _matched(
     if how.by == "nearest" and found.not_ego:
         told = [f"{name} ({why})" for name, why in list(found.not_ego.items())[:10]]
         text += f"; near the EGO, and not taken for it: {', '.join(told)}"
-    bias = sensor_bias(truth, tracks, names, ego) if ego in truth.ids else ""
-    notes = {"identity": text} | ({"sd_bias": bias} if bias else {})
+    notes = {"identity": text}
+    if ego in truth.ids:
+        if swapped := _swapped(truth, tracks, ego):
+            notes["sd_sides"] = f"{swapped}. Is `mirrored` in [sd] right?"
+        elif bias := sensor_bias(truth, tracks, names, ego):
+            notes["sd_bias"] = bias
     if how.by == "column":  # as the rows say, which may contradict each other
         return sd, notes
     return sd.assign(**{GT_ID: sd["id"].map(of).fillna("")}), notes
+
+
+def _swapped(truth: Tracks, sd: Tracks, ego: str) -> str:
+    """How the SD fits better with left and right of the EGO swapped; truth: the GT at its times."""
+    own, places = truth.index(ego), truth.x + 1j * truth.y
+    others = np.delete(places, own, axis=0)
+    return sides_swapped(places[own], truth.heading[own], sd.x + 1j * sd.y, others)
 
 
 def _check_named(sd: pd.DataFrame, known: set[str], path: Path) -> None:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from resim.core.finding import SEVERITIES, Finding
+from resim.core.geometry import from_frame, to_frame
 from resim.recordings import RecordingTables, read_commonroad
 from resim.recordings.checks import CODES, examine
 from resim.recordings.repairs import repair
@@ -632,6 +633,25 @@ def test_few_that_drive_on_the_wrong_side_are_no_mirror(
     findings = examine(replace(before, gt=gt, sd=None, settings=settings), load(path))
     (hit,) = [f for f in findings if f.code == "MIRRORED_Y"]
     assert (hit.severity, bool(hit.repair)) == (severity, severity == "error")
+
+
+@pytest.mark.parametrize("name", ["cut_in_brake", "overtake"])
+def test_a_list_whose_left_is_right_in_the_egos_frame_is_mirrored(
+    tables: Read, look: Look, name: str
+) -> None:
+    """Not one whose places are far off: what would have been told as offsets."""
+    before = tables(name)
+    assert before.sd is not None
+    ego = before.gt[before.gt["id"] == before.settings.ego]
+    t = before.sd["t"]
+    x, y, h = (np.interp(t, ego["t"], ego[c]) for c in ("x", "y", "heading"))
+    ahead, left = to_frame(before.sd["x"].to_numpy(), before.sd["y"].to_numpy(), x, y, h)
+    at = from_frame(ahead, -left, x, y, h)
+    turned = before.sd.assign(x=at[0], y=at[1], heading=2.0 * h - before.sd["heading"])
+    found = look(replace(before, sd=turned))
+    (hit,) = [f for f in found if f.code == "MIRRORED_Y"]
+    assert (hit.source, hit.severity, hit.repair) == ("sd", "error", "")
+    assert "SENSOR_OFFSET" not in {f.code for f in found}
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.05, 0.1, 0.2])

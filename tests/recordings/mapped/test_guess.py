@@ -11,7 +11,7 @@ import duckdb
 import numpy as np
 import pandas as pd
 import pytest
-from recordings.mapped.strangers import MAP, Way, drive, same, written
+from recordings.mapped.strangers import MAP, Way, drive, geographic, same, written
 
 from resim.core.errors import InputError
 from resim.recordings.mapped.guess import fill_ins, guess
@@ -44,6 +44,48 @@ def test_a_guessed_mapping_gives_the_drive_back(tmp_path: Path, name: str) -> No
     text = guess(path, out, network=load(MAP))
     out.write_text(filled(text))
     same(read_mapped(path, map=MAP, columns=out).gt, truth)
+
+
+@pytest.mark.parametrize("grid", [False, True])
+def test_german_names_are_read(tmp_path: Path, grid: bool) -> None:
+    """Beside positions Länge and Breite are the sides of a box; without, those of the Earth's grid."""
+    told = {"x": "Ostwert [m]", "y": "Nordwert [m]", "length": "Länge [m]", "width": "Breite [m]"}
+    if grid:
+        told = {"lon": "Länge", "lat": "Breite"}
+    columns = {"t": "Zeit_s", "id": "Objekt-Nr", "heading": "Kurs [Grad]", "v": "Geschwindigkeit [km/h]",
+               "kind": "Fahrzeugart", **told}  # fmt: skip
+    frame = drive()
+    frame["lat"], frame["lon"] = geographic(frame["x"].to_numpy(), frame["y"].to_numpy())
+    frame = frame.assign(
+        id=frame["id"].replace("ego", "Ego-Fahrzeug"),
+        heading=np.degrees(0.5 * np.pi - frame["heading"]),
+        v=3.6 * frame["v"],
+        kind=frame["kind"].replace({"car": "PKW", "truck": "LKW"}),
+    )
+    path = tmp_path / "fahrt.csv"
+    frame[list(columns)].rename(columns=columns).to_csv(path, index=False)
+    text = guess(path, tmp_path / "m.toml", network=load(MAP))
+    (tmp_path / "m.toml").write_text(text)
+    tables = read_mapped(path, map=MAP, columns=tmp_path / "m.toml")
+    assert tables.settings.ego == "Ego-Fahrzeug"
+    truth = drive().assign(id=lambda f: f["id"].replace("ego", "Ego-Fahrzeug"))
+    for name in ("x", "y", "v", *([] if grid else ["length", "width"])):
+        np.testing.assert_allclose(tables.gt[name], truth[name], atol=1e-4 if grid else 1e-6, err_msg=name)
+    assert tables.gt["kind"].tolist() == truth["kind"].tolist()
+
+
+def test_a_speed_that_is_not_what_its_name_says_is_asked_about(tmp_path: Path) -> None:
+    """As that of a relative speed in km/h: no unit is taken for it."""
+    path = tmp_path / "gt.csv"
+    frame = drive()
+    frame.rename(columns={"v": "v [km/h]"}).assign(**{"v [km/h]": 2.23694 * frame["v"]}).to_csv(
+        path, index=False
+    )
+    (line,) = [
+        line for line in guess(path, tmp_path / "m.toml", network=load(MAP)).splitlines() if "v [km" in line
+    ]
+    assert line.startswith("# v = ")
+    assert "as of mph" in line
 
 
 def test_a_sensors_table_is_guessed_beside_it(tmp_path: Path) -> None:

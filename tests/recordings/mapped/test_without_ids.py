@@ -123,6 +123,13 @@ def test_what_the_whole_sensor_is_off_by_is_told(tmp_path: Path, off: dict, told
     assert ("mounting" in text) is bool({"ahead", "behind", "to the left"} & set(told))
 
 
+def test_a_wrong_sign_of_y_is_told_as_that_and_not_as_an_offset(tmp_path: Path) -> None:
+    for more, told in ((MOVED, True), (MOVED + "\nmirrored = true", False)):
+        notes = imported(tmp_path, detections().assign(y=lambda f: -f["y"]), more).settings.provenance
+        assert ("left and right of the EGO are swapped" in notes.get("sd_sides", "")) is told
+        assert "sd_bias" not in notes
+
+
 def test_what_needs_ids_says_so(tmp_path: Path) -> None:
     for more, message in (
         (MOVED + '\ngt_id = "v"', "gt_id in sd needs id"),
