@@ -40,11 +40,9 @@ def harmless(page: str, *, shown: bool = True) -> html.HtmlElement:
         link = element.get("href", "#")
         assert re.match(r"#|[\w%./-]*$", link), link
     for script in found.iter("script"):
-        if script.get("type") == "application/json":
-            assert "<" not in script.text
-            held = json.loads(script.text)
-            if "layout" in held:
-                plain_figure(held)
+        assert script.get("type") != "application/json" or "<" not in script.text
+    for figure in figures_of(found):
+        plain_figure(figure)
     body = html.fromstring(page.replace("\x1b", "")).body
     for script in list(body.iter("script")):
         script.drop_tree()
@@ -55,10 +53,19 @@ def harmless(page: str, *, shown: bool = True) -> html.HtmlElement:
 
 def scripts_of(page: html.HtmlElement) -> list[str]:
     """Give the scripts of a page that a browser runs, the one that is packed unpacked and first."""
-    every = [(s.get("type"), s.text or "") for s in page.iter("script")]
-    assert {kind for kind, _ in every} <= {None, "application/json", "application/gzip"}
-    packed = [gzip.decompress(b64decode(text)).decode() for kind, text in every if kind == "application/gzip"]
-    return [*packed, *(text for kind, text in every if kind is None)]
+    every = list(page.iter("script"))
+    assert {s.get("type") for s in every} <= {None, "application/json", "application/gzip"}
+    packed = [_unpacked(s.text) for s in every if s.get("id") == "plotly"]
+    return [*packed, *(s.text or "" for s in every if s.get("type") is None)]
+
+
+def figures_of(page: html.HtmlElement) -> list[dict[str, Any]]:
+    """Give the figures of a page, as plotly.js reads them."""
+    return [json.loads(_unpacked(s.text)) for s in page.xpath("//*[@class='plot']/script")]
+
+
+def _unpacked(text: str) -> str:
+    return gzip.decompress(b64decode(text)).decode()
 
 
 def plain_figure(part: Any, read: bool = False) -> None:

@@ -9,7 +9,7 @@
   const WHITE = [255, 255, 255], BLACK = [0, 0, 0], NAMED = { white: WHITE, black: BLACK };
   const scheme = matchMedia("(prefers-color-scheme: dark)"), current = () => (scheme.matches ? DARK : LIGHT);
   const touched = matchMedia("(pointer: coarse)").matches;
-  const plots = [...document.querySelectorAll(".plot")].map(plot => ({ plot, div: plot.querySelector("div"), told: plot.querySelector("script").textContent }));
+  const plots = [...document.querySelectorAll(".plot")].map(plot => ({ plot, div: plot.querySelector("div"), packed: plot.querySelector("script").textContent, told: "" }));
 
   function parts(text) { // red, green, blue, opacity; null for what is no colour
     const word = text.trim().toLowerCase(), hex = /^#([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2})$/.exec(word);
@@ -73,18 +73,22 @@
     }
   }
 
+  function unpacked(text) {
+    const packed = Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
+    return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+  }
+
   async function unpack() {
+    for (const one of plots) one.told = await unpacked(one.packed);
     if (typeof Plotly !== "undefined") return; // from the file that pages of a folder share
-    const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), letter => letter.charCodeAt(0));
-    const unpacked = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");
-    script.textContent = await new Response(unpacked).text();
+    script.textContent = await unpacked(document.getElementById("plotly").textContent);
     document.head.append(script);
     if (typeof Plotly === "undefined") throw new Error("the library did not run");
   }
 
   async function start() {
-    for (const { div, told } of plots) div.style.height = `${JSON.parse(told).layout.height}px`; // what comes below stays in its place
+    for (const { div } of plots) div.style.height = `${div.dataset.height}px`; // what comes below stays in its place
     try {
       await unpack();
     } catch {

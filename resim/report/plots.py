@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+from base64 import b64encode
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ import shapely
 from resim.core.geometry import Floats
 from resim.report.figure import PLAIN, Figure, FigurePart
 from resim.report.figure import trace as figure_trace
-from resim.report.markup import Markup, escape, html, script_data
+from resim.report.markup import Markup, escape, html
 
 INK, GRID, FAINT = "#1d2733", "#e6e9ed", "#5b6673"
 FONT = "Inter, 'Segoe UI', system-ui, -apple-system, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
@@ -167,13 +169,15 @@ def to_html(figure: Figure, name: str) -> Markup:
 
     Plotly reads tags and entities in the texts of a figure, so that those that are not Markup are escaped here.
     """
-    drawn = json.dumps(_escaped(figure.to_dict()), separators=(",", ":"), allow_nan=False)
+    drawn = _escaped(figure.to_dict()) | {"config": CONFIG}
+    told = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
     plot = html(
-        '<div class="plot" style="min-width:{}px"><div id="{}" class="plotly-graph-div"></div>'
-        '<script type="application/json">{}</script></div>',
+        '<div class="plot" style="min-width:{}px"><div id="{}" class="plotly-graph-div" data-height="{}"></div>'
+        '<script type="application/gzip">{}</script></div>',
         LEAST_PANEL * figure.columns if figure.columns > 1 else 0,
         name,
-        script_data(f'{drawn[:-1]},"config":{json.dumps(CONFIG)}}}'),
+        figure.layout["height"],
+        b64encode(gzip.compress(told, mtime=0)).decode(),
     )
     return html('<div class="wide">{}</div>', plot) if figure.columns > 1 else plot
 

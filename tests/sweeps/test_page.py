@@ -14,7 +14,7 @@ from typing import Any
 import jsonschema
 import pytest
 from conftest import Call
-from hostile import HOSTILE, harmless, poisoned
+from hostile import HOSTILE, figures_of, harmless, poisoned
 from lxml import html
 from resealed import edit
 from swept import BIAS, LATENCY, THREE, TWO, read, write_adaptive, write_swept
@@ -103,8 +103,7 @@ def test_it_finds_the_boundary(grid: tuple[dict[str, Any], str, str]) -> None:
 
 def maps(page: str) -> list[dict[str, Any]]:
     """The maps on a page, as plotly.js reads them."""
-    drawn = (json.loads(script.text) for script in html.fromstring(page).xpath("//div[@class='plot']/script"))
-    return [figure for figure in drawn if figure["data"][0]["type"] == "heatmap"]
+    return [figure for figure in figures_of(html.fromstring(page)) if figure["data"][0]["type"] == "heatmap"]
 
 
 def test_all_maps_have_the_same_axes(call: Call, tmp_path: Path) -> None:
