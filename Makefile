@@ -32,6 +32,7 @@ validate: $(READY)
 	mkdir -p out/validate
 	$(call validated,corner_case,validate_corner_case.py)
 	$(call validated,standing,validate_standing.py)
+	$(call validated,reaction,validate_reaction.py)
 	$(call validated,risk,validate_risk.py $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,10 @@ DRAWS = 16
 AROUND = 15.0
 """How far [s] before and after first braking a drive is fitted anew."""
 
+ROUNDED = 1.0 / 6.0
+"""1/s; times the lengths [s] of the segment of the speed's spline that braking is read in and of the next: by how much
+they round its beginning off in two of three cases and more (drawn drives of known braking, tools/validate_reaction.py).
+"""
 USUAL = 0.68
 """Share of readings that are off by no more than the spread: of normal ones one standard deviation."""
 
@@ -42,7 +47,8 @@ def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork)
 
     The EGO's fitted trace is fitted again DRAWS times, each with the residuals of the fit at other times and with
     other signs, and read as the drive itself: as the bootstrap has it, that strays as much as the drive's own reading.
-    Who does not brake in a draw counts as braking at its end. Simulated drives have no noise to add to it.
+    Who does not brake in a draw counts as braking at its end. Simulated drives have no noise to add to it. No draw
+    shows how far the fit itself is off: noisier tracks have longer segments, and braking begins earlier there.
     """
     drive = ego_tracks(described, network)
     found = maneuvers.reaction_time(drive, ego=described.ego.id)
@@ -62,4 +68,7 @@ def reaction_spread(measured: Tracks, described: Scenario, network: RoadNetwork)
         at = np.arange(t[0], t[-1], STEP)
         braking = np.flatnonzero(again.v(at, 1) < maneuvers.REACTED)
         late[n] = (at[braking[0]] if len(braking) else t[-1]) - found
-    return max(float(np.quantile(np.abs(late), USUAL)), STEP)
+    segments = np.diff(trace.v.x)
+    here = int(np.clip(np.searchsorted(trace.v.x, found) - 1, 0, len(segments) - 1))
+    rounded = ROUNDED * float(segments[here] * segments[min(here + 1, len(segments) - 1)])
+    return max(math.hypot(float(np.quantile(np.abs(late), USUAL)), rounded), STEP)
