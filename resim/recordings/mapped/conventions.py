@@ -10,6 +10,7 @@ import pandas as pd
 
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.recordings.mapped.motion import REACH, TURN
+from resim.recordings.mapped.rows import LONGEST
 from resim.recordings.mapped.units import FACTORS, TIMES
 from resim.road.opendrive import RoadNetwork
 
@@ -77,7 +78,7 @@ def dialect(path: Path) -> tuple[str, str]:
     if path.suffix == ".parquet" or not path.is_file():
         return ",", "."
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        lines = [line for _, line in zip(range(20), file, strict=False)]
+        lines = [line for _ in range(20) if (line := file.readline(LONGEST))]
     head = lines[0] if lines else ""
     separator = max(",;\t|", key=head.count)
     body = "".join(lines[1:])

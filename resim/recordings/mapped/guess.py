@@ -70,7 +70,7 @@ class _Guess:
     ) -> None:
         self.where, self.path, self.network, self.truth = where, path, network, truth
         self.separator, self.decimal = conventions.dialect(path)
-        self.frame = read_any(path, self.separator).head(MOST_ROWS)
+        self.frame = read_any(path, self.separator, rows=MOST_ROWS).head(MOST_ROWS)
         self.found = names.fields([str(c) for c in self.frame.columns])
         for name, (column, _) in self.found.items():
             column_of(path, self.frame, column, f"{where}.{name}")

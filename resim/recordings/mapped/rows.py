@@ -18,6 +18,8 @@ from resim.recordings.mapped.mapping import Column, CoordinateColumn, TableMappi
 from resim.recordings.mapped.units import DEGREES, FACTORS, LENGTHS, TIMES
 from resim.recordings.tables import BIGGEST, read_parquet
 
+LONGEST = 1_000_000
+"""Characters of a header; what has more is no table."""
 NOTHING = ("", "nan", "na", "n/a", "null", "none")
 """What stands for a value that is missing, in any case."""
 
@@ -176,16 +178,19 @@ def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
     return SourceTable(path, where, mapping, frame)
 
 
-def read_any(path: Path, separator: str = ",") -> pd.DataFrame:
-    """Give all columns of a CSV as text, of a Parquet file as they are, by row number in the file."""
-    frame = read_parquet(path) if path.suffix == ".parquet" else _csv(path, separator)
+def read_any(path: Path, separator: str = ",", *, rows: int | None = None) -> pd.DataFrame:
+    """Give all columns of a CSV as text, of a Parquet file as they are, by row number in the file.
+
+    rows: how many of the first are wanted; None: all.
+    """
+    frame = read_parquet(path) if path.suffix == ".parquet" else _csv(path, separator, rows)
     if frame.empty:
         raise InputError(path, "has a header and no rows", "Give a table with one row per time and object.")
     frame.columns = pd.Index([str(name).strip() for name in frame.columns])
     return frame
 
 
-def _csv(path: Path, separator: str) -> pd.DataFrame:
+def _csv(path: Path, separator: str, rows: int | None) -> pd.DataFrame:
     if not path.is_file():
         raise InputError(path, "there is no such file", "Check the path, and file in the mapping.")
     if not path.stat().st_size:
@@ -193,10 +198,14 @@ def _csv(path: Path, separator: str) -> pd.DataFrame:
     try:
         with warnings.catch_warnings(), path.open(encoding="utf-8-sig", newline="") as file:
             warnings.simplefilter("error", pd.errors.ParserWarning)
+            if len(file.readline(LONGEST)) == LONGEST:
+                raise ValueError(f"its first line has more than {LONGEST:,} characters")
+            file.seek(0)
             header = next(csv.reader(file, delimiter=separator))
             frame = pd.read_csv(
                 path, sep=separator, encoding="utf-8-sig", index_col=False, skip_blank_lines=False, header=None,
                 skiprows=1, names=range(len(header)), keep_default_na=False, dtype=str, low_memory=False,
+                nrows=rows,
             )  # fmt: skip
     except (
         pd.errors.ParserError,

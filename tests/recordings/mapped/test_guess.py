@@ -296,3 +296,11 @@ def test_values_that_no_cell_should_hold_are_told(tmp_path: Path, what: str, uni
     (tmp_path / "m.toml").write_text(mapping)
     with pytest.raises(InputError, match=r"t\.parquet: row 1: (t|id|x) \(gt\.\w+\) is .*, expected"):
         read_mapped(path, map=MAP, columns=tmp_path / "m.toml")
+
+
+def test_a_first_line_without_end_is_no_header(tmp_path: Path) -> None:
+    path = tmp_path / "zeros.csv"
+    with path.open("wb") as file:
+        file.truncate(2_000_000_000)
+    with pytest.raises(InputError, match="first line has more than 1,000,000 characters"):
+        guess(path, tmp_path / "m.toml")
