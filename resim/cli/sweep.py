@@ -111,12 +111,12 @@ def _estimate(file: Path, out: Path, vehicle: str, shard: tuple[int, int], worke
     found = estimate(file, out, options)
     seconds = found.seconds + loading
     add_to_json(runs=found.runs, seconds=seconds, seconds_a_run=found.each, bytes_a_run=found.size,
-         processes=options.processes, failures=found.failures)  # fmt: skip
+         processes=options.processes, tried=found.tried, failures=found.failures)  # fmt: skip
     if found.runs == 0:
         say("0 runs")
         return
     if found.failures:
-        say(f"a run fails: {found.failures[0]}")
+        say(f"{len(found.failures)} of {found.tried} runs that were tried fail: {found.failures[0]}")
     if found.each is None:
         return
     told = f"{seconds:.0f} s" if seconds < 600.0 else f"{seconds / 3600.0:.1f} h"

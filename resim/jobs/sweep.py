@@ -193,7 +193,8 @@ class SweepEstimate:
         each: Time of one run [s] in its batch; None where all that were tried fail, or there are none.
         seconds: Time of the whole sweep [s].
         size: Size of one run's result [bytes].
-        failures: Why runs that were tried failed.
+        tried: How many runs were tried.
+        failures: Why runs that were tried failed, or ended before their time by the function's fault.
     """
 
     runs: int
@@ -201,6 +202,7 @@ class SweepEstimate:
     each: float | None
     seconds: float
     size: float
+    tried: int
     failures: tuple[str, ...]
 
 
@@ -223,11 +225,11 @@ def estimate(file: str | Path, out: str | Path, options: SweepOptions = SweepOpt
     _, runs = in_child(_checked, (wanted, path_of(out), options.shard, True))
     adaptive = wanted.file.planned.grows
     if runs is None or runs.empty:  # as of a shard more than there are runs
-        return SweepEstimate(0, adaptive, None, 0.0, 0.0, ())
+        return SweepEstimate(0, adaptive, None, 0.0, 0.0, 0, ())
     checking = time.monotonic() - begin  # as the sweep does, too
     found = sample(wanted, runs, options.processes)
     return SweepEstimate(
-        len(runs), adaptive, found.each, checking + found.seconds, found.size, found.failures
+        len(runs), adaptive, found.each, checking + found.seconds, found.size, found.tried, found.failures
     )
 
 

@@ -26,12 +26,14 @@ class SweepSample:
     """What some runs took.
 
     each: s of one run in its batch, None where all that were tried failed. seconds: of the whole sweep, the loading of
-    libraries and the proof in SUMO included. size: bytes of a result. failures: why runs failed.
+    libraries and the proof in SUMO included. size: bytes of a result. tried: runs that were done. failures: why runs
+    failed, or ended before their time by the function's fault.
     """
 
     each: float | None
     seconds: float
     size: float
+    tried: int
     failures: tuple[str, ...]
 
 
@@ -47,20 +49,22 @@ def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> SweepSample:
     ):
         first = first or time.monotonic() - begin
         found.append((k, result))
-    failures = tuple(
-        result.reason for _, result in sorted(found, key=lambda one: one[0]) if isinstance(result, Failure)
-    )
+    tried, failures = sum(len(chosen[k]) for k, _ in found), list[str]()
+    for k, result in sorted(found, key=lambda one: one[0]):
+        if isinstance(result, Failure):
+            failures += [result.reason] * len(chosen[k])
+        else:
+            failures += [str(one.row["failure"]) for one in result if one.row["failure"] is not None]
     good = [result for _, result in found if not isinstance(result, Failure)]
     if not good:
-        return SweepSample(None, 0.0, 0.0, failures)
+        return SweepSample(None, 0.0, 0.0, tried, tuple(failures))
     warm = good[workers:] or good  # the first of each process loads what is compiled
     each = mean(one.time for batch in warm for one in batch)
     rounds = math.ceil(len(batches) / workers) * each * mean(map(len, batches))
     loading = max(first - sum(one.time for one in warm[0]), 0.0)
     size = mean(len(json.dumps(one.row)) for batch in good for one in batch) / 4.0  # as Parquet packs it
-    return SweepSample(
-        each, loading + rounds + _proof(sweep, chosen[0], len(wanted), workers), size, failures
-    )
+    seconds = loading + rounds + _proof(sweep, chosen[0], len(wanted), workers)
+    return SweepSample(each, seconds, size, tried, tuple(failures))
 
 
 def sampled(batches: Sequence[RunBatch], workers: int) -> list[RunBatch]:

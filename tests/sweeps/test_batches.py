@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -323,3 +324,17 @@ def test_what_a_dry_run_tries_is_what_the_sweep_does(
     assert len(tried) == count
     assert set(map(len, tried)) == {size}
     assert all(one in batches for one in tried)
+
+
+def test_a_dry_run_of_a_function_that_fails_says_so(
+    call: Call, tmp_path: Path, write_build: Callable[..., Path]
+) -> None:
+    build = write_build(BATCHED.replace("eval(self.wrong)", "1 / 0").replace('wrong=""', 'wrong="x"'))
+    text = SWEEP.format(root=ROOT, build=build, parameter="gain", seeds=24)
+    (tmp_path / "own.toml").write_text(text, encoding="utf-8")
+    words = "sweep", tmp_path / "own.toml", "--out", tmp_path / "out", "--workers", 1, "--dry-run", "--json"
+    code, out, _ = call(*words)
+    told = json.loads(out)
+    assert code == 0
+    assert 0 < len(told["failures"]) < told["tried"]  # every seventh seed
+    assert all("ZeroDivisionError" in one for one in told["failures"])
