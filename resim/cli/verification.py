@@ -17,6 +17,7 @@ from resim.verification.entries import (
     VerifiedRecording,
     runs_of,
 )
+from resim.verification.paired import NOT_COMPARED
 from resim.verification.report import ComparisonSummary, RecordingResult, VerificationReport
 from resim.verification.summary import namesakes
 from resim.verification.validity_interval import ValidityInterval
@@ -59,9 +60,9 @@ def _verified(found: VerificationReport) -> None:
 
 
 def _print_notes(r: RecordingResult, out: Console) -> None:
-    """Which code the verdict is not of."""
+    """Which code the verdict is not of, and which criteria."""
     notes = () if isinstance(r, FailedRecording) else r.notes
-    for note in (n for n in notes if n.endswith(OF_BUILD)):
+    for note in (n for n in notes if n.endswith(OF_BUILD) or n.startswith(NOT_COMPARED)):
         out.print(f"{r.name}: note: {note}", highlight=False)
 
 

@@ -24,7 +24,7 @@ from resim.verification.entries import (
     ReactionsOfBuilds,
     RecordingSource,
 )
-from resim.verification.paired import RunPair, pair
+from resim.verification.paired import NOT_COMPARED, RunPair, pair
 from resim.verification.verify import COMPARED, has_plans
 
 
@@ -66,8 +66,13 @@ class BuildComparison:
                 for when, result in (("before", self.old), ("now", self.new))
             },
             pairs=self.pairs,
-            notes=tuple(n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_IN_HASH)),
+            notes=(*(n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_IN_HASH)), *self._open()),
         )
+
+    def _open(self) -> tuple[str, ...]:
+        """Which criteria show nothing, in a note; none where all do."""
+        names = sorted({name for pair in self.pairs for name in pair.open})
+        return (f"{NOT_COMPARED} {', '.join(names)}",) if names else ()
 
 
 def compare_builds(

@@ -14,6 +14,8 @@ from resim.verification.compare import kpi_text
 
 ENDED = "lasts to the end"
 """Stands among KPIs lost where the new build's run ended early and the old one's did not."""
+NOT_COMPARED = "INVALID with one build or both, which shows nothing of them:"
+"""How a note begins that names criteria which were not compared."""
 Change = Literal["gained", "lost", "same"]
 
 
@@ -22,7 +24,8 @@ class RunPair:
     """One run of both builds, same scenario, same seed (None: without a perception model).
 
     gained, lost: KPIs; weight_lost: of these. decisions, reactions [s]: the old one's and the new one's. risk, comfort:
-    the new one's less the old one's. t: when [s] the first difference shows. failure: of the functions.
+    the new one's less the old one's. t: when [s] the first difference shows. failure: of the functions. open: KPIs that
+    are INVALID with the new build, or were with the old one, and neither gained nor lost: nothing is shown of them.
     """
 
     seed: int | None
@@ -36,6 +39,7 @@ class RunPair:
     t: float | None
     differences: tuple[str, ...]
     failure: str
+    open: tuple[str, ...] = ()
 
     @property
     def changed(self) -> bool:
@@ -71,6 +75,8 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float
         _minus(new.risk, old.risk), {name: _minus(new.comfort[name], old.comfort[name]) for name in COMFORT},
         min([*broken, *([] if diverged is None or not told else [diverged])], default=None), tuple(told),
         "; ".join(o.failure for o in (old, new) if o.failure),
+        tuple(name for name in before if "INVALID" in (before[name].outcome, now[name].outcome)
+              and changes[name] == "same"),
     )  # fmt: skip
 
 
@@ -81,10 +87,13 @@ def _weight(lost: Sequence[str], now: Mapping[str, Kpi]) -> float:
 
 
 def _change(old: str, new: str) -> Change:
-    """A KPI is lost where it passed and does not any more, and gained the other way round."""
-    if (old == "PASS") == (new == "PASS"):
+    """A KPI is lost where it passed and does not any more, or fails now that was doubtful; gained where it passes now.
+
+    Who failed and is doubtful now has shown nothing.
+    """
+    if old == new or (old, new) == ("FAIL", "INVALID"):
         return "same"
-    return "lost" if old == "PASS" else "gained"
+    return "gained" if new == "PASS" else "lost"
 
 
 @dataclass(frozen=True)

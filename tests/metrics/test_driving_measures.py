@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+import shapely
+from shapely import affinity
 
 from resim.core.errors import ResimError
 from resim.core.tracks import Tracks
@@ -113,8 +115,24 @@ def test_half_the_speedometer_at_120_is_60_metres_in_town_36_kmh_are_10():
     assert town.value[0, 0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_only_who_is_ahead_and_drives_the_same_way_has_a_gap():
-    assert c.gap_ahead(following([30.0], 20.0, heading=math.pi)).state[0, 0] == State.NO_CONFLICT
+@pytest.mark.parametrize("heading", [0.7, 0.9, 0.5 * math.pi, math.pi])
+def test_who_is_on_the_path_has_a_gap_whichever_way_he_heads(heading):
+    """As a car that is parked across the lane; a distance to be kept is to who goes the same way, or stands."""
+    box = affinity.translate(
+        affinity.rotate(shapely.box(-2.35, -0.95, 2.35, 0.95), heading, use_radians=True), 34.7
+    )
+    far = box.intersection(shapely.box(0.0, -0.95, 99.0, 0.95)).bounds[0] - 2.35
+    for lead in (0.0, 10.0):
+        pairs = following([30.0], 20.0, heading=heading, lead=lead)
+        assert c.gap_ahead(pairs).value[0, 0] == pytest.approx(far, abs=0.01)
+        spare = c.half_speedometer(pairs)
+        if lead and heading > 0.25 * math.pi:
+            assert spare.state[0, 0] == State.NOT_DEFINED
+        else:
+            assert spare.value[0, 0] == pytest.approx(far - 36.0, abs=0.01)
+
+
+def test_only_who_is_ahead_has_a_gap():
     assert c.gap_ahead(following([30.0], 20.0, y=3.5)).state[0, 0] == State.NO_CONFLICT
     assert c.gap_ahead(following([-30.0], 20.0)).state[0, 0] == State.NO_CONFLICT
     assert c.gap_ahead(following([170.0], 20.0)).state[0, 0] == State.NO_CONFLICT

@@ -24,13 +24,15 @@ def drive(outcome: str, *, risk: float = 0.01, braking: float = 2.0, **other: ob
 @pytest.mark.parametrize(
     ("old", "new", "gained", "lost"),
     [("PASS", "FAIL", (), ("gap",)), ("FAIL", "PASS", ("gap",), ()), ("PASS", "PASS", (), ()),
-     ("PASS", "INVALID", (), ("gap",)), ("FAIL", "INVALID", (), ())],
+     ("PASS", "INVALID", (), ("gap",)), ("FAIL", "INVALID", (), ()), ("INVALID", "FAIL", (), ("gap",)),
+     ("INVALID", "PASS", ("gap",), ()), ("INVALID", "INVALID", (), ())],
 )  # fmt: skip
 def test_kpis_gained_and_lost(old: str, new: str, gained: tuple[str, ...], lost: tuple[str, ...]) -> None:
     found = pair(0, drive(old), drive(new, risk=0.03, braking=3.0), 2.5)
     assert (found.gained, found.lost, found.weight_lost) == (gained, lost, 3.0 if lost else 0.0)
     assert found.risk == pytest.approx(0.02)
     assert found.comfort["longitudinal acceleration"] == pytest.approx(1.0)
+    assert found.open == (("gap",) if "INVALID" in (old, new) and not gained and not lost else ())
 
 
 def test_what_weighs_nothing_is_a_number_as_what_weighs() -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from resim.metrics.doubts.absent import AbsentObject
 
 SAME_WAY = 0.25 * np.pi  # rad; who heads less than this off the EGO's path drives the same way
+STANDS = 0.5  # m/s; who is no faster stands, and heads nowhere
 FAST = 160.0 / 3.6  # m/s
 KMH = 3.6
 BESIDE = 5.5  # m; up to which somebody is overtaken on the right
@@ -43,14 +44,15 @@ GAP_AHEAD = MeasureDefinition(
 def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> MeasureValues:
     """Give the gap (S, K) [m] along the EGO's path to the object's box as it is now; the d of TTC and THW.
 
-    Measured by driving the EGO's box along the path of its plan, then straight on, until it touches. NO_CONFLICT where
-    it touches nothing within `reach` [m], or who is there does not drive the same way; NOT_DEFINED where the EGO
-    reverses; 0 where the boxes touch.
+    Measured by driving the EGO's box along the path of its plan, then straight on, until it touches, whichever way who
+    is there heads. NO_CONFLICT where it touches nothing within `reach` [m]; NOT_DEFINED where the EGO reverses; 0 where
+    the boxes touch.
     """
-    return pairs.measured(GAP_AHEAD, partial(_gap, reach), columns=4)
+    return pairs.measured(GAP_AHEAD, partial(_gap, reach, False), columns=4)
 
 
-def _gap(reach: float, p: CompletePairs) -> tuple[Floats, StateArray]:
+def _gap(reach: float, between_vehicles: bool, p: CompletePairs) -> tuple[Floats, StateArray]:
+    """The gap; between_vehicles: whether to who goes another way it is not defined, which a standing one cannot."""
     n = max(2, int(np.ceil(reach / 2.0)))
     scenes, of = np.unique(p.scene, return_inverse=True)
     s = np.broadcast_to(np.linspace(0.0, reach, n + 1), (len(scenes), n + 1))
@@ -59,11 +61,12 @@ def _gap(reach: float, p: CompletePairs) -> tuple[Floats, StateArray]:
     there = p.state.copy()
     there[:, 3] = 0.0
     gap = first_contact(ego, motion.straight(there, s), np.full(len(s), reach / n), p.ego_size, p.size)
-    found = np.flatnonzero(np.isfinite(gap))
-    heading = motion.along(p.plan[found], gap[found, None], np.ones((len(found), 1)))[:, 0, 2]
-    conflict = np.zeros(len(gap), dtype=bool)
-    conflict[found] = np.abs(wrap_angle(p.state[found, 2] - heading)) < SAME_WAY
-    return stated(gap, conflict=conflict, defined=p.plan[:, 0, 3] >= 0.0)
+    defined = p.plan[:, 0, 3] >= 0.0
+    if between_vehicles:
+        found = np.flatnonzero(np.isfinite(gap) & (np.abs(p.state[:, 3]) > STANDS))
+        heading = motion.along(p.plan[found], gap[found, None], np.ones((len(found), 1)))[:, 0, 2]
+        defined[found] &= np.abs(wrap_angle(p.state[found, 2] - heading)) < SAME_WAY
+    return stated(gap, conflict=np.isfinite(gap), defined=defined)
 
 
 HALF_SPEEDOMETER = MeasureDefinition(
@@ -91,13 +94,15 @@ def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE)
     """Give how many metres (S, K) the gap is above the least distance; negative is too near.
 
     Least distance v / 2 in metres with v in km/h, in urban areas v / 3.6, the way of one second (Kaefer, Eq. 4.1).
-    States as in `gap_ahead`: NO_CONFLICT where nobody is ahead within `reach` [m] or the least distance.
+    States as in `gap_ahead`: NO_CONFLICT where nobody is ahead within `reach` [m] or the least distance; NOT_DEFINED to
+    who moves another way, to whom no distance is to be kept.
     """
     v = np.maximum(pairs.plan[:, 0, 3], 0.0)
     least = v if urban else 0.5 * KMH * v
-    gap = gap_ahead(pairs, reach=reach)
+    gap = pairs.measured(HALF_SPEEDOMETER, partial(_gap, reach, True), columns=4)
     if (fast := np.flatnonzero(least > reach)).size:
-        farther = gap_ahead(pairs.scenes(fast), reach=max(reach, FARTHEST))
+        far = partial(_gap, max(reach, FARTHEST), True)
+        farther = pairs.scenes(fast).measured(HALF_SPEEDOMETER, far, columns=4)
         gap.value[fast], gap.state[fast] = farther.value, farther.state
     return HALF_SPEEDOMETER.values(gap.value - least[:, None], gap.state)
 
@@ -124,14 +129,15 @@ def tailgating(t: Floats, v: Floats, spare: MeasureValues) -> MeasureValues:
     was not ahead in the scene before and comes in nearer than allowed leaves the EGO 3 s, above 160 km/h 1 s, to
     restore the gap; else there is none (Kaefer, 4.5.6.4). Counted from the first scene of the violation; a column is
     one and the same object throughout.
-    NO_CONFLICT where the gap is kept or nobody ahead. Raises ResimError for times that do not increase.
+    NO_CONFLICT where the gap is kept or nobody ahead, NOT_DEFINED as of `half_speedometer`.
+    Raises ResimError for times that do not increase.
     """
     if len(t) > 1 and not np.all(np.diff(t) > 0.0):
         raise ResimError("tailgating: expected times that increase from scene to scene")
     near = (spare.state == State.VALUE) & (np.nan_to_num(spare.value) < 0.0)
     begins, came = near.copy(), np.zeros_like(near)
     begins[1:] &= ~near[:-1]
-    came[1:] = spare.state[:-1] == State.NO_CONFLICT
+    came[1:] = np.isin(spare.state[:-1], (State.NO_CONFLICT, State.NOT_DEFINED))
     since = np.maximum.accumulate(np.where(begins, np.arange(len(t))[:, None], 0), axis=0)
     grace = np.where(came, np.where(v > FAST, 1.0, 3.0)[:, None], 0.0)
     value = np.where(near, t[:, None] - t[since] - np.take_along_axis(grace, since, axis=0), np.nan)
