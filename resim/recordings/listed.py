@@ -16,6 +16,10 @@ from resim.core.spec import Sha256, Strict
 from resim.recordings.settings import SETTINGS
 
 
+TABLES = ("gt.csv", "gt.parquet", "sd.csv", "sd.parquet")
+"""Files by which a folder was a recording, whatever else it lacks."""
+
+
 class RecordingEntry(Strict):
     """A recording that a file names: its folder, or a glob of folders; hash: of its content (`content_hash`)."""
 
@@ -44,11 +48,16 @@ def _folders(path: Path, entry: RecordingEntry) -> list[Path]:
     if entry.hash is not None or not glob.has_magic(entry.folder):
         return [whole]
     try:
-        found = sorted(f for f in _matching(whole) if (f / SETTINGS).is_file())
+        fitting = sorted(_matching(whole))
+        found = [f for f in fitting if (f / SETTINGS).is_file()]
     except ValueError as e:
         raise InputError(path, f"recording {entry.folder!r} is not a valid glob ({e})", "Correct it.") from e
     for folder in found:
         refuse_undecodable(folder)
+    for folder in fitting:  # what is no recording any more must not drop out without a word
+        if folder not in found and (not folder.exists() or any((folder / name).exists() for name in TABLES)):
+            problem = f"recording {entry.folder!r}: {folder} has no {SETTINGS}"
+            raise InputError(path, problem, "Put it back, or let the glob not fit it.")
     if not found:
         raise InputError(path, f"recording {entry.folder!r}: there is no recording", "Correct the glob.")
     return found
