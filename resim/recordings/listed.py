@@ -15,7 +15,6 @@ from resim.core.files import joined, refuse_undecodable
 from resim.core.spec import Sha256, Strict
 from resim.recordings.settings import SETTINGS
 
-
 TABLES = ("gt.csv", "gt.parquet", "sd.csv", "sd.parquet")
 """Files by which a folder was a recording, whatever else it lacks."""
 

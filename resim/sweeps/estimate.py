@@ -15,7 +15,7 @@ from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.sweeps.execution import tasks
 from resim.sweeps.file import Sweep
-from resim.sweeps.tasks import RunBatch, RunResult, has_parts, in_batches, run
+from resim.sweeps.tasks import SPREAD, RunBatch, RunResult, has_parts, in_batches, run
 
 _ROUNDS, _ROUNDS_ALONE = 2, 4
 """Batches a worker that are tried, and where each is one run."""
@@ -63,7 +63,7 @@ def sample(sweep: Sweep, wanted: pd.DataFrame, workers: int) -> SweepSample:
     rounds = math.ceil(len(batches) / workers) * each * mean(map(len, batches))
     loading = max(first - sum(one.time for one in warm[0]), 0.0)
     size = mean(len(json.dumps(one.row)) for batch in good for one in batch) / 4.0  # as Parquet packs it
-    seconds = loading + rounds + _proof(sweep, chosen[0], len(wanted), workers)
+    seconds = loading + rounds + _proof(sweep, chosen[0], len(wanted), workers, len(batches))
     return SweepSample(each, seconds, size, tried, tuple(failures))
 
 
@@ -74,7 +74,7 @@ def sampled(batches: Sequence[RunBatch], workers: int) -> list[RunBatch]:
     return [batches[k * len(batches) // count] for k in range(count)]
 
 
-def _proof(sweep: Sweep, batch: RunBatch, runs: int, workers: int) -> float:
+def _proof(sweep: Sweep, batch: RunBatch, runs: int, workers: int, batches: int) -> float:
     """How long [s] the runs of the engine "direct" take that are repeated in SUMO."""
     share = sweep.file.repeated_in_sumo
     if sweep.file.engine != "direct" or share == 0.0:
@@ -84,4 +84,6 @@ def _proof(sweep: Sweep, batch: RunBatch, runs: int, workers: int) -> float:
     done = list(run_all(run, again, workers=1, time_limit=sweep.file.time_limit))
     times = [one.time for _, result in done if not isinstance(result, Failure) for one in result]
     loading = time.monotonic() - begin - sum(times)
-    return loading + (min(times) if times else 0.0) * math.ceil((1.0 + share * (runs - 1)) / workers)
+    return loading + (min(times) if times else 0.0) * math.ceil(
+        (min(batches, SPREAD) + share * runs) / workers
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -54,6 +55,8 @@ MOST = 32
 """Runs of a batch: more save little, and their lists take memory."""
 GROUPS = 8
 """Groups of runs alike, of each recording and build, whose first batch is proved before any other result counts."""
+SPREAD = 64
+"""Batches of a sweep, evenly over all, of which one run each is proved before any other result counts."""
 _EACH = 4
 """Batches that each worker has at least, so that all end at about the same time."""
 
@@ -113,10 +116,12 @@ def has_parts(batch: RunBatch) -> bool:
 
 
 def to_prove_first(batches: Sequence[RunBatch]) -> list[RunBatch]:
-    """Give the first batches of each recording and build, their first, middle and last runs to be repeated.
+    """Give the batches that are done first: some of their runs are to be repeated.
 
-    Only then is it known that the build's `step_batch` answers as its `step`, and both the same to the same. Batches of
-    other parameters of the function are of other groups: up to GROUPS of them are chosen, evenly.
+    Only then is it known that the build's `step_batch` answers as its `step`, and both the same to the same. Of the
+    first batch of each recording and build these are the first, middle and last run; batches of other parameters of the
+    function are of other groups: up to GROUPS of them are chosen, evenly. As a fault may show with some perceptions
+    only, there is one run of up to SPREAD batches of several besides, evenly over all of the sweep.
     """
     groups = dict[object, dict[object, RunBatch]]()
     for batch in batches:
@@ -125,12 +130,14 @@ def to_prove_first(batches: Sequence[RunBatch]) -> list[RunBatch]:
             of_values = groups.setdefault((one.folder, one.build), {})
             of_values.setdefault(_values_in_common(one), batch)
     chosen = [batch for found in groups.values() for batch in _evenly([*found.values()], GROUPS)]
+    marked = {batch[0].run: {0, len(batch) // 2, len(batch) - 1} for batch in chosen}
+    for batch in _evenly([one for one in batches if one[0].repeated > 0.0 and has_parts(one)], SPREAD):
+        drawn = min(range(len(batch)), key=lambda k: zlib.crc32(str(batch[k].run).encode()))
+        marked.setdefault(batch[0].run, {drawn})
     return [
-        tuple(
-            replace(task, repeated=1.0) if k in (0, len(batch) // 2, len(batch) - 1) else task
-            for k, task in enumerate(batch)
-        )
-        for batch in chosen
+        tuple(replace(task, repeated=1.0) if k in mine else task for k, task in enumerate(batch))
+        for batch in batches
+        if (mine := marked.get(batch[0].run))
     ]
 
 

@@ -66,7 +66,10 @@ class BuildComparison:
                 for when, result in (("before", self.old), ("now", self.new))
             },
             pairs=self.pairs,
-            notes=(*(n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_IN_HASH)), *self._open()),
+            notes=(
+                *(n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_IN_HASH)),
+                *self._open(),
+            ),
         )
 
     def _open(self) -> tuple[str, ...]:
