@@ -3,6 +3,7 @@
 from resim.results.folders import (
     ASSESSMENT,
     CONVERSION,
+    HALF,
     MODEL,
     PREDICTION,
     RUN,
@@ -29,6 +30,7 @@ from resim.results.writing import (
 __all__ = [
     "ASSESSMENT",
     "CONVERSION",
+    "HALF",
     "MODEL",
     "PREDICTION",
     "RUN",

@@ -33,7 +33,7 @@ class FolderKind:
     inside: Mapping[str, re.Pattern[str]] = field(default_factory=dict)
 
 
-_HALF = re.compile(r"\..+\.\d+\.new")
+HALF = re.compile(r"\..+\.\d+\.new")
 """A file that was being written when its process was killed."""
 
 RUN = FolderKind("run.json", re.compile(r"(run|assessment)\.json|report\.html|kpis\.parquet"))
@@ -41,14 +41,14 @@ ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|
 CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html"))
 VERIFICATION = FolderKind(
     "inputs.json",
-    re.compile(rf"inputs\.json|(verification\.(html|json)|junit\.xml)(\.previous)?|{_HALF.pattern}"),
-    {"cases": _HALF, "drives": _HALF, "reports": _HALF},
+    re.compile(rf"inputs\.json|(verification\.(html|json)|junit\.xml)(\.previous)?|{HALF.pattern}"),
+    {"cases": HALF, "drives": HALF, "reports": HALF},
 )
 SWEEP = FolderKind(
     "sweep.json",
-    re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|{_HALF.pattern}"),
+    re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|{HALF.pattern}"),
     {
-        "runs": re.compile(rf"part-\d+\.parquet|{_HALF.pattern}"),
+        "runs": re.compile(rf"part-\d+\.parquet|{HALF.pattern}"),
         "journal": re.compile(r"\d+-of-\d+\.jsonl(\.refused\d*)?"),
     },
 )
@@ -65,7 +65,7 @@ def check_output(folder: Path, kind: FolderKind = RUN) -> None:
         if not above.is_dir() or not os.access(above, os.W_OK):
             raise InputError(folder, f"cannot be made: {above} is no folder that you may write", remedy)
         held = [*folder.iterdir()] if folder.is_dir() else []
-        if any(not _HALF.fullmatch(path.name) for path in held):
+        if any(not HALF.fullmatch(path.name) for path in held):
             _check_held(folder, kind, "exists and is not a results folder", remedy, " and would be lost")
     except OSError as e:
         raise InputError(folder, f"cannot be used: {e.strerror}", remedy) from e
@@ -183,6 +183,7 @@ def whole_folder(folder: Path, kind: FolderKind = RUN) -> Iterator[Path]:
 def _take_place(beside: Path, folder: Path, kind: FolderKind) -> None:
     """Put a folder of new results in the place of one that may be replaced; nothing of either is lost if it may not."""
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+    placed = False
     try:
         if os.path.lexists(folder):
             folder.rename(old)  # from here on nobody puts anything in by its name
@@ -190,53 +191,64 @@ def _take_place(beside: Path, folder: Path, kind: FolderKind) -> None:
             raise InputError(old, "is a link")
         check_output(old, kind)
         beside.rename(folder)
+        placed = True
     except (InputError, OSError) as e:
         _put_back(old, folder)
         why = e.problem if isinstance(e, InputError) else e.strerror
         problem = f"was changed while the command ran ({why}), and was left alone"
         raise InputError(folder, problem, f"The results are in {_kept(beside, folder)}.") from e
-    except BaseException:  # a signal
-        _put_back(old, folder)
-        shutil.rmtree(beside, ignore_errors=True)
+    except BaseException:  # a signal, maybe just after the last renaming
+        placed = not beside.exists()
+        if not placed:
+            _put_back(old, folder)
+            shutil.rmtree(beside, ignore_errors=True)
         raise
     finally:
-        if folder.exists() and not beside.exists():
+        if placed:
             shutil.rmtree(old, ignore_errors=True)
 
 
 def _put_back(old: Path, folder: Path) -> None:
-    if os.path.lexists(old) and not os.path.lexists(folder):
-        old.rename(folder)
+    """Give a folder its name back, or, where that was taken meanwhile, one that anybody sees."""
+    if os.path.lexists(old):
+        old.rename(_free(folder, "old") if os.path.lexists(folder) else folder)
 
 
 def _kept(beside: Path, folder: Path) -> Path:
     """Give new results a name that anybody sees, and that nobody has; say where they are."""
-    names = (f"{folder.name}.new{f'-{k}' if k else ''}" for k in itertools.count())
-    place = next(p for name in names if not os.path.lexists(p := folder.with_name(name)))
     try:
-        return beside.rename(place)
+        return beside.rename(_free(folder, "new"))
     except OSError:
         return beside
 
 
+def _free(folder: Path, word: str) -> Path:
+    """A name beside a folder's that nobody has: with `word`, and a number where that is taken."""
+    names = (f"{folder.name}.{word}{f'-{k}' if k else ''}" for k in itertools.count())
+    return next(p for name in names if not os.path.lexists(p := folder.with_name(name)))
+
+
 @dataclass(frozen=True)
 class FileKind:
-    """A kind of file that resim writes beside a user's own: its suffixes, and what stands in each one of resim's."""
+    """A kind of file that resim writes beside a user's own: its suffixes, and all that stands in each of resim's."""
 
     suffixes: tuple[str, ...]
-    mark: str
+    marks: tuple[str, ...]
 
     def holds(self, path: Path) -> bool:
         """Say whether a file is one that resim wrote."""
-        return path.suffix.lower() in self.suffixes and self.mark.encode() in read_file(
-            path, "", largest=sys.maxsize
-        )
+        if path.suffix.lower() not in self.suffixes:
+            return False
+        held = read_file(path, "Name another with --out.", largest=sys.maxsize)
+        return all(mark.encode() in held for mark in self.marks)
 
 
-PAGE = FileKind((".html", ".htm"), GENERATOR)
-MODEL = FileKind((".json",), f'"{get_args(PerceptionSchema)[0]}"')
-PREDICTION = FileKind((".json",), '"kinds"')
-SWEEP_REPORT = FileKind((".json",), f'"{get_args(SweepReportSchema)[0]}"')
+PAGE = FileKind((".html", ".htm"), (GENERATOR,))
+MODEL = FileKind((".json",), (f'"{get_args(PerceptionSchema)[0]}"', '"training"', '"trained on '))
+"""A model that was trained, none that somebody wrote by hand."""
+PREDICTION = FileKind((".json",), ('"kinds"', '"fitted"', '"fitted to '))
+"""A set that was fitted, likewise."""
+SWEEP_REPORT = FileKind((".json",), (f'"{get_args(SweepReportSchema)[0]}"',))
 
 
 @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from resim.core.errors import InputError
@@ -12,10 +12,10 @@ from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.report import SHEET
-from resim.results import VERIFICATION, check_output, whole_file
+from resim.results import HALF, VERIFICATION, check_output, whole_file
 from resim.verification.cases import CASES, Traces
 from resim.verification.entries import FailedRecording
-from resim.verification.execution import DRIVES, REPORTS, files_of
+from resim.verification.execution import files_of
 from resim.verification.inputs import VerificationBegun, VerificationRequest
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
@@ -34,18 +34,30 @@ def begin(out: Path, a: VerificationRequest) -> None:
     """
     check_output(out, VERIFICATION)
     files = files_of(a)
-    told = json_text(sealed(to_json(VerificationBegun(versions(), a, tuple(files)))))
     mark = out / VERIFICATION.mark
     before = read_file(mark, "Remove it.") if mark.is_file() else b""
     if before:
         _refuse_other(out, mark, a)
+        files += [name for name in _listed(mark) if name not in files and (out / name).is_file()]
+    told = _mark(a, files)
     if before != told.encode():
         for name in SUMMARIES:
             if (out / name).is_file():
                 (out / name).replace(out / f"{name}.previous")
     _write(mark, told)
-    for path in [*out.glob(".*.new"), *out.glob("*/.*.new")]:  # of one that was killed
-        path.unlink()
+    for folder in (out, *(out / name for name in VERIFICATION.inside)):
+        for path in folder.glob(".*.new"):  # of one that was killed
+            if HALF.fullmatch(path.name):
+                path.unlink()
+
+
+def _mark(a: VerificationRequest, files: Sequence[str]) -> str:
+    return json_text(sealed(to_json(VerificationBegun(versions(), a, tuple(files)))))
+
+
+def _listed(mark: Path) -> list[str]:
+    """The files that a verification may have written into the folder."""
+    return [*read_sealed(mark, "Remove it.")["files"]]
 
 
 def _refuse_other(out: Path, mark: Path, a: VerificationRequest) -> None:
@@ -63,7 +75,10 @@ def _subject(suite: str | None, build: str | None, against: str | None) -> str:
 
 
 def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) -> None:
-    """Write verification.json, verification.html and junit.xml, and take away pages that nothing leads to."""
+    """Write verification.json, verification.html and junit.xml, and take away pages that nothing leads to.
+
+    What somebody else put beside them stays.
+    """
     told = {report for r in found.recordings for report in r.reports}
     told |= {r.drive for r in found.recordings if not isinstance(r, FailedRecording) and r.drive}
     told |= {f"{Path(page).parent}/{SHEET}" for page in told}
@@ -72,9 +87,11 @@ def write(out: Path, found: VerificationReport, traces: Mapping[str, Traces]) ->
     _write(out / "junit.xml", junit(found))
     _write(out / "verification.json", text(found))
     told |= {f"{CASES}/{r.name}.json" for r in found.recordings}
-    for path in (path for folder in (CASES, REPORTS, DRIVES) for path in out.glob(f"{folder}/*")):
-        if f"{path.parent.name}/{path.name}" not in told:
-            path.unlink()
+    mark = out / VERIFICATION.mark
+    for name in _listed(mark):
+        if name not in told:
+            (out / name).unlink(missing_ok=True)
+    _write(mark, _mark(found.inputs, files_of(found.inputs)))
     for name in SUMMARIES:
         (out / f"{name}.previous").unlink(missing_ok=True)
 

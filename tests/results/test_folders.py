@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,22 +12,28 @@ from pathlib import Path
 import duckdb
 import pandas as pd
 import pytest
+from conftest import ROOT
 
 from resim.core.errors import InputError, StopError
 from resim.core.sealed import sealed
 from resim.recordings import Recording
 from resim.resimulation import ResimulationOptions, resimulate
 from resim.results import (
+    MODEL,
+    PREDICTION,
     RUN,
     check_output,
+    folders,
     locked,
     remove_results,
+    whole_file,
     whole_folder,
     write_json,
     write_parquet,
     write_resimulation,
 )
 from resim.results.entry import digest
+from resim.results.folders import FolderKind
 from resim.scenario.jscen import read_jscen
 from resim.simulation.function.interface import Build
 
@@ -363,3 +370,48 @@ def test_a_signal_while_results_take_their_place_loses_neither(tmp_path: Path, r
         sys.setprofile(stop)
     assert ("before" if renames == 1 else "now") in (out / RUN.mark).read_text()
     assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("notes", [False, True])
+def test_who_takes_the_name_meanwhile_loses_nothing_and_nobody_else_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, notes: bool
+) -> None:
+    """Between the two renamings somebody makes a folder of that name: all three are kept."""
+    out = tmp_path / "out"
+    out.mkdir()
+    mark(out, "before")
+
+    def look(folder: Path, kind: FolderKind = RUN) -> None:
+        if folder.name.endswith(".old"):
+            out.mkdir()
+            (out / "log.txt").touch()
+        check_output(folder, kind)
+
+    with pytest.raises(InputError, match=r"The results are in .*out\.new"), whole_folder(out) as folder:  # noqa: PT012
+        mark(folder, "now")
+        if notes:
+            (out / "notes.txt").touch()
+        monkeypatch.setattr(folders, "check_output", look)
+    assert names(tmp_path) == ["out", "out.new", "out.old"]
+    assert names(out) == ["log.txt"]
+    assert "before" in (tmp_path / "out.old" / RUN.mark).read_text()
+    assert "now" in (tmp_path / "out.new" / RUN.mark).read_text()
+    assert (tmp_path / "out.old" / "notes.txt").is_file() is notes
+
+
+def test_a_file_that_somebody_wrote_by_hand_is_not_replaced(tmp_path: Path) -> None:
+    """A perception model, or JSON that has a word of a prediction's in it."""
+    model = tmp_path / "model.json"
+    shutil.copy(ROOT / "adfunc" / "perception" / "latency.json", model)
+    mine = tmp_path / "mine.json"
+    mine.write_text('{"my precious notes": 1, "kinds": ["a", "b"], "fitted": true}')
+    for path, kind in ((model, MODEL), (mine, PREDICTION)):
+        before = path.read_bytes()
+        with pytest.raises(InputError, match="would be lost"), whole_file(path, kind) as file:
+            file.write_text("{}")
+        assert path.read_bytes() == before
+    trained = tmp_path / "trained.json"
+    shutil.copy(ROOT / "adfunc" / "perception" / "proving_ground.json", trained)
+    with whole_file(trained, MODEL) as file:
+        file.write_text("{}")
+    assert trained.read_text() == "{}"

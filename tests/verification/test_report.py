@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from resealed import edit
 import resim
 from resim.core.errors import InputError
 from resim.core.spec import sealed_schema
+from resim.verification import folder
 from resim.verification.cases import VerificationCase, kept
 from resim.verification.entries import RecordingSource, VerifiedRecording
 from resim.verification.folder import read, text
@@ -104,3 +106,24 @@ def test_a_kept_case_is_read_by_field(verified: resim.Verification, tmp_path: Pa
     edit(copy, lambda said: said["entry"].update(way="straight on"))
     assert kept(tmp_path, source, key, damaged.append) is None
     assert damaged == [copy]
+
+
+def test_what_somebody_puts_into_the_folder_meanwhile_stays(
+    verified: resim.Verification, tmp_path: Path
+) -> None:
+    """And what the verification wrote of another suite before goes, if nothing leads to it any more."""
+    out = tmp_path / "out"
+    shutil.copytree(verified.folder, out)
+    asked = verified.report.inputs
+    other = {"gone": next(iter(asked.recordings.values()))}
+    folder.begin(out, asked.model_copy(update={"recordings": other}))
+    (out / "cases" / "gone.json").write_text("{}")
+    folder.begin(out, asked)
+    notes = out / "cases" / "notes.txt"
+    notes.touch()
+    (out / "drives" / "mine").mkdir()
+    folder.write(out, verified.report, {})
+    assert notes.is_file()
+    assert (out / "drives" / "mine").is_dir()
+    assert not (out / "cases" / "gone.json").exists()
+    assert (out / "inputs.json").read_bytes() == (verified.folder / "inputs.json").read_bytes()

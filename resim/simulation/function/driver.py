@@ -100,7 +100,7 @@ class Driver:
 
     def close(self) -> None:
         """End the function, and what it left running. Raises FunctionError where it did."""
-        _closed(self._watchdog, getattr(self, "_function", None))
+        _closed(self._watchdog, self.__dict__)
 
 
 def driver_of(build: Build, watchdog: Watchdog, runs: int) -> Driver | BatchDriver:
@@ -175,16 +175,31 @@ class BatchDriver:
 
     def close(self) -> None:
         """End the function, and what it left running. Raises FunctionError where it did."""
-        _closed(self._watchdog, getattr(self, "_function", None))
+        _closed(self._watchdog, self.__dict__)
 
 
-def _closed(watchdog: Watchdog, function: AdFunction | None) -> None:
-    """End a function, None for one that was not made, and what it left running."""
+_for_good: list[Any] = []
+"""Functions that nobody lets go of any more: that would not return."""
+
+
+def _closed(watchdog: Watchdog, held: dict[str, Any]) -> None:
+    """End the function that a driver holds, if it was made, and what it left running; let go of it."""
+
+    def let_go() -> None:  # which runs its code, too, where something of it has a `__del__`
+        held.pop("_step", None)
+        held.pop("_function", None)
+
     try:
-        if function is not None:
-            watchdog.call(_RESET_LIMIT, lambda: function.close())
+        if "_function" in held:
+            watchdog.call(_RESET_LIMIT, lambda: held["_function"].close())
     finally:
-        end_strays()
+        try:
+            watchdog.call(_RESET_LIMIT, let_go)
+        except FunctionError:
+            _for_good.append(held.copy())
+            raise
+        finally:
+            end_strays()
 
 
 def _numbers(given: Any, shape: tuple[int, ...], what: str) -> Floats:
