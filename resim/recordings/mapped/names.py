@@ -104,13 +104,15 @@ def fields(columns: list[str]) -> dict[str, tuple[str, str]]:
     """Give for each field of a mapping the column that is called so, and the unit in its name."""
     split = {column: split_unit(column) for column in columns}
     found: dict[str, tuple[str, str]] = {}
-    there = {name for name, _ in split.values()}
-    boxes = there & EITHER if all(there & {*SYNONYMS[axis]} for axis in ("x", "y")) else set()
+    called: dict[str, list[str]] = {}
+    for column, (name, _) in split.items():
+        called.setdefault(name, []).append(column)
+    boxes = called.keys() & EITHER if all(called.keys() & {*SYNONYMS[axis]} for axis in ("x", "y")) else set()
     for field, names in SYNONYMS.items():
         for name in names:
             if name in boxes and field in ("lat", "lon"):
                 continue
-            own = [c for c in columns if split[c][0] == name and c not in {f for f, _ in found.values()}]
+            own = [c for c in called.get(name, ()) if c not in {f for f, _ in found.values()}]
             if own:
                 found[field] = (own[0], split[own[0]][1])
                 break

@@ -20,6 +20,7 @@ from resim.recordings.tables import BIGGEST, read_parquet
 
 LONGEST = 1_000_000
 """Characters of a header; what has more is no table."""
+MOST_COLUMNS = 5_000
 NOTHING = ("", "nan", "na", "n/a", "null", "none")
 """What stands for a value that is missing, in any case."""
 
@@ -153,8 +154,11 @@ def calendar_seconds(values: pd.Series) -> Floats:
 
 def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Series:
     """Give a column of the table. Raises InputError where there is none, naming the field of the mapping."""
-    names = [str(name) for name in frame.columns]
-    if names.count(column) != 1:
+    if not frame.columns.is_unique or column not in frame.columns:
+        names = [str(name) for name in frame.columns]
+        if names.count(column) == 1:
+            only: pd.Series = frame.iloc[:, names.index(column)]
+            return only
         what = "has more than one column" if column in names else "has no column"
         hint = did_you_mean(column, names, cutoff=0.5)
         raise InputError(path, f"{what} {column!r}, which {field} names{hint}", f"It has {', '.join(names)}.")
@@ -202,6 +206,8 @@ def _csv(path: Path, separator: str, rows: int | None) -> pd.DataFrame:
                 raise ValueError(f"its first line has more than {LONGEST:,} characters")
             file.seek(0)
             header = next(csv.reader(file, delimiter=separator))
+            if len(header) > MOST_COLUMNS:
+                raise ValueError(f"it has {len(header):,} columns, up to {MOST_COLUMNS:,} are read")
             frame = pd.read_csv(
                 path, sep=separator, encoding="utf-8-sig", index_col=False, skip_blank_lines=False, header=None,
                 skiprows=1, names=range(len(header)), keep_default_na=False, dtype=str, low_memory=False,

@@ -304,3 +304,10 @@ def test_a_first_line_without_end_is_no_header(tmp_path: Path) -> None:
         file.truncate(2_000_000_000)
     with pytest.raises(InputError, match="first line has more than 1,000,000 characters"):
         guess(path, tmp_path / "m.toml")
+
+
+def test_a_table_of_too_many_columns_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "wide.csv"
+    path.write_text(",".join(f"c{k}" for k in range(100_000)) + "\n" + "1," * 99_999 + "1\n")
+    with pytest.raises(InputError, match="it has 100,000 columns, up to 5,000 are read"):
+        guess(path, tmp_path / "m.toml")
