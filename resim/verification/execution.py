@@ -10,6 +10,7 @@ from pathlib import Path
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash
+from resim.core.plugins.unlisted_files import UNPINNED
 from resim.core.provenance import versions
 from resim.core.schema import VerificationSchema
 from resim.execution.child import Failure
@@ -65,7 +66,7 @@ def verify(
     for case in _run(a, [task for name, task in todo.items() if name not in found], workers):
         name = case.entry.name
         found[name] = case
-        if out is not None and case.entry.verdict != "error":
+        if out is not None and case.entry.verdict != "error" and not _is_unpinned(case):
             keep(out, keys[name], case)
         tell(name, case.entry.verdict, False)
     recordings = [found[name].entry for name in todo]
@@ -94,6 +95,12 @@ def _kept(
     found = {name: case for name, case in every.items() if case is not None and _has_drive(out, case)}
     _remove_reports(out, [*todo], found, builds=a.against is not None)
     return found
+
+
+def _is_unpinned(case: VerificationCase) -> bool:
+    """Whether the result follows from more than its key knows: the next command may find another."""
+    notes = () if isinstance(case.entry, FailedRecording) else case.entry.notes
+    return any(note.endswith(UNPINNED) for note in notes)
 
 
 def _with_pages(case: VerificationCase, reports: Sequence[str], as_if: bool) -> RecordingResult:

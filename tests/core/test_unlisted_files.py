@@ -107,6 +107,11 @@ ASKS = {
     "a program that is found by name": ("run('pilot', env={{'PATH': FAR + ':/usr/bin:/bin'}})", "started pilot"),
     "a module": ("run(sys.executable, '-m', 'far', env={{'PYTHONPATH': FAR}})", "-m far"),
     "a shell that goes there": ("os.system('cd ' + FAR + ' && ./pilot >/dev/null')", "started cd {far}"),
+    "the environment": ("os.environ.get('PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
+    "a datagram": (
+        "s = socket.socket(socket.AF_UNIX, 2)\ntry: s.sendto(b'', FAR + '/sock')\nexcept OSError: pass\ns.close()",
+        "connected to '{far}/sock'",
+    ),
     "a copy of itself": ("os.waitpid(os.fork() or os._exit(0), 0)", "forked its process"),
     "who listens": (
         "s = socket.socket(socket.AF_UNIX)\ntry: s.connect(FAR + '/sock')\nexcept OSError: pass\ns.close()",

@@ -5,6 +5,7 @@ Also what else holds while that code runs, and for no other: the modules that it
 
 from __future__ import annotations
 
+import collections.abc
 import os
 import re
 import site
@@ -20,6 +21,9 @@ from resim.core.plugins import integrity, process, watchdog
 from resim.core.plugins.modules import OwnModules
 
 NOT_IN_HASH = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
+NOT_KNOWN = "its hash does not know what answers there"
+UNPINNED = (NOT_IN_HASH, NOT_KNOWN)
+"""How notes end on what code is of besides that which its hash is of."""
 _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 """Between the words of a command line."""
 
@@ -57,6 +61,7 @@ class OpenedFiles:
         if not _watching:
             integrity.begin(self.path)
             watchdog.name_code(self.path)
+            os.environ.__class__ = _HeardEnvironment
         self._modules.__enter__()
         _watching.append(self)
         return self
@@ -65,7 +70,13 @@ class OpenedFiles:
         _watching.pop()
         self._modules.__exit__(*error)
         if not _watching:
+            os.environ.__class__ = _Environment
             integrity.check()
+
+    def asks_environment(self, variable: str, file: str) -> None:
+        """Note a variable of the environment that code in a file reads in a call, if that file is the user's."""
+        if watchdog.board[0] and file.startswith(self._folders):
+            self.others.add(f"read {variable} from the environment")
 
     def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         """Note the files that an event of Python's audit names. Raises FunctionError where it would limit resim."""
@@ -91,8 +102,10 @@ class OpenedFiles:
         """Note a copy of the process, or an address, whose answers the hash does not know."""
         if not watchdog.board[0]:
             return
-        if event != "socket.connect":
+        if not event.startswith("socket."):
             self.others.add("forked its process")
+        elif arguments[1] is None:  # of one that is connected
+            pass
         elif _POOLS not in str(arguments[1]):
             self.others.add(f"connected to {arguments[1]!r}")
 
@@ -152,9 +165,7 @@ class OpenedFiles:
         told = " and ".join(part for part in (beside, ", ".join(sorted(self.elsewhere))) if part)
         notes = [f"the code opened {told}, {NOT_IN_HASH}"] if told else []
         if self.others:
-            notes.append(
-                f"the code {' and '.join(sorted(self.others))}: its hash does not know what answers there"
-            )
+            notes.append(f"the code {' and '.join(sorted(self.others))}: {NOT_KNOWN}")
         return "; ".join(notes)
 
     def name_of(self, file: str) -> str:
@@ -192,6 +203,26 @@ def _is_systems(place: str) -> bool:
 
 _watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
+
+_Environment = type(os.environ)
+_LOOKED_UP_BY = {os.getenv.__code__.co_filename, collections.abc.Mapping.get.__code__.co_filename, __file__}
+"""Files of what looks a variable up for somebody."""
+
+
+class _HeardEnvironment(_Environment):  # type: ignore[misc, valid-type]
+    """The environment, while code of a user runs: it hears who reads which variable."""
+
+    def __getitem__(self, key: str) -> str:
+        """Give a variable."""
+        if _watching and isinstance(key, str):
+            frame = sys._getframe(1)
+            while frame.f_back is not None and frame.f_code.co_filename in _LOOKED_UP_BY:
+                frame = frame.f_back
+            _watching[-1].asks_environment(key, frame.f_code.co_filename)
+        value: str = super().__getitem__(key)
+        return value
+
+
 _EVENTS = {
     "ctypes.dlopen": (0,),
     "import": (1,),
@@ -205,7 +236,7 @@ _EVENTS = {
 """Audit events that name files, and which of their arguments do."""
 _PROGRAMS = {"subprocess.Popen": 1, "os.exec": 0, "os.posix_spawn": 0, "os.spawn": 1, "os.system": 0}
 """Those that start another program, and which argument says what."""
-_ASKS = {"os.fork", "os.forkpty", "socket.connect"}
+_ASKS = {"os.fork", "os.forkpty", "socket.connect", "socket.sendmsg", "socket.sendto"}
 """Audit events of what gives answers that no file of the code tells."""
 _HEARD = {*_EVENTS, *_ASKS, *process.LIMITING}
 _POOLS = "pymp-"
