@@ -86,15 +86,14 @@ def guess(
     from resim.core.errors import InputError
     from resim.recordings.mapped.guess import fill_ins
     from resim.recordings.mapped.guess import guess as guessed
+    from resim.results import whole_file
     from resim.road.opendrive import load
 
     if out.exists():
         raise InputError(out, "exists already", "Remove it or name another file.")
     text = guessed(file, out, sensor=sensor, network=None if map_file is None else load(map_file))
-    try:
-        out.write_text(text, encoding="utf-8")
-    except OSError as e:
-        raise InputError(out, f"cannot be written ({e.strerror})", "Name a file that you may write.") from e
+    with whole_file(out, None) as beside:
+        beside.write_text(text, encoding="utf-8")
     left = fill_ins(text)
     add_to_json(mapping=out, fill_in=left)
     say(f"{out}: written; {len(left)} lines to fill in, or to take out" if left else f"{out}: written")

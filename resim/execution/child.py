@@ -107,6 +107,9 @@ def _answer(function: Callable[[Any], Any], task: Any) -> Any:
         crashed = getattr(e.__cause__, "errno", None) in _PASSING
         return Failure(str(e), crashed, of_function=isinstance(e, FunctionError))
     except BaseException as e:
+        if isinstance(e, ModuleNotFoundError) and str(e.name).partition(".")[0] == "resim":
+            reason = "the code under test took modules of resim away"
+            return Failure(reason, crashed=True, of_function=True)
         where = traceback.extract_tb(e.__traceback__)[-1]
         return Failure(
             f"unexpected {watchdog.exception_text(e)} in {where.name} ({Path(where.filename).name})",

@@ -33,6 +33,8 @@ class FolderKind:
     inside: Mapping[str, re.Pattern[str]] = field(default_factory=dict)
 
 
+LONGEST_NAME = 230
+"""Bytes of a folder's name: what is written beside it has a longer one, and file systems take 255."""
 HALF = re.compile(r"\..+\.\d+\.new")
 """A file that was being written when its process was killed."""
 
@@ -60,6 +62,10 @@ def check_output(folder: Path, kind: FolderKind = RUN) -> None:
     try:
         if folder.exists() and not folder.is_dir():  # a file, or a device, which no rename may take away
             raise InputError(folder, "is no folder, expected one for the results", remedy)
+        if Path(os.path.realpath(folder)).is_symlink():
+            raise InputError(folder, "is a link that leads to itself", remedy)
+        if len(os.fsencode(folder.name)) > LONGEST_NAME:
+            raise InputError(folder, f"has a name of more than {LONGEST_NAME} bytes", remedy)
         whole = folder.absolute()
         above = next((parent for parent in whole.parents if parent.exists()), whole)
         if not above.is_dir() or not os.access(above, os.W_OK):

@@ -30,6 +30,7 @@ from resim.resimulation import (
 from resim.results import whole_folder, write_assessment, write_resimulation
 from resim.simulation.function.interface import freeze_build, load_build
 from resim.simulation.vehicles.registry import vehicle_model
+from resim.sweeps.one_run import RATE
 from resim.sweeps.result import SweepResult
 from resim.sweeps.tasks import RunTask, run, swept_model, with_values
 from resim.verification.inputs import HashedFile
@@ -138,9 +139,8 @@ def _write(traces: TraceTask) -> None:
     recording = load_checked(task.folder, accept=task.accept)
     options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed)
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)
-    assessed = assess_resimulation(
-        result, AssessmentOptions(criteria=read_criteria(task.criteria)), model=True
-    )
+    how = AssessmentOptions(criteria=read_criteria(task.criteria), rate=RATE)  # as the sweep judged it
+    assessed = assess_resimulation(result, how, model=True)
     with whole_folder(traces.out) as folder:
         write_resimulation(result, folder)
         write_assessment(assessed, folder, folder)

@@ -158,6 +158,13 @@ def test_folders_that_are_no_results_are_left_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no folder, expected one"), whole_folder(tmp_path / "pipe"):
         pass
     assert (tmp_path / "pipe").is_fifo()
+    (tmp_path / "loop").symlink_to("loop")
+    for name, why in (
+        ("loop", "is a link that leads to itself"),
+        ("x" * 250, "a name of more than 230 bytes"),
+    ):
+        with pytest.raises(InputError, match=why):
+            check_output(tmp_path / name)
     with pytest.raises(InputError, match=r"thesis\.txt is no folder that you may write"):
         check_output(tmp_path / "mine" / "thesis.txt" / "out")
     with (

@@ -383,6 +383,42 @@ def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_p
     assert (tmp_path / "out" / "run.json").exists()
 
 
+def test_a_function_is_let_go_of_within_its_time_limit(
+    drive: Drive, function: Make, member: Member, set_constant: Callable[..., None]
+) -> None:
+    """Its `__del__` is its code, too: outside of a limit the command would wait for it for good."""
+    set_constant(driver, "_RESET_LIMIT", 0.3)  # a minute
+    own = function(members="def __del__(self): time.sleep(3.0)")
+    begin = time.monotonic()
+    assert "on closing took longer than 0.3 s" in drive(own, member("e", 300.0, 20.0)).failure
+    assert time.monotonic() - begin < 60.0
+
+
+def test_a_function_that_takes_resims_modules_away_is_to_blame(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(
+        "import sys\nfrom resim.simulation.function.interface import Command\nclass Own:\n"
+        "    def reset(self, setup): pass\n    def close(self): pass\n"
+        "    def step(self, perceived):\n        sys.modules.clear(); sys.path.clear()\n"
+        "        return Command(0.0, 0.0)\n"
+    )
+    build = tmp_path / "own.toml"
+    build.write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
+    order = [
+        "run",
+        ROOT / "scenarios" / "rear_end",
+        "--basis",
+        "gt",
+        "--build",
+        build,
+        "--out",
+        tmp_path / "out",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-m", "resim", *order], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert (done.returncode, "took modules of resim away" in done.stderr) == (3, True), done.stderr
+
+
 def test_a_module_beside_its_build_takes_no_other_modules_place(write_build: Callable[..., Path]) -> None:
     path = write_build(f"class Own:\n{METHODS}")
     installed = sys.modules.get("own")

@@ -78,6 +78,12 @@ def test_the_command_of_the_report_repeats_the_run(swept: Path, call: Call) -> N
     )
     assert [(seed["reaction"], seed["end_position_error"])] == row.fetchall()
     assert (folder / "report.html").is_file()
+    of_it = f"'{folder}/kpis.parquet' where starts_with(source, 'rGT+M') and row = 'criterion'"
+    told = duckdb.sql(f"select name, value, verdict from {of_it}").fetchall()
+    rows = duckdb.sql(f"select * from 'out/runs/*.parquet' where run = {worst['run']}").df().iloc[0]
+    assert told
+    for name, value, verdict in told:  # judged as the sweep did, at as many scenes
+        assert (rows[f"value {name}"], rows[f"kpi {name}"]) == (pytest.approx(value, nan_ok=True), verdict)
     listed = json.loads(call("runs", "list", "--kind", "run", "--json")[1])["results"]
     assert str(folder.resolve()) in [entry["folder"] for entry in listed]
 
