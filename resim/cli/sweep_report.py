@@ -37,6 +37,8 @@ def report(
     found = report_sweep(folder, page)
     add_to_json(page=page, report=to_json(found))
     say(f"engine: {engine_line(found)}")
+    for note in found.unpinned:
+        say(f"note: {note}")
     for section in found.sections:
         say(f"{section.recording}, {section.build}: {overview_line(section)}")
         told = (

@@ -39,7 +39,7 @@ RUN = "run"
 DRAWN_COLUMNS = ("recording", "build", "seed")
 """Columns of the table of a sweep: what a run is of, besides the values of its parameters."""
 
-TEXT_OUTCOMES = ("end", "failure", "decision", "case")
+TEXT_OUTCOMES = ("end", "failure", "decision", "case", "unpinned")
 """Columns of the table of a sweep that hold text, besides outcomes of criteria and their units."""
 
 Cell = str | bool | float | None

@@ -131,6 +131,7 @@ class SimulatedDrive:
         left_route: When [s] the EGO left the measured route (`resim.road.driven_route`), None where it did not.
         traceback: Where it raised what it failed by, a line for each call, the innermost last.
         last_words: The end of what the failed call wrote to the standard error, or a process that it started; or "".
+        unpinned: What the code under test asked that its hash does not know, in words; "" for nothing.
         control_error: Largest distance [m] between where a vehicle was commanded to be and where the engine had it.
         shown: Objects on all lists that the function was shown.
         outside: How many of them were outside of what the perception model was trained for.
@@ -148,6 +149,7 @@ class SimulatedDrive:
     left_route: float | None
     traceback: tuple[str, ...]
     last_words: str
+    unpinned: str
     control_error: float
     shown: int
     outside: int
@@ -156,10 +158,10 @@ class SimulatedDrive:
     def fingerprint(self) -> dict[str, str]:
         """Give a checksum of each field: two drives with the same ones are the same to the byte.
 
-        How long it took, and where an engine says that it had somebody, is not of the drive; nor are the words of a
-        failure, which may hold addresses.
+        How long it took, where an engine says that it had somebody, and what the code asked, is not of the drive; nor
+        are the words of a failure, which may hold addresses.
         """
-        left = ("time", "control_error", "traceback", "last_words", "failure")
+        left = ("time", "control_error", "traceback", "last_words", "failure", "unpinned")
         values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in left}
         values |= {"case": self.case.hash, "failed": bool(self.failure), "perceived": tuple(self.perceived)}
         return {name: _checksum(value).hexdigest()[:16] for name, value in values.items()}

@@ -304,6 +304,7 @@ class _Loop:
             left_route=None,
             traceback=_lines(run.frames, opened),
             last_words=run.words,
+            unpinned=opened.note(),
             control_error=control_error,
             shown=shown,
             outside=outside,

@@ -70,6 +70,7 @@ def analyse(swept: SweepResult, place: str) -> SweepReport:
         runs=len(rows),
         failed=int(failed(rows).sum()),
         repeated_in_sumo=_repeated(swept) if swept.file.engine == "direct" else MISSING,
+        unpinned=tuple(sorted(rows["unpinned"].dropna().unique().tolist())) if "unpinned" in rows else (),
         parameters=tuple(_parameter(p) for p in swept.parameters),
         sections=tuple(_section(swept, part, place) for _, part in groups),
     )
@@ -77,7 +78,7 @@ def analyse(swept: SweepResult, place: str) -> SweepReport:
 
 def _repeated(swept: SweepResult) -> int:
     """How many runs were repeated in SUMO."""
-    known = swept.rows[["run", "case"]].dropna()
+    known = swept.rows.reindex(columns=["run", "case"]).dropna()
     cases = zip(known["case"].tolist(), known["run"].tolist(), strict=True)
     return sum(is_repeated(case, run, swept.file.repeated_in_sumo) for case, run in cases)
 

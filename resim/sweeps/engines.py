@@ -24,15 +24,19 @@ def is_repeated(case: str, run: int, share: float) -> bool:
     return share > 0.0 and (run == 0 or int(case[:_DIGITS], 16) < share * 16.0**_DIGITS)
 
 
+_WORDS = ("failure", "unpinned")
+"""Columns that say something of a run in words."""
+
+
 def what_differs(one: tuple[Fingerprint, Row], other: tuple[Fingerprint, Row]) -> str:
     """Give where a run and its repetition are not the same to the byte, drive and row; "" where they are.
 
-    The words of a failure may differ: they can hold addresses.
+    The words of a failure may differ: they can hold addresses; and what the code asked, which is not of the drive.
     """
     for mine, others in zip(one, other, strict=True):
         if list(mine) != list(others):
             return "which columns there are"
-        differ = (name for name in mine if repr(mine[name]) != repr(others[name]) and name != "failure")
+        differ = (name for name in mine if repr(mine[name]) != repr(others[name]) and name not in _WORDS)
         if name := next(differ, ""):
             return name
     return ""

@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 from pydantic import MISSING
 
-from resim.core.errors import InputError, ResimError
+from resim.core.errors import FunctionError, InputError, ResimError
 from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
@@ -27,7 +27,7 @@ from resim.metrics.criteria import read_criteria
 from resim.perception.model import fault_of
 from resim.resimulation import ResimulationOptions
 from resim.results import whole_file, write_json, write_parquet
-from resim.simulation.function.driver import cycle_steps
+from resim.simulation.function.driver import cycle_steps, try_to_make
 from resim.simulation.function.interface import Build, load_build, misfit_of
 from resim.sweeps.file import Sweep, boundaries, runs
 from resim.sweeps.manifest import SCHEMA, SweepBegun, SweepInputs, SweepManifest
@@ -162,7 +162,14 @@ def _has_outcome(sweep: Sweep) -> None:
     if not sweep.file.planned.grows:
         return
     shares = (outcome.name for outcome in OUTCOMES if outcome.good is not None)
-    known = list(dict.fromkeys([*shares, *(c.name for c in read_criteria(sweep.criteria).criteria)]))
+    own = [c.name for c in read_criteria(sweep.criteria).criteria]
+    builtin = [*shares]
+    if sweep.file.adaptive.outcome in builtin and sweep.file.adaptive.outcome in own:
+        problem = (
+            f"adaptive.outcome {sweep.file.adaptive.outcome!r} is the name of an outcome and of a criterion"
+        )
+        raise InputError(sweep.path, problem, "Give the criterion another name.")
+    known = list(dict.fromkeys([*builtin, *own]))
     if sweep.file.adaptive.outcome not in known:
         problem = f"adaptive.outcome {sweep.file.adaptive.outcome!r} is not in this sweep"
         raise InputError(sweep.path, problem, f"There are: {', '.join(known)}.")
@@ -203,8 +210,10 @@ def _function_fits(sweep: Sweep, build: Build, values: Values) -> None:
         if misfit := misfit_of(build.factory.load(), {**build.parameters, name.partition(".")[2]: 0.0}):
             raise InputError(sweep.path, f"parameter {name!r}: in {build.path.name} {misfit}", EXAMPLE)
     try:
-        build.make()
-    except Exception as e:
+        try_to_make(build)
+    except FunctionError as e:
+        if not str(e).startswith("raised "):  # it ends its process, or does not return
+            raise FunctionError(f"{build.label} on being made {e}") from e
         given = ", ".join(f"{name} = {value:g}" for name, value in own.items())
         problem = f"{build.path.name} does not take {given or 'its own [parameters]'}: {e}"
         raise InputError(sweep.path, problem, "Correct the ranges.") from e
@@ -226,7 +235,7 @@ def execute(
     expect: hears how many runs it is, which grow with an adaptive plan. found: hears the findings in each recording as
     soon as one of its runs is there.
     """
-    checked: set[str] = set()
+    checked, noted = set[str](), set[str]()
     with journal.Journal(out / "journal" / f"{shard[0]}-of-{shard[1]}.jsonl") as file:
         todo: list[RunTask] | None = None
         while todo is None or (todo and sweep.file.planned.grows):
@@ -237,7 +246,10 @@ def execute(
                 pass  # none is of something else
             expect(len(wanted))
             mine = wanted[wanted[RUN] % shard[1] == shard[0] - 1]
+            first = todo is None
             todo = [task for task in tasks(sweep, mine) if task.run not in rows]
+            if first and todo:
+                _refuse_unpinned(out, set(mine[RUN].tolist()))
             of = dict(zip(mine[RUN].tolist(), mine["recording"].tolist(), strict=True))
             for number, result in kept_if_proved(file, proved(todo, sweep.file.time_limit, workers, pool)):
                 if not isinstance(result, Failure):
@@ -245,9 +257,20 @@ def execute(
                     if name not in checked:
                         checked.add(name)
                         found(name, result.findings)
+                    if (told := result.row.get("unpinned")) is not None and told not in noted:
+                        noted.add(str(told))
+                        found(name, (str(told),))
                 entry = _entry(result, number, plans[number], sweep)
                 file.append(entry)
                 tell(entry.row["failure"] is not None)
+
+
+def _refuse_unpinned(out: Path, mine: set[int]) -> None:
+    """Raise InputError where results are of code that asks what its hash does not know: that may be otherwise now."""
+    for entry in journal.read(out / "journal", type_of):
+        if entry.run in mine and (told := entry.row.get("unpinned")) is not None:
+            problem = f"cannot be resumed: {told}, so runs that are left may be of other code"
+            raise InputError(out, problem, "Run the sweep anew with another --out.")
 
 
 def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:

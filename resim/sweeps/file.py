@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,11 +132,16 @@ def runs(sweep: Sweep, rows: Mapping[int, Row] | None = None) -> pd.DataFrame:
 def _seeds(points: Floats, count: int) -> Indices:
     """Seeds (R, count) of the runs at points (R, P): drawn from their values, the same ones in every plan.
 
-    Each point has its own, so that what two points say of a parameter is said twice; recordings and builds share them.
+    Each point has its own, so that what two points say of a parameter is said twice; a point that is there again, as
+    values that are listed are in drawn plans, has the next of its seeds. Recordings and builds share them.
     """
     rounded = np.array([[float(f"{value:.9g}") + 0.0 for value in row] for row in points.tolist()])
     words = rounded.reshape(len(points), -1).view(np.uint32).tolist()
-    drawn = [np.random.SeedSequence(row).generate_state(count) for row in words]
+    drawn, before = [], Counter[tuple[int, ...]]()
+    for row in words:
+        copy = before[tuple(row)]
+        drawn.append(np.random.SeedSequence(row).generate_state(count * (copy + 1))[count * copy :])
+        before[tuple(row)] += 1
     return np.array(drawn, dtype=np.int64).reshape(-1, count)
 
 

@@ -95,11 +95,12 @@ def _came_to(
         "decision": ", ".join(found.decision),
         "reaction": found.reaction,
         "case": drive.case.hash,
+        "unpinned": drive.unpinned or None,
     }
     errors = found.errors or dict.fromkeys(["d", "v", "heading"])
     row |= {f"pipeline_{name}": value for name, value in errors.items()}
     row |= {name: found.comfort[name] for name in COMFORT}
-    row |= {outcome.column: outcome.of(run) for outcome in OUTCOMES}
+    row |= {outcome.column: outcome.cell(run) for outcome in OUTCOMES}
     row |= _kpis(found, prepared.criteria)
     row = {column: row[column] for column in (*LEADING, *row)}
     return drive, _without_values(row) if drive.failure else row

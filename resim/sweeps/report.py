@@ -239,6 +239,7 @@ class SweepReport:
     """What a sweep found; inputs: as its manifest has them. confidence, demanded: of plans that do not grow.
 
     repeated_in_sumo: how many runs of the engine "direct" were; one that is not the same there ends the sweep.
+    unpinned: what the code under test asked that its hash does not know.
     """
 
     __pydantic_config__ = EXACT
@@ -253,5 +254,6 @@ class SweepReport:
     runs: int
     failed: int
     repeated_in_sumo: int | MISSING = MISSING
+    unpinned: tuple[str, ...] = ()
     parameters: tuple[SweptParameter, ...]
     sections: tuple[SweepSection, ...]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from resim.report import SHEET
 from resim.results import HALF, VERIFICATION, check_output, whole_file
 from resim.verification.cases import CASES, Traces
 from resim.verification.entries import FailedRecording
-from resim.verification.execution import files_of
+from resim.verification.execution import DRIVES, REPORTS, files_of
 from resim.verification.inputs import VerificationBegun, VerificationRequest
 from resim.verification.junit import junit
 from resim.verification.page import write_verification_page
@@ -24,6 +25,11 @@ from resim.verification.report import VerificationReport
 SUMMARIES = ("verification.json", "verification.html", "junit.xml")
 """What tells of all recordings."""
 REMEDY = "Give the verification.json that `resim verify` wrote."
+
+
+_OWN = re.compile(rf"({CASES}|{DRIVES}|{REPORTS})/[^/\0]+")
+LONGEST = 512
+"""Characters of a file's name with its folder."""
 
 
 def begin(out: Path, a: VerificationRequest) -> None:
@@ -56,18 +62,27 @@ def _mark(a: VerificationRequest, files: Sequence[str]) -> str:
 
 
 def _listed(mark: Path) -> list[str]:
-    """The files that a verification may have written into the folder."""
-    return [*read_sealed(mark, "Remove it.")["files"]]
+    """The files that a verification may have written into its folders; others that the mark names are not its own."""
+    told = read_sealed(mark, "Remove it.")["files"]
+    names = (name for name in told if isinstance(name, str) and len(name) < LONGEST)
+    return [name for name in names if _OWN.fullmatch(name) and name.split("/")[1] not in (".", "..")]
 
 
 def _refuse_other(out: Path, mark: Path, a: VerificationRequest) -> None:
     """Raise InputError where the folder holds the verification of another suite or build: it would be lost."""
     held = read_sealed(mark, "Remove it.")["inputs"]
-    labels = [(held.get(which) or {}).get("label") for which in ("build", "against")]
+    if not isinstance(held, dict):
+        raise InputError(mark, "is not what `resim verify` writes", "Remove it.")
+    labels = [_label(held.get(which)) for which in ("build", "against")]
     was = _subject(held.get("name"), *labels)
     now = _subject(a.name, a.build.label, None if a.against is None else a.against.label)
     if was != now:
         raise InputError(out, f"holds the verification {was}, not {now}", "Name another folder with --out.")
+
+
+def _label(build: object) -> str | None:
+    label = build.get("label") if isinstance(build, dict) else None
+    return label if isinstance(label, str) else None
 
 
 def _subject(suite: str | None, build: str | None, against: str | None) -> str:

@@ -108,6 +108,11 @@ ASKS = {
     "a module": ("run(sys.executable, '-m', 'far', env={{'PYTHONPATH': FAR}})", "-m far"),
     "a shell that goes there": ("os.system('cd ' + FAR + ' && ./pilot >/dev/null')", "started cd {far}"),
     "the environment": ("os.environ.get('PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
+    "the environment as bytes": ("os.environb.get(b'PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
+    "the environment in a path": ("os.path.expandvars('$PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
+    "an address of its own": (
+        "s = socket.socket(socket.AF_INET, 2); s.bind(('127.0.0.1', 0)); s.close()", "listened to ('127.0.0.1', 0)",
+    ),
     "a datagram": (
         "s = socket.socket(socket.AF_UNIX, 2)\ntry: s.sendto(b'', FAR + '/sock')\nexcept OSError: pass\ns.close()",
         "connected to '{far}/sock'",

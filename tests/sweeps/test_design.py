@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from scipy.stats import qmc
+from scipy.stats import qmc, truncnorm
 from swept import design
 
+from resim.sweeps.file import _seeds
 from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.plans.registry import PLANS
 
@@ -86,3 +87,32 @@ def test_a_parameter_that_is_none_is_refused(fields: dict[str, object], fault: s
         SweepParameter.model_validate({"name": "function.threat_time", **fields})
     with pytest.raises(ValidationError, match="a name that begins with"):
         SweepParameter(name="threat_time", low=0.0, high=1.0)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "mean", "std"),
+    [(0.4, 1.2, 0.1, 0.03), (0.5, 1.2, 2.0, 0.1), (0.0, 1.0, 0.5, 0.2), (0.4, 1.2, 0.1, 0.011)],
+)
+def test_a_mean_far_outside_of_the_range_draws_at_its_near_end(
+    low: float, high: float, mean: float, std: float
+) -> None:
+    """As SciPy's truncated normal has it."""
+    parameter = SweepParameter(name="function.x", low=low, high=high, mean=mean, std=std)
+    share = np.linspace(0.0, 1.0, 101)
+    true = truncnorm((low - mean) / std, (high - mean) / std, loc=mean, scale=std).ppf(share)
+    np.testing.assert_allclose(parameter.at(share), true, atol=1e-12)
+    np.testing.assert_allclose(parameter.share(parameter.at(share)), share, atol=1e-9)
+
+
+def test_a_mean_beyond_all_reason_is_refused() -> None:
+    with pytest.raises(ValidationError, match="more than 30 std outside"):
+        SweepParameter(name="function.x", low=0.5, high=1.2, mean=2.0, std=0.01)
+
+
+def test_a_point_that_is_there_again_has_seeds_of_its_own() -> None:
+    """As values that are listed are in drawn plans: copies of one run are no evidence."""
+    points = np.array([[0.5], [0.1], [0.5], [0.5], [0.1]])
+    seeds = _seeds(points, 3)
+    assert len(np.unique(seeds)) == seeds.size
+    assert np.array_equal(seeds[:2], _seeds(points[:2], 3))
+    assert np.array_equal(_seeds(points[[1, 0]], 3), seeds[[1, 0]])

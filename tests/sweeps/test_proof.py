@@ -81,6 +81,19 @@ class Middle(Honest):
         return CommandBatch(answers, np.zeros(len(perceived)))
 
 
+class Asks(Honest):
+    def __init__(self, k=0.0):
+        super().__init__()
+        import os
+        self.gain = float(os.environ.get("PILOT_GAIN", "0"))
+
+
+class Leaves(Honest):
+    def __init__(self, k=0.0):
+        import os
+        os._exit(0)
+
+
 class Slow(Honest):
     def wait(self):
         if self.calls == 10 and (self.seeds % 4 == 1).any():
@@ -228,3 +241,40 @@ def test_a_second_refusal_keeps_the_first(sweep: Callable[..., tuple[int, str, P
     sweep("Lies", more=("--resume",))
     assert (out / "journal" / "1-of-1.jsonl.refused").read_text() == "keep me"
     assert (out / "journal" / "1-of-1.jsonl.refused1").exists()
+
+
+def test_what_a_build_asks_besides_its_hash_is_told_and_nothing_is_added_later(
+    sweep: Callable[..., tuple[int, str, Path]], call: Call
+) -> None:
+    """Under another environment the runs that are left would be of other code."""
+    code, _, out = sweep("Asks", seeds=4, more=("--shard", "1/2"))
+    told = "the code read PILOT_GAIN from the environment"
+    journal = out / "journal" / "1-of-2.jsonl"
+    assert told in journal.read_text()
+    journal.write_text(journal.read_text().splitlines(keepends=True)[0])
+    code, error, _ = sweep("Asks", seeds=4, more=("--shard", "1/2", "--resume"))
+    assert code == 2
+    assert "cannot be resumed: " + told in error
+    code, _, out = sweep("Asks", seeds=4, workers=2)
+    assert code in (0, 1)
+    assert told in call("sweep", "report", out)[1]
+    assert told in (out / "report.html").read_text()
+
+
+def test_a_function_that_ends_its_process_when_it_is_made_is_named(
+    sweep: Callable[..., tuple[int, str, Path]],
+) -> None:
+    code, error, _ = sweep("Leaves", seeds=2)
+    assert (code, "leaves-1 on being made ended its process" in error) == (3, True), error
+
+
+def test_a_sweep_of_which_every_run_took_too_long_has_a_report(
+    sweep: Callable[..., tuple[int, str, Path]], call: Call, tmp_path: Path
+) -> None:
+    sweep("Honest", seeds=2)
+    file = tmp_path / "sweep.toml"
+    file.write_text(file.read_text().replace("seeds = 2", "seeds = 2\ntime_limit = 0.001"))
+    assert call("sweep", file, "--out", tmp_path / "late", "--workers", 1, "--quiet")[0] == 3
+    code, out, error = call("sweep", "report", tmp_path / "late")
+    assert (code, error) == (0, "")
+    assert "2 runs" in out

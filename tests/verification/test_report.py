@@ -15,6 +15,8 @@ from resealed import edit
 
 import resim
 from resim.core.errors import InputError
+from resim.core.json_text import json_text
+from resim.core.sealed import sealed
 from resim.core.spec import sealed_schema
 from resim.verification import folder
 from resim.verification.cases import VerificationCase, kept
@@ -127,3 +129,26 @@ def test_what_somebody_puts_into_the_folder_meanwhile_stays(
     assert (out / "drives" / "mine").is_dir()
     assert not (out / "cases" / "gone.json").exists()
     assert (out / "inputs.json").read_bytes() == (verified.folder / "inputs.json").read_bytes()
+
+
+def test_names_that_a_verification_never_writes_are_not_deleted(
+    verified: resim.Verification, tmp_path: Path
+) -> None:
+    """Whoever hands over a folder can state any names in it."""
+    out, mine = tmp_path / "out", tmp_path / "mine.txt"
+    shutil.copytree(verified.folder, out)
+    mine.write_text("precious")
+    names = ["../mine.txt", str(mine), "cases/../../mine.txt", "verification.json", "cases/..", 5, "x" * 5000]
+    said = json.loads((out / "inputs.json").read_text())
+    del said["checksum"]
+    said["files"] += names
+    (out / "inputs.json").write_text(json_text(sealed(said)))
+    folder.begin(out, verified.report.inputs)
+    folder.write(out, verified.report, {})
+    assert mine.read_text() == "precious"
+    assert (out / "verification.json").is_file()
+    for inputs in ([], {"build": "x"}):
+        said["inputs"] = inputs
+        (out / "inputs.json").write_text(json_text(sealed(said)))
+        with pytest.raises(InputError):
+            folder.begin(out, verified.report.inputs)

@@ -61,7 +61,7 @@ class OpenedFiles:
         if not _watching:
             integrity.begin(self.path)
             watchdog.name_code(self.path)
-            os.environ.__class__ = _HeardEnvironment
+            _watch_environment(_HeardEnvironment)
         self._modules.__enter__()
         _watching.append(self)
         return self
@@ -70,7 +70,7 @@ class OpenedFiles:
         _watching.pop()
         self._modules.__exit__(*error)
         if not _watching:
-            os.environ.__class__ = _Environment
+            _watch_environment(_Environment)
             integrity.check()
 
     def asks_environment(self, variable: str, file: str) -> None:
@@ -107,7 +107,7 @@ class OpenedFiles:
         elif arguments[1] is None:  # of one that is connected
             pass
         elif _POOLS not in str(arguments[1]):
-            self.others.add(f"connected to {arguments[1]!r}")
+            self.others.add(f"{'listened' if event == 'socket.bind' else 'connected'} to {arguments[1]!r}")
 
     def _is_listed(self, file: str) -> bool:
         """Whether a file is one of the frozen copy."""
@@ -204,23 +204,30 @@ def _is_systems(place: str) -> bool:
 _watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
 
-_Environment = type(os.environ)
-_LOOKED_UP_BY = {os.getenv.__code__.co_filename, collections.abc.Mapping.get.__code__.co_filename, __file__}
+_Environment: Any = type(os.environ)
+_LOOKED_UP_BY = {
+    function.__code__.co_filename for function in (os.getenv, collections.abc.Mapping.get, os.path.expandvars)
+} | {__file__}
 """Files of what looks a variable up for somebody."""
 
 
-class _HeardEnvironment(_Environment):  # type: ignore[misc, valid-type]
+class _HeardEnvironment(_Environment):  # type: ignore[misc]
     """The environment, while code of a user runs: it hears who reads which variable."""
 
-    def __getitem__(self, key: str) -> str:
+    def __getitem__(self, key: Any) -> Any:
         """Give a variable."""
-        if _watching and isinstance(key, str):
+        if _watching and isinstance(key, str | bytes):
             frame = sys._getframe(1)
             while frame.f_back is not None and frame.f_code.co_filename in _LOOKED_UP_BY:
                 frame = frame.f_back
-            _watching[-1].asks_environment(key, frame.f_code.co_filename)
-        value: str = super().__getitem__(key)
-        return value
+            _watching[-1].asks_environment(os.fsdecode(key), frame.f_code.co_filename)
+        return super().__getitem__(key)
+
+
+def _watch_environment(kind: Any) -> None:
+    """Let the environment, as text and as bytes, be of this kind."""
+    for environment in (os.environ, os.environb):
+        environment.__class__ = kind
 
 
 _EVENTS = {
@@ -236,7 +243,7 @@ _EVENTS = {
 """Audit events that name files, and which of their arguments do."""
 _PROGRAMS = {"subprocess.Popen": 1, "os.exec": 0, "os.posix_spawn": 0, "os.spawn": 1, "os.system": 0}
 """Those that start another program, and which argument says what."""
-_ASKS = {"os.fork", "os.forkpty", "socket.connect", "socket.sendmsg", "socket.sendto"}
+_ASKS = {"os.fork", "os.forkpty", "socket.connect", "socket.sendmsg", "socket.sendto", "socket.bind"}
 """Audit events of what gives answers that no file of the code tells."""
 _HEARD = {*_EVENTS, *_ASKS, *process.LIMITING}
 _POOLS = "pymp-"

@@ -114,6 +114,12 @@ def _made(build: Build, watchdog: Watchdog) -> Any:
     return watchdog.call(_RESET_LIMIT, build.make)
 
 
+def try_to_make(build: Build) -> None:
+    """Make a function and let go of it: both run its code. Raises FunctionError where one of them fails."""
+    with Watchdog() as watchdog:
+        watchdog.call(_RESET_LIMIT, lambda: build.make() and None)
+
+
 class BatchDriver:
     """One function for several runs; remembers as `Driver` does.
 

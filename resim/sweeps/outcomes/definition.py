@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
+from resim.core.errors import ResimError
 from resim.core.schema import Cell
 
 if TYPE_CHECKING:
@@ -14,6 +18,7 @@ if TYPE_CHECKING:
     from resim.simulation.case import SimulatedDrive
 
 ColumnType = Literal["text", "flag", "number"]
+_TYPES: Mapping[ColumnType, tuple[type, ...]] = {"text": (str,), "flag": (bool,), "number": (int, float)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,17 @@ class OutcomeDefinition:
     keeps: str = ""
     asked: str = ""
     final: bool = False
+
+    def cell(self, run: FinishedRun) -> Cell:
+        """Give a run's cell, plain and of the column's type; NaN is None. Raises ResimError for any other."""
+        value: Any = self.of(run)
+        if isinstance(value, np.generic):
+            value = value.item()
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return None
+        if isinstance(value, _TYPES[self.type]) and isinstance(value, bool) is (self.type == "flag"):
+            return value  # type: ignore[return-value]  mypy does not follow `_TYPES`
+        raise ResimError(f"outcome {self.column!r} gave {value!r:.60}, expected {self.type} or None")
 
     @property
     def name(self) -> str:

@@ -84,6 +84,7 @@ def _header(found: SweepReport) -> Markup:
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
     facts = [("plan", f"{plan}: {points} points, {first.seeds} seeds each")]
     facts.append(("engine", engine_line(found)))
+    facts += [("note", note) for note in found.unpinned]
     facts += [
         (name, Path(file.path).name)
         for name, file in (("perception", inputs.perception), ("criteria", inputs.criteria))

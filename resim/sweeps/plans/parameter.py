@@ -17,6 +17,10 @@ _NAME = TextPattern(
 )
 
 
+FARTHEST = 30.0
+"""Standard deviations outside of its range from which on a mean is a mistake."""
+
+
 class SweepParameter(BaseModel):
     """A parameter that is swept: its range, or the values that it takes, in its own unit.
 
@@ -53,6 +57,10 @@ class SweepParameter(BaseModel):
             )
         if (self.mean is None) != (self.std is None):
             raise ValueError("expected mean and std, both")
+        if self.mean is not None and self.std is not None and self.low is not None and self.high is not None:
+            nearest = min(max(self.mean, self.low), self.high)
+            if abs(nearest - self.mean) > FARTHEST * self.std:
+                raise ValueError(f"mean {self.mean:g} is more than {FARTHEST:g} std outside of low and high")
         if self.values and self.mean is not None:
             raise ValueError("values have no mean and std")
         if len(set(self.values)) < len(self.values):
@@ -87,9 +95,10 @@ class SweepParameter(BaseModel):
             return np.clip((x - low) / (high - low), 0.0, 1.0)
         from scipy.special import ndtr  # slow to load, and seldom needed
 
-        first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
-        below: Floats = (ndtr((x - self.mean) / self.std) - first) / (last - first)
-        return np.clip(below, 0.0, 1.0)
+        z, ends, turned = self._normal(x, low, high)
+        first, last = ndtr(ends)
+        below: Floats = (ndtr(z) - first) / (last - first)
+        return np.clip(1.0 - below if turned else below, 0.0, 1.0)
 
     def at(self, share: Floats) -> Floats:
         """Give the values below which a share (N,) in [0, 1] of the distribution lies."""
@@ -101,6 +110,14 @@ class SweepParameter(BaseModel):
             return np.asarray(low + share * (high - low))
         from scipy.special import ndtr, ndtri
 
-        first, last = ndtr((np.array([low, high]) - self.mean) / self.std)
-        drawn: Floats = self.mean + self.std * ndtri(first + share * (last - first))
-        return np.clip(drawn, low, high)
+        _, ends, turned = self._normal(np.zeros(0), low, high)
+        first, last = ndtr(ends)
+        z: Floats = ndtri(first + (1.0 - share if turned else share) * (last - first))
+        return np.clip(self.mean + self.std * (-z if turned else z), low, high)
+
+    def _normal(self, x: Floats, low: float, high: float) -> tuple[Floats, Floats, bool]:
+        """Values (N,), low and high as those of a standard normal, and whether turned, to where its digits are."""
+        mean, std = float(self.mean or 0.0), float(self.std or 1.0)
+        z, ends = (x - mean) / std, (np.array([low, high]) - mean) / std
+        turned = bool(ends.sum() > 0.0)
+        return (-z, -ends[::-1], True) if turned else (z, ends, False)
