@@ -13,14 +13,17 @@ from resim.core.tracks import Tracks
 from resim.perception.model import (
     Error,
     ErrorModels,
+    FieldOfView,
     Latency,
     PerceptionModel,
     Response,
     Spread,
     TrainedParameter,
 )
+from resim.perception.runtime.chain import detected_share
 from resim.perception.runtime.sensor import Sensor
 from resim.perception.training import train
+from resim.perception.training.detection import DetectionSamples, fit_detection
 from resim.perception.training.drive import drive_of
 from resim.perception.training.matching import match
 from resim.perception.validation import _worlds
@@ -294,3 +297,18 @@ def test_one_drive_is_enough_for_wide_intervals() -> None:
     narrow = estimate(trained("drift"), "latency.speed")
     assert wide.high - wide.low > 2.0 * (narrow.high - narrow.low)
     assert all(np.isfinite([e.value, e.low, e.high]).all() for e in model.training.estimates.values())
+
+
+@pytest.mark.parametrize("lost", [0.05, 0.2, 0.6])
+def test_objects_that_are_lost_step_by_step_are_detected_as_often_in_the_model(lost: float) -> None:
+    """Independently of the step before: the most usual drop-outs, which no slower rates may take the place of."""
+    rng, n = np.random.default_rng(4), 20_000
+    place = np.column_stack([rng.uniform(10.0, 60.0, n), rng.uniform(0.0, 0.3, n), np.zeros(n)])
+    seen = rng.random(n) > lost
+    pairs = np.column_stack([np.arange(n - 1), np.arange(1, n)])
+    samples = DetectionSamples(place, seen, pairs, np.full(n - 1, 0.05), np.zeros(n))
+    found, estimates = fit_detection(samples, FieldOfView())
+    share = detected_share(np.array(found.loss), np.array(found.gain))
+    np.testing.assert_allclose(share, 1.0 - lost, atol=0.02)
+    for name, one in estimates.items():
+        assert one.low <= one.value <= one.high, name

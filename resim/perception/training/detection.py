@@ -22,6 +22,8 @@ SPLITS = (5, 3, 2)
 """Most edges within range, |bearing| and occlusion."""
 BEYOND = 3.0
 """Time [s] that objects have to be unseen beyond who was seen farthest, for that to be the field of view's end."""
+MOST_CHANGES = 0.998
+"""Probability of loss and that of regain within a step, together, at which a step hardly knows of the one before."""
 LIKELY = 0.3
 """Share of detected samples just within it, that makes it an edge rather than the fading of detection."""
 
@@ -210,7 +212,10 @@ def _pruned(counts: Floats, chosen: Chosen) -> Chosen:
 
 
 def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection, dict[str, TrainedParameter]]:
-    """Probabilities of a step, smoothed by half an event at the rate of all bins; then rates."""
+    """Probabilities of a step, smoothed by half an event at the rate of all bins; then rates.
+
+    What is lost and regained independently of the step before, or alternates, is the quickest that rates can tell.
+    """
     stays, lost, away, gained = counts
     probabilities, limits = [], []
     for n, rest in ((lost, stays), (gained, away)):
@@ -218,11 +223,13 @@ def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection,
         a, b = n + 0.5, rest + 0.5 / overall - 0.5
         probabilities.append(a / (a + b))
         limits.append([beta.ppf(q, a, b) for q in (0.025, 0.975)])
-    p_loss, p_gain = (np.minimum(p, 0.499) for p in probabilities)
-    loss, gain = rates(p_loss, p_gain, step)
+    changes = probabilities[0] + probabilities[1]
+    fewer = np.minimum(1.0, MOST_CHANGES / changes)  # which leaves the share that is detected as it is
+    loss, gain = rates(probabilities[0] * fewer, probabilities[1] * fewer, step)
     estimates = {}
     for name, value, p, (low, high), exposed in (
-        ("loss", loss, p_loss, limits[0], stays + lost), ("gain", gain, p_gain, limits[1], away + gained),
+        ("loss", loss, probabilities[0], limits[0], stays + lost),
+        ("gain", gain, probabilities[1], limits[1], away + gained),
     ):  # fmt: skip
         for at in np.ndindex(value.shape):
             factor = value[at] / p[at]

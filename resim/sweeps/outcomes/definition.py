@@ -64,7 +64,7 @@ class OutcomeDefinition:
         if value is None or (isinstance(value, float) and math.isnan(value)):
             return None
         if isinstance(value, _TYPES[self.type]) and isinstance(value, bool) is (self.type == "flag"):
-            return value  # type: ignore[return-value]  mypy does not follow `_TYPES`
+            return value  # type: ignore[return-value]
         raise ResimError(f"outcome {self.column!r} gave {value!r:.60}, expected {self.type} or None")
 
     @property
