@@ -22,6 +22,8 @@ from resim.core.errors import InputError
 from resim.core.files import cache_folder, file_hash, read_file
 
 _ITSELF, _INDEX, _HOME = "input", "files.json", "home"
+_OUTSIDE = "/"
+"""Before the words that name programs which are run where they are."""
 _UP = "_"
 """Stands for a folder above the file itself, where a name begins with "../"."""
 _NEW = "new-"
@@ -47,26 +49,33 @@ class FrozenCopy:
     """The frozen copy of a file, found to be whole.
 
     raw: its bytes. folder: where the files that belong to it lie, as they lay beside it. names: of these files, as seen
-    from there. sources: the bytes of those that are Python.
+    from there. sources: the bytes of those that are Python. outside: SHA-256 of programs that are no part of the copy.
     """
 
     raw: bytes
     folder: Path
     sources: Mapping[str, bytes]
     names: frozenset[str]
+    outside: Mapping[str, str]
 
 
 def freeze(
-    path: Path, raw: bytes, sources: Mapping[str, bytes] | None = None, data: Mapping[str, Path] | None = None
+    path: Path,
+    raw: bytes,
+    sources: Mapping[str, bytes] | None = None,
+    data: Mapping[str, Path] | None = None,
+    outside: Mapping[str, Path] | None = None,
 ) -> FrozenFile:
     """Keep a copy of the file at `path`, which holds `raw`, with the files that belong to it.
 
-    sources: bytes by name, as seen from the file's folder; data: where others lie, by name. The hash is of bytes and
-    names, not of the place. Raises InputError where something cannot be read, or the cache not be written.
+    sources: bytes by name, as seen from the file's folder; data: where others lie, by name; outside: programs that are
+    run where they are, by the word that names them. The hash is of bytes and names, not of the place. Raises InputError
+    where something cannot be read, or the cache not be written.
     """
     sources, data = sources or {}, data or {}
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in sources.items()}
     digests |= {name: file_hash(file) for name, file in data.items()}
+    digests |= {f"{_OUTSIDE}{word}": file_hash(file) for word, file in (outside or {}).items()}
     index = json.dumps(digests, sort_keys=True).encode() if digests else b""
     frozen = FrozenFile(path, _digest(raw, index))
     if _read(frozen.hash) is None:
@@ -122,14 +131,16 @@ def _read(digest: str) -> FrozenCopy | None:
         raw, index = read_file(root / _ITSELF, ""), read_file(root / _INDEX, "")
         if _digest(raw, index) != digest:
             return None
-        digests: dict[str, str] = json.loads(index) if index else {}
+        listed: dict[str, str] = json.loads(index) if index else {}
+        outside = {name.removeprefix(_OUTSIDE): h for name, h in listed.items() if name.startswith(_OUTSIDE)}
+        digests = {name: h for name, h in listed.items() if not name.startswith(_OUTSIDE)}
         home = root / _HOME / _within(digests)
         sources = {name: read_file(home / name, "") for name in digests if name.endswith(".py")}
         held = {name: hashlib.sha256(content).hexdigest() for name, content in sources.items()}
         held |= {name: file_hash(home / name) for name in digests if name not in sources}
     except InputError:
         return None
-    return FrozenCopy(raw, home, sources, frozenset(digests)) if held == digests else None
+    return FrozenCopy(raw, home, sources, frozenset(digests), outside) if held == digests else None
 
 
 def _write(
@@ -152,7 +163,7 @@ def _write(
                 place.write_bytes(sources[name])
             else:
                 shutil.copyfile(data[name], place)
-            place.chmod(0o444)  # a function that writes into its own files changes what the next one reads
+            place.chmod(0o555)  # a function that writes into its own files changes what the next one reads
         try:
             new.rename(store / digest)
         except OSError:

@@ -31,16 +31,24 @@ LOAD_LIMIT = 180.0
 """s of wall clock for the import of a module: those of large libraries take a minute where the disk is cold."""
 
 
-def freeze_code(path: Path, raw: bytes, named: Sequence[str], files: Sequence[str] = ()) -> FrozenFile:
+def freeze_code(
+    path: Path,
+    raw: bytes,
+    named: Sequence[str],
+    files: Sequence[str] = (),
+    outside: Mapping[str, Path] | None = None,
+) -> FrozenFile:
     """Freeze the file at `path`, which holds `raw`, with the code and the data that belong to it.
 
-    named: the "module:name" that it says. files: what it lists as data. Raises InputError.
+    named: the "module:name" that it says. files: what it lists as data. outside: programs that are run where they are,
+    by the word that names them. Raises InputError.
     """
     modules = [one.partition(":")[0] for one in named]
     data = own_data(path, files, modules)
     scripts = [name for name in data if name.endswith(".py") and data[name] == path.parent / name]
     sources = own_sources(path, modules, scripts)
-    return freeze(path, raw, sources, {name: file for name, file in data.items() if name not in sources})
+    rest = {name: file for name, file in data.items() if name not in sources}
+    return freeze(path, raw, sources, rest, outside)
 
 
 def load_named(frozen: FrozenFile, copy: FrozenCopy, named: str, what: str) -> LoadedCallable:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from resim.core import faults, remedies
 from resim.core.errors import InputError
@@ -25,6 +25,7 @@ from resim.core.spelling import did_you_mean
 from resim.core.tracks import Strings
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.program import ProcessTable, Program, outside, own_files, program_of
 
 PARTS = remedies.BUILD
 
@@ -43,6 +44,7 @@ class EgoState(NamedTuple):
 
 
 _NOT_GIVEN: Any = None
+_BY_PROCESS = "resim.simulation.function.process:ProcessFunction"
 _IN_BATCHES = (("reset", "reset_batch"), ("step", "step_batch"))
 """What a function has for one run and, if it can drive several at once, for them."""
 
@@ -144,11 +146,21 @@ class BuildFile(BaseModel):
     model_config = ConfigDict(extra="forbid")
     name: str = Field(min_length=1)
     version: str = Field(min_length=1)
-    factory: ModuleAndName
+    factory: ModuleAndName | None = None
+    process: ProcessTable | None = None
     cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
     files: tuple[str, ...] = ()
     parameters: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _is_code_or_process(self) -> BuildFile:
+        by_command = self.process is not None and bool(self.process.command)
+        if (self.factory is None) != by_command:
+            raise ValueError(
+                "expected factory, or [process] with a command, or factory and [process] with python"
+            )
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +178,8 @@ class Build:
         cycle_time: s between two answers, None for every simulation step.
         time_limit: s of wall clock for one answer; `reset` and `close` have a minute, the import of its module three.
         frozen: The copy that it was loaded from, whose hash is of the build file, the factory's module, what that
-            imports from its own folder, and the files that the build lists.
+            imports from its own folder, the program, and the files that the build lists.
+        program: What is started for each run, None of one that is Python of this environment.
     """
 
     name: str
@@ -179,6 +192,7 @@ class Build:
     cycle_time: float | None
     time_limit: float
     frozen: FrozenFile
+    program: Program | None = None
 
     @property
     def hash(self) -> str:
@@ -197,7 +211,9 @@ class Build:
 
     def make(self) -> AdFunction:
         """Make the function, in the context `factory.afresh`: with parameters of its own that no other run has."""
-        function: AdFunction = self.factory.load()(**deepcopy(self.parameters))
+        given = deepcopy(self.parameters)
+        make = self.factory.load()
+        function: AdFunction = make(**given) if self.program is None else make(self.program, given)
         return function
 
 
@@ -205,13 +221,18 @@ def freeze_build(path: Path) -> FrozenFile:
     """Keep a copy of a build file with all that its hash is of. Raises InputError for what is not there."""
     raw = read_file(path, PARTS)
     file = _parsed(raw, path)
-    return freeze_code(path, raw, [file.factory], file.files)
+    named = [] if file.factory is None else [file.factory]
+    if file.process is None:
+        return freeze_code(path, raw, named, file.files)
+    files = dict.fromkeys([*file.files, *own_files(path, file.process)])
+    return freeze_code(path, raw, named, [*files], outside(path, file.process))
 
 
 def load_build(file: str | Path | FrozenFile) -> Build:
     """Read a build file (TOML) and import the factory that it names, from a frozen copy.
 
-    `factory` is "module:name"; a module file beside the build file goes before an installed module.
+    `factory` is "module:name"; a module file beside the build file goes before an installed module. With `[process]`
+    the function is a process of its own (`resim.simulation.function.process`), whose factory nobody imports here.
 
     Args:
         file: The build file, or its frozen copy.
@@ -225,6 +246,21 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     frozen = file if isinstance(file, FrozenFile) else freeze_build(Path(file))
     path, copy = frozen.path, load_frozen(frozen, freeze_build)
     said = _parsed(copy.raw, path)
+    if said.process is not None:
+        return Build(
+            name=said.name,
+            version=said.version,
+            path=path,
+            factory=load_named(frozen, copy, _BY_PROCESS, "process"),
+            needs_truth=False,
+            in_batches=said.process.batches,
+            parameters=said.parameters,
+            cycle_time=said.cycle_time,
+            time_limit=said.time_limit,
+            frozen=frozen,
+            program=program_of(path, said.process, said.factory or "", copy),
+        )
+    assert said.factory is not None
     named = load_named(frozen, copy, said.factory, "factory")
     factory = named.load()
     name, needs_truth = said.factory.partition(":")[2], bool(getattr(factory, "needs_truth", False))
