@@ -7,10 +7,13 @@ is its length (4 bytes, little endian) and as many bytes of msgpack; docs/format
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
+import pathlib
 import struct
 import sys
 import traceback
+import types
 from collections.abc import Callable, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
@@ -45,8 +48,9 @@ class EgoState(NamedTuple):
 class Perceived(NamedTuple):
     """What the function sees at time t [s]: N objects in the EGO's frame, each column an array (N,).
 
-    x_ego, y_ego [m] ahead and left of the EGO's box centre; heading_ego [rad] against the EGO's; v [m/s] over ground along
-    the object's heading; length, width [m]; z_ego [m] of the road under it above that under the EGO, NaN where unknown.
+    x_ego, y_ego [m] ahead and left of the EGO's box centre; heading_ego [rad] against the EGO's; v [m/s] over ground
+    along the object's heading; length, width [m]; z_ego [m] of the road under it above that under the EGO, NaN where
+    it is not known.
     """
 
     t: float
@@ -63,7 +67,7 @@ class Perceived(NamedTuple):
 
 
 class Command(NamedTuple):
-    """The answer: acceleration [m/s²], curvature [1/m, left positive], plan: none, or rows (t [s], x, y [m], v [m/s])."""
+    """The answer: acceleration [m/s²], curvature [1/m, left positive], and a plan: rows of t [s], x, y [m], v [m/s]."""
 
     acceleration: float
     curvature: float
@@ -99,12 +103,15 @@ class Road:
         """The lanes of the map, points at most 2 m apart."""
         if self._lanes is None:
             self._lanes = [
-                Lane(one["road"], one["section"], one["lane"], one["type"],
-                     *(np.frombuffer(one[name], dtype="<f8").reshape(-1, 2) for name in ("centre", "left", "right")),
-                     tuple(one["after"]))
+                Lane(one["road"], one["section"], one["lane"], one["type"], _points(one["centre"]),
+                     _points(one["left"]), _points(one["right"]), tuple(one["after"]))
                 for one in msgpack.unpackb(self._packed)
             ]  # fmt: skip
         return self._lanes
+
+
+def _points(told: bytes) -> Any:
+    return np.frombuffer(told, dtype="<f8").reshape(-1, 2)
 
 
 class Setup(NamedTuple):
@@ -203,8 +210,15 @@ def _told(answer: Any) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Serve the "module:name" given, from the working folder."""
-    sys.path[0] = os.getcwd()
+    """Serve the "module:name" given, from the working folder.
+
+    Where resim is not installed, `resim.function` is this file.
+    """
+    sys.path[0] = str(pathlib.Path.cwd())
+    if importlib.util.find_spec("resim") is None:
+        whole = types.ModuleType("resim")
+        whole.function = sys.modules["resim.function"] = sys.modules[__name__]  # type: ignore[attr-defined]
+        sys.modules["resim"] = whole
     module, _, name = arguments[0].partition(":")
     serve(getattr(importlib.import_module(module), name))
 

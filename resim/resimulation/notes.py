@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.objects import GAP
-from resim.core.plugins.unlisted_files import UNPINNED
+from resim.core.plugins.unlisted_files import NOT_PINNED, UNPINNED
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.recordings.checked import by_code, finding_lines
@@ -26,7 +26,7 @@ from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 
 LABEL_ONLY = "without build_hash it is unknown whether this code drove, so the verdict is for the label only"
-OF_BUILD = (LABEL_ONLY, *UNPINNED)
+OF_BUILD = (LABEL_ONLY, *UNPINNED, NOT_PINNED)
 """Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
 
 OFF_ROAD = 0.1
@@ -45,6 +45,8 @@ def notes(result: Resimulation) -> Iterator[str]:
     yield from _who_drove(recording, build)
     if opened := build.opened.note():
         yield f"{build.label}: {opened}"
+    if build.program is not None and build.program.unpinned:
+        yield f"{build.label}: {build.program.unpinned}"
     yield from _plausible(recording, result.network, measured["GT"], result.errors)
     for basis, scenario in result.described.items():
         yield from _described(basis, measured[basis], scenario)

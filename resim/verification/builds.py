@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from resim.core.plugins.unlisted_files import UNPINNED
+from resim.core.plugins.unlisted_files import NOT_PINNED, UNPINNED
 from resim.metrics.criteria import Criteria
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines
@@ -67,7 +67,7 @@ class BuildComparison:
             },
             pairs=self.pairs,
             notes=(
-                *(n for r in (self.old, self.new) for n in r.warnings if n.endswith(UNPINNED)),
+                *(n for r in (self.old, self.new) for n in r.warnings if n.endswith((*UNPINNED, NOT_PINNED))),
                 *self._open(),
             ),
         )

@@ -12,6 +12,7 @@ import site
 import sys
 import textwrap
 from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from resim.core.plugins.modules import OwnModules
 
 NOT_IN_HASH = "which its hash does not know: list it in files = [...], and open it from Path(__file__).parent"
 NOT_KNOWN = "its hash does not know what answers there"
+NOT_PINNED = "is not in its hash: not pinned"
 UNPINNED = (NOT_IN_HASH, NOT_KNOWN)
 """How notes end on what code is of besides that which its hash is of."""
 _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
@@ -199,6 +201,17 @@ _SHARED = "/dev/shm/"
 def _is_systems(place: str) -> bool:
     """Whether a file is one that Python, an installed package, the system or resim opens."""
     return place.startswith(_SYSTEM) and not place.startswith(_SHARED)
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Context in which resim itself starts the program that a user's file names."""
+    before = _watching[:]
+    _watching.clear()
+    try:
+        yield
+    finally:
+        _watching[:] = before
 
 
 _watching: list[OpenedFiles] = []

@@ -20,6 +20,7 @@ import numpy as np
 
 from resim.core.errors import FunctionError
 from resim.core.plugins import watchdog
+from resim.core.plugins.unlisted_files import unheard
 from resim.function import LONGEST, OBJECT, PROTOCOL, packed
 from resim.road.links import LaneKey, lane_graph
 from resim.road.opendrive import RoadNetwork
@@ -97,9 +98,10 @@ class ProcessFunction:
     def _begin(self, message: str, setup: Setup, told: Mapping[str, Any]) -> None:
         command, folder = self._program.command, self._program.folder
         try:
-            self._process = subprocess.Popen(
-                command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=_environment(),
-            )  # fmt: skip
+            with unheard():
+                self._process = subprocess.Popen(
+                    command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=_environment(),
+                )  # fmt: skip
         except (OSError, ValueError) as e:
             raise FunctionError(f"cannot be started: {command[0]!r}: {getattr(e, 'strerror', e)}") from e
         road = {"file": str(setup.road.path.absolute()), "lanes": _lanes(setup.road)}

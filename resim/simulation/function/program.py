@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import posixpath
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import resim.function
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenCopy
+from resim.core.plugins.unlisted_files import NOT_PINNED
 
 REMEDY = "Name a program beside the build file, by its path, or one on PATH."
 
@@ -61,8 +63,8 @@ class Program:
 
 
 def own_files(path: Path, process: ProcessTable) -> list[str]:
-    """Give the words of the command that name files in the folder of the build file at `path`."""
-    return [word for word in process.command if _is_own(path.parent, word)]
+    """Give the files that the command names in the folder of the build file at `path`, as seen from there."""
+    return [posixpath.normpath(word) for word in process.command if _is_own(path.parent, word)]
 
 
 def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
@@ -74,13 +76,13 @@ def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
 def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> Program:
     """Give the program of a build as it was frozen. Raises InputError where it is not there, or another by now."""
     word, rest = process.first, process.command[1:]
-    if word in copy.names:
+    if process.command and posixpath.normpath(word) in copy.names:
         return Program((str(copy.folder / word), *rest), copy.folder, "")
     file = _found(path, word)
     if file_hash(file) != copy.outside.get(word):
         raise InputError(path, f"process: {str(file)!r} has changed since it was first read", "Begin anew.")
     served = (resim.function.__file__, factory) if process.python else ()
-    why = f"what {word} loads besides the files of the build is not in the build's hash: not pinned"
+    why = f"what {word} loads beside the files of the build {NOT_PINNED}"
     return Program((str(file), *served, *rest), copy.folder, why)
 
 
