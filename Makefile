@@ -55,6 +55,7 @@ bench: $(READY)
 	$(BIN)/python tools/bench/fit.py
 	$(BIN)/python tools/bench/risk.py
 	$(BIN)/python tools/bench/sweep.py
+	$(BIN)/python tools/bench/function.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \

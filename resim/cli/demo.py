@@ -13,6 +13,7 @@ from resim.cli.app import BadVerdictError, app, command
 from resim.cli.run import run
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
+from resim.core.files import shipped
 
 PARTS = (
     "adfunc",
@@ -55,8 +56,7 @@ def demo(
 
 def _write_example(out: Path) -> None:
     """Copy the example into a folder that is not there yet, or empty."""
-    shipped = Path(__file__).parents[1] / "shipped"
-    home = shipped if shipped.is_dir() else Path(__file__).parents[2]
+    home = shipped()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(out, "exists and is not empty", "Name another folder with --out.")
     try:

@@ -28,6 +28,13 @@ def cache_folder(name: str) -> Path:
     return (Path(home) if home else Path.home() / ".cache") / "resim" / name
 
 
+def shipped() -> Path:
+    """Give the folder of what ships with resim, by its place in the project: in the wheel, or the project itself."""
+    package = Path(__file__).parents[1]
+    inside = package / "shipped"
+    return inside if inside.is_dir() else package.parent
+
+
 def file_hash(path: Path, remedy: str = "Give a file that can be read.") -> str:
     """Give the SHA-256 of a file of any size; `remedy` is for its errors. Raises InputError for what is no file."""
     with open_file(path, remedy) as file:

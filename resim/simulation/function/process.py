@@ -95,15 +95,46 @@ class ProcessFunction:
             process.stdin.close()
             process.stdout.close()
 
-    def _begin(self, message: str, setup: Setup, told: Mapping[str, Any]) -> None:
+    def probe(self, message: dict[str, Any] | bytes) -> str:
+        """Start the process, and say what it does with a message that it cannot know; FunctionError for an answer."""
+        process = self._start()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._waiting = True
+        try:
+            body = (
+                struct.pack("<I", len(message)) + message if isinstance(message, bytes) else packed(message)
+            )
+            _send(process.stdin.fileno(), body)
+            answer = msgpack.unpackb(_received(process.stdout.fileno()))
+        except (BrokenPipeError, EOFError):
+            code = process.wait()
+            if code == 0:
+                raise FunctionError("ended its process with code 0, as if all were well") from None
+            return f"ended its process {_ending(code)}"
+        if not isinstance(answer, dict) or "error" not in answer:
+            raise FunctionError(f"answered {answer!r:.60}, expected an error")
+        return f"answered the error {answer['error']!s:.100}"
+
+    def kill(self) -> None:
+        """End the process, whatever it does."""
+        self._waiting = True
+        self.close()
+
+    def _start(self) -> subprocess.Popen[bytes]:
         command, folder = self._program.command, self._program.folder
         try:
             with unheard():
                 self._process = subprocess.Popen(
-                    command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=_environment(),
+                    command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+                    env=_environment(),
                 )  # fmt: skip
         except (OSError, ValueError) as e:
             raise FunctionError(f"cannot be started: {command[0]!r}: {getattr(e, 'strerror', e)}") from e
+        return self._process
+
+    def _begin(self, message: str, setup: Setup, told: Mapping[str, Any]) -> None:
+        self._start()
         road = {"file": str(setup.road.path.absolute()), "lanes": _lanes(setup.road)}
         head = {"message": message, "protocol": PROTOCOL, "parameters": self._parameters, "road": road}
         answer = self._ask({**head, **told})

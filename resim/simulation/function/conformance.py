@@ -1,0 +1,155 @@
+"""Whether a build does what resim asks of an AD function, found out on a short drive of its own making.
+
+The drive is straight: the EGO at 20 m/s comes up behind a slower car, another one is beside it, and at times none is
+seen. Nothing is simulated: the function is asked the same lists whatever it answers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from resim.core.errors import FunctionError
+from resim.core.geometry import Floats, constant
+from resim.core.plugins.watchdog import Watchdog
+from resim.road.driven_route import driven_route
+from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.batch import Keys, stacked
+from resim.simulation.function.driver import driver_of
+from resim.simulation.function.interface import Build, EgoState, Perceived, Setup, unknown_heights
+from resim.simulation.function.process import ProcessFunction
+
+STEPS, STEP, SPEED = 200, 0.04, 20.0
+HARDEST, TIGHTEST = 15.0, 0.5
+"""m/s² and 1/m that no vehicle at SPEED does: other units, or degrees."""
+PAUSE = 0.01
+"""s between two questions in the drive that asks whether the function looks at the clock."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was asked for: name, whether it holds, and what was found."""
+
+    name: str
+    holds: bool
+    found: str
+
+
+def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Check]:
+    """Give what holds of a build. start: where the EGO begins on the road, with room for 160 m straight on.
+
+    Once it does not answer at all, no more is asked.
+    """
+    first = _asked(build, road, start)
+    if isinstance(first, str):
+        yield Check("answers", False, first)
+        return
+    answers, times = first
+    yield Check("answers", True, f"{STEPS} lists answered, the first and the last without any object")
+    most, tightest = np.abs(answers).max(axis=0)
+    sane = most <= HARDEST and tightest <= TIGHTEST
+    yield Check("units", bool(sane), f"up to {most:.3g} m/s² and {tightest:.3g} 1/m at {SPEED:g} m/s")
+    yield _same("determinism", answers, _asked(build, road, start), "the same again in a second run")
+    yield _same(
+        "clock",
+        answers,
+        _asked(build, road, start, pause=PAUSE),
+        f"the same with {PAUSE:g} s between answers",
+    )
+    late = float(np.quantile(times, 0.99))
+    told = f"median {1e3 * np.median(times):.3g} ms, 99 % {1e3 * late:.3g} ms"
+    told += f" of {1e3 * build.time_limit:.3g} ms allowed"
+    yield Check("latency", late < 0.5 * build.time_limit, told)
+    if build.in_batches:
+        yield _same("batches", answers, _asked(build, road, start, runs=3), "the same for three runs at once")
+    if build.program is not None:
+        yield _malformed(build)
+
+
+def _same(name: str, answers: Floats, again: tuple[Floats, Floats] | str, what: str) -> Check:
+    if isinstance(again, str):
+        return Check(name, False, again)
+    differ = np.flatnonzero((answers != again[0]).any(axis=1))
+    where = (
+        ""
+        if not len(differ)
+        else f"not {what}: {len(differ)} of {len(answers)} answers differ, first that at "
+    )
+    return Check(name, not len(differ), f"{where}{differ[0] * STEP:.2f} s" if where else what)
+
+
+def _asked(
+    build: Build, road: RoadNetwork, start: EgoState, *, pause: float = 0.0, runs: int = 1
+) -> tuple[Floats, Floats] | str:
+    """Answers (STEPS, 2) and times [s] of a whole drive, of several runs those of the last; else why there are none."""
+    answers, times = np.empty((STEPS, 2)), np.empty(STEPS)
+    try:
+        with Watchdog() as watchdog, build.factory.afresh():
+            driver = driver_of(build, watchdog, runs)
+            try:
+                driver.reset([_setup(road, start)] * runs)
+                keys = Keys(runs)
+                for k in range(STEPS):
+                    seen = _seen(k, start)
+                    batch = stacked([seen] * runs, [keys.of_traffic(seen.ids)] * runs)
+                    time.sleep(pause)
+                    begin = time.perf_counter()
+                    answer = driver.step(batch, keep=False)
+                    times[k] = time.perf_counter() - begin
+                    if not isinstance(answer, np.ndarray):
+                        return "places the EGO, which oracles do"
+                    answers[k] = answer[-1]
+            finally:
+                driver.close()
+    except FunctionError as e:
+        return str(e) + (f" ({e.words})" if e.words else "")
+    return answers, times
+
+
+def _setup(road: RoadNetwork, start: EgoState) -> Setup:
+    far = STEPS * STEP * start.v
+    x, y = start.x + far * np.cos(start.heading), start.y + far * np.sin(start.heading)
+    way = np.linspace(0.0, 1.0, 50)
+    route = driven_route(
+        road, start.x + way * (x - start.x), start.y + way * (y - start.y), np.full(50, start.heading)
+    )
+    return Setup(road, start, (float(x), float(y)), 4.7, 1.9, STEP, 0, None, route)
+
+
+def _seen(k: int, start: EgoState) -> Perceived:
+    """What the function sees at step k."""
+    t = k * STEP
+    far = t * start.v
+    ego = start._replace(x=start.x + far * np.cos(start.heading), y=start.y + far * np.sin(start.heading))
+    n = 0 if k < 20 or k >= STEPS - 20 else 2
+    x, y = np.array([60.0 - 5.0 * t, 10.0])[:n], np.array([0.0, 3.5])[:n]
+    return Perceived(
+        t, ego, constant(np.array(["1", "2"])[:n]), constant(np.array(["car", "truck"])[:n]), constant(x), constant(y),
+        constant(np.zeros(n)), constant(np.array([15.0, 20.0])[:n]), constant(np.full(n, 4.5)),
+        constant(np.full(n, 1.8)), unknown_heights(n),
+    )  # fmt: skip
+
+
+def _malformed(build: Build) -> Check:
+    """What a process does with bytes that are no message, and with a message that there is none of."""
+    ways: dict[str, Callable[[ProcessFunction], str]] = {
+        "a message of no kind": lambda function: function.probe({"message": "no such message"}),
+        "bytes that are no msgpack": lambda function: function.probe(b"\xc1\xc1\xc1\xc1"),
+    }
+    found, holds = [], True
+    for what, way in ways.items():
+        with Watchdog() as watchdog, build.factory.afresh():
+            function = build.make()
+            assert isinstance(function, ProcessFunction)
+            try:
+                said = watchdog.call(build.time_limit + 5.0, way, function)
+                found.append(f"{what}: {said}")
+            except FunctionError as e:
+                holds = False
+                found.append(f"{what}: {e}")
+            finally:
+                function.kill()
+    return Check("malformed input", holds, "; ".join(found))

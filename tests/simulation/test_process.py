@@ -1,0 +1,276 @@
+"""A function that is a process of its own: asked as one in this process is, and nothing that it does hurts others."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import duckdb
+import pytest
+from conftest import ROOT
+
+from resim.core.errors import InputError
+from resim.jobs.function import check_function
+from resim.simulation.function.interface import load_build
+
+RECORDING = ROOT / "scenarios" / "rear_end"
+FOLLOW = """
+import os, sys, time
+from resim.function import Command, serve
+
+class Follow:
+    def __init__(self, time_gap=1.5, how=""):
+        self.gap, self.how = time_gap, how
+
+    def reset(self, setup):
+        self.wanted, self.asked = setup.start.v, 0
+        if hasattr(setup.road, "lanes"):  # it is a process of its own
+            assert len(setup.road.lanes) > 10 and os.path.isfile(setup.road.file)
+            assert any(lane.after for lane in setup.road.lanes)
+        print("printed, which is no answer")
+
+    def step(self, p):
+        self.asked += 1
+        if self.asked == 20 and self.how:
+            exec(self.how)
+        a = 0.4 * (self.wanted - p.ego.v)
+        for x, y, v, length in zip(p.x_ego.tolist(), p.y_ego.tolist(), p.v.tolist(), p.length.tolist()):
+            if x >= 0.0 and abs(y) <= 1.5:
+                a = min(a, 0.25 * (x - 0.5 * length - 2.5 - 4.0 - self.gap * p.ego.v) + 0.8 * (v - p.ego.v))
+        return Command(min(max(a, -8.0), 2.0), 0.0)
+
+    def close(self):
+        if "stay" in self.how:
+            time.sleep(1e6)
+
+if __name__ == "__main__":
+    serve(Follow)
+"""
+HEAD = 'name = "follow"\nversion = "1"\n'
+HERE = HEAD + 'factory = "follow:Follow"\n'
+APART = HERE + f'[process]\npython = "{sys.executable}"\n'
+COMMAND = HEAD + f'[process]\ncommand = ["{sys.executable}", "follow.py"]\n'
+CPP = HEAD + '[process]\ncommand = ["./follow"]\n'
+
+
+@pytest.fixture
+def build(tmp_path: Path) -> Callable[..., Path]:
+    (tmp_path / "follow.py").write_text(FOLLOW, encoding="utf-8")
+
+    def write(text: str, name: str = "build", **parameters: object) -> Path:
+        told = "".join(f"{key} = {value!r}\n" for key, value in parameters.items())
+        path = tmp_path / f"{name}.toml"
+        path.write_text(text + ("[parameters]\n" + told if told else ""), encoding="utf-8")
+        return path
+
+    return write
+
+
+def run(path: Path, out: Path, *more: object) -> subprocess.CompletedProcess[str]:
+    order = [
+        sys.executable,
+        "-m",
+        "resim",
+        "run",
+        RECORDING,
+        "--basis",
+        "gt",
+        "--build",
+        path,
+        "--out",
+        out,
+        *more,
+    ]
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(order, capture_output=True, text=True, check=False, timeout=200, env=env)
+
+
+def tracks(out: Path) -> object:
+    return duckdb.sql(f"select * from '{out}/tracks.parquet' where source = 'rGT'").fetchall()
+
+
+def test_a_process_drives_as_the_same_class_does_here(build: Callable[..., Path], tmp_path: Path) -> None:
+    """In Python, served from a file or by its class, and in C++."""
+    compiler = shutil.which("c++") or shutil.which("g++")
+    ways = {"here": HERE, "apart": APART, "command": COMMAND}
+    if compiler is not None:
+        header = ROOT / "resim" / "function"
+        source = ROOT / "adfunc" / "cpp" / "follow.cpp"
+        flags = ["-std=c++17", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+        subprocess.run([compiler, *flags, "-I", header, source, "-o", tmp_path / "follow"], check=True)
+        ways["cpp"] = CPP
+    found = {}
+    for name, text in ways.items():
+        path = build(text, name, time_gap=1.2)
+        done = run(path, tmp_path / f"out_{name}")
+        assert done.returncode in (0, 1), done.stderr
+        found[name] = tracks(tmp_path / f"out_{name}")
+        pinned = "not pinned" not in done.stdout
+        assert pinned is (name in ("here", "cpp")), done.stdout
+    assert all(one == found["here"] for one in found.values())
+    assert len(found["here"]) > 100  # type: ignore[arg-type]
+
+
+FAULTS = {
+    "exit": (
+        "sys.stderr.write('my last words'); sys.stderr.flush(); os._exit(7)",
+        "ended its process with code 7",
+    ),
+    "signal": ("os.kill(os.getpid(), 11)", "ended its process by SIGSEGV"),
+    "hang": ("time.sleep(1e6)", "did not answer within 0.5 s"),
+    "error": ("raise ValueError('oh no')", "failed: ValueError: oh no"),
+    "rubbish": ("os.write(3, b'hello world, this is rubbish')", "wrote b'hello world"),
+    "no number": ("self.wanted = float('nan')", "answered acceleration nan, expected a finite number"),
+    "a process of its own": (
+        "subprocess = __import__('subprocess').Popen(['sleep', '1000'])",
+        "left processes behind",
+    ),
+    "stay": ("pass  # and stay", "did not end within"),
+}
+
+
+@pytest.mark.parametrize("what", FAULTS)
+def test_what_a_process_does_costs_its_run(build: Callable[..., Path], tmp_path: Path, what: str) -> None:
+    deed, why = FAULTS[what]
+    text = COMMAND.replace("[process]", "time_limit = 0.5\n[process]")
+    done = run(build(text.replace(HEAD, HEAD), how=deed), tmp_path / "out")
+    assert (done.returncode, why in done.stderr) == (3, True), done.stderr
+    assert "Traceback" not in done.stderr or what == "error", done.stderr
+    if what == "exit":
+        assert "my last words" in done.stderr
+    assert (tmp_path / "out" / "run.json").is_file()
+    assert not _running(tmp_path)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_no_process_outlives_its_command(build: Callable[..., Path], tmp_path: Path, how: int) -> None:
+    path = build(COMMAND.replace("[process]", "time_limit = 100.0\n[process]"), how="time.sleep(1e6)")
+    order = [sys.executable, "-m", "resim", "run", RECORDING, "--build", path, "--out", tmp_path / "out"]
+    command = subprocess.Popen(order, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                               env={**os.environ, "PYTHONPATH": str(ROOT)})  # fmt: skip
+    _wait(lambda: bool(_running(tmp_path)))
+    command.send_signal(how)
+    command.wait(30)
+    _wait(lambda: not _running(tmp_path))
+
+
+def _wait(what: Callable[[], bool]) -> None:
+    until = time.monotonic() + 100.0
+    while not what():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def _running(folder: Path) -> list[str]:
+    """Processes that serve a function of this test: they work in its frozen copy, and were started by its file."""
+    found = []
+    for process in Path("/proc").iterdir():
+        try:
+            if process.name.isdigit() and "follow.py" in (process / "cmdline").read_text().split("\0"):
+                found.append(process.name)
+        except OSError:
+            pass
+    return found
+
+
+def test_its_hash_is_of_all_that_the_command_names(build: Callable[..., Path], tmp_path: Path) -> None:
+    path = build(COMMAND)
+    before = load_build(path).hash
+    assert load_build(path).hash == before
+    (tmp_path / "follow.py").write_text(FOLLOW.replace("0.4 *", "0.5 *"), encoding="utf-8")
+    changed = load_build(path).hash
+    assert changed != before
+    program = tmp_path / "python"
+    program.write_bytes(Path(sys.executable).resolve().read_bytes())
+    program.chmod(0o755)
+    (tmp_path / "elsewhere").mkdir()
+    own = tmp_path / "elsewhere" / "own.toml"
+    own.write_text(HEAD + '[process]\ncommand = ["../python", "-c", "pass"]\n')
+    hashes = {load_build(own).hash}
+    with program.open("ab") as file:
+        file.write(b"\0")
+    hashes.add(load_build(own).hash)
+    assert len(hashes) == 2
+
+
+WRONG = {
+    "there is no program 'nowhere'": HEAD + '[process]\ncommand = ["nowhere"]\n',
+    "'./follow.py' is no program that you may execute": HEAD + '[process]\npython = "./follow.py"\n',
+    "expected factory, or": HEAD,
+    "expected command, or python": HEAD + "[process]\n",
+    "factory and": HERE + '[process]\ncommand = ["true"]\n',
+    "batches": HEAD + '[process]\ncommand = ["true"]\nbatches = "yes"\n',
+}
+
+
+@pytest.mark.parametrize("why", WRONG)
+def test_a_file_that_names_no_program_is_refused(build: Callable[..., Path], why: str) -> None:
+    text = WRONG[why].replace("[process]\npython", 'factory = "a:b"\n[process]\npython')
+    with pytest.raises(InputError, match=r"build\.toml") as told:
+        load_build(build(text))
+    assert why in str(told.value)
+
+
+BATCHED = FOLLOW.replace(
+    "    def close",
+    """    def reset_batch(self, setups):
+        self.each = [Follow(self.gap) for _ in setups]
+        for one, setup in zip(self.each, setups):
+            one.reset(setup)
+
+    def step_batch(self, lists):
+        return [one.step(p) for one, p in zip(self.each, lists)]
+
+    def close""",
+)
+
+
+def test_a_process_may_answer_many_runs_at_once(build: Callable[..., Path], tmp_path: Path) -> None:
+    path = build(COMMAND + "batches = true\n")
+    (tmp_path / "follow.py").write_text(BATCHED, encoding="utf-8")
+    found = {check.name: check for check in check_function(path).checks}
+    assert found["batches"].holds, found["batches"].found
+    wrong = BATCHED.replace("[one.step(p) for", "[one.step(p._replace(x_ego=p.x_ego + 1.0)) for")
+    (tmp_path / "follow.py").write_text(wrong, encoding="utf-8")
+    found = {check.name: check for check in check_function(path).checks}
+    assert not found["batches"].holds
+
+
+CHECKED = {
+    "units": "globals()['Command'] = lambda a, k: type('C', (), dict(acceleration=a, curvature=3.0, plan=None))",
+    "determinism": "self.wanted = time.time() % 5.0",
+    "clock": "self.wanted = 20.0 if time.monotonic() - self.begin < 0.5 else 0.0",
+    "answers": "os._exit(3)",
+}
+
+
+@pytest.mark.parametrize("name", CHECKED)
+def test_what_does_not_hold_is_found(build: Callable[..., Path], tmp_path: Path, name: str) -> None:
+    source = FOLLOW.replace("if self.asked == 20 and self.how:", "if self.how:")
+    source = source.replace(
+        "self.wanted, self.asked =", "self.begin, self.wanted, self.asked = time.monotonic(),"
+    )
+    (tmp_path / "follow.py").write_text(source, encoding="utf-8")
+    found = check_function(build(COMMAND, how=CHECKED[name]))
+    broken = [check.name for check in found.checks if not check.holds]
+    assert name in broken, found.checks
+
+
+def test_what_ships_holds() -> None:
+    for name in ("highway_pilot-1.0", "idm-1.0", "constant_velocity-1.0"):
+        found = check_function(ROOT / "adfunc" / "builds" / f"{name}.toml")
+        assert found.good, found.checks
+        assert {check.name for check in found.checks} >= {
+            "answers",
+            "units",
+            "determinism",
+            "clock",
+            "latency",
+            "batches",
+        }
