@@ -41,11 +41,11 @@ class EgoState(NamedTuple):
     y: float
     heading: float
     v: float
-    a: float
-    yaw_rate: float
+    a: float = 0.0
+    yaw_rate: float = 0.0
 
 
-class Perceived(NamedTuple):
+class ObjectList(NamedTuple):
     """What the function sees at time t [s]: N objects in the EGO's frame, each column an array (N,).
 
     x_ego, y_ego [m] ahead and left of the EGO's box centre; heading_ego [rad] against the EGO's; v [m/s] over ground
@@ -74,7 +74,7 @@ class Command(NamedTuple):
     plan: Any = None
 
 
-class Lane(NamedTuple):
+class MapLane(NamedTuple):
     """A lane of one lane section: centre, left and right border (K, 2) [m] in the direction of its road's s.
 
     after: numbers of the lanes that it goes on into, in driving direction, in the list of lanes.
@@ -90,20 +90,20 @@ class Lane(NamedTuple):
     after: tuple[int, ...]
 
 
-class Road:
+class LaneMap:
     """The map. file: where its OpenDRIVE lies."""
 
     def __init__(self, told: dict[str, Any]) -> None:
         self.file: str = told["file"]
         self._packed: bytes = told["lanes"]
-        self._lanes: list[Lane] | None = None
+        self._lanes: list[MapLane] | None = None
 
     @property
-    def lanes(self) -> list[Lane]:
+    def lanes(self) -> list[MapLane]:
         """The lanes of the map, points at most 2 m apart."""
         if self._lanes is None:
             self._lanes = [
-                Lane(one["road"], one["section"], one["lane"], one["type"], _points(one["centre"]),
+                MapLane(one["road"], one["section"], one["lane"], one["type"], _points(one["centre"]),
                      _points(one["left"]), _points(one["right"]), tuple(one["after"]))
                 for one in msgpack.unpackb(self._packed)
             ]  # fmt: skip
@@ -114,13 +114,13 @@ def _points(told: bytes) -> Any:
     return np.frombuffer(told, dtype="<f8").reshape(-1, 2)
 
 
-class Setup(NamedTuple):
+class RunSetup(NamedTuple):
     """What a function gets before a run: see `resim.simulation.function.interface.Setup`; road is a `Road`.
 
     route: for each step of it the ids of the roads, of which the EGO is on one.
     """
 
-    road: Road
+    road: LaneMap
     start: EgoState
     goal: tuple[float, float]
     length: float
@@ -157,7 +157,7 @@ def serve(factory: Callable[..., Any]) -> None:
                 if message["protocol"] != PROTOCOL:
                     raise ValueError(f"resim speaks version {message['protocol']}, this adapter {PROTOCOL}")
                 function = factory(**message["parameters"])
-                road = Road(message["road"])
+                road = LaneMap(message["road"])
                 if kind == "reset":
                     function.reset(_setup(message, road))
                 else:
@@ -185,17 +185,17 @@ def _read(stream: BinaryIO) -> dict[str, Any] | None:
     return told
 
 
-def _setup(told: dict[str, Any], road: Road) -> Setup:
-    return Setup(
+def _setup(told: dict[str, Any], road: LaneMap) -> RunSetup:
+    return RunSetup(
         road, EgoState(*told["start"]), tuple(told["goal"]), told["length"], told["width"], told["cycle"], told["seed"],
         tuple(map(tuple, told["route"])),
     )  # fmt: skip
 
 
-def _perceived(told: dict[str, Any], t: float) -> Perceived:
+def _perceived(told: dict[str, Any], t: float) -> ObjectList:
     objects = told["objects"]
     texts = [np.array(objects[name], dtype=str) for name in OBJECT[:2]]
-    return Perceived(
+    return ObjectList(
         t, EgoState(*told["ego"]), *texts, *(np.array(objects[name], dtype=float) for name in OBJECT[2:])
     )
 

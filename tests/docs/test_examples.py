@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pages
 import pandas as pd
@@ -17,6 +20,7 @@ from pages import DOCS, PAGES, ROOT
 from recordings.mapped.strangers import LON_0, convergence, geographic
 
 from resim.core.geometry import to_frame
+from resim.jobs.function import check_function
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.recordings import read_recording
@@ -51,6 +55,9 @@ RUN_HERE = {
     "acc_pilot.toml",
     "batch_pilot.py",
     "batch_pilot.toml",
+    "planner.py",
+    "planner.toml",
+    "follow.toml",
     "my_measures.py",
     "recording.toml",
     "mapping.toml",
@@ -323,3 +330,36 @@ def test_a_suite_is_not_good_for_fields_that_it_does_not_know(tmp_path: Path) ->
     (tmp_path / "mine.toml").write_text(said)
     with pytest.raises(Exception, match="agrement"):
         read_suite(tmp_path / "mine.toml")
+
+
+def test_a_function_from_outside_is_checked_as_the_guide_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a Python without resim, and in C++ with the command that the guide gives."""
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    page = GUIDES / "outside.md"
+    for name in ("planner.py", "planner.toml", "follow.toml"):
+        (tmp_path / name).write_text(example(page, name), encoding="utf-8")
+    bare = tmp_path / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", bare], check=True)
+    (site,) = bare.glob("lib/python*/site-packages")
+    for module in (msgpack, np):
+        home = Path(module.__file__).parent
+        (site / home.name).symlink_to(home)
+        libraries = home.with_name(f"{home.name}.libs")
+        if libraries.is_dir():
+            (site / libraries.name).symlink_to(libraries)
+    nowhere = subprocess.run(
+        [bare / "bin" / "python", "-c", "import resim"], capture_output=True, check=False, cwd=tmp_path
+    )
+    assert b"No module named 'resim'" in nowhere.stderr
+    found = check_function(tmp_path / "planner.toml")
+    assert found.good, found.checks
+    if shutil.which("c++") is None:
+        pytest.skip("needs a C++ compiler")
+    (line,) = [words for words in pages.blocks(page, "") if words.startswith("c++")]
+    shutil.copy(ROOT / "adfunc" / "cpp" / "follow.cpp", tmp_path)
+    include = str(ROOT / "resim" / "function")
+    subprocess.run(shlex.split(line.replace("$(resim function include)", include)), cwd=tmp_path, check=True)
+    found = check_function(tmp_path / "follow.toml")
+    assert found.good, found.checks

@@ -13,7 +13,6 @@ from resim.core.geometry import Floats, constant
 from resim.core.plugins.descendants import end_strays
 from resim.core.plugins.loading import LOAD_LIMIT
 from resim.core.plugins.watchdog import Watchdog
-from resim.function import Command as AnswerOfBoth
 from resim.simulation.function.batch import (
     BatchFunction,
     CommandBatch,
@@ -82,9 +81,9 @@ class Driver:
 
     def _answer(self, perceived: Perceived, keep: bool) -> Floats | Placement:
         """Ask and check the answer, which may run code of the function's, too."""
-        answer: Command | AnswerOfBoth | Placement = self._step(perceived)
+        answer: Command | Placement = self._step(perceived)
         given: Floats | Placement
-        if isinstance(answer, Command | AnswerOfBoth):
+        if isinstance(answer, Command):
             command = _copied(answer)
             given = np.array([[command.acceleration, command.curvature]])
             if keep and command.plan is not None:
@@ -256,7 +255,7 @@ def _plain(number: Any, what: str) -> float:
     return value
 
 
-def _copied(answer: Command | AnswerOfBoth) -> Command:
+def _copied(answer: Command) -> Command:
     """Give a command of plain numbers that the function cannot change any more."""
     a = _plain(answer.acceleration, "acceleration")
     curvature = _plain(answer.curvature, "curvature")

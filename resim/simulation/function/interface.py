@@ -8,7 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -23,24 +23,13 @@ from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.spec import ModuleAndName
 from resim.core.spelling import did_you_mean
 from resim.core.tracks import Strings
+from resim.function import Command as Command
+from resim.function import EgoState as EgoState
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
-from resim.simulation.function.program import ProcessTable, Program, outside, own_files, program_of
+from resim.simulation.function.program import FunctionProgram, ProcessTable, outside, own_files, program_of
 
 PARTS = remedies.BUILD
-
-
-class EgoState(NamedTuple):
-    """The EGO's own state: x, y [m] of the box centre and heading [rad] in the map frame, v [m/s] along the
-    heading, a [m/s²], yaw_rate [rad/s]. A named tuple; `_replace` gives a changed one.
-    """
-
-    x: float
-    y: float
-    heading: float
-    v: float
-    a: float = 0.0
-    yaw_rate: float = 0.0
 
 
 _NOT_GIVEN: Any = None
@@ -84,19 +73,6 @@ class Perceived:
     def map_positions(self) -> tuple[Floats, Floats]:
         """Give x, y (N,) [m] of the objects in the map frame, as far as the perceived EGO pose is right."""
         return from_frame(self.x_ego, self.y_ego, self.ego.x, self.ego.y, self.ego.heading)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Command:
-    """What the AD function answers: acceleration [m/s²], curvature [1/m, left positive], and its plan.
-
-    plan: (K, 4) with columns t [s, of the scenario, as `Perceived.t`], x, y [m, map frame], v [m/s], K at least 1; or
-    none.
-    """
-
-    acceleration: float
-    curvature: float
-    plan: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +168,7 @@ class Build:
     cycle_time: float | None
     time_limit: float
     frozen: FrozenFile
-    program: Program | None = None
+    program: FunctionProgram | None = None
 
     @property
     def hash(self) -> str:

@@ -26,7 +26,7 @@ from resim.road.links import LaneKey, lane_graph
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.batch import CommandBatch, PerceivedBatch
 from resim.simulation.function.interface import Command, Perceived, Setup
-from resim.simulation.function.program import Program
+from resim.simulation.function.program import FunctionProgram
 
 LANE_STEP = 2.0
 """m between points of the lanes that a process is told."""
@@ -39,7 +39,7 @@ _Answer = dict[str, Any]
 class ProcessFunction:
     """A function behind a process."""
 
-    def __init__(self, program: Program, parameters: Mapping[str, Any]) -> None:
+    def __init__(self, program: FunctionProgram, parameters: Mapping[str, Any]) -> None:
         self._program, self._parameters = program, dict(parameters)
         self._process: subprocess.Popen[bytes] | None = None
         self._waiting = False  # for an answer that did not come: no other message is understood

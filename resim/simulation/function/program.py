@@ -48,7 +48,7 @@ class ProcessTable(BaseModel):
 
 
 @dataclass(frozen=True)
-class Program:
+class FunctionProgram:
     """What is started for a run.
 
     Attributes:
@@ -73,17 +73,17 @@ def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
     return {} if process.command and _is_own(path.parent, word) else {word: _found(path, word)}
 
 
-def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> Program:
+def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> FunctionProgram:
     """Give the program of a build as it was frozen. Raises InputError where it is not there, or another by now."""
     word, rest = process.first, process.command[1:]
     if process.command and posixpath.normpath(word) in copy.names:
-        return Program((str(copy.folder / word), *rest), copy.folder, "")
+        return FunctionProgram((str(copy.folder / word), *rest), copy.folder, "")
     file = _found(path, word)
     if file_hash(file) != copy.outside.get(word):
         raise InputError(path, f"process: {str(file)!r} has changed since it was first read", "Begin anew.")
     served = (resim.function.__file__, factory) if process.python else ()
     why = f"what {word} loads beside the files of the build {NOT_PINNED}"
-    return Program((str(file), *served, *rest), copy.folder, why)
+    return FunctionProgram((str(file), *served, *rest), copy.folder, why)
 
 
 def _is_own(folder: Path, word: str) -> bool:
