@@ -180,13 +180,15 @@ def test_a_grid_keeps_its_levels() -> None:
 @pytest.mark.parametrize("width", [0.03, 0.08, 0.15])
 @pytest.mark.parametrize("seeds", [1, 5, 40])
 @pytest.mark.parametrize("count", [11, 21])
-def test_a_parameter_alone_is_judged_by_its_runs(count: int, seeds: int, width: float) -> None:
+def test_a_parameter_alone_is_judged_by_its_runs_where_all_that_is_asked_about_was_run(
+    count: int, seeds: int, width: float
+) -> None:
     x = np.linspace(0.0, 1.0, count)
     share = 1.0 / (1.0 + np.exp((x - 0.55) / width))
     truth = float(x[np.flatnonzero(np.cumsum(share) / np.arange(1, count + 1) >= 0.95)[-1]])
     wrong, told = 0, 0
     for seed in range(60):
-        found = requirement(passing(x, share, seeds, seed), levels(x, 50), 0.95, "under", drawn=True)
+        found = requirement(passing(x, share, seeds, seed), levels(x, 50), 0.95, "under", drawn=False)
         if found.bounds is not None:
             told += 1
             wrong += found.bounds[1] is None or found.bounds[1] > truth + 1e-9
@@ -194,6 +196,32 @@ def test_a_parameter_alone_is_judged_by_its_runs(count: int, seeds: int, width: 
             wrong += found.possible[1] is not None and found.possible[1] < truth - 1e-9
     assert wrong <= 3
     assert told > 40 if (seeds, width) == (40, 0.03) else told == 0 or seeds == 40
+
+
+@pytest.mark.parametrize(("points", "seeds"), [(12, 20), (24, 10), (40, 5), (64, 1), (128, 3)])
+def test_points_of_a_parameter_alone_say_nothing_of_what_lies_between_them_by_their_seeds(
+    points: int, seeds: int
+) -> None:
+    """Bands in which all fails, anywhere: copies of a point are no evidence against them."""
+    wrong = told = 0
+    fine = np.linspace(0.0, 1.0, 4001)
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        x = (rng.permutation(points) + rng.random(points)) / points
+        begins = rng.uniform(0.0, 1.0, 3)
+        width = rng.uniform(0.01, 0.12)
+
+        def fails(at: Floats) -> np.ndarray:
+            return ((at[:, None] > begins) & (at[:, None] < begins + width)).any(axis=1)  # noqa: B023
+
+        y = np.repeat(~fails(x)[:, None], seeds, axis=1).astype(float)
+        found = requirement(y, levels(x, 50), 0.95, "under", drawn=True)
+        if found.bounds is not None:
+            told += 1
+            top = 1.0 if found.bounds[1] is None else found.bounds[1]
+            wrong += 1.0 - fails(fine[fine <= top]).mean() < 0.95
+    assert wrong <= 0.05 * 200
+    assert told == 0 or points >= 64
 
 
 def grid(a: int, b: int) -> tuple[Floats, Floats]:

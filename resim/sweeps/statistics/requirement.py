@@ -134,21 +134,31 @@ def _ranges(y: Floats, levels: Levels, side: Side, drawn: bool) -> _Ranges:
         sums = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(sums[last + 1] - sums[first])
 
-    runs, passes, units, variance = _by_level(y, levels)
+    runs, passes, units, variance, alone = _by_level(y, levels)
     n, c = within(runs), within(passes)
     share = np.divide(c, n, out=np.zeros(len(n)), where=n > 0)
-    independent = _units(share, n, within(units), within(variance)) if drawn else n
+    single = within(alone.astype(float))
+    apart = (
+        within(alone * passes**2)
+        - 2.0 * share * within(alone * passes * runs)
+        + share**2 * within(alone * runs**2)
+    )
+    more = np.divide(single, single - 1.0, out=np.ones(len(n)), where=single > 1.0)
+    independent = (
+        _units(share, n, within(units), within(variance) + more * np.maximum(apart, 0.0)) if drawn else n
+    )
     least, most = _interval(share, independent, len(n))
     width = (levels.high[last] - levels.low[first]) / max(levels.high[-1] - levels.low[0], 1e-300)
     return _Ranges(first, last, share, least, most, n, width)
 
 
-def _by_level(y: Floats, levels: Levels) -> tuple[Floats, Floats, Floats, Floats]:
-    """Of each level (G,): runs, passes, what is independent in it, and the variance of its number of passes.
+def _by_level(y: Floats, levels: Levels) -> tuple[Floats, Floats, Floats, Floats, Bools]:
+    """Of each level (G,): runs, passes, what is independent, the variance of its passes, and whether it is one point.
 
-    Points of a level that were drawn differ in other parameters, so that a second run of one tells nothing of those
-    that were not drawn: points are what is independent (Kish, Survey Sampling, 1965, clusters within strata); where a
-    level is a single point, its runs.
+    Points that were drawn differ in what was not asked about, this parameter between them included, so that a second
+    run of one tells nothing of those that were not drawn: points are what is independent (Kish, Survey Sampling, 1965,
+    clusters within strata). A level of a single point has no variance of its own: that is told by the points of a range
+    (collapsed strata).
     """
     known = (levels.of >= 0) & np.isfinite(y).any(axis=1)
     of, count = levels.of[known], len(levels)
@@ -162,8 +172,9 @@ def _by_level(y: Floats, levels: Levels) -> tuple[Floats, Floats, Floats, Floats
     return (
         runs,
         passes,
-        np.where(alone, runs, points),
-        np.where(alone, runs * share * (1.0 - share), factor * spread),
+        points,
+        np.where(alone, 0.0, factor * spread),
+        alone,
     )
 
 
