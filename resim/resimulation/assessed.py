@@ -99,7 +99,10 @@ class ResimulationAssessment:
         deciding = self.deciding()
         if others := [f"{name} {verdict}" for name, verdict in self._bad().items() if name not in deciding]:
             out.append(f"{', '.join(others)}: reported only; the verdict is decided by {', '.join(deciding)}")
-        return out + [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
+        out += [f"{name}: {note}" for name, a in self.blocks.items() for note in a.notes()]
+        seeds = [] if self.model is None else [a for a in self.model.seeds.values() if a is not None]
+        asked = dict.fromkeys(m.note for a in seeds for m in a.measures.values() if m.note)
+        return out + [f"{MODEL}: {note}" for note in asked]
 
     def deciding(self) -> tuple[str, ...]:
         """Give the sources whose verdict is that on the drive. Raises InputError for one that is not there."""

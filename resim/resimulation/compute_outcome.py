@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,7 +72,9 @@ def _of_gt_traffic(result: Resimulation, drive: SimulatedDrive, refit: Scenario)
 def _nothing(drive: SimulatedDrive) -> DriveOutcome:
     """A drive that ended before there was anything to judge."""
     comfort = dict.fromkeys(COMFORT)
-    return DriveOutcome({}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure)
+    return DriveOutcome(
+        {}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure, asked=_asked(drive, ())
+    )
 
 
 def outcome(
@@ -92,7 +94,14 @@ def outcome(
         collision=bool(assessment.contacts),
         end="" if drive is None else drive.end,
         failure="" if drive is None else drive.failure,
+        asked=_asked(drive, [measure.note for measure in assessment.measures.values()]),
     )
+
+
+def _asked(drive: SimulatedDrive | None, notes: Iterable[str]) -> tuple[str, ...]:
+    """What code asked that its hash does not know: the function of a drive, and the measures of an assessment."""
+    own = "" if drive is None or not drive.unpinned else f"{drive.case.build.label}: {drive.unpinned}"
+    return tuple(dict.fromkeys(note for note in (own, *notes) if note))
 
 
 def rms(errors: Mapping[str, StepErrors]) -> Rms:

@@ -32,6 +32,7 @@ class DriveOutcome:
     reaction: first braking [s]. risk: the largest accident risk. comfort: the largest of each of COMFORT. end: how a
     simulation ended, "" for a measured drive. failure: why the function failed, or "". errors: of this drive alone,
     the pipeline's of a simulated one. reaction_spread [s]: how far first braking may be off, of a measured one.
+    asked: what code under test, the function's or own measures', asked that its hash does not know.
     """
 
     kpis: Mapping[str, Kpi]
@@ -44,6 +45,7 @@ class DriveOutcome:
     failure: str = ""
     errors: Mapping[str, float | None] | None = None
     reaction_spread: float | None = None
+    asked: tuple[str, ...] = ()
 
     @property
     def decision(self) -> list[str]:

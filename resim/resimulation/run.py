@@ -182,7 +182,15 @@ def with_notes(result: Resimulation, perceiving: PerceptionSetup) -> Resimulatio
     return replace(
         result,
         perceiving=perceiving,
-        warnings=(*result.warnings, *perception_notes(perceiving, drives)),
+        warnings=tuple(
+            dict.fromkeys(
+                (
+                    *result.warnings,
+                    *perception_notes(perceiving, drives),
+                    *(f"{result.build.label}: {drive.unpinned}" for drive in drives if drive.unpinned),
+                )
+            )
+        ),
         hashes={**result.hashes, "perception": perceiving.hash},
     )
 

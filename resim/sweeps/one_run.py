@@ -95,7 +95,7 @@ def _came_to(
         "decision": ", ".join(found.decision),
         "reaction": found.reaction,
         "case": drive.case.hash,
-        "unpinned": drive.unpinned or None,
+        "unpinned": "; ".join(found.asked) or None,
     }
     errors = found.errors or dict.fromkeys(["d", "v", "heading"])
     row |= {f"pipeline_{name}": value for name, value in errors.items()}

@@ -30,11 +30,15 @@ from resim.verification.verify import COMPARED, has_plans
 
 @dataclass(frozen=True, eq=False)
 class BuildComparison:
-    """Re-simulations of one recording with an old and a new build, and each pair of runs with the same seed."""
+    """Re-simulations of one recording with an old and a new build, and each pair of runs with the same seed.
+
+    asked: what their code and that of measures asked that no hash knows.
+    """
 
     old: Resimulation
     new: Resimulation
     pairs: tuple[RunPair, ...]
+    asked: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> BuildVerdict:
@@ -66,9 +70,19 @@ class BuildComparison:
                 for when, result in (("before", self.old), ("now", self.new))
             },
             pairs=self.pairs,
-            notes=(
-                *(n for r in (self.old, self.new) for n in r.warnings if n.endswith((*UNPINNED, NOT_PINNED))),
-                *self._open(),
+            notes=tuple(
+                dict.fromkeys(
+                    (
+                        *(
+                            n
+                            for r in (self.old, self.new)
+                            for n in r.warnings
+                            if n.endswith((*UNPINNED, NOT_PINNED))
+                        ),
+                        *self.asked,
+                        *self._open(),
+                    )
+                )
             ),
         )
 
@@ -93,11 +107,12 @@ def compare_builds(
     planned = all(has_plans(result) for result in results)
     how = AssessmentOptions(criteria=criteria, only=COMPARED, path="plan" if planned else "state")
     each = [_runs(result, how) for result in results]
-    pairs = []
+    pairs, asked = [], list[str]()
     for seed, (one, drive) in each[0].items():
         two, other = each[1][seed]
         pairs.append(pair(seed, one, two, first_divergence(drive.truth, other.truth, recording.ego)))
-    return BuildComparison(results[0], results[1], tuple(pairs))
+        asked += [*one.asked, *two.asked]
+    return BuildComparison(results[0], results[1], tuple(pairs), tuple(dict.fromkeys(asked)))
 
 
 def _runs(

@@ -112,7 +112,8 @@ def verify_recording(
         way: cause(j, errors, demands.tolerances, recorded, shown[way], driven, oracle=build.needs_truth)
         for way, j in judged.items()
     }
-    notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven)]))
+    asked = (note for came_to in (*found.values(), *seeds.values()) for note in came_to.asked)
+    notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven), *asked]))
     out = VerificationResult(
         result, (first, assessed), found, seeds, errors, judged, causes, recorded, driven, notes=notes
     )

@@ -110,6 +110,13 @@ ASKS = {
     "the environment": ("os.environ.get('PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
     "the environment as bytes": ("os.environb.get(b'PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
     "the environment in a path": ("os.path.expandvars('$PILOT_BRAKE')", "read PILOT_BRAKE from the environment"),
+    "the environment in a chain": (
+        "import collections; collections.ChainMap(os.environ, {{}}).get('PILOT_BRAKE')", "read PILOT_BRAKE from",
+    ),
+    "the environment in a template": (
+        "import string; string.Template('$PILOT_BRAKE').safe_substitute(os.environ)", "read PILOT_BRAKE from",
+    ),
+    "names of the environment": ("'PILOT_BRAKE' in list(os.environ)", "read all variables from the environment"),
     "an address of its own": (
         "s = socket.socket(socket.AF_INET, 2); s.bind(('127.0.0.1', 0)); s.close()", "listened to ('127.0.0.1', 0)",
     ),

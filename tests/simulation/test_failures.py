@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resim.core.errors import InputError, StopError
+from resim.core.errors import FunctionError, InputError, StopError
+from resim.core.plugins import loading
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import SumoNet
 from resim.scenario.scenario import Scenario, ScenarioObject
@@ -391,6 +392,19 @@ def test_a_function_is_let_go_of_within_its_time_limit(
     set_constant(driver, "_RESET_LIMIT", 0.3)  # a minute
     own = function(members="def __del__(self): time.sleep(3.0)")
     assert "on closing took longer than 0.3 s" in drive(own, member("e", 300.0, 20.0)).failure
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_what_a_module_holds_is_let_go_of_within_its_time_limit(
+    write_build: Callable[..., Path], set_constant: Callable[..., None]
+) -> None:
+    """The collector would run it at any time, in code of resim's."""
+    set_constant(loading, "LET_GO_LIMIT", 0.3)  # a minute
+    held = "import time\nclass Held:\n    def __del__(self): time.sleep(3.0)\nHELD = Held()\n"
+    path = write_build(f"{held}class Own:\n{METHODS}")
+    build = load_build(path)
+    with pytest.raises(FunctionError, match=r"took longer than 0\.3 s"), build.factory.afresh():
+        pass
 
 
 def test_a_function_that_takes_resims_modules_away_is_to_blame(tmp_path: Path) -> None:

@@ -254,7 +254,7 @@ def test_what_a_build_asks_besides_its_hash_is_told_and_nothing_is_added_later(
     journal.write_text(journal.read_text().splitlines(keepends=True)[0])
     code, error, _ = sweep("Asks", seeds=4, more=("--shard", "1/2", "--resume"))
     assert code == 2
-    assert "cannot be resumed: " + told in error
+    assert "cannot be resumed: asks-1: " + told in error
     code, _, out = sweep("Asks", seeds=4, workers=2)
     assert code in (0, 1)
     assert told in call("sweep", "report", out)[1]

@@ -7,6 +7,7 @@ import is looked for among their own first. Each run executes them again, so tha
 from __future__ import annotations
 
 import builtins
+import gc
 import importlib
 import importlib.abc
 import importlib.machinery
@@ -27,6 +28,8 @@ from resim.core.plugins.surroundings import same_surroundings
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.plugins.watchdog import Watchdog, exception_text
 
+LET_GO_LIMIT = 60.0
+"""s of wall clock for the finalizers of a run's modules."""
 LOAD_LIMIT = 180.0
 """s of wall clock for the import of a module: those of large libraries take a minute where the disk is cold."""
 
@@ -95,15 +98,31 @@ class LoadedCallable:
         Its own modules are executed again when they are imported. seed: of what draws without a generator of its own.
         Gives the context that hears of files that this run opens.
         """
-        self._space.forget()
+        self._forget()
         opened = self.opened.of_a_run()
         try:
             with same_surroundings(seed), opened:
-                yield opened
+                try:
+                    yield opened
+                finally:
+                    if self._space.finalizes:
+                        self._forget()
         finally:
             self.opened.found |= opened.found
             self.opened.elsewhere |= opened.elsewhere
             self.opened.others |= opened.others
+
+    def _forget(self) -> None:
+        if not self._space.finalizes:
+            self._space.forget()
+            return
+        with Watchdog() as watchdog:
+            watchdog.call(LET_GO_LIMIT, self._let_go)
+
+    def _let_go(self) -> None:
+        """Forget the modules, whose finalizers are code, too: later they would run at any time, outside of limits."""
+        self._space.forget()
+        gc.collect()
 
     def load(self) -> Any:
         """Import the module, unless this run has it, and give what it has by the name; None where it has none."""
@@ -139,6 +158,7 @@ class _Space:
         self._codes: dict[str, CodeType] = {}
         self._free: dict[str, bool] = {}
         self._loaded = set[str]()
+        self.finalizes = any(b"__del__" in source for source in copy.sources.values())
         tops = {name.partition("/")[0].partition(".")[0] for name in copy.names}
         self._tops = {top for top in tops if is_own(top, copy.names)}
         self.forget()

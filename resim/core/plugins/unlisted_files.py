@@ -6,12 +6,15 @@ Also what else holds while that code runs, and for no other: the modules that it
 from __future__ import annotations
 
 import collections.abc
+import configparser
 import os
 import re
 import site
+import string
 import sys
 import textwrap
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Set
 from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
@@ -50,7 +53,13 @@ class OpenedFiles:
         self._copy = {self._folders[0], self._folders[2]}
         self._names, self._modules = names, modules
         self._process = os.getpid()
+        self._others_threads: Set[int] = frozenset()
         self._held = set[str]()  # folders that it holds open, for opening what is in them
+
+    @property
+    def hears(self) -> bool:
+        """Whether this thread is one whose deeds are the code's: of it, or begun since."""
+        return threading.get_ident() not in self._others_threads
 
     def of_a_run(self) -> OpenedFiles:
         """Give the same that has heard of no file yet."""
@@ -60,6 +69,7 @@ class OpenedFiles:
         return run
 
     def __enter__(self) -> OpenedFiles:
+        self._others_threads = sys._current_frames().keys() - {threading.get_ident()}
         if not _watching:
             integrity.begin(self.path)
             watchdog.name_code(self.path)
@@ -77,7 +87,7 @@ class OpenedFiles:
 
     def asks_environment(self, variable: str, file: str) -> None:
         """Note a variable of the environment that code in a file reads in a call, if that file is the user's."""
-        if watchdog.board[0] and file.startswith(self._folders):
+        if watchdog.board[0] and self.hears and file.startswith(self._folders):
             self.others.add(f"read {variable} from the environment")
 
     def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -219,8 +229,9 @@ _watching: list[OpenedFiles] = []
 
 _Environment: Any = type(os.environ)
 _LOOKED_UP_BY = {
-    function.__code__.co_filename for function in (os.getenv, collections.abc.Mapping.get, os.path.expandvars)
-} | {__file__}
+    *(f.__code__.co_filename for f in (os.getenv, collections.abc.Mapping.get, os.path.expandvars)),
+    *(f"{file}" for file in (collections.__file__, string.__file__, configparser.__file__, __file__)),
+}
 """Files of what looks a variable up for somebody."""
 
 
@@ -230,11 +241,22 @@ class _HeardEnvironment(_Environment):  # type: ignore[misc]
     def __getitem__(self, key: Any) -> Any:
         """Give a variable."""
         if _watching and isinstance(key, str | bytes):
-            frame = sys._getframe(1)
-            while frame.f_back is not None and frame.f_code.co_filename in _LOOKED_UP_BY:
-                frame = frame.f_back
-            _watching[-1].asks_environment(os.fsdecode(key), frame.f_code.co_filename)
+            _watching[-1].asks_environment(os.fsdecode(key), _asker())
         return super().__getitem__(key)
+
+    def __iter__(self) -> Any:
+        """Give the names of all variables."""
+        if _watching:
+            _watching[-1].asks_environment("all variables", _asker())
+        return super().__iter__()
+
+
+def _asker() -> str:
+    """The file of the code that asks, past what looks variables up for somebody."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename in _LOOKED_UP_BY:
+        frame = frame.f_back
+    return frame.f_code.co_filename
 
 
 def _watch_environment(kind: Any) -> None:
@@ -279,7 +301,7 @@ def _command(named: Any) -> str:
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
-    if _watching and (event == "open" or event in _HEARD):
+    if _watching and (event == "open" or event in _HEARD) and _watching[-1].hears:
         _watching[-1].hear(event, arguments)
 
 
