@@ -25,7 +25,7 @@ PROTOCOL = 1
 LONGEST = 1 << 28
 """Bytes of a message; one that claims more is none."""
 OBJECT = ("id", "kind", "x", "y", "heading", "v", "length", "width", "z")
-"""Columns of the objects of a list, in the order of the fields of `Perceived`."""
+"""Columns of the objects of a list, in the order of the fields of `ObjectList`."""
 
 
 def packed(message: dict[str, Any]) -> bytes:
@@ -115,7 +115,7 @@ def _points(told: bytes) -> Any:
 
 
 class RunSetup(NamedTuple):
-    """What a function gets before a run: see `resim.simulation.function.interface.Setup`; road is a `Road`.
+    """What a function gets before a run: see `resim.simulation.function.interface.Setup`; road is a `LaneMap`.
 
     route: for each step of it the ids of the roads, of which the EGO is on one.
     """

@@ -13,10 +13,8 @@ from pydantic import Field
 from resim.core.errors import InputError
 from resim.core.files import joined, refuse_undecodable
 from resim.core.spec import Sha256, Strict
+from resim.recordings.present import table_file
 from resim.recordings.settings import SETTINGS
-
-TABLES = ("gt.csv", "gt.parquet", "sd.csv", "sd.parquet")
-"""Files by which a folder was a recording, whatever else it lacks."""
 
 
 class RecordingEntry(Strict):
@@ -54,7 +52,9 @@ def _folders(path: Path, entry: RecordingEntry) -> list[Path]:
     for folder in found:
         refuse_undecodable(folder)
     for folder in fitting:  # what is no recording any more must not drop out without a word
-        if folder not in found and (not folder.exists() or any((folder / name).exists() for name in TABLES)):
+        if folder not in found and (
+            not folder.exists() or table_file(folder, "gt") or table_file(folder, "sd")
+        ):
             problem = f"recording {entry.folder!r}: {folder} has no {SETTINGS}"
             raise InputError(path, problem, "Put it back, or let the glob not fit it.")
     if not found:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.objects import GAP
-from resim.core.plugins.unlisted_files import NOT_PINNED, UNPINNED
+from resim.core.plugins.unlisted_files import NOT_OF_HASH
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.recordings.checked import by_code, finding_lines
@@ -26,7 +26,7 @@ from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import Build
 
 LABEL_ONLY = "without build_hash it is unknown whether this code drove, so the verdict is for the label only"
-OF_BUILD = (LABEL_ONLY, *UNPINNED, NOT_PINNED)
+OF_BUILD = (LABEL_ONLY, *NOT_OF_HASH)
 """Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
 
 OFF_ROAD = 0.1

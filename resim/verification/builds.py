@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from resim.core.plugins.unlisted_files import NOT_PINNED, UNPINNED
+from resim.core.plugins.unlisted_files import NOT_OF_HASH
 from resim.metrics.criteria import Criteria
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines
@@ -54,6 +54,7 @@ class BuildComparison:
     def entry(self, source: RecordingSource) -> ComparedRecording:
         """Give what verification.json says of the recording, which lies at `source`."""
         worst = max(self.pairs, key=lambda p: (bool(p.failure), p.weight_lost, p.risk or 0.0))
+        of_code = (n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_OF_HASH))
         return ComparedRecording(
             **vars(source),
             verdict=self.verdict,
@@ -70,20 +71,7 @@ class BuildComparison:
                 for when, result in (("before", self.old), ("now", self.new))
             },
             pairs=self.pairs,
-            notes=tuple(
-                dict.fromkeys(
-                    (
-                        *(
-                            n
-                            for r in (self.old, self.new)
-                            for n in r.warnings
-                            if n.endswith((*UNPINNED, NOT_PINNED))
-                        ),
-                        *self.asked,
-                        *self._open(),
-                    )
-                )
-            ),
+            notes=tuple(dict.fromkeys([*of_code, *self.asked, *self._open()])),
         )
 
     def _open(self) -> tuple[str, ...]:

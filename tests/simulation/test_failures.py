@@ -356,6 +356,22 @@ def test_numbers_of_numpy_place_the_ego_too(drive: Drive, function: Make, member
     assert drive(own, member("e", 300.0, 20.0)).end == "duration"
 
 
+def run_gt(scenario: str, build: Path) -> subprocess.CompletedProcess[str]:
+    """Run a shipped drive's GT by the command, with its results beside the build."""
+    order = [
+        "run",
+        ROOT / "scenarios" / scenario,
+        "--basis",
+        "gt",
+        "--build",
+        build,
+        "--out",
+        build.with_name("out"),
+    ]
+    words = [sys.executable, "-m", "resim", *order]
+    return subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
+
+
 def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_path: Path) -> None:
     (tmp_path / "stubborn.py").write_text(
         "import time\nclass Stubborn:\n    def reset(self, setup): pass\n    def close(self): pass\n"
@@ -364,19 +380,7 @@ def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_p
     )
     build = tmp_path / "stubborn.toml"
     build.write_text('name = "stubborn"\nversion = "1"\nfactory = "stubborn:Stubborn"\ntime_limit = 0.1\n')
-    order = [
-        "run",
-        str(ROOT / "scenarios" / "overtake"),
-        "--basis",
-        "gt",
-        "--build",
-        build,
-        "--out",
-        tmp_path / "out",
-    ]
-    done = subprocess.run(
-        [sys.executable, "-m", "resim", *order], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = run_gt("overtake", build)
     assert done.returncode == 3
     assert (
         "stubborn-1 at t = -3.00 s did not answer within 0.1 s, and could not be interrupted" in done.stderr
@@ -417,19 +421,7 @@ def test_a_function_that_takes_resims_modules_away_is_to_blame(tmp_path: Path) -
     )
     build = tmp_path / "own.toml"
     build.write_text('name = "own"\nversion = "1"\nfactory = "own:Own"\n')
-    order = [
-        "run",
-        ROOT / "scenarios" / "rear_end",
-        "--basis",
-        "gt",
-        "--build",
-        build,
-        "--out",
-        tmp_path / "out",
-    ]
-    done = subprocess.run(
-        [sys.executable, "-m", "resim", *order], capture_output=True, text=True, check=False, timeout=120
-    )
+    done = run_gt("rear_end", build)
     assert (done.returncode, "took modules of resim away" in done.stderr) == (3, True), done.stderr
 
 

@@ -5,12 +5,9 @@ Also what else holds while that code runs, and for no other: the modules that it
 
 from __future__ import annotations
 
-import collections.abc
-import configparser
 import os
 import re
 import site
-import string
 import sys
 import textwrap
 import threading
@@ -28,7 +25,9 @@ NOT_IN_HASH = "which its hash does not know: list it in files = [...], and open 
 NOT_KNOWN = "its hash does not know what answers there"
 NOT_PINNED = "is not in its hash: not pinned"
 UNPINNED = (NOT_IN_HASH, NOT_KNOWN)
-"""How notes end on what code is of besides that which its hash is of."""
+"""How notes end on what code asks besides its hash, which may be otherwise in the next command."""
+NOT_OF_HASH = (*UNPINNED, NOT_PINNED)
+"""How all notes end on what code is of besides its hash."""
 _WORDS = re.compile(r"[\s'\"`=<>|;&(){}]+")
 """Between the words of a command line."""
 
@@ -116,9 +115,7 @@ class OpenedFiles:
             return
         if not event.startswith("socket."):
             self.others.add("forked its process")
-        elif arguments[1] is None:  # of one that is connected
-            pass
-        elif _POOLS not in str(arguments[1]):
+        elif arguments[1] is not None and _POOLS not in str(arguments[1]):  # None: of one that is connected
             self.others.add(f"{'listened' if event == 'socket.bind' else 'connected'} to {arguments[1]!r}")
 
     def _is_listed(self, file: str) -> bool:
@@ -228,11 +225,8 @@ _watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
 
 _Environment: Any = type(os.environ)
-_LOOKED_UP_BY = {
-    *(f.__code__.co_filename for f in (os.getenv, collections.abc.Mapping.get, os.path.expandvars)),
-    *(f"{file}" for file in (collections.__file__, string.__file__, configparser.__file__, __file__)),
-}
-"""Files of what looks a variable up for somebody."""
+_LOOKED_UP_BY = {"os", "posixpath", "collections", "collections.abc", "string", "configparser", __name__}
+"""Modules that look a variable up for somebody."""
 
 
 class _HeardEnvironment(_Environment):  # type: ignore[misc]
@@ -254,7 +248,7 @@ class _HeardEnvironment(_Environment):  # type: ignore[misc]
 def _asker() -> str:
     """The file of the code that asks, past what looks variables up for somebody."""
     frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename in _LOOKED_UP_BY:
+    while frame.f_back is not None and frame.f_globals.get("__name__") in _LOOKED_UP_BY:
         frame = frame.f_back
     return frame.f_code.co_filename
 

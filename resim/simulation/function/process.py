@@ -97,17 +97,11 @@ class ProcessFunction:
 
     def probe(self, message: dict[str, Any] | bytes) -> str:
         """Start the process, and say what it does with a message that it cannot know; FunctionError for an answer."""
+        body = struct.pack("<I", len(message)) + message if isinstance(message, bytes) else packed(message)
         process = self._start()
-        assert process.stdin is not None
-        assert process.stdout is not None
-        self._waiting = True
         try:
-            body = (
-                struct.pack("<I", len(message)) + message if isinstance(message, bytes) else packed(message)
-            )
-            _send(process.stdin.fileno(), body)
-            answer = msgpack.unpackb(_received(process.stdout.fileno()))
-        except (BrokenPipeError, EOFError):
+            answer = self._exchange(process, body)
+        except EOFError:
             code = process.wait()
             if code == 0:
                 raise FunctionError("ended its process with code 0, as if all were well") from None
@@ -146,24 +140,31 @@ class ProcessFunction:
         process = self._process
         if process is None:
             raise FunctionError("was asked before its reset")
-        assert process.stdin is not None
-        assert process.stdout is not None
-        self._waiting = True
         try:
-            _send(process.stdin.fileno(), packed(message))
-            body = _received(process.stdout.fileno())
-        except (BrokenPipeError, EOFError):
+            answer = self._exchange(process, packed(message))
+        except EOFError:
             raise FunctionError(f"ended its process {_ending(process.wait())}", words=_words()) from None
-        try:
-            answer = msgpack.unpackb(body)
-        except (ValueError, msgpack.UnpackException) as e:
-            raise FunctionError(f"answered what is no msgpack ({e}): {body[:40]!r}") from e
         if not isinstance(answer, dict):
             raise FunctionError(f"answered {answer!r:.60}, expected a map")
         self._waiting = False
         if "error" in answer:
             raise FunctionError(f"failed: {answer['error']!s:.300}", words=_words())
         return answer
+
+    def _exchange(self, process: subprocess.Popen[bytes], message: bytes) -> Any:
+        """Send a message and give what is answered, whatever that is. Raises EOFError where the process has ended."""
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._waiting = True
+        try:
+            _send(process.stdin.fileno(), message)
+            body = _received(process.stdout.fileno())
+        except BrokenPipeError:
+            raise EOFError from None
+        try:
+            return msgpack.unpackb(body)
+        except (ValueError, msgpack.UnpackException) as e:
+            raise FunctionError(f"answered what is no msgpack ({e}): {body[:40]!r}") from e
 
 
 def _send(to: int, message: bytes) -> None:
