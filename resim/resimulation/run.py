@@ -179,18 +179,11 @@ def over_seeds(result: Resimulation, perceiving: PerceptionSetup) -> Iterator[Re
 def with_notes(result: Resimulation, perceiving: PerceptionSetup) -> Resimulation:
     """Give the re-simulation with what qualifies its drives with a perception model. perceiving: with their seeds."""
     drives = [result.drives[of_seed(seed)] for seed in perceiving.seeds]
+    asked = (f"{result.build.label}: {drive.unpinned}" for drive in drives if drive.unpinned)
     return replace(
         result,
         perceiving=perceiving,
-        warnings=tuple(
-            dict.fromkeys(
-                (
-                    *result.warnings,
-                    *perception_notes(perceiving, drives),
-                    *(f"{result.build.label}: {drive.unpinned}" for drive in drives if drive.unpinned),
-                )
-            )
-        ),
+        warnings=tuple(dict.fromkeys([*result.warnings, *perception_notes(perceiving, drives), *asked])),
         hashes={**result.hashes, "perception": perceiving.hash},
     )
 

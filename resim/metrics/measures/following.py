@@ -48,10 +48,10 @@ def gap_ahead(pairs: Pairs, *, reach: float = RANGE) -> MeasureValues:
     is there heads. NO_CONFLICT where it touches nothing within `reach` [m]; NOT_DEFINED where the EGO reverses; 0 where
     the boxes touch.
     """
-    return pairs.measured(GAP_AHEAD, partial(_gap, reach, False), columns=4)
+    return pairs.measured(GAP_AHEAD, partial(_gap, reach, between_vehicles=False), columns=4)
 
 
-def _gap(reach: float, between_vehicles: bool, p: CompletePairs) -> tuple[Floats, StateArray]:
+def _gap(reach: float, p: CompletePairs, *, between_vehicles: bool) -> tuple[Floats, StateArray]:
     """The gap; between_vehicles: whether to who goes another way it is not defined, which a standing one cannot."""
     n = max(2, int(np.ceil(reach / 2.0)))
     scenes, of = np.unique(p.scene, return_inverse=True)
@@ -99,9 +99,9 @@ def half_speedometer(pairs: Pairs, *, urban: bool = False, reach: float = RANGE)
     """
     v = np.maximum(pairs.plan[:, 0, 3], 0.0)
     least = v if urban else 0.5 * KMH * v
-    gap = pairs.measured(HALF_SPEEDOMETER, partial(_gap, reach, True), columns=4)
+    gap = pairs.measured(HALF_SPEEDOMETER, partial(_gap, reach, between_vehicles=True), columns=4)
     if (fast := np.flatnonzero(least > reach)).size:
-        far = partial(_gap, max(reach, FARTHEST), True)
+        far = partial(_gap, max(reach, FARTHEST), between_vehicles=True)
         farther = pairs.scenes(fast).measured(HALF_SPEEDOMETER, far, columns=4)
         gap.value[fast], gap.state[fast] = farther.value, farther.state
     return HALF_SPEEDOMETER.values(gap.value - least[:, None], gap.state)
