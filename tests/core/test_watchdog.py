@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -55,3 +56,37 @@ def test_nobody_waits_for_ever() -> None:
         with pytest.raises(FunctionError, match=r"did not answer within 0\.1 s"):
             watchdog.call(0.1, lambda: time.sleep(30.0))
         assert 0.9 < time.monotonic() - begin < 10.0
+
+
+def test_a_collection_of_the_whole_process_is_not_the_functions_time() -> None:
+    heard = []
+
+    def looked(phase: str, info: dict[str, int]) -> None:
+        if phase == "start" and info["generation"] == 2:
+            heard.append(compute())  # as a heap of millions takes
+
+    with Watchdog() as watchdog:
+        gc.callbacks.append(looked)
+        try:
+            assert watchdog.call(0.1, gc.collect) >= 0
+        finally:
+            gc.callbacks.remove(looked)
+    assert heard == ["done"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_code_within_a_collection_ends() -> None:
+    class Endless:
+        def __del__(self) -> None:
+            time.sleep(30.0)
+
+    def leaves_one() -> None:
+        it = Endless()
+        it.it = it  # type: ignore[attr-defined]
+        del it
+        gc.collect()
+
+    begin = time.monotonic()
+    with Watchdog() as watchdog, pytest.raises(FunctionError, match=r"within 0\.1 s|longer than 0\.1 s"):
+        watchdog.call(0.1, leaves_one)
+    assert time.monotonic() - begin < 10.0

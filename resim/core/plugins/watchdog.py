@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import re
 import signal
@@ -161,8 +162,9 @@ def _flush_errors() -> None:
 class Watchdog:
     """Context in which calls raise FunctionError for an exception or an overrun in what is called.
 
-    A call's time is wall clock less what it waited for a processor, so that answers do not depend on what else the
-    machine does; in all it has `_MOST` times its limit.
+    A call's time is wall clock less what it waited for a processor and what Python took to look through all objects of
+    the process for garbage, so that answers do not depend on what else the machine does and the process holds; in all
+    it has `_MOST` times its limit.
     In the main thread a call that does not return is interrupted by an interval timer (as far as it runs
     Python code); elsewhere an overrun is only found when the call returns, or by who reads `board`. A copy of the
     process that the function forked ends where it returns. The working directory is restored at the end.
@@ -175,13 +177,15 @@ class Watchdog:
         self._previous: Any = None
         self._process = os.getpid()
         self._home = contextlib.chdir(".")
-        self._limit = self._begin = self._waited = 0.0
+        self._limit = self._begin = self._began = self._collected = 0.0
+        self._collecting: float | None = None
         self._overheard = _Overheard()
 
     def __enter__(self) -> Watchdog:
         self._waiting = _Waiting()
         self._home.__enter__()
         self._overheard.begin()
+        gc.callbacks.append(self._collects)
         if self._timed:
             self._previous = signal.signal(signal.SIGALRM, self._ring)
         return self
@@ -192,6 +196,8 @@ class Watchdog:
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, self._previous)
+        with contextlib.suppress(ValueError):  # code under test took it away
+            gc.callbacks.remove(self._collects)
         self._overheard.end()
         self._waiting.close()
         self._home.__exit__(kind, e, tb)
@@ -203,11 +209,26 @@ class Watchdog:
             signal.setitimer(signal.ITIMER_REAL, left, self._limit)
             board[0] = time.monotonic() + left
 
+    def _clock(self) -> float:
+        """Time [s] that goes on while this thread has a processor."""
+        return time.monotonic() - self._waiting.time()
+
+    def _collects(self, phase: str, info: dict[str, int]) -> None:
+        """Note how long the collections of all objects take; what raises in one, Python swallows."""
+        if info["generation"] < 2:
+            return
+        if phase == "start":
+            self._collecting = self._clock()
+        elif self._collecting is not None:
+            self._collected += self._clock() - self._collecting
+            self._collecting = None
+
     def _left(self) -> float:
         """How much longer [s] the call that is under way may take."""
+        now = self._clock()
+        collected = self._collected + (0.0 if self._collecting is None else now - self._collecting)
         taken = time.monotonic() - self._begin
-        own = taken - (self._waiting.time() - self._waited)
-        return min(self._limit - own, _MOST * self._limit - taken)
+        return min(self._limit - (now - self._began - collected), _MOST * self._limit - taken)
 
     def load(self, limit: float, digest: str, what: Callable[..., Any]) -> Any:
         """Call as `call` does what loads the code of this hash: a process does that once, whatever it loaded before."""
@@ -226,7 +247,8 @@ class Watchdog:
     def _call(self, limit: float, what: Callable[..., Any], *arguments: Any) -> Any:
         if broken and (known := broken.get(int(board[2]))) is not None:
             raise FunctionError(known)
-        self._limit, self._waited, self._begin = limit, self._waiting.time(), time.monotonic()
+        self._limit, self._begin, self._began = limit, time.monotonic(), self._clock()
+        self._collected, self._collecting = 0.0, None
         if self._timed:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
         board[1] = limit
