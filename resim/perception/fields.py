@@ -12,6 +12,7 @@ Positive = Annotated[float, Field(strict=True, gt=0.0, le=1e4)]
 Late = Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
 """Time [s] that a perception remembers."""
 Rate = Annotated[float, Field(strict=True, ge=0.0, le=1e3)]
+Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
 
 
 class ParameterGroup(BaseModel):

@@ -25,7 +25,7 @@ from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.plugins.frozen import FrozenFile, freeze, load_frozen
 from resim.core.schema import PerceptionSchema
-from resim.perception.fields import Late, NotNegative, Number, ParameterGroup, Positive, Rate
+from resim.perception.fields import Late, NotNegative, Number, ParameterGroup, Positive, Rate, Share
 from resim.perception.parts.ego import Localisation
 from resim.perception.parts.false_objects import FalseObjects
 from resim.perception.parts.registry import PARTS
@@ -34,7 +34,7 @@ QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
 FEATURES = ("range", "bearing", "relative_speed", "acceleration")
 
-Assumption = Literal["bias", "spread", "tails", "white", "together", "latency"]
+Assumption = Literal["bias", "spread", "tails", "white", "together", "latency", "detected"]
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
 Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
 Plain = Annotated[float, Field(strict=True)]
@@ -162,9 +162,10 @@ class Detection(ParameterGroup):
     """Loss and regain of objects: rates [1/s] of a Markov chain, by bins of range, |bearing| and occlusion.
 
     Edges: increasing, one more than bins; the outer bins reach beyond them. occlusion: share of the object's angle,
-    seen from the EGO's centre, that nearer objects cover. loss, gain: [range][bearing][occlusion]. An object is
-    detected at first with the probability gain / (gain + loss). Without bins everything is always detected. What the
-    rates make of a time step, whatever its length, is in `chain`.
+    seen from the EGO's centre, that nearer objects cover. loss, gain, first: [range][bearing][occlusion]. first: the
+    probability that an object is detected as soon as it is there and in the field of view; without it gain / (gain +
+    loss), the share of the long run. Without bins everything is always detected. What the rates make of a time step,
+    whatever its length, is in `chain`.
     """
 
     range_edges: tuple[Plain, ...] = ()
@@ -172,6 +173,7 @@ class Detection(ParameterGroup):
     occlusion_edges: tuple[Plain, ...] = ()
     loss: tuple[tuple[tuple[Rate, ...], ...], ...] = ()
     gain: tuple[tuple[tuple[Rate, ...], ...], ...] = ()
+    first: tuple[tuple[tuple[Share, ...], ...], ...] = ()
 
     @model_validator(mode="after")
     def _fits(self) -> Detection:
@@ -179,13 +181,15 @@ class Detection(ParameterGroup):
         for edges in (self.range_edges, self.bearing_edges, self.occlusion_edges):
             if any(b <= a for a, b in pairwise(edges)):
                 raise ValueError("edges: expected increasing numbers")
-        for name in ("loss", "gain"):
+        for name in ("loss", "gain", "first"):
             table = getattr(self, name)
+            if name == "first" and not table:
+                continue
             if len(table) != shape[0] or any(
                 len(row) != shape[1] or any(len(cell) != shape[2] for cell in row) for row in table
             ):
                 raise ValueError(
-                    f"{name}: expected {shape[0]} x {shape[1]} x {shape[2]} rates, as the edges have bins"
+                    f"{name}: expected {shape[0]} x {shape[1]} x {shape[2]} values, as the edges have bins"
                 )
         return self
 
@@ -246,9 +250,10 @@ class TrainedParameter(ParameterGroup):
 class FailedAssumption(ParameterGroup):
     """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
     model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
-    `latency` (one for all). size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
+    `latency` (one for all); or of detection the share of time in which objects are `detected`. size: what it costs, in
+    the unit; p: how likely by chance; text: the same in words."""
 
-    quantity: Quantity
+    quantity: Quantity | Literal["detection"]
     assumption: Assumption
     on: str
     size: float

@@ -102,7 +102,9 @@ def tracks_of(motion: Motion, t: Floats, noise: float, rng: np.random.Generator)
 class Beyond:
     """What a perception model cannot say: white noise as Student's t of so many degrees of freedom, of the same
     variance; a latency that varies by so much [s], with this correlation time [s] (0: from list to list); a scale of
-    speeds; offsets by quantity while an object brakes; level: a factor of every spread."""
+    speeds; offsets by quantity while an object brakes; level: a factor of every spread. found: objects are not seen at
+    first, and then found with this probability a list, within 60 m, and kept; confirmed: within 60 m for so long [s]
+    before they are seen."""
 
     tails: float = 0.0
     late: float = 0.0
@@ -110,6 +112,15 @@ class Beyond:
     scale: float = 0.0
     braking: tuple[tuple[str, float], ...] = ()
     level: float = 1.0
+    found: float = 0.0
+    confirmed: float = 0.0
+
+    def finds(self, r: Floats, dt: float, rng: np.random.Generator) -> np.ndarray:
+        """Which object is seen when (N, K), by how far it is."""
+        near = r <= 60.0
+        if self.found > 0.0:
+            return np.logical_or.accumulate(near & (rng.random(r.shape) < self.found), axis=1)
+        return np.cumsum(near, axis=1) * dt >= self.confirmed
 
     def lateness(self, n: int, dt: float, rng: np.random.Generator) -> Floats:
         """Latency beyond the usual one (n,) [s]."""
@@ -209,6 +220,8 @@ def make_recording(
     a = motion.at("a", now - late.speed)[1:]
     f = np.stack([np.hypot(x, y), np.arctan2(y, x), v * np.cos(heading) - ego["v"], a])
     seen = detected(model, f[0], np.abs(f[1]), dt, rng)
+    if beyond.found > 0.0 or beyond.confirmed > 0.0:
+        seen &= beyond.finds(f[0], dt, rng)
     each = [getattr(model.errors, q) for q in QUANTITIES]
     coupling = np.eye(6) if model.errors.coupling is None else np.array(model.errors.coupling)
     z = wander(np.array([e.correlation_time for e in each]), coupling, x.shape, dt, rng)

@@ -81,3 +81,24 @@ def test_field_of_view() -> None:
     sensor = Sensor(read_model(MODELS / "field_of_view.json"))
     place = np.array([119.0, 121.0, -10.0, 10 * np.exp(1j * 1.04), 10 * np.exp(-1j * 1.05)])
     assert look(sensor, lambda t: (place, 0.0, 0.0), [0.0], standing)[0].ids.tolist() == ["0", "3"]
+
+
+def test_who_appears_or_comes_into_the_field_of_view_is_found_as_first_says() -> None:
+    """Nobody is detected at first, and half of them within a second; those who left the view begin anew."""
+    chain = {
+        "range_edges": (0, 100), "bearing_edges": (0, 4), "occlusion_edges": (0, 1),
+        "loss": (((0.0,),),), "gain": (((np.log(2.0),),),), "first": (((0.0,),),),
+    }  # fmt: skip
+    sensor = Sensor(model(detection=chain, field_of_view={"range": 200.0}))
+    away = np.where(np.arange(400) < 200, 30.0, 300.0)
+
+    def motion(t: float) -> tuple[Any, Any, Any]:
+        place = ring(400)(t)[0]
+        return (place if not 5.0 <= t < 6.0 else place / np.abs(place) * away), 0.0, 0.0
+
+    table = detected(sensor, 400, steps(8.0, 0.1), motion)
+    assert not table[0].any()
+    assert table[10].mean() == pytest.approx(0.5, abs=0.08)
+    assert table[60, :200].mean() > 0.95
+    assert not table[50:61, 200:].any()
+    assert table[70, 200:].mean() == pytest.approx(0.5, abs=0.11)

@@ -306,7 +306,8 @@ def test_objects_that_are_lost_step_by_step_are_detected_as_often_in_the_model(l
     place = np.column_stack([rng.uniform(10.0, 60.0, n), rng.uniform(0.0, 0.3, n), np.zeros(n)])
     seen = rng.random(n) > lost
     pairs = np.column_stack([np.arange(n - 1), np.arange(1, n)])
-    samples = DetectionSamples(place, seen, pairs, np.full(n - 1, 0.05), np.zeros(n))
+    of = np.zeros(n, dtype=int)
+    samples = DetectionSamples(place, seen, pairs, np.full(n - 1, 0.05), of, of)
     found, estimates = fit_detection(samples, FieldOfView())
     share = detected_share(np.array(found.loss), np.array(found.gain))
     np.testing.assert_allclose(share, 1.0 - lost, atol=0.02)

@@ -22,6 +22,8 @@ from resim.perception.model import (
 from resim.perception.parameters import fit_in_words
 from resim.perception.training import train
 from resim.perception.training.clusters import FEWEST
+from resim.perception.training.drive import drive_of
+from resim.perception.validation import measured_errors, model_errors
 
 PROPER = PerceptionModel(
     name="proper",
@@ -133,3 +135,40 @@ def test_drives_of_other_models_that_fit_are_told_nothing() -> None:
     assert fit is not None
     assert fit.fit is not None
     assert fit.fit.misfits == ()
+
+
+def shares(model: PerceptionModel, beyond: Beyond) -> np.ndarray:
+    """Share of time that objects are detected, measured and by the model, up to 30, 60, 90 m."""
+    found = np.zeros((3, 3))
+    made = [drive_of(r) for r in drives(PROPER, 9, 20, rate=10.0, beyond=beyond, objects=8)]
+    for drive, measured in zip(made, measured_errors(made), strict=True):
+        x, y, _ = drive.in_frame(drive.states)
+        inside = np.digitize(np.hypot(x, y), (30.0, 60.0, 90.0))
+        modelled = [model_errors(model, drive, seed) for seed in range(4)]
+        for k in range(3):
+            there = measured.there & (inside == k)
+            seen = [np.isfinite(e.values[0][there]).sum() for e in (measured, *modelled)]
+            found[:, k] += seen[0], np.mean(seen[1:]), there.sum()
+    return found[:2] / found[2]
+
+
+def test_objects_that_are_found_late_are_found_late_by_the_model() -> None:
+    beyond = Beyond(found=0.02)
+    model = train(drives(PROPER, 3, 20, rate=10.0, beyond=beyond, objects=8), name="late")
+    measured, modelled = shares(model, beyond)
+    np.testing.assert_allclose(modelled, measured, atol=0.08)
+    assert measured.max() < 0.75
+    assert model.training is not None
+    assert model.training.fit is not None
+    assert not [m for m in model.training.fit.misfits if m.quantity == "detection"]
+
+
+def test_a_sensor_that_confirms_objects_first_is_told_with_the_shares_of_time() -> None:
+    beyond = Beyond(confirmed=2.0)
+    fit = train(drives(PROPER, 3, 10, rate=10.0, beyond=beyond, objects=8), name="late").training
+    assert fit is not None
+    assert fit.fit is not None
+    found = told(fit.fit, "detection", "detected", "time")
+    assert "after they appeared are detected" in found.text
+    assert "it sees more than the sensor" in found.text
+    assert found.size > 0.1

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike
 from resim.core.geometry import Floats
 
 
-def probabilities(loss: ArrayLike, gain: ArrayLike, dt: float) -> tuple[Floats, Floats]:
+def probabilities(loss: ArrayLike, gain: ArrayLike, dt: ArrayLike) -> tuple[Floats, Floats]:
     """Give the probabilities to be lost, and to be regained, dt [s] later, at these rates [1/s].
 
     loss / (loss + gain) (1 - exp(-(loss + gain) dt)), and the other way round: what was lost may be back within dt.
     """
     loss, gain = np.asarray(loss, dtype=float), np.asarray(gain, dtype=float)
     both = loss + gain
-    part = -np.expm1(-both * dt) / np.where(both > 0.0, both, 1.0)
+    part = -np.expm1(-both * np.asarray(dt, dtype=float)) / np.where(both > 0.0, both, 1.0)
     return loss * part, gain * part
 
 

@@ -106,8 +106,11 @@ def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego
             i, j = _bin(edges[b], 0, distance), _bin(edges[b], 1, abs(bearing))
             k = _bin(edges[b], 2, hidden[n])
             found = random[SIGHT, n] < detected[b, state[b, n], i, j, k]
+            if distance > reach[b] or abs(bearing) > opening[b]:
+                state[b, n] = FRESH
+                continue
             state[b, n] = DETECTED if found else LOST
-            if state[b, n] == LOST or distance > reach[b] or abs(bearing) > opening[b]:
+            if not found:
                 continue
             true = (relative[n].real, relative[n].imag, late[0, n], turned, length[n], width[n])
             for q in range(Q):

@@ -122,7 +122,8 @@ class DetectionTables(_ByStep):
             row[: len(edges)] = edges
         always = np.zeros((1, 1, 1))
         self.loss, self.gain = (np.array(c) if c else always for c in (detection.loss, detection.gain))
+        self.first = np.array(detection.first) if detection.first else detected_share(self.loss, self.gain)
 
     def _make(self, dt: float) -> Floats:
         lost, gained = probabilities(self.loss, self.gain, dt)
-        return np.array([gained, 1.0 - lost, detected_share(self.loss, self.gain)])
+        return np.array([gained, 1.0 - lost, self.first])

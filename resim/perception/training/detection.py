@@ -1,4 +1,4 @@
-"""Loss and regain of objects: transitions counted by range, bearing and occlusion, and the field of view."""
+"""First sight, loss and regain of objects: counted by range, bearing and occlusion, and the field of view."""
 
 from __future__ import annotations
 
@@ -29,32 +29,48 @@ LIKELY = 0.3
 
 
 Chosen = list[list[int]]
+Table = tuple[tuple[tuple[float, ...], ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class DetectionSamples:
     """Whether true objects were seen, list by list: S samples of range [m], |bearing| [rad], occlusion and seen, and
-    the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track (S,)."""
+    the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track and drive (S,)."""
 
     place: Floats
     seen: Bools
     pairs: NDArray[np.intp]
     steps: Floats
     track: NDArray[np.intp]
+    drive: NDArray[np.intp]
+
+    def inside(self, view: FieldOfView) -> Bools:
+        """Which samples (S,) lie in the field of view."""
+        out = np.ones(len(self.seen), dtype=bool)
+        for column, end in enumerate((view.range, view.bearing)):
+            if end is not None:
+                out &= self.place[:, column] <= end
+        return out
+
+    def first(self, inside: Bools) -> Bools:
+        """Which samples (S,) are the first ones of an object that are inside."""
+        goes_on = np.zeros(len(self.seen), dtype=bool)
+        goes_on[self.pairs[inside[self.pairs].all(axis=1), 1]] = True
+        return inside & ~goes_on
 
 
 def sightings_of(
     drives: Sequence[TrainingDrive], matchings: Sequence[Matching], late: float
 ) -> DetectionSamples:
     """Gather them; places are those of `late` seconds ago in the EGO's frame of now."""
-    places, seen, pairs, steps, tracks = [], [], [], [], []
+    places, seen, pairs, steps, tracks, of_drive = [], [], [], [], [], []
     total = 0
     some_lost = any(
         (m.row[np.isfinite(d.states[:, 0])] < 0).any() for d, m in zip(drives, matchings, strict=True)
     )
     number = 0
-    for drive, matching in zip(drives, matchings, strict=True):
-        then = np.array([k.states(drive.t - late) for k in drive.truth]).reshape(
+    for k, (drive, matching) in enumerate(zip(drives, matchings, strict=True)):
+        then = np.array([truth.states(drive.t - late) for truth in drive.truth]).reshape(
             len(drive.truth), 5, len(drive.t)
         )
         x, y, heading = drive.in_frame(then)
@@ -66,10 +82,11 @@ def sightings_of(
         places.append(place[known])
         seen.append((matching.row >= 0)[known])
         tracks.append(np.repeat(number + np.arange(len(x)), known.sum(axis=1)))
+        of_drive.append(np.full(int(known.sum()), k))
         pairs.append(np.stack([index[:, :-1][both], index[:, 1:][both]], axis=1))
         steps.append(np.broadcast_to(np.diff(drive.t), both.shape)[both])
         total, number = total + int(known.sum()), number + len(x)
-    gathered = [np.concatenate(part) for part in (places, seen, pairs, steps, tracks)]
+    gathered = [np.concatenate(part) for part in (places, seen, pairs, steps, tracks, of_drive)]
     return DetectionSamples(*gathered)
 
 
@@ -111,13 +128,9 @@ def field_of_view(s: DetectionSamples, step: float) -> tuple[FieldOfView, dict[s
 
 
 def fit_detection(s: DetectionSamples, view: FieldOfView) -> tuple[Detection, dict[str, TrainedParameter]]:
-    """Give rates by bins. Edges are put where losses or gains change, one after the other, as long as the likelihood
-    gains more than chance would; where nothing was ever lost everything is always detected."""
-    inside = np.ones(len(s.seen), dtype=bool)
-    if view.range is not None:
-        inside &= s.place[:, 0] <= view.range
-    if view.bearing is not None:
-        inside &= s.place[:, 1] <= view.bearing
+    """Give rates and first sight by bins. Edges are put where losses or gains change, one after the other, as long as
+    the likelihood gains more than chance would; where nothing was ever lost everything is always detected."""
+    inside = s.inside(view)
     kept = inside[s.pairs].all(axis=1)
     before, after = s.pairs[kept].T
     if not len(before) or s.seen[inside].all():
@@ -129,10 +142,39 @@ def fit_detection(s: DetectionSamples, view: FieldOfView) -> tuple[Detection, di
         for was, now in ((True, True), (True, False), (False, False), (False, True))
     ])  # fmt: skip
     chosen = _edges(counts)
-    coarse = _merged(counts, chosen)
-    return _rates(
-        coarse, [f[np.array(c)] for f, c in zip(fine, chosen, strict=True)], float(s.steps[kept].mean())
-    )
+    edges = [f[np.array(c)] for f, c in zip(fine, chosen, strict=True)]
+    detection, estimates = _rates(_merged(counts, chosen), edges, float(s.steps[kept].mean()))
+    first, found = _first(s, inside, edges)
+    return detection.model_copy(update={"first": first}), estimates | found
+
+
+def _first(
+    s: DetectionSamples, inside: Bools, edges: list[Floats]
+) -> tuple[Table, dict[str, TrainedParameter]]:
+    """Give the probability to be seen at first by bins, smoothed by one object of the share of all that is seen there.
+
+    That share alone stands in bins in which nobody appears.
+    """
+
+    def counted(which: Bools) -> Floats:
+        place = np.clip(s.place[which], [e[0] for e in edges], [e[-1] for e in edges])
+        return np.histogramdd(place, bins=edges)[0]
+
+    seen, every = counted(inside & s.seen), counted(inside)
+    overall = s.seen[inside].mean()
+    share = (seen + overall) / (every + 1.0)
+    starts = s.first(inside)
+    found, new = counted(starts & s.seen), counted(starts)
+    first = (found + share) / (new + 1.0)
+    estimates = {}
+    for at in np.ndindex(first.shape):
+        a, b = found[at] + share[at], new[at] - found[at] + 1.0 - share[at]
+        low, high = (float(beta.ppf(q, max(a, 1e-9), max(b, 1e-9))) for q in (0.025, 0.975))
+        value = float(first[at])
+        estimates["detection.first." + ".".join(map(str, at))] = TrainedParameter(
+            value=value, low=min(low, value), high=max(high, value), samples=int(new[at])
+        )
+    return _nested(first), estimates
 
 
 def _candidates(values: Floats, most: int) -> Floats:
@@ -246,5 +288,5 @@ def _rates(counts: Floats, edges: list[Floats], step: float) -> tuple[Detection,
     return fitted, estimates
 
 
-def _nested(values: Floats) -> tuple[tuple[tuple[float, ...], ...], ...]:
+def _nested(values: Floats) -> Table:
     return tuple(tuple(tuple(cell) for cell in row) for row in values.tolist())

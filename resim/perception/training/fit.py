@@ -14,6 +14,7 @@ import numpy as np
 from resim.perception.model import ModelFit, Quantity
 from resim.perception.training.clusters import FEWEST
 from resim.perception.training.dependence import Dependence
+from resim.perception.training.detected import DetectedShare
 from resim.perception.training.errors import MEASURED, ObjectErrors
 from resim.perception.training.residuals import OwnErrorSamples, Residuals, of_mean, of_spread, residuals_of
 from resim.perception.training.samples import TrainingSamples
@@ -26,7 +27,10 @@ LAG = 0.5
 
 
 def fit_of(
-    samples: TrainingSamples, objects: ObjectErrors, own: Mapping[str, Sequence[OwnErrorSamples]]
+    samples: TrainingSamples,
+    objects: ObjectErrors,
+    own: Mapping[str, Sequence[OwnErrorSamples]],
+    share: DetectedShare | None = None,
 ) -> ModelFit:
     """Test the model; own: samples with errors of their own, by quantity. Too few drives test nothing."""
     drives = len(np.unique(samples.drive))
@@ -37,7 +41,10 @@ def fit_of(
     }
     if drives < FEWEST:
         return ModelFit(drives=drives)
-    tests = [test for q, r in every.items() for test in _tests(q, r, objects)]
+    tests: list[SingleStatistic | Dependence | DetectedShare] = [
+        test for q, r in every.items() for test in _tests(q, r, objects)
+    ]
+    tests += [] if share is None else [share]
     misfits = [m for test in tests for m in test.failures(ALPHA / max(sum(t.count for t in tests), 1))]
     return ModelFit(
         drives=drives, tests=sum(t.count for t in tests), misfits=tuple(sorted(misfits, key=lambda m: m.p))

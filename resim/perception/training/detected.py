@@ -1,0 +1,115 @@
+"""Does the chain of detection fit? The share of time in which objects are detected, measured and expected of the chain.
+
+A chain knows of an object whether it was detected a step ago and where it is, nothing else. Of sensors that know more
+(that confirm who was seen for long, say) it may keep every transition and yet see far more than was seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from resim.core.geometry import Bools, Floats
+from resim.perception.model import Detection, FailedAssumption, FieldOfView
+from resim.perception.runtime.chain import probabilities
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive
+from resim.perception.training.detection import DetectionSamples
+
+LEAST_SHARE = 0.03
+"""Least difference between shares of time that is told."""
+GROUPS = 5
+"""Groups of samples by range, and by the time since an object appeared: of as many samples each."""
+
+
+class DetectedShare:
+    """The share seen less that expected, 0 in a model that fits: of all samples, by range and by time since first."""
+
+    def __init__(self, s: DetectionSamples, view: FieldOfView, detection: Detection) -> None:
+        self.found: list[tuple[str, str, Bools, float]] = []
+        if detection.loss:  # else all are always detected, as all were
+            inside = s.inside(view)
+            expected, since = (part[inside] for part in expected_share(s, inside, detection))
+            self.drive, self.seen, self.expected = s.drive[inside], s.seen[inside], expected
+            groups = [("", "", np.ones(len(expected), dtype=bool))]
+            groups += [("range", *group) for group in _groups(s.place[inside, 0], "m")]
+            groups += [("time", *group) for group in _groups(since, "s")]
+            told = [(*group, self._p(group[2])) for group in groups]
+            self.found = [(on, where, among, p) for on, where, among, p in told if p is not None]
+        self.count = len(self.found)
+
+    def _p(self, among: Bools) -> float | None:
+        """How likely the difference among these is by chance; None where drives are too few to tell."""
+        off, drive = (self.seen - self.expected)[among], self.drive[among]
+        if len(np.unique(drive)) < FEWEST:
+            return None
+        mean = float(off.mean())
+        by, weigh = by_drive(off - mean, drive), by_drive(np.ones(len(off)), drive)
+        se = float(np.sqrt(between_drives(by[:, None], weigh[:, None, None])[0, 0]))
+        return 2.0 * float(student.sf(abs(mean) / max(se, 1e-12), len(by) - 1))
+
+    def failures(self, level: float) -> Iterator[FailedAssumption]:
+        """Give of each kind of group the largest difference that is surely there."""
+        kinds: dict[str, FailedAssumption] = {}
+        for on, where, among, p in self.found:
+            seen, expected = float(self.seen[among].mean()), float(self.expected[among].mean())
+            size = abs(seen - expected)
+            if p < level and size > max(LEAST_SHARE, kinds[on].size if on in kinds else 0.0):
+                text = f"objects {where} are" if where else "objects are"
+                text += f" detected {seen:.1%} of the time, in the model {expected:.1%}"
+                text += (
+                    ": it sees more than the sensor" if expected > seen else ": it sees less than the sensor"
+                )
+                kinds[on] = FailedAssumption(
+                    quantity="detection", assumption="detected", on=on, size=size, unit="", p=p, text=text
+                )
+        yield from kinds.values()
+
+
+def expected_share(s: DetectionSamples, inside: Bools, detection: Detection) -> tuple[Floats, Floats]:
+    """Give the probability (S,) to be detected by the chain, whatever was seen, and the time (S,) [s] since an object
+    is there; NaN and 0 for samples that are not inside."""
+    at = tuple(
+        np.clip(np.searchsorted(edges, s.place[:, c], side="right") - 1, 0, len(edges) - 2)
+        for c, edges in enumerate((detection.range_edges, detection.bearing_edges, detection.occlusion_edges))
+    )
+    loss, gain, first = (np.array(table)[at] for table in (detection.loss, detection.gain, detection.first))
+    step, goes_on = np.zeros(len(s.seen)), inside[s.pairs].all(axis=1)
+    before, after = s.pairs[goes_on].T
+    step[after] = s.steps[goes_on]
+    lost, gained = probabilities(loss, gain, step)
+    p, since = np.where(inside, first, np.nan), np.zeros(len(s.seen))
+    previous = np.full(len(s.seen), -1)
+    previous[after] = before
+    for now in _in_turn(previous, inside):
+        was = previous[now]
+        p[now] = p[was] * (1.0 - lost[now]) + (1.0 - p[was]) * gained[now]
+        since[now] = since[was] + step[now]
+    return p, since
+
+
+def _in_turn(previous: NDArray[np.intp], inside: Bools) -> Iterator[NDArray[np.intp]]:
+    """Give the samples that follow the first ones, then those that follow these, and so on."""
+    following = np.full(len(previous) + 1, -1)
+    following[previous[previous >= 0]] = np.flatnonzero(previous >= 0)
+    now = following[np.flatnonzero(inside & (previous < 0))]
+    while len(now := now[now >= 0]):
+        yield now
+        now = following[now]
+
+
+def _groups(values: Floats, unit: str) -> Iterator[tuple[str, Bools]]:
+    """Give groups of as many samples each, in words."""
+    edges: list[float] = np.unique(np.quantile(values, np.linspace(0.0, 1.0, GROUPS + 1))).tolist()
+    for low, high in pairwise(edges):
+        last = high == edges[-1]
+        among = (values >= low) & ((values <= high) if last else (values < high))
+        where = (
+            f"at {low:.3g} to {high:.3g} m"
+            if unit == "m"
+            else f"{low:.3g} to {high:.3g} s after they appeared"
+        )
+        yield where, among
