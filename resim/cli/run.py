@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from resim.core.plugins.frozen import FrozenFile
     from resim.resimulation import PerceptionSetup, Resimulation, ResimulationAssessment, ResimulationOptions
     from resim.resimulation.report import PerceptionReport, RunReport
+    from resim.simulation.reactive.settings import ReactiveSettings
 
 
 PRELOADED = ("resim.cli.verdicts", "resim.jobs.resimulate", "resim.resimulation.run")
@@ -55,6 +56,13 @@ def run(
     step: Annotated[float, typer.Option(min=0.001, help="Simulation step [s], whole milliseconds.")] = 0.04,
     lead_in: Annotated[float, typer.Option(min=0.0, help="Lead-in before the scenario's start [s].")] = 3.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of every random draw.")] = 0,
+    traffic: Annotated[
+        str,
+        typer.Option(
+            metavar="HOW",
+            help="How traffic moves: on its measured `traces`, `reactive`, or as a TOML file says.",
+        ),
+    ] = "traces",
     stop_at_collision: Annotated[
         bool, typer.Option(help="Whether a collision of the EGO ends the run.")
     ] = True,
@@ -91,12 +99,14 @@ def run(
     """
     from resim.execution.workers import in_child
     from resim.results import check_output, whole_folder
+    from resim.simulation.reactive.settings import traffic_of
 
     check_output(out)
+    moves = traffic_of(traffic)
     if seeds is not None and perception is None:
         raise InputError("--seeds", f"{seeds} without a model has no effect", "Name one with --perception.")
     asked = _RunOptions(
-        recording, build, basis, vehicle, step, lead_in, seed, stop_at_collision, criteria, perception,
+        recording, build, basis, vehicle, step, lead_in, seed, moves, stop_at_collision, criteria, perception,
         tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), record, gui, out,
         sys.stdout.isatty(), output_settings(),
     )  # fmt: skip
@@ -133,6 +143,7 @@ class _RunOptions:
     step: float
     lead_in: float
     seed: int
+    traffic: ReactiveSettings | None
     stop_at_collision: bool
     criteria: Path | None
     perception: Path | None
@@ -214,7 +225,7 @@ def _options(a: _RunOptions) -> ResimulationOptions:
     bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
     return ResimulationOptions(
         bases=bases[a.basis.value], vehicle=a.vehicle, step=a.step, lead_in=a.lead_in, seed=a.seed,
-        stop_at_collision=a.stop_at_collision, record=a.record, gui=a.gui,
+        stop_at_collision=a.stop_at_collision, record=a.record, gui=a.gui, traffic=a.traffic,
     )  # fmt: skip
 
 

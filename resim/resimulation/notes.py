@@ -22,12 +22,16 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import LaneError
 from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
-from resim.simulation.case import SimulatedDrive
+from resim.simulation.case import HandedOver, SimulatedDrive
 from resim.simulation.function.interface import Build
 
 LABEL_ONLY = "without build_hash it is unknown whether this code drove, so the verdict is for the label only"
 OF_BUILD = (LABEL_ONLY, *NOT_OF_HASH)
 """Notes end so that say which code a verdict is not of: every table of verdicts repeats them."""
+
+HANDED_OVER = "handed over to drivers"
+_TOLD = 3
+"""Hand-overs that are told one by one."""
 
 OFF_ROAD = 0.1
 """Share of the EGO's samples on no driving lane from which on the map is worth a look."""
@@ -55,6 +59,8 @@ def notes(result: Resimulation) -> Iterator[str]:
         yield from _of(off, source)
         if drive.end in ("collision", "off_road"):
             yield f"{source} ended at t = {drive.truth.t[-1]:.2f} s: {drive.end.replace('_', ' ')}"
+        if drive.handed_over:
+            yield f"{source}: {handed_over(drive.handed_over)}"
         if drive.left_route is not None:
             yield f"{source} left the measured route at {drive.left_route:.1f} s"
         if drive.failure:
@@ -62,6 +68,19 @@ def notes(result: Resimulation) -> Iterator[str]:
             yield from (f"{source}: {line}" for line in drive.blame())
     if "SD" in measured:
         yield from _sensed(recording, measured, result.errors)
+
+
+def handed_over(found: Sequence[HandedOver]) -> str:
+    """Say which objects left their traces, the first ones of many with the reason."""
+    ids = list(dict.fromkeys(one.id for one in found))
+    told = [
+        f"{one.id} at {one.t:.2f} s ({one.why}), up to {one.farthest:.1f} m behind its trace"
+        + (f", until {one.back:.2f} s" if one.back is not None else "")
+        for one in found[:_TOLD]
+    ]
+    more = f"; and {len(found) - _TOLD} times more" if len(found) > _TOLD else ""
+    many = f"{len(ids)} traffic object{'s' if len(ids) != 1 else ''}"
+    return f"{many} {HANDED_OVER}, not as measured: {'; '.join(told)}{more}"
 
 
 def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDrive]) -> Iterator[str]:
@@ -76,6 +95,8 @@ def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDriv
     for end, what in words.items():
         if count := sum(d.end == end for d in drives):
             yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs {what}"
+    if count := sum(bool(d.handed_over) for d in drives):
+        yield f"perception model {perceiving.model.name!r}: in {count} of {len(drives)} runs traffic was {HANDED_OVER}"
     yield from _failed_seeds(perceiving, drives)
     if count := sum(d.left_route is not None for d in drives):
         yield f"perception model {perceiving.model.name!r}: {count} of {len(drives)} runs left the measured route"

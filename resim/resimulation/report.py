@@ -18,7 +18,8 @@ from resim.resimulation.perceived import difference, end_error, same_decision
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import Resimulation, is_recorded_build, of_seed, pipeline_step
 from resim.scenario import maneuvers
-from resim.simulation.case import Collision, End
+from resim.simulation.case import Collision, End, HandedOver
+from resim.simulation.reactive.settings import ReactiveSettings
 
 T = TypeVar("T")
 ByQuantity = Mapping[str, Statistics | None]
@@ -93,6 +94,7 @@ class RunReport:
         collisions: With whom the EGO collided.
         end: What ended a run.
         failure: Why the function failed in a run.
+        handed_over: Which traffic objects left their traces, when and why, by run.
         left_route: When the EGO left the roads and connections that the measured EGO took, None where it did not.
         end_position_error: Distance [m] from the measured EGO at the end.
         perception: The runs with a perception model, None where there are none.
@@ -118,6 +120,7 @@ class RunReport:
     collisions: Mapping[str, tuple[Collision, ...]]
     end: Mapping[str, End]
     failure: Mapping[str, str | None]
+    handed_over: Mapping[str, tuple[HandedOver, ...]]
     left_route: Mapping[str, float | None]
     end_position_error: Mapping[str, float | None]
     perception: PerceptionReport | None
@@ -153,6 +156,7 @@ def report(result: Resimulation) -> RunReport:
         collisions={name: tuple(Collision(t, i) for t, i in h) for name, h in hits.items()},
         end={name: drive.end for name, drive in simulated.items()},
         failure={name: drive.failure or None for name, drive in simulated.items()},
+        handed_over={name: drive.handed_over for name, drive in simulated.items()},
         left_route={name: drive.left_route for name, drive in simulated.items()},
         end_position_error={
             name: end_error(drive, result.errors.get(pipeline_step(name)))
@@ -253,6 +257,7 @@ class RunProvenance:
     step: float
     lead_in: float
     stop_at_collision: bool
+    traffic: ReactiveSettings | None
     perception: PerceptionProvenance | None
     control_error: Mapping[str, float]
     times: Mapping[str, float]
@@ -273,6 +278,7 @@ def provenance(result: Resimulation, files: Mapping[str, str]) -> RunProvenance:
         step=options.step,
         lead_in=options.lead_in,
         stop_at_collision=options.stop_at_collision,
+        traffic=options.traffic,
         perception=_perception_provenance(result),
         control_error={name: drive.control_error for name, drive in result.simulated().items()},
         times=result.times,

@@ -22,6 +22,7 @@ from resim.simulation.case import LEAD_IN, STEP, Case, SimulatedDrive
 from resim.simulation.engine import Engine
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.simulation.sumo.engine import Sumo
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.registry import vehicle_model
@@ -45,6 +46,7 @@ class ResimulationOptions:
         stop_at_collision: Whether a collision of the EGO ends a run.
         gui: Whether the simulation is shown in sumo-gui.
         record: Whether conversations with a process are kept.
+        traffic: When traffic objects leave their traces for the EGO's sake; None for never.
         engine: The simulator.
 
     Raises:
@@ -59,6 +61,7 @@ class ResimulationOptions:
     stop_at_collision: bool = True
     gui: bool = False
     record: bool = False
+    traffic: ReactiveSettings | None = None
     engine: Engine = field(default_factory=Sumo)
 
     def __post_init__(self) -> None:
@@ -101,6 +104,7 @@ class ResimulationOptions:
             stop_at_collision=self.stop_at_collision and not open_loop,
             open_loop=open_loop,
             record=self.record,
+            traffic=None if open_loop else self.traffic,
         )
 
 

@@ -20,6 +20,7 @@ from resim.simulation.function.batch import PerceivedLists
 from resim.simulation.function.conversation import Exchange
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.model import VehicleModel
 
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     from resim.simulation.engine import Engine
 
 End = Literal["duration", "collision", "off_road", "function_failed"]
-Traffic = Literal["traces"]
-"""How traffic objects move: on their traces, whatever the EGO does."""
-
 LEAD_IN = 3.0
 """Length of the lead-in [s] ("a few seconds", Wagner 2021, Section 5.2.3)."""
 STEP = 0.04
@@ -47,7 +45,7 @@ class Case:
         engine: The simulator.
         perception: What the function sees of the truth; begins anew in every drive.
         vehicle: Vehicle model of the EGO.
-        traffic: How traffic objects move.
+        traffic: When traffic objects leave their traces for the EGO's sake; None for never.
         step: s, whole milliseconds, of which the build's cycle time is a multiple.
         lead_in: s before the scenario's start.
         seed: Of every random draw.
@@ -62,7 +60,7 @@ class Case:
     engine: Engine
     perception: Perception = field(default_factory=IdealPerception)
     vehicle: VehicleModel = field(default_factory=Kinematic)
-    traffic: Traffic = "traces"
+    traffic: ReactiveSettings | None = None
     step: float = STEP
     lead_in: float = LEAD_IN
     seed: int = 0
@@ -90,7 +88,7 @@ class Case:
             "build": [self.build.hash, self.build.parameters, self.build.cycle_time],
             "perception": self.perception.hash,
             "vehicle": [self.vehicle.name, asdict(self.vehicle.vehicle)],
-            "traffic": self.traffic,
+            "traffic": "traces" if self.traffic is None else self.traffic.model_dump(),
             "step": self.step,
             "lead_in": self.lead_in,
             "seed": self.seed,
@@ -118,6 +116,25 @@ class Collision:
     id: str
 
 
+@dataclass(frozen=True)
+class HandedOver:
+    """A traffic object that left its trace at t [s].
+
+    Attributes:
+        id: The object.
+        t: When [s] it was handed over to a driver.
+        why: What for, in words.
+        back: When [s] it was back on its trace, None where it was not.
+        farthest: How far [m] it was behind its trace at most.
+    """
+
+    id: str
+    t: float
+    why: str
+    back: float | None
+    farthest: float
+
+
 @dataclass(frozen=True, eq=False)
 class SimulatedDrive:
     """What one simulation gave, from the scenario's start on.
@@ -129,6 +146,7 @@ class SimulatedDrive:
         commands: (T, 2) acceleration [m/s²] and curvature [1/m] that act from each time on, NaN where there is none.
         plans: When [s] each plan was made, and the plan (see `Command`).
         collisions: With whom the EGO collided, and when.
+        handed_over: Which traffic objects left their traces, and when.
         end: What ended it.
         failure: Why the function failed, or "".
         left_route: When [s] the EGO left the measured route (`resim.road.driven_route`), None where it did not.
@@ -149,6 +167,7 @@ class SimulatedDrive:
     commands: Floats
     plans: tuple[tuple[float, Floats], ...]
     collisions: tuple[Collision, ...]
+    handed_over: tuple[HandedOver, ...]
     end: End
     failure: str
     left_route: float | None

@@ -32,8 +32,11 @@ class Mirror(Protocol):
     def enter(self, phase: Phase) -> None:
         """Let objects come and go."""
 
-    def advance(self, step: int, ego: EgoState) -> None:
-        """Put everybody where they are at this step of the phase."""
+    def advance(self, step: int, ego: EgoState, traffic: Floats | None) -> None:
+        """Put everybody where they are at this step of the phase: the objects on their traces, or as `traffic` says.
+
+        traffic: (4, n) x, y, heading, v of the objects of the phase.
+        """
 
     def off(self, motion: Floats, steps: int) -> float:
         """Give how far [m] it had somebody from where it was told to. Raises ResimError where that is too far.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import linecache
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,8 +25,9 @@ from resim.simulation.engine import Mirror
 from resim.simulation.followed_height import FollowedHeight
 from resim.simulation.function.driver import BatchDriver, Driver, cycle_steps, driver_of
 from resim.simulation.function.interface import EgoState, Placement, Setup
-from resim.simulation.perception import PerceptionBatch
-from resim.simulation.traffic import Stage, staged
+from resim.simulation.perception import PerceptionBatch, Worlds
+from resim.simulation.reactive.traffic import ReactiveTraffic
+from resim.simulation.traffic import Phase, Stage, staged
 
 _BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
@@ -39,7 +42,7 @@ def drive(cases: Sequence[Case], beside: Callable[[Stage], Mirror] | None = None
     What each gives does not depend on the others. Where something fails in a batch its halves are driven, down to the
     one that fails.
     """
-    if len(cases) > 1 and cases[0].build.in_batches and beside is None:
+    if len(cases) > 1 and cases[0].build.in_batches and beside is None and cases[0].traffic is None:
         rngs = [np.random.default_rng(case.seed) for case in cases]
         perception = cases[0].perception.together([case.perception for case in cases[1:]], rngs)
         if perception is not None:
@@ -116,7 +119,9 @@ class _Loop:
         self.cases, self.case, self.perception = cases, cases[0], perception
         case = self.case
         self.stage = stage = staged(case.scenario, case.network, case.step, case.lead_in)
-        self.plan, self.members = stage.plan, stage.members
+        self.reactive = None if case.traffic is None else ReactiveTraffic(stage, case.traffic)
+        self.plan = stage.plan if self.reactive is None else self.reactive.plan
+        self.members = stage.members
         self.mirror = None if beside is None else beside(stage)
         size = (len(stage.plan.t), len(cases))
         self.ego = np.empty((*size, 6))
@@ -173,11 +178,12 @@ class _Loop:
             told = mirror if phase.shown else None
             if told is not None:
                 told.enter(phase)
+            worlds, places = self.world_of(phase)
             for k in range(phase.first, phase.after):
                 self.ego[k] = next_ego
                 ego = constant(self.ego[k])
                 if told is not None:
-                    told.advance(k - phase.first, EgoState(*ego[0].tolist()))
+                    told.advance(k - phase.first, EgoState(*ego[0].tolist()), places(k))
                 if self.z is not None:
                     self.z[k] = plan.z[0, k] if k < begin else heights(ego)  # type: ignore[index]
                 self.steps = k + 1
@@ -187,9 +193,11 @@ class _Loop:
                     states = self.settled(ego)
                 if (k - begin) % cycle == 0:
                     z = None if self.z is None else self.z[k]
-                    answer = driver.step(perceive(phase.worlds(k, ego, z)), k >= begin)
+                    answer = driver.step(perceive(worlds(k, ego, z)), k >= begin)
                 if k == last:
                     break
+                if self.reactive is not None and k >= begin:
+                    self.reactive.advance(k, ego[0], math.nan if self.z is None else float(self.z[k, 0]))
                 if states is None:
                     if k >= begin and not isinstance(answer, Placement):
                         self.commands[k] = answer
@@ -202,6 +210,15 @@ class _Loop:
                     case.vehicle.advance(states, answer, dt)
                     next_ego = states[:, :6]
         self.look()
+
+    def world_of(
+        self, phase: Phase
+    ) -> tuple[Callable[[int, Floats, Floats | None], Worlds], Callable[[int], Floats | None]]:
+        """Give what gives the truth at a step of a phase, and where its objects are that may not be on their traces."""
+        reactive = self.reactive
+        if reactive is None:
+            return phase.worlds, lambda k: None
+        return partial(reactive.worlds, phase), partial(reactive.places, phase)
 
     def settled(self, ego: Floats) -> Floats:
         """Give the states (B, 8) in which vehicles move on as (B, 6) say."""
@@ -302,6 +319,7 @@ class _Loop:
             commands=self.commands[kept, b].copy(),
             plans=driver.plans(b, float(t[-1])),
             collisions=tuple(run.collisions),
+            handed_over=() if self.reactive is None else self.reactive.ended(float(t[-1])),
             end=run.end,
             failure=run.failure,
             left_route=None,

@@ -314,7 +314,7 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
         yield RunTask(
             number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
             sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
-            file.engine, file.repeated_in_sumo if file.engine == "direct" else 0.0,
+            file.engine, file.repeated_in_sumo if file.engine == "direct" else 0.0, file.reacts,
         )  # fmt: skip
 
 

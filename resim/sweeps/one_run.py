@@ -97,6 +97,8 @@ def _came_to(
         "case": drive.case.hash,
         "unpinned": "; ".join(found.asked) or None,
     }
+    if drive.case.traffic is not None:
+        row["handed_over"] = len({one.id for one in drive.handed_over})
     errors = found.errors or dict.fromkeys(["d", "v", "heading"])
     row |= {f"pipeline_{name}": value for name, value in errors.items()}
     row |= {name: found.comfort[name] for name in COMFORT}

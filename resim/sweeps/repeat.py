@@ -70,7 +70,7 @@ def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunT
     return RunTask(
         number, held["recording"].path, held["recording"].hash, held["build"], held.get("perception"),
         held["criteria"], file.accept, values, int(row["seed"]),
-        vehicle or swept.inputs.vehicle, file.engine,
+        vehicle or swept.inputs.vehicle, file.engine, traffic=file.reacts,
     )  # fmt: skip
 
 
@@ -137,7 +137,9 @@ def _write(traces: TraceTask) -> None:
         overrides = tuple(f"{name}={v!r}" for name, v in told)
         perceiving = PerceptionSetup(model, (task.seed,), overrides, task.perception.hash)
     recording = load_checked(task.folder, accept=task.accept)
-    options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed)
+    options = ResimulationOptions(
+        bases=("GT",), vehicle=task.vehicle, seed=0 if perceiving else task.seed, traffic=task.traffic
+    )
     result = resimulate(recording, build, options, perceiving=perceiving, accept=task.accept)
     how = AssessmentOptions(criteria=read_criteria(task.criteria), rate=RATE)  # as the sweep judged it
     assessed = assess_resimulation(result, how, model=True)

@@ -13,6 +13,7 @@ from resim.core.errors import InputError
 from resim.core.schema import Row
 from resim.core.spec import Strict, read_strict
 from resim.recordings.listed import RecordingEntry
+from resim.simulation.reactive.settings import WithTraffic
 from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.plans.registry import PLANS, SweepPlan
 
@@ -53,7 +54,7 @@ class Adaptive(Strict):
         return row.get(column) == good
 
 
-class SweepFile(Strict):
+class SweepFile(WithTraffic):
     """What a sweep's file says; paths from the folder of the file.
 
     recording, suite: which recordings, one by one or those of a suite. build: the builds. perception: the base model,
@@ -61,6 +62,7 @@ class SweepFile(Strict):
     them; the most of an adaptive one. seed: of what is drawn. seeds: runs of each point. time_limit: s of wall clock
     for one run. adaptive: of the plan of that name. engine: "direct" runs without a simulator, which gives the same
     and is faster; the first of its runs, and this share of all, is repeated in SUMO: one that differs ends the sweep.
+    traffic, reactive: how traffic moves.
     """
 
     name: str = Field(min_length=1)

@@ -18,6 +18,7 @@ from resim.recordings.checked import finding_lines
 from resim.recordings.content import refuse_changed
 from resim.resimulation import ResimulationOptions, load_checked
 from resim.simulation.function.interface import Build, load_build
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.engines import ENGINES, Fingerprint, is_repeated
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
 from resim.sweeps.sweep_file import EngineName
@@ -32,7 +33,8 @@ Values = tuple[tuple[str, float], ...]
 class RunTask:
     """One run: `values` are of the parameters that are swept. hash: of the recording's content. vehicle: its model.
 
-    engine: what simulates it. repeated: the share of runs with a fingerprint, as they are repeated in SUMO.
+    engine: what simulates it. traffic: how it reacts, None where it does not. repeated: the share of runs with a
+    fingerprint, as they are repeated in SUMO.
     """
 
     run: int
@@ -47,6 +49,7 @@ class RunTask:
     vehicle: str
     engine: EngineName = "sumo"
     repeated: float = 0.0
+    traffic: ReactiveSettings | None = None
 
 
 RunBatch = tuple[RunTask, ...]
@@ -82,7 +85,7 @@ def run(tasks: RunBatch) -> tuple[RunResult, ...]:
     build = with_values(_build(task.build), task.values)
     sensed = [(swept_model(one.perception, one.values), one.seed) for one in tasks]
     begin = time.perf_counter()
-    options = ResimulationOptions(vehicle=task.vehicle, engine=ENGINES[task.engine])
+    options = ResimulationOptions(vehicle=task.vehicle, engine=ENGINES[task.engine], traffic=task.traffic)
     done = run_together(prepared, build, sensed, options)
     taken = (time.perf_counter() - begin) / len(tasks)
     findings = finding_lines(prepared.recording.recording.findings)

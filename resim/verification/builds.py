@@ -13,6 +13,7 @@ from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.assessments import assess_resimulation
 from resim.resimulation.compute_outcome import first_divergence, outcomes, seed_outcomes
 from resim.resimulation.drive_outcome import DriveOutcome
+from resim.resimulation.notes import HANDED_OVER
 from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.result import Resimulation, ResimulationOptions, of_seed
 from resim.resimulation.run import resimulate
@@ -54,7 +55,9 @@ class BuildComparison:
     def entry(self, source: RecordingSource) -> ComparedRecording:
         """Give what verification.json says of the recording, which lies at `source`."""
         worst = max(self.pairs, key=lambda p: (bool(p.failure), p.weight_lost, p.risk or 0.0))
-        of_code = (n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_OF_HASH))
+        of_code = (
+            n for r in (self.old, self.new) for n in r.warnings if n.endswith(NOT_OF_HASH) or HANDED_OVER in n
+        )
         return ComparedRecording(
             **vars(source),
             verdict=self.verdict,

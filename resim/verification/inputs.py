@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from resim.core.spec import EXACT, Strict
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.verification.limits import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
@@ -43,6 +44,7 @@ class VerificationRequest(Strict):
     accept: tuple[str, ...]
     driven_by: tuple[str, ...]
     vehicle: str
+    traffic: ReactiveSettings | None
     tolerances: Tolerances
     limits: RegressionLimits
     reports: int

@@ -86,6 +86,7 @@ def make_request(
         accept=file.accept,
         driven_by=(*file.driven_by, *call.driven_by),
         vehicle=call.vehicle,
+        traffic=file.reacts,
         tolerances=file.tolerances,
         limits=file.limits,
         reports=file.reports,
@@ -153,7 +154,7 @@ def tasks(a: VerificationRequest, base: Path) -> dict[str, VerificationTask]:
         name: VerificationTask(
             RecordingSource(name, file.path, file.hash), _there(base, file), a.wanted.get(name) or file.hash,
             _frozen(base, a.build), against, _frozen(base, a.criteria), a.bases, perception, a.settings,
-            a.seeds, a.agreement, a.tolerances, a.vary, a.accept, a.vehicle,
+            a.seeds, a.agreement, a.tolerances, a.vary, a.accept, a.vehicle, a.traffic,
         )
         for name, file in a.recordings.items()
     }  # fmt: skip

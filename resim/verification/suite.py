@@ -17,20 +17,21 @@ from resim.core.spelling import did_you_mean
 from resim.recordings.content import content_hash
 from resim.recordings.listed import RecordingEntry, found_folders
 from resim.scenario.varied import VARIED
+from resim.simulation.reactive.settings import WithTraffic
 from resim.verification.limits import RegressionLimits
 from resim.verification.tolerance import Tolerances
 
 EXAMPLE = remedies.SUITE
 
 
-class SuiteFile(Strict):
+class SuiteFile(WithTraffic):
     """What a suite's file says; paths from the folder of the file.
 
     bases: what is re-simulated; seeds, seed: how many runs with the perception model at most, and the first one's seed.
     agreement: more than this share of the seeds must agree, as `SequentialTest` tells it. vary: parameters of which the
     range is searched in which the verdicts hold. accept: codes of findings to continue despite. driven_by: other
     builds whose recordings are taken. reports: of how many recordings that are not good there is a re-simulation
-    report, the worst first.
+    report, the worst first. traffic, reactive: how traffic moves.
     """
 
     name: str = Field(min_length=1)

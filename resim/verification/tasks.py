@@ -30,6 +30,7 @@ from resim.resimulation import (
 from resim.resimulation.traces import SpeedTraces, speed_traces
 from resim.results import whole_file
 from resim.simulation.function.interface import load_build
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.verification.builds import compare_builds
 from resim.verification.cases import BuildTraces, VerificationCase
 from resim.verification.entries import ComparedRecording, RecordingSource, VerifiedRecording
@@ -70,6 +71,7 @@ class VerificationTask:
     vary: tuple[str, ...]
     accept: tuple[str, ...]
     vehicle: str
+    traffic: ReactiveSettings | None = None
     reports: Path | None = None
     drives: Path | None = None
 
@@ -106,14 +108,15 @@ def _verify(task: VerificationTask, recording: Recording) -> tuple[VerifiedRecor
     demands = Demands(read_criteria(task.criteria), task.tolerances, task.agreement, task.vary)
     found = verify_recording(
         recording, load_build(task.build), demands,
-        ResimulationOptions(bases=task.bases, vehicle=task.vehicle), _perceiving(task), task.accept,
+        ResimulationOptions(bases=task.bases, vehicle=task.vehicle, traffic=task.traffic),
+        _perceiving(task), task.accept,
     )  # fmt: skip
     return found.entry(task.source), speed_traces(found.result), {task.name: found.played}
 
 
 def _compare(task: VerificationTask, recording: Recording) -> tuple[ComparedRecording, BuildTraces, Played]:
     old, new = (load_build(one) for one in (task.against, task.build) if one is not None)
-    options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle)
+    options = ResimulationOptions(bases=("GT",), vehicle=task.vehicle, traffic=task.traffic)
     found = compare_builds(
         recording, (old, new), read_criteria(task.criteria), options, _perceiving(task), task.accept
     )
@@ -171,7 +174,7 @@ def _write_reports(task: VerificationTask, files: Sequence[Path]) -> None:
         result = resimulate(
             recording,
             load_build(build),
-            ResimulationOptions(bases=bases, vehicle=task.vehicle),
+            ResimulationOptions(bases=bases, vehicle=task.vehicle, traffic=task.traffic),
             perceiving=_perceiving(replace(task, seeds=task.seeds[:REPORTED])),
             accept=task.accept,
         )

@@ -32,22 +32,27 @@ class SumoMirror:
     def __init__(self, stage: Stage, session: Session) -> None:
         self._stage, self._session = stage, session
         self._phases = _mirror_phases(stage)
-        self._now = _MirrorPhase((), (), ())
+        self._now, self._length = _MirrorPhase((), (), ()), np.zeros(0)
         self._said = array("d")  # compact: what a step leaves behind slows the next ones
         ego = stage.members[0]
         session.add(EGO, ego.length, ego.width, abs(stage.plan.state(0, stage.plan.begin).v))
 
     def enter(self, phase: Phase) -> None:
         """Let objects come and go."""
-        self._now = self._phases[phase.first]
+        self._now, self._length = self._phases[phase.first], phase.length
         for name in self._now.go:
             self._session.remove(name)
         for one in self._now.come:
             self._session.add(*one)
 
-    def advance(self, step: int, ego: EgoState) -> None:
+    def advance(self, step: int, ego: EgoState, traffic: Floats | None) -> None:
         """Put everybody where they are, at this step of the phase, and keep what SUMO says."""
-        self._said.extend(self._session.advance(self._now.places[step], ego))
+        places = self._now.places[step]
+        if traffic is not None:
+            x, y, heading, v = traffic
+            told = np.stack([*to_sumo(x, y, heading, self._length), np.abs(v)], axis=-1).tolist()
+            places = tuple((place[0], *one) for place, one in zip(places, told, strict=True))
+        self._said.extend(self._session.advance(places, ego))
 
     def off(self, motion: Floats, steps: int) -> float:
         """Give how far [m] SUMO had somebody from where it was told to. Raises ResimError where that is too far.

@@ -1,0 +1,115 @@
+"""When traffic is handed over to drivers, and what drivers are like of whom nothing is known: a TOML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from resim.core.errors import InputError
+from resim.core.spec import Strict, read_strict
+
+REMEDY = "docs/formats/traffic.md shows one."
+Positive = Annotated[float, Field(strict=True, gt=0.0, le=100.0)]
+NotNegative = Annotated[float, Field(strict=True, ge=0.0, le=100.0)]
+
+
+class DriverSettings(Strict):
+    """A driver of a kind, by the Intelligent Driver Model (Treiber et al. 2000), where its recording does not tell.
+
+    Attributes:
+        time_gap: Time gap [s] that it keeps.
+        standstill: Gap [m] that it leaves when it stands.
+        acceleration: Largest acceleration [m/s²].
+        deceleration: Comfortable braking [m/s²].
+        reaction: Reaction time [s].
+    """
+
+    time_gap: Positive = 1.2
+    standstill: Positive = 2.0
+    acceleration: Positive = 1.4
+    deceleration: Positive = 2.0
+    reaction: NotNegative = 0.4
+
+
+class HandOver(Strict):
+    """When an object leaves its trace, and when it is back.
+
+    Attributes:
+        harder: How much harder [m/s²] its driver would brake than in the measured drive, and than its trace does.
+        hardest: Hardest braking [m/s²] of a driver.
+        catch_up: Acceleration [m/s²] by which a driver may go faster than its trace, to catch up with it.
+    """
+
+    harder: Positive = 1.0
+    hardest: Positive = 8.0
+    catch_up: Positive = 0.5
+
+
+class ReactiveSettings(Strict):
+    """Traffic that reacts. `car` is also for vans, `truck` for buses and trailers, `bicycle` for motorcycles.
+
+    Attributes:
+        hand_over: When objects are handed over.
+        calibrated: Whether drivers are fitted to what the object did in the recording.
+        car: Driver of a car.
+        truck: Driver of a truck.
+        bicycle: Driver of a bicycle.
+    """
+
+    hand_over: HandOver = HandOver()
+    calibrated: bool = Field(strict=True, default=True)
+    car: DriverSettings = DriverSettings()
+    truck: DriverSettings = DriverSettings(time_gap=1.6, acceleration=0.8)
+    bicycle: DriverSettings = DriverSettings(time_gap=1.0, standstill=1.0, acceleration=1.0)
+
+    def of(self, kind: str) -> DriverSettings | None:
+        """Give the driver of a kind; None for who has none: pedestrians stay on their traces."""
+        if kind in ("truck", "bus", "trailer"):
+            return self.truck
+        if kind in ("bicycle", "motorcycle"):
+            return self.bicycle
+        return None if kind == "pedestrian" else self.car
+
+
+TrafficName = Literal["traces", "reactive"]
+"""How traffic objects move: on their traces, whatever the EGO does, or so as they react to it."""
+
+
+class WithTraffic(Strict):
+    """A file that says how traffic moves.
+
+    Attributes:
+        traffic: On its traces, or reactive.
+        reactive: How it reacts.
+    """
+
+    traffic: TrafficName = "traces"
+    reactive: ReactiveSettings = ReactiveSettings()
+
+    @model_validator(mode="after")
+    def _reacts(self) -> WithTraffic:
+        if self.traffic == "traces" and "reactive" in self.model_fields_set:
+            raise ValueError(
+                'reactive: says how traffic reacts that stays on its traces; set traffic = "reactive"'
+            )
+        return self
+
+    @property
+    def reacts(self) -> ReactiveSettings | None:
+        """How traffic reacts; None where it stays on its traces."""
+        return self.reactive if self.traffic == "reactive" else None
+
+
+def traffic_of(name: str) -> ReactiveSettings | None:
+    """Give what is meant by `traces`, `reactive` or the path of a TOML file. Raises InputError naming every fault."""
+    if name == "traces":
+        return None
+    if name == "reactive":
+        return ReactiveSettings()
+    if not name.endswith(".toml"):
+        raise InputError(
+            "--traffic", f"{name!r} is no way for traffic to move", "Say traces, reactive, or a .toml file."
+        )
+    return read_strict(Path(name), ReactiveSettings, REMEDY)
