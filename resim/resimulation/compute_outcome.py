@@ -100,8 +100,12 @@ def outcome(
 
 def _asked(drive: SimulatedDrive | None, notes: Iterable[str]) -> tuple[str, ...]:
     """What code asked that its hash does not know: the function of a drive, and the measures of an assessment."""
-    own = "" if drive is None or not drive.unpinned else f"{drive.case.build.label}: {drive.unpinned}"
-    return tuple(dict.fromkeys(note for note in (own, *notes) if note))
+    own: list[str] = []
+    if drive is not None:
+        build = drive.case.build
+        told = (drive.unpinned, "" if build.program is None else build.program.unpinned)
+        own = [f"{build.label}: {one}" for one in told if one]
+    return tuple(dict.fromkeys(note for note in (*own, *notes) if note))
 
 
 def rms(errors: Mapping[str, StepErrors]) -> Rms:

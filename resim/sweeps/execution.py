@@ -16,6 +16,7 @@ from pydantic import MISSING
 from resim.core.errors import FunctionError, InputError, ResimError
 from resim.core.files import file_hash, relative
 from resim.core.plugins.frozen import FrozenFile
+from resim.core.plugins.unlisted_files import UNPINNED
 from resim.core.provenance import versions
 from resim.core.schema import DRAWN_COLUMNS, RUN, Row
 from resim.core.sealed import read_sealed, sealed
@@ -268,7 +269,8 @@ def execute(
 def _refuse_unpinned(out: Path, mine: set[int]) -> None:
     """Raise InputError where results are of code that asks what its hash does not know: that may be otherwise now."""
     for entry in journal.read(out / "journal", type_of):
-        if entry.run in mine and (told := entry.row.get("unpinned")) is not None:
+        told = entry.row.get("unpinned")
+        if entry.run in mine and told is not None and any(end in str(told) for end in UNPINNED):
             problem = f"cannot be resumed: {told}, so runs that are left may be of other code"
             raise InputError(out, problem, "Run the sweep anew with another --out.")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash
-from resim.core.plugins.unlisted_files import UNPINNED
+from resim.core.plugins.unlisted_files import NOT_OF_HASH
 from resim.core.provenance import versions
 from resim.core.schema import VerificationSchema
 from resim.execution.child import Failure
@@ -100,7 +100,7 @@ def _kept(
 def _is_unpinned(case: VerificationCase) -> bool:
     """Whether the result follows from more than its key knows: the next command may find another."""
     notes = () if isinstance(case.entry, FailedRecording) else case.entry.notes
-    return any(note.endswith(UNPINNED) for note in notes)
+    return any(note.endswith(NOT_OF_HASH) for note in notes)
 
 
 def _with_pages(case: VerificationCase, reports: Sequence[str], as_if: bool) -> RecordingResult:

@@ -41,12 +41,14 @@ class Follow:
 
 serve(Follow)
 """
-BUILD = 'name = "follow"\nversion = "1"\n[process]\ncommand = ["{python}", "follow.py"]\n[parameters]\n{parameters}'
+BUILD = (
+    'name = "follow"\nversion = "1"\n[process]\ncommand = ["{python}", "talk.py"]\n[parameters]\n{parameters}'
+)
 
 
 def write(folder: Path, parameters: str = "") -> Path:
     folder.mkdir(exist_ok=True)
-    (folder / "follow.py").write_text(FUNCTION, encoding="utf-8")
+    (folder / "talk.py").write_text(FUNCTION, encoding="utf-8")
     build = folder / "follow.toml"
     build.write_text(BUILD.format(python=sys.executable, parameters=parameters), encoding="utf-8")
     return build
@@ -116,7 +118,7 @@ def test_a_process_is_held_against_what_was_recorded(recorded: Path, tmp_path: P
     (check,) = check_function(write(tmp_path / "same"), [conversation]).checks
     assert check.holds, check.found
     other = write(tmp_path / "other")
-    script = other.with_name("follow.py")
+    script = other.with_name("talk.py")
     script.write_text(script.read_text().replace("- 0.1 *", "- 0.1000001 *"), encoding="utf-8")
     (check,) = check_function(other, [conversation]).checks
     assert not check.holds

@@ -15,7 +15,7 @@ import duckdb
 import pytest
 from conftest import ROOT
 
-from resim.core.errors import InputError
+from resim.core.errors import FunctionError, InputError
 from resim.jobs.function import check_function
 from resim.simulation.function.interface import load_build
 
@@ -274,3 +274,103 @@ def test_what_ships_holds() -> None:
             "latency",
             "batches",
         }
+
+
+COUNTS = """
+import os, pathlib
+from resim.function import Command, serve
+
+class Counts:
+    def reset(self, setup):
+        state = pathlib.Path("state.txt")
+        self.before = int(state.read_text()) if state.exists() else 0
+        state.write_text(str(self.before + 1))
+        pathlib.Path("follow.py").write_text("")
+        self.brake = float(os.environ.get("BRAKE", 0))
+
+    def step(self, p):
+        return Command(-1.0 * self.before - self.brake, 0.0)
+
+    def close(self):
+        pass
+
+serve(Counts)
+"""
+
+
+def test_no_run_finds_what_another_wrote_nor_variables_that_the_build_does_not_name(
+    build: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = build(COMMAND)
+    (tmp_path / "follow.py").write_text(COUNTS, encoding="utf-8")
+    first = run(path, tmp_path / "one")
+    monkeypatch.setenv("BRAKE", "6")
+    again = run(path, tmp_path / "two")
+    assert (first.returncode, again.returncode) == (0, 0), first.stderr + again.stderr
+    assert tracks(tmp_path / "one") == tracks(tmp_path / "two")
+    asks = build(COMMAND + 'environment = ["BRAKE"]\n', "asks")
+    told = run(asks, tmp_path / "three")
+    assert tracks(tmp_path / "three") != tracks(tmp_path / "one")
+    assert "what BRAKE of the environment is" in " ".join(told.stdout.split())
+
+
+def test_a_script_is_not_pinned_as_its_interpreter_is_not(build: Callable[..., Path], tmp_path: Path) -> None:
+    script = tmp_path / "run.sh"
+    script.write_text(f"#!/bin/sh\nexec {sys.executable} follow.py\n", encoding="utf-8")
+    script.chmod(0o755)
+    found = load_build(build(HEAD + '[process]\ncommand = ["./run.sh", "follow.py"]\n'))
+    assert found.program is not None
+    assert found.program.unpinned.startswith("what the interpreter of ./run.sh loads")
+
+
+def test_a_program_that_was_built_anew_is_not_run_under_the_old_hash(
+    build: Callable[..., Path], tmp_path: Path
+) -> None:
+    tool = tmp_path / "elsewhere" / "python"
+    tool.parent.mkdir()
+    tool.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n', encoding="utf-8")
+    tool.chmod(0o755)
+    found = load_build(build(HEAD + f'[process]\ncommand = ["{tool}", "follow.py"]\n'))
+    assert found.program is not None
+    partner = found.program.partner()
+    partner.start()
+    partner.kill()
+    other = tool.with_name("other")
+    other.write_text(tool.read_text() + "# built anew\n", encoding="utf-8")
+    other.chmod(0o755)
+    other.replace(tool)
+    with pytest.raises(FunctionError, match="has changed since it was first read"):
+        found.program.partner().start()
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        ("{'acceleration': 0.0, 'curvature': 0.0}, twice=True", "wrote more than one answer to a message"),
+        ("{'acceleration': True, 'curvature': 0.0}", "expected acceleration, curvature and plan"),
+        ("{'acceleration': 0.0, 'curvature': 0.0, 'plan': [['0', '1', '2', '3']]}", "expected acceleration"),
+    ],
+)
+def test_an_answer_too_many_or_of_another_kind_is_refused(
+    build: Callable[..., Path], tmp_path: Path, answer: str, why: str
+) -> None:
+    path = build(COMMAND)
+    (tmp_path / "follow.py").write_text(
+        "import struct, sys, msgpack\n"
+        "def tell(told, twice=False):\n"
+        "    body = msgpack.packb(told)\n"
+        "    sys.stdout.buffer.write((struct.pack('<I', len(body)) + body) * (2 if twice else 1))\n"
+        "    sys.stdout.buffer.flush()\n"
+        "while head := sys.stdin.buffer.read(4):\n"
+        "    asked = msgpack.unpackb(sys.stdin.buffer.read(struct.unpack('<I', head)[0]))['message']\n"
+        "    if asked == 'close':\n"
+        "        break\n"
+        "    if asked == 'reset':\n"
+        "        tell({'protocol': 1})\n"
+        "    else:\n"
+        f"        tell({answer})\n",
+        encoding="utf-8",
+    )
+    done = run(path, tmp_path / "out")
+    assert done.returncode == 3
+    assert why in done.stderr

@@ -80,6 +80,10 @@ def load_named(frozen: FrozenFile, copy: FrozenCopy, named: str, what: str) -> L
     return code
 
 
+_FINALIZING = (b"__del__", b"yield", b"contextlib", b"finalize")
+"""In sources of which something may run when objects go."""
+
+
 class LoadedCallable:
     """A callable of a user's code. opened: unlisted files beside the user's file that its runs opened, all together."""
 
@@ -113,16 +117,14 @@ class LoadedCallable:
             self.opened.others |= opened.others
 
     def _forget(self) -> None:
-        if not self._space.finalizes:
-            self._space.forget()
-            return
         with Watchdog() as watchdog:
             watchdog.call(LET_GO_LIMIT, self._let_go)
 
     def _let_go(self) -> None:
         """Forget the modules, whose finalizers are code, too: later they would run at any time, outside of limits."""
         self._space.forget()
-        gc.collect()
+        if self._space.finalizes:
+            gc.collect()
 
     def load(self) -> Any:
         """Import the module, unless this run has it, and give what it has by the name; None where it has none."""
@@ -158,7 +160,7 @@ class _Space:
         self._codes: dict[str, CodeType] = {}
         self._free: dict[str, bool] = {}
         self._loaded = set[str]()
-        self.finalizes = any(b"__del__" in source for source in copy.sources.values())
+        self.finalizes = any(word in source for source in copy.sources.values() for word in _FINALIZING)
         tops = {name.partition("/")[0].partition(".")[0] for name in copy.names}
         self._tops = {top for top in tops if is_own(top, copy.names)}
         self.forget()

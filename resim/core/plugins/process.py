@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import decimal
+import gc
 import locale
 import multiprocessing
 import os
@@ -74,6 +75,10 @@ def _handle(handlers: Mapping[int, Any]) -> None:
             signal.signal(number, handler)
 
 
+def _set_collector(callbacks: list[Any]) -> None:
+    gc.callbacks[:] = callbacks
+
+
 def _set_environment(values: Mapping[str, str]) -> None:
     for name in os.environ.keys() - values.keys():
         del os.environ[name]
@@ -94,6 +99,7 @@ _SETTINGS: Mapping[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
         lambda name: locale.setlocale(locale.LC_ALL, name),
     ),
     "signals": (_handlers, _handle),
+    "collector": (lambda: [*gc.callbacks], _set_collector),
     "recursion": (sys.getrecursionlimit, sys.setrecursionlimit),
     "warnings": (lambda: ([*warnings.filters], warnings.showwarning), _set_warnings),
     "environment": (lambda: dict(os.environ), _set_environment),

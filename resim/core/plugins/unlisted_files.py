@@ -15,6 +15,7 @@ from collections.abc import Iterator, Set
 from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from resim.core.files import cache_folder
@@ -85,8 +86,11 @@ class OpenedFiles:
             integrity.check()
 
     def asks_environment(self, variable: str, file: str) -> None:
-        """Note a variable of the environment that code in a file reads in a call, if that file is the user's."""
-        if watchdog.board[0] and self.hears and file.startswith(self._folders):
+        """Note a variable of the environment that code in a file reads in a call, if that file is the user's.
+
+        file: "" where only the library's is known, as in a thread that the code began.
+        """
+        if watchdog.board[0] and self.hears and (not file or file.startswith(self._folders)):
             self.others.add(f"read {variable} from the environment")
 
     def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -127,7 +131,14 @@ class OpenedFiles:
     def _opens(self, file: str, *, held: bool, flags: int = os.O_RDONLY) -> None:
         """Note a file; held: opened by `os.open`, which may look for it in a folder that the code holds open."""
         writes = flags & os.O_ACCMODE == os.O_WRONLY
-        self._note_elsewhere(file, writes=writes, anew=bool(flags & os.O_TRUNC))
+        makes = flags & os.O_CREAT and not os.path.exists(file)  # noqa: PTH110
+        somewhere = held and not os.path.isabs(file)  # noqa: PTH117  in a folder that it holds open
+        self._note_elsewhere(
+            file,
+            writes=writes,
+            anew=bool(flags & os.O_TRUNC or makes),
+            absent=not (somewhere or _is_compiled(file)),
+        )
         if writes:
             return
         self._note(file)
@@ -154,18 +165,25 @@ class OpenedFiles:
             if not (listed or ours or compiled):
                 self.found.add(name.as_posix())
 
-    def _note_elsewhere(self, file: str, *, writes: bool = False, anew: bool = False) -> None:
+    def _note_elsewhere(
+        self, file: str, *, writes: bool = False, anew: bool = False, absent: bool = False
+    ) -> None:
         """Note a file outside of the folder that the code reads in a call, and did not write itself.
 
-        writes: it is opened for writing alone; anew: nothing is left of what was in it.
+        writes: it is opened for writing alone; anew: nothing is left of what was in it; absent: also one that is not
+        there: next time it may be.
         """
         place = os.path.realpath(file)
+        if _OF_PROCESS.fullmatch(place) and watchdog.board[0]:
+            self.others.add("read all variables from the environment")
         names = (place, os.path.abspath(file))  # noqa: PTH100
         if not watchdog.board[0] or _is_systems(place) or any(n.startswith(self._folders) for n in names):
             return
-        if anew or not os.path.exists(place):  # noqa: PTH110
+        if anew:
             self._written.add(place)
-        elif not writes and os.path.isfile(place) and place not in self._written:  # noqa: PTH113
+        elif writes or place in self._written:
+            return
+        elif os.path.isfile(place) or (absent and not os.path.exists(place)):  # noqa: PTH113, PTH110
             self.elsewhere.add(place)
 
     def note(self) -> str:
@@ -205,6 +223,11 @@ _SYSTEM = tuple(
 _SHARED = "/dev/shm/"
 
 
+def _is_compiled(file: str) -> bool:
+    """Whether a file is named as bytecode is, which Python looks for before it compiles a module."""
+    return file.endswith(".pyc") and "__pycache__" in file
+
+
 def _is_systems(place: str) -> bool:
     """Whether a file is one that Python, an installed package, the system or resim opens."""
     return place.startswith(_SYSTEM) and not place.startswith(_SHARED)
@@ -225,8 +248,10 @@ _watching: list[OpenedFiles] = []
 """Whose code runs, innermost last."""
 
 _Environment: Any = type(os.environ)
-_LOOKED_UP_BY = {"os", "posixpath", "collections", "collections.abc", "string", "configparser", __name__}
-"""Modules that look a variable up for somebody."""
+_LIBRARY = os.path.dirname(os.__file__) + os.sep  # noqa: PTH120
+_INSTALLED = tuple(_LIBRARY + name + os.sep for name in ("site-packages", "dist-packages"))
+"""Python's own library, which looks a variable up for somebody; and what is installed in it, which does for itself."""
+_OF_PROCESS = re.compile(r"/proc/(self|thread-self|\d+)(/task/\d+)?/environ")
 
 
 class _HeardEnvironment(_Environment):  # type: ignore[misc]
@@ -244,13 +269,23 @@ class _HeardEnvironment(_Environment):  # type: ignore[misc]
             _watching[-1].asks_environment("all variables", _asker())
         return super().__iter__()
 
+    def __repr__(self) -> str:
+        """Give all variables as text."""
+        return f"environ({dict(self)!r})"
+
 
 def _asker() -> str:
-    """The file of the code that asks, past what looks variables up for somebody."""
-    frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__") in _LOOKED_UP_BY:
+    """The file of the code that asks, past what looks variables up for somebody; "" where there is only that."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        file = frame.f_code.co_filename
+        if frame.f_globals.get("__name__") == "subprocess":
+            return file  # which looks where a program lies; that one was started is told of
+        librarys = file.startswith(_LIBRARY) and not file.startswith(_INSTALLED)
+        if not (librarys or file == __file__ or file.startswith("<")):
+            return file
         frame = frame.f_back
-    return frame.f_code.co_filename
+    return ""
 
 
 def _watch_environment(kind: Any) -> None:

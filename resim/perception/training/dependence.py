@@ -44,7 +44,8 @@ class Dependence:
             z = found[0][-1] / found[1][-1]
             varies = self.spread and name == "latency"
             p = student.sf(z, self.drives - 1) if varies else 2.0 * student.sf(abs(z), self.drives - 1)
-            out[name] = (float(p), *found)
+            if np.isfinite(p):  # else there is nothing that varies
+                out[name] = (float(p), *found)
         return out
 
     def failures(self, level: float) -> Iterator[FailedAssumption]:

@@ -22,11 +22,22 @@ from resim.perception.training.detection import DetectionSamples
 LEAST_SHARE = 0.03
 """Least difference between shares of time that is told."""
 GROUPS = 5
-"""Groups of samples by range, and by the time since an object appeared: of as many samples each."""
+"""Groups of samples by each thing that detection may depend on: of as many samples each."""
+MOTION = ("bearing", "speed", "relative_speed", "acceleration")
+WORDS = {
+    "range": "at {:.3g} to {:.3g} m",
+    "bearing": "at a bearing of {:.3g} to {:.3g} rad",
+    "occlusion": "hidden by {:.0%} to {:.0%}",
+    "speed": "at {:.3g} to {:.3g} m/s",
+    "relative_speed": "{:.3g} to {:.3g} m/s faster than the EGO",
+    "acceleration": "accelerating by {:.3g} to {:.3g} m/s²",
+    "time": "{:.3g} to {:.3g} s after they appeared",
+}
+"""What groups are called."""
 
 
 class DetectedShare:
-    """The share seen less that expected, 0 in a model that fits: of all samples, by range and by time since first."""
+    """The share seen less that expected, 0 in a model that fits: of all samples, and by all that it may depend on."""
 
     def __init__(self, s: DetectionSamples, view: FieldOfView, detection: Detection) -> None:
         self.found: list[tuple[str, str, Bools, float]] = []
@@ -35,8 +46,15 @@ class DetectedShare:
             expected, since = (part[inside] for part in expected_share(s, inside, detection))
             self.drive, self.seen, self.expected = s.drive[inside], s.seen[inside], expected
             groups = [("", "", np.ones(len(expected), dtype=bool))]
-            groups += [("range", *group) for group in _groups(s.place[inside, 0], "m")]
-            groups += [("time", *group) for group in _groups(since, "s")]
+            values = {
+                "range": s.place[:, 0],
+                "occlusion": s.place[:, 2],
+                **dict(zip(MOTION, s.motion.T, strict=True)),
+            }
+            for on, value in {**{on: one[inside] for on, one in values.items()}, "time": since}.items():
+                groups += [(on, *group) for group in _groups(value, WORDS[on])]
+            kind = s.kind[inside]
+            groups += [("kind", f"of kind {one}", kind == one) for one in np.unique(kind).tolist()]
             told = [(*group, self._p(group[2])) for group in groups]
             self.found = [(on, where, among, p) for on, where, among, p in told if p is not None]
         self.count = len(self.found)
@@ -101,15 +119,14 @@ def _in_turn(previous: NDArray[np.intp], inside: Bools) -> Iterator[NDArray[np.i
         now = following[now]
 
 
-def _groups(values: Floats, unit: str) -> Iterator[tuple[str, Bools]]:
-    """Give groups of as many samples each, in words."""
-    edges: list[float] = np.unique(np.quantile(values, np.linspace(0.0, 1.0, GROUPS + 1))).tolist()
-    for low, high in pairwise(edges):
-        last = high == edges[-1]
-        among = (values >= low) & ((values <= high) if last else (values < high))
-        where = (
-            f"at {low:.3g} to {high:.3g} m"
-            if unit == "m"
-            else f"{low:.3g} to {high:.3g} s after they appeared"
-        )
-        yield where, among
+def _groups(values: Floats, words: str) -> Iterator[tuple[str, Bools]]:
+    """Give groups of as many samples each, in words; of many that are 0, the others have groups of their own."""
+    zero = values == 0.0
+    parts = [zero, ~zero] if 1.0 / GROUPS < zero.mean() < 1.0 else [np.ones(len(values), dtype=bool)]
+    for part in parts:
+        edges: list[float] = np.unique(np.quantile(values[part], np.linspace(0.0, 1.0, GROUPS + 1))).tolist()
+        edges = [*edges, *edges][:2] if len(edges) == 1 else edges
+        for low, high in pairwise(edges):
+            last = high == edges[-1]
+            among = part & (values >= low) & ((values <= high) if last else (values < high))
+            yield words.format(low, high), among

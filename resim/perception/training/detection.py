@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta, chi2
 
 from resim.core.geometry import Bools, Floats
+from resim.core.tracks import Strings
 from resim.perception.model import Detection, FieldOfView, TrainedParameter
 from resim.perception.runtime.chain import rates
 from resim.perception.runtime.world import occlusion
@@ -35,7 +36,10 @@ Table = tuple[tuple[tuple[float, ...], ...], ...]
 @dataclass(frozen=True, eq=False)
 class DetectionSamples:
     """Whether true objects were seen, list by list: S samples of range [m], |bearing| [rad], occlusion and seen, and
-    the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track and drive (S,)."""
+    the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track and drive (S,).
+
+    motion (S, 4): bearing [rad], left positive; speed, relative speed [m/s], acceleration [m/s²]. kind: (S,).
+    """
 
     place: Floats
     seen: Bools
@@ -43,6 +47,8 @@ class DetectionSamples:
     steps: Floats
     track: NDArray[np.intp]
     drive: NDArray[np.intp]
+    motion: Floats
+    kind: Strings
 
     def inside(self, view: FieldOfView) -> Bools:
         """Which samples (S,) lie in the field of view."""
@@ -63,7 +69,7 @@ def sightings_of(
     drives: Sequence[TrainingDrive], matchings: Sequence[Matching], late: float
 ) -> DetectionSamples:
     """Gather them; places are those of `late` seconds ago in the EGO's frame of now."""
-    places, seen, pairs, steps, tracks, of_drive = [], [], [], [], [], []
+    places, seen, pairs, steps, tracks, of_drive, motions, kinds = ([], [], [], [], [], [], [], [])
     total = 0
     some_lost = any(
         (m.row[np.isfinite(d.states[:, 0])] < 0).any() for d, m in zip(drives, matchings, strict=True)
@@ -83,10 +89,16 @@ def sightings_of(
         seen.append((matching.row >= 0)[known])
         tracks.append(np.repeat(number + np.arange(len(x)), known.sum(axis=1)))
         of_drive.append(np.full(int(known.sum()), k))
+        own = drive.ego[3][None, :]
+        motion = [np.arctan2(y, x), then[:, 3], then[:, 3] * np.cos(heading) - own, then[:, 4]]
+        motions.append(np.stack(motion, axis=-1)[known])
+        kinds.append(np.repeat(drive.gt_kind, known.sum(axis=1)))
         pairs.append(np.stack([index[:, :-1][both], index[:, 1:][both]], axis=1))
         steps.append(np.broadcast_to(np.diff(drive.t), both.shape)[both])
         total, number = total + int(known.sum()), number + len(x)
-    gathered = [np.concatenate(part) for part in (places, seen, pairs, steps, tracks, of_drive)]
+    gathered = [
+        np.concatenate(part) for part in (places, seen, pairs, steps, tracks, of_drive, motions, kinds)
+    ]
     return DetectionSamples(*gathered)
 
 
@@ -178,8 +190,10 @@ def _first(
 
 
 def _candidates(values: Floats, most: int) -> Floats:
-    """Give edges at quantiles, the outer ones at what there is."""
-    edges = np.unique(np.round(np.quantile(values, np.linspace(0.0, 1.0, most + 1)), 3))
+    """Give edges at quantiles of what is not 0, the outer ones at what there is."""
+    zero = values == 0.0
+    told = values[~zero] if zero.any() and not zero.all() else values  # whom nothing hides: they are one bin
+    edges = np.unique(np.round(np.quantile(told, np.linspace(0.0, 1.0, most + 1)), 3))
     edges[0], edges[-1] = np.floor(values.min() * 1e3) / 1e3, np.ceil(values.max() * 1e3) / 1e3
     return edges if len(edges) > 1 and edges[-1] > edges[0] else np.array([edges[0], edges[0] + 1.0])
 

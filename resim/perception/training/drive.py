@@ -24,6 +24,7 @@ class TrainingDrive:
     where its own sensors recorded nothing. x, y, heading, v: (M, K) of perceived objects in the perceived EGO's frame,
     heading against its heading, speed over ground; NaN where not perceived. gt_id: (M,) the identity that the recording
     gives, "" for none. states: (N, 5, K) of the true objects in the map frame, NaN where they are not.
+    gt_kind: (N,) their kinds.
     """
 
     name: str
@@ -39,6 +40,7 @@ class TrainingDrive:
     length: Floats
     width: Floats
     gt_ids: Strings
+    gt_kind: Strings
     truth: tuple[TrueMotion, ...]
     states: Floats
     gt_length: Floats
@@ -82,7 +84,8 @@ def drive_of(recording: Recording) -> TrainingDrive:
     states = np.array([k.states(t) for k in truth]).reshape(len(truth), 5, len(t))
     return TrainingDrive(
         recording.name, t, pose, own, sd.ids[others], names[others], x_ego, y_ego, wrap_angle(heading - centre[2]), v,
-        sd.length[others], sd.width[others], gt.ids[traffic], truth, states, gt.length[traffic], gt.width[traffic],
+        sd.length[others], sd.width[others], gt.ids[traffic], gt.kind[traffic], truth, states, gt.length[traffic],
+        gt.width[traffic],
     )  # fmt: skip
 
 

@@ -185,7 +185,13 @@ def _numbers(told: Any) -> tuple[Any, Any, Any]:
     """Acceleration, curvature and plan as they are told; who drives checks them."""
     try:
         plan = told.get("plan")
-        return told["acceleration"], told["curvature"], None if plan is None else np.array(plan, dtype=float)
+        numbers = told["acceleration"], told["curvature"]
+        if any(isinstance(one, bool) for one in numbers):
+            raise TypeError
+        plan = None if plan is None else np.array(plan)
+        if plan is not None and plan.dtype.kind not in "fiu":
+            raise TypeError
+        return *numbers, None if plan is None else plan.astype(float)
     except (AttributeError, KeyError, TypeError, ValueError) as e:
         expected = "expected acceleration, curvature and plan (none, or rows of t, x, y, v)"
         raise FunctionError(f"answered {told!r:.60}, {expected}") from e

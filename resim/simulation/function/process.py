@@ -6,10 +6,16 @@ standard error goes where a function's words go.
 
 from __future__ import annotations
 
+import fcntl
 import os
+import shutil
 import signal
 import struct
 import subprocess
+import tempfile
+import termios
+from array import array
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,26 +25,50 @@ from resim.function import LONGEST
 
 _ENDING = 5.0
 """s that a process has to end by itself, once its run has."""
+_LARGE = 1 << 24
+"""Bytes of a file from which on it is not copied for each run."""
+PASSED = (
+    "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "PATH",
+    "TMPDIR", "TZ",
+)  # fmt: skip
+"""Variables of the environment that every process gets."""
 
 
 class ChildProcess:
-    """A process, as the partner of a conversation (`resim.simulation.function.messages.Partner`)."""
+    """A process, as the partner of a conversation (`resim.simulation.function.messages.Partner`).
 
-    def __init__(self, command: tuple[str, ...], folder: Path) -> None:
-        self._command, self._folder = command, folder
+    folder: with the files of its build, of which it gets a copy for itself, to work in. own: those of them that the
+    command may name, the program among them. environment: variables that it gets besides `PASSED`. unchanged: raises
+    FunctionError where a program elsewhere is another by now.
+    """
+
+    def __init__(
+        self, command: tuple[str, ...], folder: Path, own: bool, environment: tuple[str, ...],
+        unchanged: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._command, self._folder, self._own = command, folder, own
+        self._environment, self._unchanged = environment, unchanged
         self._process: subprocess.Popen[bytes] | None = None
+        self._home: tempfile.TemporaryDirectory[str] | None = None
 
     def start(self) -> None:
         """Start it."""
-        command = self._command
+        self._unchanged()
+        self._home = tempfile.TemporaryDirectory(prefix="resim-", ignore_cleanup_errors=True)
+        here = Path(self._home.name) / "build"
+        shutil.copytree(self._folder, here, copy_function=_copied)
+        here.chmod(0o755)
+        first, *rest = self._command
+        command = [str(here / first) if self._own else first, *rest]
         try:
             with unheard():
                 self._process = subprocess.Popen(
-                    command, cwd=self._folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
-                    env=_environment(),
+                    command, cwd=here, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+                    env=_variables(self._environment),
                 )  # fmt: skip
         except (OSError, ValueError) as e:
-            raise FunctionError(f"cannot be started: {command[0]!r}: {getattr(e, 'strerror', e)}") from e
+            self.kill()
+            raise FunctionError(f"cannot be started: {first!r}: {getattr(e, 'strerror', e)}") from e
 
     def exchange(self, message: bytes) -> bytes:
         """Send a message and give the body of what is answered."""
@@ -48,6 +78,8 @@ class ChildProcess:
         assert process.stdin is not None
         assert process.stdout is not None
         try:
+            if _has_more(process.stdout.fileno()):
+                raise FunctionError("wrote more than one answer to a message")
             _send(process.stdin.fileno(), message)
             return _received(process.stdout.fileno())
         except (BrokenPipeError, EOFError):
@@ -69,21 +101,42 @@ class ChildProcess:
                 raise FunctionError(f"did not end within {_ENDING:g} s of the message 'close'") from None
             if code != 0:
                 raise FunctionError(f"ended its process {_ending(code)}")
+            assert process.stdout is not None
+            if _has_more(process.stdout.fileno()):
+                raise FunctionError("wrote more than one answer to a message")
         finally:
             self.kill()
 
     def kill(self) -> None:
         """End it, whatever it does."""
         process, self._process = self._process, None
-        if process is None:
-            return
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.kill()
-        process.wait()
+        if process is not None:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.kill()
+            process.wait()
+            with suppress(OSError):
+                process.stdin.close()
+            process.stdout.close()
+        if self._home is not None:
+            self._home.cleanup()
+            self._home = None
+
+
+def _copied(file: str, to: str) -> str:
+    """Copy a file, or link it where it is large."""
+    if os.path.getsize(file) > _LARGE:  # noqa: PTH202
         with suppress(OSError):
-            process.stdin.close()
-        process.stdout.close()
+            os.link(file, to)
+            return to
+    return str(shutil.copy2(file, to))
+
+
+def _has_more(stream: int) -> bool:
+    """Whether something waits to be read."""
+    count = array("i", [0])
+    fcntl.ioctl(stream, termios.FIONREAD, count)
+    return count[0] > 0
 
 
 def _send(to: int, message: bytes) -> None:
@@ -96,7 +149,7 @@ def _received(stream: int) -> bytes:
     """The body of the next message."""
     (size,) = struct.unpack("<I", _exactly(stream, 4))
     if size > LONGEST:
-        begin = struct.pack("<I", size) + os.read(stream, 40)
+        begin = struct.pack("<I", size) + (os.read(stream, 40) if _has_more(stream) else b"")
         raise FunctionError(
             f"wrote {begin!r} to its standard output, which is no message: print to the standard error instead"
         )
@@ -118,6 +171,7 @@ def _ending(code: int) -> str:
     return f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
 
 
-def _environment() -> dict[str, str]:
-    """That of the command; Python draws the same hashes, and puts no bytecode beside the frozen files."""
-    return {**os.environ, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
+def _variables(named: tuple[str, ...]) -> dict[str, str]:
+    """Those that everybody gets, and those that are named; Python draws the same hashes."""
+    given = {name: os.environ[name] for name in (*PASSED, *named) if name in os.environ}
+    return {**given, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}

@@ -7,13 +7,14 @@ import posixpath
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, model_validator
 
 import resim.function
-from resim.core.errors import InputError
+from resim.core.errors import FunctionError, InputError
 from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenCopy
 from resim.core.plugins.unlisted_files import NOT_PINNED
@@ -30,12 +31,14 @@ class ProcessTable(BaseModel):
         command: Program and arguments; files beside the build file are named relative to it.
         python: In place of it, the Python of the environment in which `factory` is served.
         batches: Whether it answers `reset_batch` and `step_batch`.
+        environment: Variables of the environment that it gets, besides those that every process gets.
     """
 
     model_config = ConfigDict(extra="forbid")
     command: tuple[StrictStr, ...] = ()
     python: StrictStr = Field(default="")
     batches: StrictBool = False
+    environment: tuple[StrictStr, ...] = ()
 
     @model_validator(mode="after")
     def _one_of_both(self) -> ProcessTable:
@@ -68,17 +71,42 @@ class FunctionProgram:
 
     Attributes:
         command: Program and arguments.
-        folder: Where it works: the build's frozen copy.
+        folder: The build's frozen copy.
         unpinned: What of it the build's hash does not cover, in words; "" for nothing.
+        own: Whether the program lies in the folder.
+        hash: SHA-256 of a program that lies elsewhere.
+        environment: Variables of the environment that it gets.
     """
 
     command: tuple[str, ...]
     folder: Path
     unpinned: str
+    own: bool
+    hash: str = ""
+    environment: tuple[str, ...] = ()
 
     def partner(self) -> ChildProcess:
         """Give a process for one run."""
-        return ChildProcess(self.command, self.folder)
+        return ChildProcess(self.command, self.folder, self.own, self.environment, self.refuse_changed)
+
+    def refuse_changed(self) -> None:
+        """Raise FunctionError where a program that lies elsewhere is not the one that was hashed."""
+        if not self.own and _hash_of(self.command[0]) != self.hash:
+            raise FunctionError(f"cannot be started: {self.command[0]!r} has changed since it was first read")
+
+
+def _hash_of(file: str) -> str:
+    """SHA-256 of a program, read once for each time that it was written."""
+    try:
+        found = os.stat(file)  # noqa: PTH116
+    except OSError:
+        return ""
+    return _hashed(file, (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns))
+
+
+@lru_cache(maxsize=64)
+def _hashed(file: str, written: tuple[int, ...]) -> str:
+    return file_hash(Path(file))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,15 +180,33 @@ def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
 
 def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> FunctionProgram:
     """Give the program of a build as it was frozen. Raises InputError where it is not there, or another by now."""
-    word, rest = process.first, process.command[1:]
+    word, rest, named = process.first, process.command[1:], process.environment
+    told = (
+        [f"what {' and '.join(named)} of the environment {'are' if len(named) > 1 else 'is'}"]
+        if named
+        else []
+    )
     if process.command and posixpath.normpath(word) in copy.names:
-        return FunctionProgram((str(copy.folder / word), *rest), copy.folder, "")
-    file = _found(path, word)
-    if file_hash(file) != copy.outside.get(word):
-        raise InputError(path, f"process: {str(file)!r} has changed since it was first read", "Begin anew.")
+        with (copy.folder / word).open("rb") as file:
+            script = file.read(2) == b"#!"
+        if script:
+            told.append(f"what the interpreter of {word} loads beside the files of the build")
+        return FunctionProgram((word, *rest), copy.folder, _unpinned(told), own=True, environment=named)
+    program = _found(path, word)
+    if file_hash(program) != copy.outside.get(word):
+        raise InputError(
+            path, f"process: {str(program)!r} has changed since it was first read", "Begin anew."
+        )
     served = (resim.function.__file__, factory) if process.python else ()
-    why = f"what {word} loads beside the files of the build {NOT_PINNED}"
-    return FunctionProgram((str(file), *served, *rest), copy.folder, why)
+    told.append(f"what {word} loads beside the files of the build")
+    return FunctionProgram(
+        (str(program), *served, *rest), copy.folder, _unpinned(told), own=False, hash=copy.outside[word],
+        environment=named,
+    )  # fmt: skip
+
+
+def _unpinned(told: list[str]) -> str:
+    return f"{' and '.join(told)} {NOT_PINNED}" if told else ""
 
 
 def _is_own(folder: Path, word: str) -> bool:

@@ -90,7 +90,7 @@ class WithTraffic(Strict):
 
     @model_validator(mode="after")
     def _reacts(self) -> WithTraffic:
-        if self.traffic == "traces" and "reactive" in self.model_fields_set:
+        if self.traffic == "traces" and self.reactive != ReactiveSettings():
             raise ValueError(
                 'reactive: says how traffic reacts that stays on its traces; set traffic = "reactive"'
             )

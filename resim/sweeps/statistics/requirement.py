@@ -134,55 +134,28 @@ def _ranges(y: Floats, levels: Levels, side: Side, drawn: bool) -> _Ranges:
         sums = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(sums[last + 1] - sums[first])
 
-    runs, passes, units, variance, alone = _by_level(y, levels)
+    runs, passes, points = _by_level(y, levels)
     n, c = within(runs), within(passes)
     share = np.divide(c, n, out=np.zeros(len(n)), where=n > 0)
-    single = within(alone.astype(float))
-    apart = (
-        within(alone * passes**2)
-        - 2.0 * share * within(alone * passes * runs)
-        + share**2 * within(alone * runs**2)
-    )
-    more = np.divide(single, single - 1.0, out=np.ones(len(n)), where=single > 1.0)
-    independent = (
-        _units(share, n, within(units), within(variance) + more * np.maximum(apart, 0.0)) if drawn else n
-    )
+    independent = within(points) if drawn else n
     least, most = _interval(share, independent, len(n))
     width = (levels.high[last] - levels.low[first]) / max(levels.high[-1] - levels.low[0], 1e-300)
     return _Ranges(first, last, share, least, most, n, width)
 
 
-def _by_level(y: Floats, levels: Levels) -> tuple[Floats, Floats, Floats, Floats, Bools]:
-    """Of each level (G,): runs, passes, what is independent, the variance of its passes, and whether it is one point.
+def _by_level(y: Floats, levels: Levels) -> tuple[Floats, Floats, Floats]:
+    """Of each level (G,): runs, passes, and points.
 
     Points that were drawn differ in what was not asked about, this parameter between them included, so that a second
-    run of one tells nothing of those that were not drawn: points are what is independent (Kish, Survey Sampling, 1965,
-    clusters within strata). A level of a single point has no variance of its own: that is told by the points of a range
-    (collapsed strata).
+    run of one tells nothing of those that were not drawn: points are what is independent (Kish, Survey Sampling, 1965),
+    however alike those are that were drawn.
     """
     known = (levels.of >= 0) & np.isfinite(y).any(axis=1)
     of, count = levels.of[known], len(levels)
     n, c = np.isfinite(y[known]).sum(axis=1).astype(float), np.nansum(y[known], axis=1)
     points = np.bincount(of, minlength=count).astype(float)
     runs, passes = (np.asarray(np.bincount(of, values, count), dtype=float) for values in (n, c))
-    share = np.divide(passes, runs, out=np.zeros(count), where=runs > 0)
-    spread = np.bincount(of, (c - share[of] * n) ** 2, count)
-    alone = points < 2
-    factor = np.divide(points, points - 1.0, out=np.ones(count), where=~alone)
-    return (
-        runs,
-        passes,
-        points,
-        np.where(alone, 0.0, factor * spread),
-        alone,
-    )
-
-
-def _units(share: Floats, runs: Floats, units: Floats, variance: Floats) -> Floats:
-    """As how many independent runs a range counts (R,): by its variance, from `units` to `runs`."""
-    known = variance > 0.0
-    effective = np.divide(share * (1.0 - share) * runs**2, variance, out=units.copy(), where=known)
-    return np.clip(effective, units, runs)
+    return runs, passes, points
 
 
 def _interval(share: Floats, n: Floats, tests: int) -> tuple[Floats, Floats]:
