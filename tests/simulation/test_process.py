@@ -33,6 +33,7 @@ class Follow:
         if hasattr(setup.road, "lanes"):  # it is a process of its own
             assert len(setup.road.lanes) > 10 and os.path.isfile(setup.road.file)
             assert any(lane.after for lane in setup.road.lanes)
+            assert all(lane.along is (lane.lane < 0) for lane in setup.road.lanes)  # traffic is on the right
         print("printed, which is no answer")
 
     def step(self, p):
@@ -200,6 +201,8 @@ def test_its_hash_is_of_all_that_the_command_names(build: Callable[..., Path], t
 
 
 WRONG = {
+    "there is no program 'env/bin/python'. Make the environment": HEAD
+    + '[process]\npython = "env/bin/python"\n',
     "there is no program 'nowhere'": HEAD + '[process]\ncommand = ["nowhere"]\n',
     "'./follow.py' is no program that you may execute": HEAD + '[process]\npython = "./follow.py"\n',
     "expected factory, or": HEAD,

@@ -98,7 +98,7 @@ class ProcessFunction:
     def probe(self, message: dict[str, Any] | bytes) -> str:
         """Start the process, and say what it does with a message that it cannot know; FunctionError for an answer."""
         body = struct.pack("<I", len(message)) + message if isinstance(message, bytes) else packed(message)
-        process = self._start()
+        process = self._start(heard=False)  # that it complains is what is asked for
         try:
             answer = self._exchange(process, body)
         except EOFError:
@@ -115,13 +115,13 @@ class ProcessFunction:
         self._waiting = True
         self.close()
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def _start(self, *, heard: bool = True) -> subprocess.Popen[bytes]:
         command, folder = self._program.command, self._program.folder
         try:
             with unheard():
                 self._process = subprocess.Popen(
                     command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
-                    env=_environment(),
+                    env=_environment(), stderr=None if heard else subprocess.DEVNULL,
                 )  # fmt: skip
         except (OSError, ValueError) as e:
             raise FunctionError(f"cannot be started: {command[0]!r}: {getattr(e, 'strerror', e)}") from e
@@ -243,6 +243,7 @@ def _lanes(network: RoadNetwork) -> bytes:
             {
                 "road": one.road, "section": one.section, "lane": one.lane, "type": one.type,
                 **{name: getattr(one, name).astype("<f8").tobytes() for name in ("centre", "left", "right")},
+                "along": network.roads[one.road].along(one.lane, one.section),
                 "after": [number[key] for key in after[LaneKey(one.road, one.section, one.lane)]],
             }
             for one in shapes

@@ -17,6 +17,9 @@ from resim.core.plugins.frozen import FrozenCopy
 from resim.core.plugins.unlisted_files import NOT_PINNED
 
 REMEDY = "Name a program beside the build file, by its path, or one on PATH."
+NO_PYTHON = (
+    "Make the environment that it belongs to, or name one by its path from the build file, or on PATH."
+)
 
 
 class ProcessTable(BaseModel):
@@ -70,7 +73,7 @@ def own_files(path: Path, process: ProcessTable) -> list[str]:
 def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
     """Give the program, by its word, where it is not in the build's folder. Raises InputError where it is nowhere."""
     word = process.first
-    return {} if process.command and _is_own(path.parent, word) else {word: _found(path, word)}
+    return {} if process.command and _is_own(path.parent, word) else {word: _found(path, process)}
 
 
 def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> FunctionProgram:
@@ -78,7 +81,7 @@ def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy
     word, rest = process.first, process.command[1:]
     if process.command and posixpath.normpath(word) in copy.names:
         return FunctionProgram((str(copy.folder / word), *rest), copy.folder, "")
-    file = _found(path, word)
+    file = _found(path, process)
     if file_hash(file) != copy.outside.get(word):
         raise InputError(path, f"process: {str(file)!r} has changed since it was first read", "Begin anew.")
     served = (resim.function.__file__, factory) if process.python else ()
@@ -94,13 +97,15 @@ def _is_own(folder: Path, word: str) -> bool:
     return file.is_file() and file.is_relative_to(os.path.realpath(folder))
 
 
-def _found(path: Path, word: str) -> Path:
-    """Where the program lies that a word names: relative to the build file with a / in it, else on PATH."""
+def _found(path: Path, process: ProcessTable) -> Path:
+    """Where the program lies that the first word names: relative to the build file with a / in it, else on PATH."""
+    word = process.first
     file = Path(os.path.normpath(path.parent.absolute() / word)) if "/" in word else None
     if file is None and (there := shutil.which(word)) is not None:
         file = Path(there).absolute()
     if file is None or not file.is_file():
-        raise InputError(path, f"process: there is no program {word!r}", REMEDY)
+        remedy = NO_PYTHON if process.python else REMEDY
+        raise InputError(path, f"process: there is no program {word!r}", remedy)
     if not os.access(file, os.X_OK):
         raise InputError(path, f"process: {word!r} is no program that you may execute", "Make it executable.")
     return file
