@@ -277,3 +277,21 @@ def test_what_ships_holds() -> None:
             "latency",
             "batches",
         }
+
+
+def test_a_verification_says_once_that_a_build_is_not_pinned(
+    build: Callable[..., Path], tmp_path: Path
+) -> None:
+    suite = tmp_path / "suite.toml"
+    named = (f'[[recording]]\nfolder = "{ROOT}/scenarios/{name}"\n' for name in ("cut_in_brake", "overtake"))
+    suite.write_text(
+        f'name = "two"\ncriteria = "{ROOT}/scenarios/criteria/highway.toml"\nbases = ["GT"]\n' + "".join(named)
+    )
+    order = ["verify", suite, "--build", build(APART, time_gap=1.2), "--driven-by"]
+    order += ["highway_pilot-1.0", "--out", tmp_path / "out", "--workers", "1"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "400"}
+    done = subprocess.run(
+        [sys.executable, "-m", "resim", *order], capture_output=True, text=True, check=False, timeout=200, env=env
+    )
+    assert done.stdout.count("not pinned") == 1, done.stdout + done.stderr
+    assert "2 of 2 recordings: note: " in done.stdout
