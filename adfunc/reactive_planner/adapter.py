@@ -73,6 +73,7 @@ class ReactivePlannerFunction:
             (dx, dy), at = (other - one).tolist(), (0.5 * (one + other)).tolist()
             self.edge.add_shape(crcc.RectOBB(0.5 * math.hypot(dx, dy), 0.01, math.atan2(dy, dx), *at))
         self.config, self.planner = config, ReactivePlanner(config)
+        self.times = config.planning.dt * np.arange(config.planning.time_steps_computation + 1)
         self.steering, self.cycles = 0.0, 0
 
     def step(self, perceived: ObjectList) -> Command:
@@ -89,7 +90,8 @@ class ReactivePlannerFunction:
         if states is None:
             self.without += [(perceived.t, why)] if perceived.t >= 0.0 else []
             return self.brake(perceived.t, ego)
-        t = perceived.t + self.config.planning.dt * np.arange(len(states))
+        t = perceived.t + self.times
+        states = [*states, *[states[-1]] * (len(t) - len(states))]  # where it stands, it tells one state less
         shifted = [ReactivePlannerState.shift_state_to_center(state, car.wb_rear_axle) for state in states]
         plan = [
             (t_k, *one.position, max(one.velocity, 0.0)) for t_k, one in zip(t.tolist(), shifted, strict=True)
@@ -133,7 +135,7 @@ class ReactivePlannerFunction:
         ego, p, m = perceived.ego, perceived, self.margin
         checker = crcc.CollisionChecker()
         checker.add_collision_object(self.edge)
-        t = self.config.planning.dt * np.arange(self.config.planning.time_steps_computation + 1)
+        t = self.times
         cos, sin = math.cos(ego.heading), math.sin(ego.heading)
         length, width = self.setup.length + p.length, self.setup.width + p.width
         behind = (p.x_ego < -0.5 * length) & (np.abs(p.y_ego) < 0.5 * width)
@@ -157,7 +159,7 @@ class ReactivePlannerFunction:
         bend = float(np.interp(s + 0.15 * v, path.ref_pos, path.ref_curv))
         curvature = bend - (0.64 * d + 1.6 * v * math.sin(turn)) / v**2
         plan = []
-        for dt in np.linspace(0.0, 3.0, 13).tolist():
+        for dt in self.times.tolist():
             speed = max(ego.v - self.braking * dt, 0.0)
             ahead = (ego.v**2 - speed**2) / (2.0 * self.braking) + self.config.vehicle.wb_rear_axle
             plan.append((t + dt, *path.convert_to_cartesian_coords(s + ahead, d), speed))

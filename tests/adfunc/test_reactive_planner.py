@@ -129,7 +129,10 @@ def test_it_keeps_its_lane_and_speed_follows_and_brakes_where_there_is_no_way(
 def test_several_at_once_answer_as_each_alone() -> None:
     build = load_build(BUILD)
     starts = [START, START._replace(v=25.0)]
-    lists = [seen(0.0, start, [30.0], [0.0], 15.0) for start in starts]
+    lists = [
+        seen(0.0, start, [10.0] * 3, [0.0, 3.5, -3.0], v)
+        for start, v in zip(starts, (20.0, 0.0), strict=True)
+    ]
     with build.factory.afresh():
         alone = []
         for start, one in zip(starts, lists, strict=True):
@@ -143,6 +146,7 @@ def test_several_at_once_answer_as_each_alone() -> None:
             {"message": "step_batch", "t": 0.0, "runs": [process._list(one) for one in lists]}
         )["runs"]]  # fmt: skip
         batch.close()
+    assert alone[1].acceleration == -8.0  # without a trajectory, and a plan of as many rows
     for one, answer in zip(alone, answers, strict=True):
         assert (one.acceleration, one.curvature) == answer[:2]
         np.testing.assert_array_equal(one.plan, answer[2])
