@@ -69,7 +69,9 @@ class ProcessFunction:
         if any(none) and not all(none):
             raise FunctionError("answered plans for some of its runs only")
         if len({np.shape(plan) for plan in plans}) > 1:
-            raise FunctionError("answered plans with different numbers of rows for its runs, expected one number")
+            raise FunctionError(
+                "answered plans with different numbers of rows for its runs, expected one number"
+            )
         return CommandBatch(np.array(a), np.array(curvature), None if all(none) else np.array(plans))
 
     def close(self) -> None:
