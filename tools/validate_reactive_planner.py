@@ -20,7 +20,7 @@ from make_us101 import SCENARIOS, make
 import resim
 from resim.core.errors import ResimError
 from resim.simulation.function.interface import Command, Perceived
-from resim.simulation.function.process import ProcessFunction
+from resim.simulation.function.messages import MessageFunction
 
 ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "adfunc" / "builds" / "reactive_planner-2025.1.toml"
@@ -41,10 +41,10 @@ answers: list[tuple[float, float, float]] = []
 """t [s], acceleration [m/s²] and time [s] of each answer of the run."""
 
 
-_asked = ProcessFunction.step
+_asked = MessageFunction.step
 
 
-def timed(function: ProcessFunction, perceived: Perceived) -> Command:
+def timed(function: MessageFunction, perceived: Perceived) -> Command:
     """Ask for an answer, and note it and how soon it came."""
     begin = time.perf_counter()
     command = _asked(function, perceived)
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--horizon", type=int, default=30, help="planner's time_steps_computation, of 0.1 s")
     parser.add_argument("--only", default="", help="recordings whose name contains this")
     asked = parser.parse_args()
-    ProcessFunction.step = timed  # type: ignore[method-assign]
+    MessageFunction.step = timed  # type: ignore[method-assign]
     print(f"| {' | '.join(COLUMNS)} |\n|" + "---|" * len(COLUMNS))
     with tempfile.TemporaryDirectory() as made:
         ours = [ROOT / "scenarios" / "cut_in_brake", *sorted((ROOT / "scenarios" / "neighbours").iterdir())]

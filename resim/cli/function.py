@@ -16,14 +16,21 @@ app.add_typer(functions, name="function")
 
 
 @command(functions, "check")
-def check(build: Annotated[Path, typer.Argument(callback=A_BUILD, help="Build file (TOML).")]) -> None:
+def check(
+    build: Annotated[Path, typer.Argument(callback=A_BUILD, help="Build file (TOML).")],
+    conversation: Annotated[
+        list[Path] | None,
+        typer.Option(help="What `resim run --record` recorded: whether a process answers the same."),
+    ] = None,
+) -> None:
     """Check that a function does what resim asks of it: answers, units, determinism, clock, latency, malformed input.
 
-    It is asked the lists of a short drive several times. Ends with 1 where something does not hold.
+    It is asked the lists of a short drive several times, or what was recorded. Ends with 1 where something does not
+    hold.
     """
     from resim.jobs.function import check_function
 
-    found = check_function(build)
+    found = check_function(build, conversation or ())
     for one in found.checks:
         say(f"{'holds' if one.holds else 'FAILS'}  {one.name}: {one.found}")
     add_to_json(build=found.label, checks=found.checks)

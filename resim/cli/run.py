@@ -76,6 +76,12 @@ def run(
     ] = None,
     accept: Accept = None,
     verdict_of: Deciding = None,
+    record: Annotated[
+        bool,
+        typer.Option(
+            "--record", help="Keep what a process is asked and answers, as a build (recorded.toml)."
+        ),
+    ] = False,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
     """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.
@@ -91,7 +97,7 @@ def run(
         raise InputError("--seeds", f"{seeds} without a model has no effect", "Name one with --perception.")
     asked = _RunOptions(
         recording, build, basis, vehicle, step, lead_in, seed, stop_at_collision, criteria, perception,
-        tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), gui, out,
+        tuple(settings or ()), seeds or SEEDS, tuple(accept or ()), deciding(verdict_of, criteria), record, gui, out,
         sys.stdout.isatty(), output_settings(),
     )  # fmt: skip
     files = in_child(_frozen, asked)
@@ -134,6 +140,7 @@ class _RunOptions:
     seeds: int
     accept: tuple[str, ...]
     verdict_of: tuple[str, ...]
+    record: bool
     gui: bool
     out: Path
     terminal: bool
@@ -166,10 +173,13 @@ def _resimulate(task: tuple[_RunOptions, _Files, Path]) -> ChildReport:
     from resim.cli.verdicts import captured
     from resim.jobs.given import the_build, the_criteria, the_recording
     from resim.jobs.resimulate import resimulate, stages
+    from resim.simulation.function.program import refuse_unrecordable
 
     a, files, folder = task
     options = _options(a)
     build, criteria = the_build(files.build), the_criteria(files.criteria)
+    if a.record:
+        refuse_unrecordable(build.path, build.program)
     measured = the_recording(a.recording, a.accept)
     if a.basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
@@ -204,7 +214,7 @@ def _options(a: _RunOptions) -> ResimulationOptions:
     bases: dict[str, tuple[Basis, ...]] = {"gt": ("GT",), "sd": ("SD",), "both": ("GT", "SD")}
     return ResimulationOptions(
         bases=bases[a.basis.value], vehicle=a.vehicle, step=a.step, lead_in=a.lead_in, seed=a.seed,
-        stop_at_collision=a.stop_at_collision, gui=a.gui,
+        stop_at_collision=a.stop_at_collision, record=a.record, gui=a.gui,
     )  # fmt: skip
 
 

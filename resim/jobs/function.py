@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,10 @@ from resim.core.files import shipped
 from resim.execution.workers import in_child
 from resim.jobs.given import path_of
 from resim.road.opendrive import load
-from resim.simulation.function.conformance import SPEED, Check, conformance
+from resim.simulation.function.conformance import SPEED, Check, conformance, repeated
+from resim.simulation.function.conversation import read_conversation
 from resim.simulation.function.interface import EgoState, load_build
+from resim.simulation.function.program import refuse_unrecordable
 
 
 @dataclass(frozen=True)
@@ -35,21 +38,26 @@ MAP, START = "networks/proving_ground.xodr", EgoState(200.0, -5.25, 0.0, SPEED)
 """Where the drive is: the map that ships, and a lane of it that is straight for more than the drive's 160 m."""
 
 
-def check_function(build: str | Path) -> FunctionCheck:
+def check_function(build: str | Path, conversations: Sequence[str | Path] = ()) -> FunctionCheck:
     """Ask a function lists of a short drive, and say what holds: answers, units, determinism, clock, latency.
 
     Args:
         build: Build file.
+        conversations: Recorded ones, to which a process is to answer the same.
 
     Returns:
         What was asked for, and what holds.
 
     Raises:
-        InputError: The build cannot be used.
+        ResimError: The build cannot be used, or a conversation not be read; or the build is no process.
     """
-    return in_child(_checked, path_of(build))
+    return in_child(_checked, (path_of(build), [path_of(one) for one in conversations]))
 
 
-def _checked(path: Path) -> FunctionCheck:
-    build = load_build(path)
+def _checked(asked: tuple[Path, list[Path]]) -> FunctionCheck:
+    path, files = asked
+    build, recorded = load_build(path), {file.name: read_conversation(file) for file in files}
+    if recorded:
+        refuse_unrecordable(path, build.program)
+        return FunctionCheck(build.label, tuple(repeated(build, *one) for one in recorded.items()))
     return FunctionCheck(build.label, tuple(conformance(build, load(shipped() / MAP), START)))

@@ -44,6 +44,7 @@ class ResimulationOptions:
         seed: Of every random draw.
         stop_at_collision: Whether a collision of the EGO ends a run.
         gui: Whether the simulation is shown in sumo-gui.
+        record: Whether conversations with a process are kept.
         engine: The simulator.
 
     Raises:
@@ -57,6 +58,7 @@ class ResimulationOptions:
     seed: int = 0
     stop_at_collision: bool = True
     gui: bool = False
+    record: bool = False
     engine: Engine = field(default_factory=Sumo)
 
     def __post_init__(self) -> None:
@@ -98,6 +100,7 @@ class ResimulationOptions:
             seed=self.seed if seed is None else seed,
             stop_at_collision=self.stop_at_collision and not open_loop,
             open_loop=open_loop,
+            record=self.record,
         )
 
 

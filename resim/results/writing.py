@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:  # the catalog lists results without loading all that makes th
     from resim.resimulation.assessment_report import HashedBuild, HashedName
 
 
+RECORDED = "recorded.toml"
+"""Build file of the conversations beside it."""
+
+
 def write_json(data: Any, path: Path) -> None:
     """Write JSON, the same bytes for the same data, an array of numbers or texts in one line; NaN is refused."""
     path.write_text(json_text(data), encoding="utf-8")
@@ -38,7 +43,8 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
 
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:
-    """Write report.json, tracks, answers and plans, the JSCEN files with their map, and run.json with their hashes."""
+    """Write report.json, tracks, answers and plans, the JSCEN files with their map, what the function said and was
+    asked, and run.json with their hashes."""
     from resim.resimulation import map_name
     from resim.resimulation.report import provenance
     from resim.resimulation.tables import answers_frame, plans_frame, tracks_frame
@@ -54,8 +60,36 @@ def write_resimulation(result: Resimulation, folder: Path) -> None:
     for name, frame in tables.items():
         write_parquet(frame(result), folder / name)
     write_json(to_json(result.report), folder / "report.json")
-    files = {name: file_hash(folder / name) for name in sorted([road, *scenarios, *tables, "report.json"])}
+    said = [*_words(result, folder), *_conversations(result, folder)]
+    files = {
+        name: file_hash(folder / name) for name in sorted([road, *scenarios, *tables, *said, "report.json"])
+    }
     write_json(sealed(to_json(provenance(result, files))), folder / RUN.mark)
+
+
+def _words(result: Resimulation, folder: Path) -> Iterator[str]:
+    """Write what the function wrote to the standard error, a file a run, and give the names."""
+    for source, drive in result.drives.items():
+        if drive.said:
+            (folder / f"{source}.words.txt").write_text(drive.said, encoding="utf-8", newline="")
+            yield f"{source}.words.txt"
+
+
+def _conversations(result: Resimulation, folder: Path) -> Iterator[str]:
+    """Write what was said to a process and by it, a file a run, with a build file of them, and give the names."""
+    from resim.simulation.function.conversation import SUFFIX, Conversation, Speaker, build_file
+
+    build = result.build
+    speaker = Speaker(build.name, build.version, build.hash, build.cycle_time, build.time_limit)
+    recorded = {
+        f"{source}{SUFFIX}": drive.exchanges for source, drive in result.drives.items() if drive.exchanges
+    }
+    for name, exchanges in recorded.items():
+        (folder / name).write_bytes(Conversation(speaker, exchanges).packed())
+        yield name
+    if recorded:
+        (folder / RECORDED).write_text(build_file(speaker), encoding="utf-8", newline="\n")
+        yield RECORDED
 
 
 def write_conversion(found: MapCheck, folder: Path) -> None:

@@ -17,6 +17,7 @@ from resim.road.opendrive import RoadNetwork
 from resim.scenario.jscen import jscen
 from resim.scenario.scenario import Scenario
 from resim.simulation.function.batch import PerceivedLists
+from resim.simulation.function.conversation import Exchange
 from resim.simulation.function.interface import Build
 from resim.simulation.perception import IdealPerception, Perception
 from resim.simulation.vehicles.kinematic import Kinematic
@@ -52,6 +53,7 @@ class Case:
         seed: Of every random draw.
         stop_at_collision: Whether a collision of the EGO ends the drive.
         open_loop: Whether the function's answers are kept but move nothing; the EGO goes as the scenario says.
+        record: Whether the conversation with a process is kept.
     """
 
     scenario: Scenario
@@ -66,6 +68,7 @@ class Case:
     seed: int = 0
     stop_at_collision: bool = True
     open_loop: bool = False
+    record: bool = False
 
     def drive(self, *, window: bool = False) -> SimulatedDrive:
         """Simulate it (`Engine.drive`).
@@ -131,6 +134,8 @@ class SimulatedDrive:
         left_route: When [s] the EGO left the measured route (`resim.road.driven_route`), None where it did not.
         traceback: Where it raised what it failed by, a line for each call, the innermost last.
         last_words: The end of what the failed call wrote to the standard error, or a process that it started; or "".
+        said: What the code under test, or its process, wrote to the standard error; "" where nobody listens.
+        exchanges: The conversation with a process, if it was to be kept (`Case.record`).
         unpinned: What the code under test asked that its hash does not know, in words; "" for nothing.
         control_error: Largest distance [m] between where a vehicle was commanded to be and where the engine had it.
         shown: Objects on all lists that the function was shown.
@@ -149,6 +154,8 @@ class SimulatedDrive:
     left_route: float | None
     traceback: tuple[str, ...]
     last_words: str
+    said: str
+    exchanges: tuple[Exchange, ...]
     unpinned: str
     control_error: float
     shown: int
@@ -161,7 +168,16 @@ class SimulatedDrive:
         How long it took, where an engine says that it had somebody, and what the code asked, is not of the drive; nor
         are the words of a failure, which may hold addresses.
         """
-        left = ("time", "control_error", "traceback", "last_words", "failure", "unpinned")
+        left = (
+            "time",
+            "control_error",
+            "traceback",
+            "last_words",
+            "said",
+            "exchanges",
+            "failure",
+            "unpinned",
+        )
         values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in left}
         values |= {"case": self.case.hash, "failed": bool(self.failure), "perceived": tuple(self.perceived)}
         return {name: _checksum(value).hexdigest()[:16] for name, value in values.items()}

@@ -14,7 +14,7 @@ from resim.core.errors import FunctionError, ResimError
 from resim.core.geometry import Bools, Boxes, Floats, boxes_overlap, constant, wrap_angle
 from resim.core.levels import over
 from resim.core.plugins.unlisted_files import OpenedFiles
-from resim.core.plugins.watchdog import Watchdog
+from resim.core.plugins.watchdog import Watchdog, heard, heard_since
 from resim.core.tracks import Tracks
 from resim.road.driven_route import first_off_routes
 from resim.road.opendrive import RoadNetwork, lend_network
@@ -125,6 +125,7 @@ class _Loop:
         self.steps, self.looked = 0, stage.plan.begin
         self.runs = [_Run() for _ in cases]
         self.broken: FunctionError | None = None  # what several runs failed with
+        self.said = ""
         self.length = np.array([m.length for m in self.members])
         self.width = np.array([m.width for m in self.members])
 
@@ -136,7 +137,8 @@ class _Loop:
             lend_network(case.network, build.path) as road, Watchdog() as watchdog,
             build.factory.afresh(case.seed) as opened,
         ):  # fmt: skip
-            driver = driver_of(build, watchdog, len(self.cases))
+            driver = driver_of(build, watchdog, len(self.cases), record=case.record)
+            begin = heard()
             try:
                 driver.reset([_setup(case, road, self.stage, case.step * cycle) for case in self.cases])
                 self.run(driver, cycle)
@@ -146,6 +148,7 @@ class _Loop:
                 driver.close()
             except FunctionError as e:
                 self.failed_on_closing(e)
+            self.said = heard_since(begin)
         if self.broken is not None:
             raise self.broken
         drives = [self.result(b, driver, opened) for b in range(len(self.cases))]
@@ -304,6 +307,8 @@ class _Loop:
             left_route=None,
             traceback=_lines(run.frames, opened),
             last_words=run.words,
+            said=self.said,
+            exchanges=driver.exchanges,
             unpinned=opened.note(),
             control_error=control_error,
             shown=shown,

@@ -16,7 +16,7 @@ from adfunc.reactive_planner.road import reference_lanes, reference_path, road_e
 from resim.function import EgoState, LaneMap, RunSetup
 from resim.road.driven_route import NO_ROUTE
 from resim.road.opendrive import RoadNetwork, load
-from resim.simulation.function import process
+from resim.simulation.function import messages
 from resim.simulation.function.interface import Perceived, Setup, load_build
 
 BUILD = ROOT / "adfunc" / "builds" / "reactive_planner-2025.1.toml"
@@ -29,7 +29,7 @@ START = EgoState(300.0, -5.25, 0.0, 20.0)
 
 
 def told(network: RoadNetwork, start: EgoState, route: Sequence[Sequence[str]] = ()) -> RunSetup:
-    road = LaneMap({"file": str(network.path), "lanes": process._lanes(network)})
+    road = LaneMap({"file": str(network.path), "lanes": messages._lanes(network)})
     return RunSetup(road, start, (0.0, 0.0), 4.7, 1.9, 0.2, 0, tuple(map(tuple, route)))
 
 
@@ -142,8 +142,8 @@ def test_several_at_once_answer_as_each_alone() -> None:
             function.close()
         batch: Any = build.make()
         batch.reset_batch([setup_at(start) for start in starts])
-        answers = [process._numbers(told) for told in batch._ask(
-            {"message": "step_batch", "t": 0.0, "runs": [process._list(one) for one in lists]}
+        answers = [messages._numbers(told) for told in batch._ask(
+            {"message": "step_batch", "t": 0.0, "runs": [messages._list(one) for one in lists]}
         )["runs"]]  # fmt: skip
         batch.close()
     assert alone[1].acceleration == -8.0  # without a trajectory, and a plan of as many rows

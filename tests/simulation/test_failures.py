@@ -139,7 +139,7 @@ def test_a_failure_that_nothing_raised_has_no_such_lines(
 def test_a_fault_in_reset_ends_the_run(
     drive: Drive, function: Make, member: Member, set_constant: Callable[..., None], reset: str, why: str
 ) -> None:
-    set_constant(driver, "_RESET_LIMIT", 0.2)  # a minute
+    set_constant(driver, "RESET_LIMIT", 0.2)  # a minute
     run = drive(function(reset=reset), member("e", 300.0, 20.0), member("1", 340.0))
     assert run.end == "function_failed"
     assert why in run.failure
@@ -393,7 +393,7 @@ def test_a_function_is_let_go_of_within_its_time_limit(
     drive: Drive, function: Make, member: Member, set_constant: Callable[..., None]
 ) -> None:
     """Its `__del__` is its code, too: outside of a limit the command would wait for it for good."""
-    set_constant(driver, "_RESET_LIMIT", 0.3)  # a minute
+    set_constant(driver, "RESET_LIMIT", 0.3)  # a minute
     own = function(members="def __del__(self): time.sleep(3.0)")
     assert "on closing took longer than 0.3 s" in drive(own, member("e", 300.0, 20.0)).failure
 

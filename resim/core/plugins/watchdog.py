@@ -68,12 +68,31 @@ def last_words(file: int, since: int = 0) -> str:
     return ""
 
 
+def heard() -> int:
+    """Give how many bytes `words` holds."""
+    with contextlib.suppress(OSError):
+        return 0 if words is None else os.fstat(words).st_size
+    return 0
+
+
+def heard_since(begin: int) -> str:
+    """Give what was written to `words` from this byte on; of much the end. "" where nobody listens."""
+    if words is None:
+        return ""
+    with contextlib.suppress(OSError):
+        size = os.fstat(words).st_size
+        return os.pread(words, _MOST_KEPT, max(size - _MOST_KEPT, begin)).decode(errors="replace")
+    return ""
+
+
 def name_code(path: Path | None) -> None:
     """Note whose code begins to run; None for nobody's yet."""
     told = b"" if path is None else os.fsencode(path.absolute())[: len(whose) - 1]
     whose[:] = told.ljust(len(whose), b"\0")
 
 
+_MOST_KEPT = 1 << 20
+"""Bytes of words that are kept with a run."""
 _MOST_WORDS = 300
 """Characters of last words that are told."""
 _Frame = tuple[str, int, str]
@@ -253,7 +272,7 @@ class Watchdog:
             signal.setitimer(signal.ITIMER_REAL, limit, limit)  # again and again, where one is swallowed
         board[1] = limit
         board[0] = self._begin + limit
-        failure, frames, heard = "", tuple[_Frame, ...](), _heard()
+        failure, frames, since = "", tuple[_Frame, ...](), heard()
         try:
             self._inside = True
             try:
@@ -275,17 +294,10 @@ class Watchdog:
             board[0] = 0.0
         if failure:
             _flush_errors()
-            raise FunctionError(failure, frames, "" if words is None else last_words(words, heard))
+            raise FunctionError(failure, frames, "" if words is None else last_words(words, since))
         if time.monotonic() - self._begin > limit and self._left() < 0.0:
             raise FunctionError(f"took longer than {limit:g} s to answer")
         return answer
-
-
-def _heard() -> int:
-    """How many bytes `words` holds."""
-    with contextlib.suppress(OSError):
-        return 0 if words is None else os.fstat(words).st_size
-    return 0
 
 
 def unanswered(limit: float) -> str:

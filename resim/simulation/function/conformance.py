@@ -6,21 +6,26 @@ seen. Nothing is simulated: the function is asked the same lists whatever it ans
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import msgpack
 import numpy as np
 
 from resim.core.errors import FunctionError
 from resim.core.geometry import Floats, constant
 from resim.core.plugins.watchdog import Watchdog
+from resim.function import packed
 from resim.road.driven_route import driven_route
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.batch import Keys, stacked
-from resim.simulation.function.driver import driver_of
+from resim.simulation.function.conversation import Conversation, difference
+from resim.simulation.function.driver import RESET_LIMIT, driver_of
 from resim.simulation.function.interface import Build, EgoState, Perceived, Setup, unknown_heights
-from resim.simulation.function.process import ProcessFunction
+from resim.simulation.function.messages import MessageFunction
+from resim.simulation.function.program import FunctionProgram
 
 STEPS, STEP, SPEED = 200, 0.04, 20.0
 HARDEST, TIGHTEST = 15.0, 0.5
@@ -65,8 +70,36 @@ def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Ch
     yield Check("latency", late < 0.5 * build.time_limit, told)
     if build.in_batches:
         yield _same("batches", answers, _asked(build, road, start, runs=3), "the same for three runs at once")
-    if build.program is not None:
+    if isinstance(build.program, FunctionProgram):
         yield _malformed(build)
+
+
+def repeated(build: Build, name: str, conversation: Conversation) -> Check:
+    """Ask a process what was recorded, and say whether it answers the same, byte for byte."""
+    what = f"conversation {name}"
+    with Watchdog() as watchdog, build.factory.afresh():
+        function = build.make()
+        assert isinstance(function, MessageFunction)
+        try:
+            for k, (asked, answered) in enumerate(conversation.exchanges):
+                limit = build.time_limit if k else RESET_LIMIT
+                found = watchdog.call(limit, function.repeat, asked)
+                if found != answered:
+                    return Check(what, False, _other_answer(k, asked, found, answered))
+        except FunctionError as e:
+            return Check(what, False, f"question {k + 1} of {len(conversation.exchanges)}: {e}")
+        finally:
+            function.close()
+    return Check(what, True, f"{len(conversation.exchanges)} answers the same, byte for byte")
+
+
+def _other_answer(k: int, asked: bytes, found: bytes, recorded: bytes) -> str:
+    t = msgpack.unpackb(asked[4:]).get("t")
+    where = f"answer {k + 1}" + (f", at t = {t:.2f} s" if isinstance(t, float) else "")
+    if not found or not recorded:
+        return f"{where}: none {'comes' if not found else 'came when it was recorded'}"
+    told = difference(*(struct.pack("<I", len(body)) + body for body in (found, recorded)))
+    return f"{where}: {told}"
 
 
 def _same(name: str, answers: Floats, again: tuple[Floats, Floats] | str, what: str) -> Check:
@@ -135,15 +168,15 @@ def _seen(k: int, start: EgoState) -> Perceived:
 
 def _malformed(build: Build) -> Check:
     """What a process does with bytes that are no message, and with a message that there is none of."""
-    ways: dict[str, Callable[[ProcessFunction], str]] = {
-        "a message of no kind": lambda function: function.probe({"message": "no such message"}),
-        "bytes that are no msgpack": lambda function: function.probe(b"\xc1\xc1\xc1\xc1"),
+    ways: dict[str, Callable[[MessageFunction], str]] = {
+        "a message of no kind": lambda function: function.probe(packed({"message": "no such message"})),
+        "bytes that are no msgpack": lambda function: function.probe(b"\x04\0\0\0\xc1\xc1\xc1\xc1"),
     }
     found, holds = [], True
     for what, way in ways.items():
         with Watchdog() as watchdog, build.factory.afresh():
             function = build.make()
-            assert isinstance(function, ProcessFunction)
+            assert isinstance(function, MessageFunction)
             try:
                 said = watchdog.call(build.time_limit + 5.0, way, function)
                 found.append(f"{what}: {said}")
@@ -151,5 +184,5 @@ def _malformed(build: Build) -> Check:
                 holds = False
                 found.append(f"{what}: {e}")
             finally:
-                function.kill()
+                function.close()
     return Check("malformed input", holds, "; ".join(found))

@@ -20,6 +20,7 @@ from resim.simulation.function.batch import (
     PerceivedBatch,
     PerceivedLists,
 )
+from resim.simulation.function.conversation import Exchange
 from resim.simulation.function.interface import (
     AdFunction,
     Build,
@@ -29,10 +30,11 @@ from resim.simulation.function.interface import (
     Placement,
     Setup,
 )
+from resim.simulation.function.messages import MessageFunction
 
 _FARTHEST = 1e9
 """s, m, rad or m/s from which on no plan is meant, and squares overflow in what looks at it."""
-_RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
+RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
 
 
 def cycle_steps(build: Build, step: float) -> int:
@@ -51,8 +53,9 @@ def cycle_steps(build: Build, step: float) -> int:
 class Driver:
     """One function for one run; remembers what it saw and planned from the scenario's start on."""
 
-    def __init__(self, build: Build, watchdog: Watchdog) -> None:
+    def __init__(self, build: Build, watchdog: Watchdog, *, record: bool = False) -> None:
         self._build, self._watchdog, self._limit = build, watchdog, build.time_limit
+        self._exchanges: list[Exchange] | None = [] if record else None
         self._function: AdFunction
         self._seen: list[Perceived] = []
         self._plans: list[tuple[float, Floats]] = []
@@ -61,8 +64,10 @@ class Driver:
         """Execute the function's modules, make it and prepare it."""
         (setup,) = setups
         self._function = _made(self._build, self._watchdog)
-        self._watchdog.call(_RESET_LIMIT, lambda: self._function.reset(setup))
-        self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step)
+        if isinstance(self._function, MessageFunction):
+            self._function.exchanges = self._exchanges
+        self._watchdog.call(RESET_LIMIT, lambda: self._function.reset(setup))
+        self._step = self._watchdog.call(RESET_LIMIT, lambda: self._function.step)
 
     def step(self, perceived: PerceivedBatch, keep: bool) -> Floats | Placement:
         """Give the function's answer, (1, 2) acceleration and curvature; FunctionError for none that can be driven."""
@@ -74,6 +79,11 @@ class Driver:
     def seen(self, b: int, until: float) -> PerceivedLists:
         """Give what it saw until then [s]."""
         return PerceivedLists(tuple(p for p in self._seen if p.t <= until))
+
+    @property
+    def exchanges(self) -> tuple[Exchange, ...]:
+        """What was said to and by a process, if that is recorded."""
+        return tuple(self._exchanges or ())
 
     def plans(self, b: int, until: float) -> tuple[tuple[float, Floats], ...]:
         """Give when [s] it made which plans until then."""
@@ -103,21 +113,21 @@ class Driver:
         _closed(self._watchdog, self.__dict__)
 
 
-def driver_of(build: Build, watchdog: Watchdog, runs: int) -> Driver | BatchDriver:
-    """Give what drives so many runs."""
-    return Driver(build, watchdog) if runs == 1 else BatchDriver(build, watchdog)
+def driver_of(build: Build, watchdog: Watchdog, runs: int, *, record: bool = False) -> Driver | BatchDriver:
+    """Give what drives so many runs. record: whether the conversation of one is kept."""
+    return Driver(build, watchdog, record=record) if runs == 1 else BatchDriver(build, watchdog)
 
 
 def _made(build: Build, watchdog: Watchdog) -> Any:
     """Execute the function's modules, and make it."""
     watchdog.call(LOAD_LIMIT, build.factory.load)
-    return watchdog.call(_RESET_LIMIT, build.make)
+    return watchdog.call(RESET_LIMIT, build.make)
 
 
 def try_to_make(build: Build) -> None:
     """Make a function and let go of it: both run its code. Raises FunctionError where one of them fails."""
     with Watchdog() as watchdog:
-        watchdog.call(_RESET_LIMIT, lambda: build.make() and None)
+        watchdog.call(RESET_LIMIT, lambda: build.make() and None)
 
 
 class BatchDriver:
@@ -126,6 +136,8 @@ class BatchDriver:
     All runs together have the time that one has alone: so none passes that is too slow by itself, and who takes longer
     is driven in smaller batches, which takes no run's result from it.
     """
+
+    exchanges: tuple[Exchange, ...] = ()
 
     def __init__(self, build: Build, watchdog: Watchdog) -> None:
         self._build, self._watchdog, self._limit = build, watchdog, build.time_limit
@@ -136,8 +148,8 @@ class BatchDriver:
     def reset(self, setups: Sequence[Setup]) -> None:
         """Execute the function's modules, make it and prepare it for all runs."""
         self._function = _made(self._build, self._watchdog)
-        self._watchdog.call(_RESET_LIMIT, lambda: self._function.reset_batch(setups))
-        self._step = self._watchdog.call(_RESET_LIMIT, lambda: self._function.step_batch)
+        self._watchdog.call(RESET_LIMIT, lambda: self._function.reset_batch(setups))
+        self._step = self._watchdog.call(RESET_LIMIT, lambda: self._function.step_batch)
 
     def step(self, perceived: PerceivedBatch, keep: bool) -> Floats:
         """Give the answers (B, 2), acceleration and curvature; FunctionError for some that cannot be driven."""
@@ -197,10 +209,10 @@ def _closed(watchdog: Watchdog, held: dict[str, Any]) -> None:
 
     try:
         if "_function" in held:
-            watchdog.call(_RESET_LIMIT, lambda: held["_function"].close())
+            watchdog.call(RESET_LIMIT, lambda: held["_function"].close())
     finally:
         try:
-            watchdog.call(_RESET_LIMIT, let_go)
+            watchdog.call(RESET_LIMIT, let_go)
         except FunctionError:
             _for_good.append(held.copy())
             raise

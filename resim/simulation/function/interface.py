@@ -27,13 +27,23 @@ from resim.function import Command as Command
 from resim.function import EgoState as EgoState
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
-from resim.simulation.function.program import FunctionProgram, ProcessTable, outside, own_files, program_of
+from resim.simulation.function.program import (
+    FunctionProgram,
+    ProcessTable,
+    RecordedProgram,
+    RecordedTable,
+    outside,
+    own_files,
+    program_of,
+    recorded_files,
+    recorded_program,
+)
 
 PARTS = remedies.BUILD
 
 
 _NOT_GIVEN: Any = None
-_BY_PROCESS = "resim.simulation.function.process:ProcessFunction"
+_BY_MESSAGES = "resim.simulation.function.messages:MessageFunction"
 _IN_BATCHES = (("reset", "reset_batch"), ("step", "step_batch"))
 """What a function has for one run and, if it can drive several at once, for them."""
 
@@ -124,6 +134,7 @@ class BuildFile(BaseModel):
     version: str = Field(min_length=1)
     factory: ModuleAndName | None = None
     process: ProcessTable | None = None
+    recorded: RecordedTable | None = None
     cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
     files: tuple[str, ...] = ()
@@ -131,10 +142,17 @@ class BuildFile(BaseModel):
 
     @model_validator(mode="after")
     def _is_code_or_process(self) -> BuildFile:
+        if self.recorded is not None:
+            given = self.model_fields_set - {"name", "version", "recorded"}
+            if given:
+                raise ValueError(
+                    f"{sorted(given)[0]}: [recorded] has its own, as it was recorded; leave it out"
+                )
+            return self
         by_command = self.process is not None and bool(self.process.command)
         if (self.factory is None) != by_command:
             raise ValueError(
-                "expected factory, or [process] with a command, or factory and [process] with python"
+                "expected factory, or [process] with a command, or factory and [process] with python, or [recorded]"
             )
         return self
 
@@ -155,7 +173,7 @@ class Build:
         time_limit: s of wall clock for one answer; `reset` and `close` have a minute, the import of its module three.
         frozen: The copy that it was loaded from, whose hash is of the build file, the factory's module, what that
             imports from its own folder, the program, and the files that the build lists.
-        program: What is started for each run, None of one that is Python of this environment.
+        program: What is asked by messages for each run, None of one that is Python of this environment.
     """
 
     name: str
@@ -168,7 +186,7 @@ class Build:
     cycle_time: float | None
     time_limit: float
     frozen: FrozenFile
-    program: FunctionProgram | None = None
+    program: FunctionProgram | RecordedProgram | None = None
 
     @property
     def hash(self) -> str:
@@ -198,6 +216,8 @@ def freeze_build(path: Path) -> FrozenFile:
     raw = read_file(path, PARTS)
     file = _parsed(raw, path)
     named = [] if file.factory is None else [file.factory]
+    if file.recorded is not None:
+        return freeze_code(path, raw, named, recorded_files(path, file.recorded))
     if file.process is None:
         return freeze_code(path, raw, named, file.files)
     files = dict.fromkeys([*file.files, *own_files(path, file.process)])
@@ -208,7 +228,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     """Read a build file (TOML) and import the factory that it names, from a frozen copy.
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module. With `[process]`
-    the function is a process of its own (`resim.simulation.function.process`), whose factory nobody imports here.
+    the function is a process of its own (`resim.simulation.function.process`), whose factory nobody imports here; with
+    `[recorded]` it is what was recorded of one (`resim.simulation.function.conversation`).
 
     Args:
         file: The build file, or its frozen copy.
@@ -227,7 +248,7 @@ def load_build(file: str | Path | FrozenFile) -> Build:
             name=said.name,
             version=said.version,
             path=path,
-            factory=load_named(frozen, copy, _BY_PROCESS, "process"),
+            factory=load_named(frozen, copy, _BY_MESSAGES, "process"),
             needs_truth=False,
             in_batches=said.process.batches,
             parameters=said.parameters,
@@ -235,6 +256,22 @@ def load_build(file: str | Path | FrozenFile) -> Build:
             time_limit=said.time_limit,
             frozen=frozen,
             program=program_of(path, said.process, said.factory or "", copy),
+        )
+    if said.recorded is not None:
+        program = recorded_program(path, said.recorded, copy)
+        speaker = program.conversations[0].speaker
+        return Build(
+            name=said.name,
+            version=said.version,
+            path=path,
+            factory=load_named(frozen, copy, _BY_MESSAGES, "recorded"),
+            needs_truth=False,
+            in_batches=False,
+            parameters=dict(program.parameters),
+            cycle_time=speaker.cycle_time,
+            time_limit=speaker.time_limit,
+            frozen=frozen,
+            program=program,
         )
     assert said.factory is not None
     named = load_named(frozen, copy, said.factory, "factory")

@@ -1,12 +1,14 @@
-"""What a build file says of an AD function that is a process: the command, and which of its parts the hash is of."""
+"""What a build file says of an AD function that is asked by messages: a process, or a recorded conversation."""
 
 from __future__ import annotations
 
 import os
 import posixpath
 import shutil
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, model_validator
 
@@ -15,6 +17,8 @@ from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenCopy
 from resim.core.plugins.unlisted_files import NOT_PINNED
+from resim.simulation.function.conversation import SUFFIX, Conversation, RecordedPartner, read_conversation
+from resim.simulation.function.process import ChildProcess
 
 REMEDY = "Name a program beside the build file, by its path, or one on PATH."
 NO_PYTHON = (
@@ -50,6 +54,17 @@ class ProcessTable(BaseModel):
         return self.command[0] if self.command else self.python
 
 
+class RecordedTable(BaseModel):
+    """`[recorded]`: what takes the function's place.
+
+    Attributes:
+        conversations: Folder beside the build file, with one `.conversation` or more.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    conversations: StrictStr
+
+
 @dataclass(frozen=True)
 class FunctionProgram:
     """What is started for a run.
@@ -63,6 +78,68 @@ class FunctionProgram:
     command: tuple[str, ...]
     folder: Path
     unpinned: str
+
+    def partner(self) -> ChildProcess:
+        """Give a process for one run."""
+        return ChildProcess(self.command, self.folder)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedProgram:
+    """What was recorded of a function.
+
+    Attributes:
+        conversations: What it was asked and answered, run by run.
+        unpinned: "": all of it is in the build's hash.
+    """
+
+    conversations: tuple[Conversation, ...] = field(repr=False)
+    unpinned: str = ""
+
+    def partner(self) -> RecordedPartner:
+        """Give who answers what was recorded, for one run."""
+        return RecordedPartner(self.conversations)
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """What the function was made with."""
+        return self.conversations[0].parameters
+
+
+def refuse_unrecordable(path: Path, program: FunctionProgram | RecordedProgram | None) -> None:
+    """Raise InputError for a build that is no process, whose conversation could be recorded."""
+    if isinstance(program, FunctionProgram):
+        return
+    what = (
+        "is recorded already"
+        if program is not None
+        else "is Python of this environment, which nobody talks to"
+    )
+    remedy = "Serve it as a process: `[process]` with `python`."
+    raise InputError(path, f"{what}, so there is no conversation to record or repeat", remedy)
+
+
+def recorded_files(path: Path, recorded: RecordedTable) -> list[str]:
+    """Give the conversations of a build file, as seen from its folder. Raises InputError where there is none."""
+    name = posixpath.normpath(recorded.conversations)
+    found = sorted(
+        posixpath.normpath(f"{name}/{file.name}") for file in (path.parent / name).glob(f"*{SUFFIX}")
+    )
+    if not found:
+        problem = f"recorded: there is no {SUFFIX} in the folder {recorded.conversations!r} beside it"
+        raise InputError(path, problem, "`resim run --record` makes some.")
+    return found
+
+
+def recorded_program(path: Path, recorded: RecordedTable, copy: FrozenCopy) -> RecordedProgram:
+    """Read the conversations of a build as it was frozen. Raises InputError where they are of several functions."""
+    folder = copy.folder / posixpath.normpath(recorded.conversations)
+    found = tuple(read_conversation(file) for file in sorted(folder.glob(f"*{SUFFIX}")))
+    speakers = {(repr(one.speaker), repr(sorted(one.parameters.items()))) for one in found}
+    if len(speakers) > 1:
+        problem = f"recorded: the {len(found)} conversations are of {len(speakers)} builds"
+        raise InputError(path, problem, "Give each build a folder of its own.")
+    return RecordedProgram(found)
 
 
 def own_files(path: Path, process: ProcessTable) -> list[str]:

@@ -1,0 +1,170 @@
+"""A conversation with a function, recorded: what it was asked and answered in a run, byte for byte.
+
+A file is a row of messages, each its length and msgpack, as they are sent: first who spoke (`Speaker`), then in turn
+what was asked and what was answered, empty where no answer came. It takes the function's place (`RecordedPartner`), or
+is held against it.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgpack
+
+from resim.core.errors import FunctionError, InputError
+from resim.core.files import read_file
+from resim.function import packed
+
+SUFFIX = ".conversation"
+VERSION = 1
+REMEDY = "Record it again, with `resim run --record`."
+Exchange = tuple[bytes, bytes]
+
+
+@dataclass(frozen=True)
+class Speaker:
+    """Who answered: name, version and hash of a build, its cycle time [s] and time limit [s]."""
+
+    name: str
+    version: str
+    hash: str
+    cycle_time: float | None
+    time_limit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Conversation:
+    """What one run was asked and answered: messages with their lengths, and answers without, b"" for none."""
+
+    speaker: Speaker
+    exchanges: Sequence[Exchange]
+
+    def packed(self) -> bytes:
+        """Give it as a file holds it."""
+        parts = [packed({"conversation": VERSION, **asdict(self.speaker)})]
+        for asked, answered in self.exchanges:
+            parts += [asked, struct.pack("<I", len(answered)), answered]
+        return b"".join(parts)
+
+    @cached_property
+    def first(self) -> bytes:
+        """What was asked first, wherever the map lay."""
+        return anywhere(self.exchanges[0][0])
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What the function was made with."""
+        given: dict[str, Any] = msgpack.unpackb(self.exchanges[0][0][4:])["parameters"]
+        return given
+
+
+def build_file(speaker: Speaker) -> str:
+    """Give the text of a build file of the conversations in its folder."""
+    name, version = (json.dumps(text, ensure_ascii=False) for text in (speaker.name, speaker.version))
+    told = "# What this build was asked and answered, in place of it: docs/guides/outside.md."
+    return f'{told}\nname = {name}\nversion = {version}\n\n[recorded]\nconversations = "."\n'
+
+
+def read_conversation(path: Path) -> Conversation:
+    """Read a file. Raises InputError for one that is cut, or none."""
+    raw = read_file(path, REMEDY)
+    try:
+        head, *rest = _messages(raw)
+        said = msgpack.unpackb(head[4:])
+        if said.pop("conversation") != VERSION or set(said) != {f.name for f in fields(Speaker)}:
+            raise ValueError("begins otherwise")
+        if not rest or len(rest) % 2:
+            raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
+        pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
+        found = Conversation(Speaker(**said), tuple(pairs))
+        assert isinstance(found.parameters, dict)
+    except (ValueError, KeyError, TypeError, AttributeError, AssertionError, msgpack.UnpackException) as e:
+        raise InputError(path, f"is no recorded conversation: {e}", REMEDY) from e
+    return found
+
+
+def _messages(raw: bytes) -> Iterator[bytes]:
+    at = 0
+    while at < len(raw):
+        size = 4 + int.from_bytes(raw[at : at + 4], "little")
+        if at + size > len(raw):
+            raise ValueError(f"it is cut after {len(raw)} bytes, within a message")
+        yield raw[at : at + size]
+        at += size
+
+
+def anywhere(asked: bytes) -> bytes:
+    """Give a first message without the place of the map, which differs from machine to machine."""
+    told = msgpack.unpackb(asked[4:])
+    if isinstance(told, dict) and isinstance(told.get("road"), dict):
+        told["road"].pop("file", None)
+    return packed(told)
+
+
+class RecordedPartner:
+    """Answers what was recorded to who asks the same, and nothing to anybody else.
+
+    Of several conversations those are followed that went the same way so far.
+    """
+
+    def __init__(self, conversations: Sequence[Conversation]) -> None:
+        self._all = self._left = tuple(conversations)
+        self._at = 0
+
+    def start(self) -> None:
+        """Begin anew."""
+        self._left, self._at = self._all, 0
+
+    def exchange(self, message: bytes) -> bytes:
+        """Give the answer that was recorded."""
+        at, asked = self._at, message if self._at else anywhere(message)
+        there = [c for c in self._left if at < len(c.exchanges)]
+        self._left = tuple(c for c in there if (c.exchanges[at][0] if at else c.first) == asked)
+        if not there:
+            raise FunctionError("was recorded for a shorter drive: nothing more was asked")
+        if not self._left:
+            recorded = (c.exchanges[at][0] if at else c.first for c in there)
+            raise FunctionError(f"was recorded for another drive: {difference(asked, *recorded)}")
+        self._at += 1
+        answers = {c.exchanges[at][1] for c in self._left}
+        if len(answers) > 1:
+            raise FunctionError("was recorded twice with other answers to the same: it is not deterministic")
+        (answer,) = answers
+        if not answer:
+            raise EOFError("when it was recorded")
+        return answer
+
+    def end(self, message: bytes) -> None:
+        """Nothing is left to do."""
+
+    def kill(self) -> None:
+        """Nothing is left to do."""
+
+
+def difference(message: bytes, *recorded: bytes) -> str:
+    """Say where a message, with its length, differs first from the one recorded that is nearest to it."""
+    one = msgpack.unpackb(message[4:])
+    others = [[*_differences(one, msgpack.unpackb(other[4:]), "")] for other in recorded]
+    nearest = min(others, key=len)
+    t = f"at t = {one['t']:.2f} s " if isinstance(one, dict) and isinstance(one.get("t"), float) else ""
+    if not nearest:
+        return f"{t}the bytes differ, not what they say"
+    name, found, was = nearest[0]
+    return f"{t}{name.lstrip('.')} is {found!r:.60}, recorded was {was!r:.60}"
+
+
+def _differences(one: Any, other: Any, name: str) -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
+        for key in one:
+            yield from _differences(one[key], other[key], f"{name}.{key}")
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        for k, pair in enumerate(zip(one, other, strict=True)):
+            yield from _differences(*pair, f"{name}[{k}]")
+    elif type(one) is not type(other) or packed({"": one}) != packed({"": other}):
+        yield name, one, other

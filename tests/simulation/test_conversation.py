@@ -1,0 +1,188 @@
+"""Conversations with a process: recorded, in its place, and held against it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import duckdb
+import pytest
+from conftest import ROOT
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resim.core.errors import InputError, ResimError
+from resim.jobs.function import check_function
+from resim.simulation.function.conversation import Conversation, Speaker, read_conversation
+from resim.simulation.function.interface import load_build
+
+FUNCTION = """
+import os, sys
+from resim.function import Command, serve
+
+class Follow:
+    def __init__(self, gain=0.4, dies=0):
+        self.gain, self.dies, self.asked = gain, dies, 0
+
+    def reset(self, setup):
+        self.wanted = setup.start.v
+        sys.stderr.write("ready\\n")
+
+    def step(self, p):
+        self.asked += 1
+        if self.asked == self.dies:
+            os._exit(3)
+        return Command(self.gain * (self.wanted - p.ego.v) - 0.1 * len(p.v), 0.0)
+
+    def close(self):
+        print("after", self.asked, "lists")
+
+serve(Follow)
+"""
+BUILD = 'name = "follow"\nversion = "1"\n[process]\ncommand = ["{python}", "follow.py"]\n[parameters]\n{parameters}'
+
+
+def write(folder: Path, parameters: str = "") -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "follow.py").write_text(FUNCTION, encoding="utf-8")
+    build = folder / "follow.toml"
+    build.write_text(BUILD.format(python=sys.executable, parameters=parameters), encoding="utf-8")
+    return build
+
+
+def run(build: Path, out: Path, *more: str, recording: str = "rear_end") -> subprocess.CompletedProcess[str]:
+    order = [sys.executable, "-m", "resim", "run", str(ROOT / "scenarios" / recording), "--build", str(build)]
+    order += ["--out", str(out), "--basis", "gt", *more]
+    return subprocess.run(order, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result folder with a recorded conversation."""
+    folder = tmp_path_factory.mktemp("recorded")
+    done = run(write(folder / "own"), folder / "out", "--record")
+    assert done.returncode == 0, done.stderr
+    return folder / "out"
+
+
+def test_what_was_recorded_drives_the_same_without_the_function(recorded: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    for name in ("recorded.toml", "rGT.conversation"):
+        shutil.copy(recorded / name, alone)
+    done = run(alone / "recorded.toml", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    for table in ("tracks", "answers", "plans"):
+        assert (tmp_path / "out" / f"{table}.parquet").read_bytes() == (
+            recorded / f"{table}.parquet"
+        ).read_bytes()
+    assert "not pinned" not in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("recording", "more", "why"),
+    [
+        ("cut_in_brake", (), "was recorded for another drive: start[0] is 300.0"),
+        ("rear_end", ("--step", "0.02"), "was recorded for another drive: cycle is 0.02, recorded was 0.04"),
+        ("rear_end", ("--seed", "3"), "was recorded for another drive: seed is 3, recorded was 0"),
+        ("rear_end", ("--vehicle", "single-track"), "recorded was"),
+    ],
+)
+def test_another_drive_fails_and_says_where_it_differs(
+    recorded: Path, tmp_path: Path, recording: str, more: tuple[str, ...], why: str
+) -> None:
+    done = run(recorded / "recorded.toml", tmp_path / "out", *more, recording=recording)
+    assert done.returncode == 3
+    assert why in done.stderr, done.stderr
+
+
+def test_a_death_is_recorded_too(tmp_path: Path) -> None:
+    build = write(tmp_path / "own", "dies = 90\n")
+    assert run(build, tmp_path / "out", "--record").returncode == 3
+    again = run(tmp_path / "out" / "recorded.toml", tmp_path / "again")
+    assert again.returncode == 3
+    assert "ended its process when it was recorded" in again.stderr
+    same = [f"{folder}/answers.parquet" for folder in (tmp_path / "out", tmp_path / "again")]
+    assert (
+        duckdb.sql(f"select * from '{same[0]}'").fetchall()
+        == duckdb.sql(f"select * from '{same[1]}'").fetchall()
+    )
+
+
+def test_a_process_is_held_against_what_was_recorded(recorded: Path, tmp_path: Path) -> None:
+    conversation = recorded / "rGT.conversation"
+    (check,) = check_function(write(tmp_path / "same"), [conversation]).checks
+    assert check.holds, check.found
+    other = write(tmp_path / "other")
+    script = other.with_name("follow.py")
+    script.write_text(script.read_text().replace("- 0.1 *", "- 0.1000001 *"), encoding="utf-8")
+    (check,) = check_function(other, [conversation]).checks
+    assert not check.holds
+    assert check.found.startswith("answer 2, at t = -3.00 s: acceleration is -0.0997")
+    with pytest.raises(ResimError, match="is Python of this environment"):
+        check_function(ROOT / "adfunc" / "builds" / "idm-1.0.toml", [conversation])
+
+
+def test_what_a_process_says_is_kept_with_its_run(recorded: Path) -> None:
+    assert (recorded / "rGT.words.txt").read_text(encoding="utf-8") == "ready\nafter 197 lists\n"
+
+
+def test_every_byte_of_a_conversation_is_in_the_hash(recorded: Path, tmp_path: Path) -> None:
+    for name in ("recorded.toml", "rGT.conversation"):
+        shutil.copy(recorded / name, tmp_path)
+    before = load_build(tmp_path / "recorded.toml")
+    assert before.parameters == {}
+    assert before.label == "follow-1"
+    raw = bytearray((tmp_path / "rGT.conversation").read_bytes())
+    raw[-2] ^= 1
+    (tmp_path / "rGT.conversation").write_bytes(raw)
+    assert load_build(tmp_path / "recorded.toml").hash != before.hash
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('[recorded]\nconversations = "none"', "there is no .conversation in the folder 'none'"),
+        ('cycle_time = 0.1\n[recorded]\nconversations = "."', "cycle_time: .recorded. has its own"),
+        ('[recorded]\nconversations = "."\n[parameters]\na = 1', "parameters: .recorded. has its own"),
+    ],
+)
+def test_a_build_file_that_asks_for_more_is_refused(
+    recorded: Path, tmp_path: Path, text: str, why: str
+) -> None:
+    shutil.copy(recorded / "rGT.conversation", tmp_path)
+    build = tmp_path / "build.toml"
+    build.write_text(f'name = "follow"\nversion = "1"\n{text}\n', encoding="utf-8")
+    with pytest.raises(InputError, match=why):
+        load_build(build)
+
+
+def test_recording_python_of_this_environment_is_refused(tmp_path: Path) -> None:
+    done = run(ROOT / "adfunc" / "builds" / "idm-1.0.toml", tmp_path / "out", "--record")
+    assert done.returncode == 2
+    assert "there is no conversation to record" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+SPEAKER = Speaker("a", "1", "0" * 64, None, 1.0)
+FIRST = b"\x10\x00\x00\x00\x82\xaaparameters\x80\xa1a\x01"
+
+
+@given(st.lists(st.tuples(st.binary(max_size=40), st.binary(max_size=40)), max_size=5), st.data())
+def test_a_file_gives_what_was_written_and_a_cut_one_is_refused(
+    tmp_path_factory: pytest.TempPathFactory, pairs: list[tuple[bytes, bytes]], data: st.DataObject
+) -> None:
+    framed = [(FIRST, b"x"), *((len(q).to_bytes(4, "little") + q, a) for q, a in pairs)]
+    path = tmp_path_factory.mktemp("c") / "a.conversation"
+    raw = Conversation(SPEAKER, framed).packed()
+    path.write_bytes(raw)
+    found = read_conversation(path)
+    assert (found.speaker, list(found.exchanges)) == (SPEAKER, framed)
+    ends = [len(Conversation(SPEAKER, framed[:k]).packed()) for k in range(1, len(framed) + 1)]
+    cut = data.draw(st.integers(0, len(raw) - 1))
+    path.write_bytes(raw[:cut])
+    if cut not in ends:
+        with pytest.raises(InputError, match="is no recorded conversation"):
+            read_conversation(path)
