@@ -6,7 +6,7 @@ JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
 
-.PHONY: demo test check docs validate bench clean
+.PHONY: demo test check docs validate bench reactive_planner clean
 
 demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
@@ -28,12 +28,13 @@ docs: $(READY)
 # What takes too long for CI: the tables of docs/validation.md, each into out/validate. Real recordings are read from DATA.
 DATA ?= ../shared/data
 validated = $(BIN)/python tools/$(2) > out/validate/$(1).md
-validate: $(READY)
+validate: $(READY) $(PLANNER)/ready
 	mkdir -p out/validate
 	$(call validated,corner_case,validate_corner_case.py)
 	$(call validated,standing,validate_standing.py)
 	$(call validated,reaction,validate_reaction.py)
 	$(call validated,risk,validate_risk.py $(DATA))
+	$(call validated,reactive_planner,validate_reactive_planner.py $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
@@ -64,5 +65,17 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
 	touch $(READY)
 
+# The environment in which somebody else's planner runs, as adfunc/builds/reactive_planner-2025.1.toml has it: 440 MB.
+PLANNER_PYTHON ?= $(PYTHON)
+PLANNER := .venv-reactive-planner
+reactive_planner: $(PLANNER)/ready
+
+$(PLANNER)/ready: adfunc/reactive_planner/requirements.txt
+	@$(PLANNER_PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 12))' || \
+	  { echo "the planner needs Python 3.11. Name one: make reactive_planner PLANNER_PYTHON=python3.11"; exit 2; }
+	$(PLANNER_PYTHON) -m venv $(PLANNER)
+	$(PLANNER)/bin/python -m pip install --quiet --disable-pip-version-check --requirement adfunc/reactive_planner/requirements.txt
+	touch $@
+
 clean:
-	rm -rf .venv out
+	rm -rf .venv $(PLANNER) out

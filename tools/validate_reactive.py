@@ -61,8 +61,12 @@ def hit_by(drive: SimulatedDrive) -> str:
 
 def collisions(data: Path, egos: int) -> None:
     """Print how many drives collide, and how, on traces and with reactive traffic."""
-    print("| build | drives | hit from behind, on traces | with reactive traffic | other collisions, on traces | reactive "
-          "| drives with handed-over objects | hand-overs | farthest behind its trace [m] | ms a drive, traces | reactive |")  # fmt: skip
+    head = (
+        "build", "drives", "hit from behind, on traces", "with reactive traffic", "other collisions, on traces",
+        "reactive", "drives with handed-over objects", "hand-overs", "farthest behind its trace [m]",
+        "ms a drive, traces", "reactive",
+    )  # fmt: skip
+    print("| " + " | ".join(head) + " |")
     print("|" + "---|" * 11)
     every = [*recordings(data, egos)]
     for name in ("idm-1.0", "highway_pilot-1.0", "highway_pilot-1.2", "constant_velocity-1.0", "replay-1.0"):
@@ -73,10 +77,11 @@ def collisions(data: Path, egos: int) -> None:
         handed = [two.handed_over for _, two in both if two.handed_over]
         farthest = max((one.farthest for drive in handed for one in drive), default=0.0)
         times = [1e3 * float(np.mean([pair[k].time for pair in both])) for k in (0, 1)]
-        print(
-            f"| {name} | {len(both)} | {before['from behind']} | {after['from behind']} | {before['other']} | "
-            f"{after['other']} | {len(handed)} | {sum(map(len, handed))} | {farthest:.1f} | {times[0]:.0f} | {times[1]:.0f} |"
-        )
+        cells = [
+            len(both), before["from behind"], after["from behind"], before["other"], after["other"], len(handed),
+            sum(map(len, handed)), f"{farthest:.1f}", *(f"{one:.0f}" for one in times),
+        ]  # fmt: skip
+        print(f"| {name} | " + " | ".join(map(str, cells)) + " |")
 
 
 def split(stretches: list[Following]) -> tuple[list[Following], list[Following]]:
@@ -93,8 +98,11 @@ def split(stretches: list[Following]) -> tuple[list[Following], list[Following]]
 
 def following(data: Path) -> None:
     """Print how far off drivers are in gaps that they were not fitted to."""
-    print("\n| recording | objects | s driven | gap error, root mean square [m]: calibrated | usual driver | constant speed "
-          "| median of objects [m]: calibrated | usual |")  # fmt: skip
+    head = (
+        "recording", "objects", "s driven", "gap error, root mean square [m]: calibrated", "usual driver",
+        "constant speed", "median of objects [m]: calibrated", "usual driver",
+    )  # fmt: skip
+    print("\n| " + " | ".join(head) + " |")
     print("|" + "---|" * 8)
     for name in NGSIM:
         xml = data / "ngsim" / f"{name}.xml"
@@ -124,7 +132,8 @@ def following(data: Path) -> None:
             print(f"| {name} | 0 |" + " – |" * 6)
             continue
         whole, median = np.sqrt(squares / count), np.median(off, axis=0)
-        print(f"| {name} | {len(off)} | {time:.0f} | {whole[0]:.2f} | {whole[1]:.2f} | {whole[2]:.2f} | {median[0]:.2f} | {median[1]:.2f} |")  # fmt: skip
+        numbers = " | ".join(f"{one:.2f}" for one in (*whole, *median[:2]))
+        print(f"| {name} | {len(off)} | {time:.0f} | {numbers} |")
 
 
 def main() -> None:

@@ -54,16 +54,21 @@ def _verified(found: VerificationReport) -> None:
         if isinstance(r, VerifiedRecording) and r.error is None and r.cause is not None:
             when = "" if r.cause.t is None else f" at {r.cause.t:.1f} s"
             out.print(f"{r.name}: {r.verdict}{when}: {r.cause.step}: {r.cause.text}", highlight=False)
-        _print_notes(r, out)
         for v in r.validity if isinstance(r, VerifiedRecording) else ():
             out.print(f"{r.name}: {_range(v)}", highlight=False)
+    _print_notes(found, out)
 
 
-def _print_notes(r: RecordingResult, out: Console) -> None:
-    """Which code the verdict is not of, and which criteria."""
-    notes = () if isinstance(r, FailedRecording) else r.notes
-    for note in (n for n in notes if n.endswith(OF_BUILD) or n.startswith(NOT_COMPARED)):
-        out.print(f"{r.name}: note: {note}", highlight=False)
+def _print_notes(found: VerificationReport, out: Console) -> None:
+    """Which code the verdicts are not of, and which criteria: each note once."""
+    names: dict[str, list[str]] = {}
+    for r in found.recordings:
+        for note in () if isinstance(r, FailedRecording) else r.notes:
+            if note.endswith(OF_BUILD) or note.startswith(NOT_COMPARED):
+                names.setdefault(note, []).append(r.name)
+    for note, of in names.items():
+        who = f"{of[0]}: " if len(of) == 1 else f"{len(of)} of {len(found.recordings)} recordings: "
+        out.print(f"{who}note: {note}", highlight=False)
 
 
 def _print_errors(found: VerificationReport, out: Console) -> None:
@@ -117,8 +122,7 @@ def _compared(found: VerificationReport, told: ComparisonSummary) -> None:
     if same := namesakes(inputs):
         out.print(f"note: {same}", highlight=False)
     _print_errors(found, out)
-    for r in found.recordings:
-        _print_notes(r, out)
+    _print_notes(found, out)
     if (risk := told.risk) is not None:
         between = "" if risk.low is None else f" [{risk.low:+.4f}, {risk.high:+.4f}]"
         out.print(

@@ -77,7 +77,8 @@ class Command(NamedTuple):
 class MapLane(NamedTuple):
     """A lane of one lane section: centre, left and right border (K, 2) [m] in the direction of its road's s.
 
-    after: numbers of the lanes that it goes on into, in driving direction, in the list of lanes.
+    along: whether it is driven in that direction, too, and not against it. after: numbers of the lanes that it goes on
+    into, in driving direction, in the list of lanes.
     """
 
     road: str
@@ -87,6 +88,7 @@ class MapLane(NamedTuple):
     centre: Any
     left: Any
     right: Any
+    along: bool
     after: tuple[int, ...]
 
 
@@ -104,7 +106,7 @@ class LaneMap:
         if self._lanes is None:
             self._lanes = [
                 MapLane(one["road"], one["section"], one["lane"], one["type"], _points(one["centre"]),
-                     _points(one["left"]), _points(one["right"]), tuple(one["after"]))
+                     _points(one["left"]), _points(one["right"]), one["along"], tuple(one["after"]))
                 for one in msgpack.unpackb(self._packed)
             ]  # fmt: skip
         return self._lanes

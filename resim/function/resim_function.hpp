@@ -51,12 +51,14 @@ struct Perceived { double t = 0; EgoState ego; std::vector<Object> objects; };
 
 using Point = std::array<double, 2>;
 
-// A lane of one lane section: centre, left and right border [m] in the direction of its road's s; after: numbers of the
-// lanes that it goes on into, in driving direction.
+// A lane of one lane section: centre, left and right border [m] in the direction of its road's s; along: whether it is
+// driven in that direction, too, and not against it; after: numbers of the lanes that it goes on into, in driving
+// direction.
 struct Lane {
   std::string road, type;
   int section = 0, lane = 0;
   std::vector<Point> centre, left, right;
+  bool along = true;
   std::vector<int> after;
 };
 

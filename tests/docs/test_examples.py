@@ -8,6 +8,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -58,6 +59,7 @@ RUN_HERE = {
     "planner.py",
     "planner.toml",
     "follow.toml",
+    "reactive_planner.toml",
     "my_measures.py",
     "recording.toml",
     "mapping.toml",
@@ -363,3 +365,9 @@ def test_a_function_from_outside_is_checked_as_the_guide_has_it(
     subprocess.run(shlex.split(line.replace("$(resim function include)", include)), cwd=tmp_path, check=True)
     found = check_function(tmp_path / "follow.toml")
     assert found.good, found.checks
+
+
+def test_the_build_of_somebody_elses_planner_is_as_the_guide_has_it() -> None:
+    said = example(GUIDES / "foreign_planner.md", "reactive_planner.toml")
+    build = ROOT / "adfunc" / "builds" / "reactive_planner-2025.1.toml"
+    assert tomllib.loads(said) == tomllib.loads(build.read_text(encoding="utf-8"))

@@ -33,6 +33,7 @@ class Follow:
         if hasattr(setup.road, "lanes"):  # it is a process of its own
             assert len(setup.road.lanes) > 10 and os.path.isfile(setup.road.file)
             assert any(lane.after for lane in setup.road.lanes)
+            assert all(lane.along is (lane.lane < 0) for lane in setup.road.lanes)  # traffic is on the right
         print("printed, which is no answer")
 
     def step(self, p):
@@ -200,6 +201,8 @@ def test_its_hash_is_of_all_that_the_command_names(build: Callable[..., Path], t
 
 
 WRONG = {
+    "there is no program 'env/bin/python'. Make the environment": HEAD
+    + '[process]\npython = "env/bin/python"\n',
     "there is no program 'nowhere'": HEAD + '[process]\ncommand = ["nowhere"]\n',
     "'./follow.py' is no program that you may execute": HEAD + '[process]\npython = "./follow.py"\n',
     "expected factory, or": HEAD,
@@ -240,6 +243,13 @@ def test_a_process_may_answer_many_runs_at_once(build: Callable[..., Path], tmp_
     (tmp_path / "follow.py").write_text(wrong, encoding="utf-8")
     found = {check.name: check for check in check_function(path).checks}
     assert not found["batches"].holds
+    ragged = BATCHED.replace(
+        "[one.step(p) for",
+        "[one.step(p)._replace(plan=[(p.t + k, 0, 0, 0) for k in range(2 + (one is self.each[0]))]) for",
+    )
+    (tmp_path / "follow.py").write_text(ragged, encoding="utf-8")
+    found = {check.name: check for check in check_function(path).checks}
+    assert "plans with different numbers of rows" in found["batches"].found
 
 
 CHECKED = {
@@ -374,3 +384,27 @@ def test_an_answer_too_many_or_of_another_kind_is_refused(
     done = run(path, tmp_path / "out")
     assert done.returncode == 3
     assert why in done.stderr
+
+
+def test_a_verification_says_once_that_a_build_is_not_pinned(
+    build: Callable[..., Path], tmp_path: Path
+) -> None:
+    suite = tmp_path / "suite.toml"
+    named = (f'[[recording]]\nfolder = "{ROOT}/scenarios/{name}"\n' for name in ("cut_in_brake", "overtake"))
+    suite.write_text(
+        f'name = "two"\ncriteria = "{ROOT}/scenarios/criteria/highway.toml"\nbases = ["GT"]\n'
+        + "".join(named)
+    )
+    order = ["verify", suite, "--build", build(APART, time_gap=1.2), "--driven-by"]
+    order += ["highway_pilot-1.0", "--out", tmp_path / "out", "--workers", "1"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "400"}
+    done = subprocess.run(
+        [sys.executable, "-m", "resim", *order],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+        env=env,
+    )
+    assert done.stdout.count("not pinned") == 1, done.stdout + done.stderr
+    assert "2 of 2 recordings: note: " in done.stdout

@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[2]
 CRITERIA = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
 MODEL = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")
 SHIPPED = sorted(p.parent for p in (ROOT / "scenarios").rglob("recording.toml"))
-BUILDS = sorted((ROOT / "adfunc" / "builds").glob("*.toml"))
+BUILDS = sorted(p for p in (ROOT / "adfunc" / "builds").glob("*.toml") if "[process]" not in p.read_text())
 NGSIM = {"USA_US101-12_1_T-1": "296", "USA_US101-22_1_T-1": "659", "USA_Lanker-1_17_T-1": "1545"}
 
 FAILING = """

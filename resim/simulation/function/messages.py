@@ -90,6 +90,10 @@ class MessageFunction:
         none = [plan is None for plan in plans]
         if any(none) and not all(none):
             raise FunctionError("answered plans for some of its runs only")
+        if len({np.shape(plan) for plan in plans}) > 1:
+            raise FunctionError(
+                "answered plans with different numbers of rows for its runs, expected one number"
+            )
         return CommandBatch(np.array(a), np.array(curvature), None if all(none) else np.array(plans))
 
     def close(self) -> None:
@@ -210,6 +214,7 @@ def _lanes(network: RoadNetwork) -> bytes:
             {
                 "road": one.road, "section": one.section, "lane": one.lane, "type": one.type,
                 **{name: getattr(one, name).astype("<f8").tobytes() for name in ("centre", "left", "right")},
+                "along": network.roads[one.road].along(one.lane, one.section),
                 "after": [number[key] for key in after[LaneKey(one.road, one.section, one.lane)]],
             }
             for one in shapes

@@ -22,6 +22,9 @@ from resim.simulation.function.conversation import SUFFIX, Conversation, Recorde
 from resim.simulation.function.process import ChildProcess
 
 REMEDY = "Name a program beside the build file, by its path, or one on PATH."
+NO_PYTHON = (
+    "Make the environment that it belongs to, or name one by its path from the build file, or on PATH."
+)
 
 
 class ProcessTable(BaseModel):
@@ -175,7 +178,7 @@ def own_files(path: Path, process: ProcessTable) -> list[str]:
 def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
     """Give the program, by its word, where it is not in the build's folder. Raises InputError where it is nowhere."""
     word = process.first
-    return {} if process.command and _is_own(path.parent, word) else {word: _found(path, word)}
+    return {} if process.command and _is_own(path.parent, word) else {word: _found(path, process)}
 
 
 def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> FunctionProgram:
@@ -192,7 +195,7 @@ def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy
         if script:
             told.append(f"what the interpreter of {word} loads beside the files of the build")
         return FunctionProgram((word, *rest), copy.folder, _unpinned(told), own=True, environment=named)
-    program = _found(path, word)
+    program = _found(path, process)
     if file_hash(program) != copy.outside.get(word):
         raise InputError(
             path, f"process: {str(program)!r} has changed since it was first read", "Begin anew."
@@ -217,13 +220,15 @@ def _is_own(folder: Path, word: str) -> bool:
     return file.is_file() and file.is_relative_to(os.path.realpath(folder))
 
 
-def _found(path: Path, word: str) -> Path:
-    """Where the program lies that a word names: relative to the build file with a / in it, else on PATH."""
+def _found(path: Path, process: ProcessTable) -> Path:
+    """Where the program lies that the first word names: relative to the build file with a / in it, else on PATH."""
+    word = process.first
     file = Path(os.path.normpath(path.parent.absolute() / word)) if "/" in word else None
     if file is None and (there := shutil.which(word)) is not None:
         file = Path(there).absolute()
     if file is None or not file.is_file():
-        raise InputError(path, f"process: there is no program {word!r}", REMEDY)
+        remedy = NO_PYTHON if process.python else REMEDY
+        raise InputError(path, f"process: there is no program {word!r}", remedy)
     if not os.access(file, os.X_OK):
         raise InputError(path, f"process: {word!r} is no program that you may execute", "Make it executable.")
     return file
