@@ -21,7 +21,7 @@ from resim.simulation.case import SimulatedDrive
 from resim.simulation.direct import Direct
 from resim.simulation.function.interface import load_build
 from resim.simulation.reactive.drivers import GRID, Following, TrafficDriver, fitted, followed
-from resim.simulation.reactive.settings import DriverSettings, HandOver, ReactiveSettings, traffic_of
+from resim.simulation.reactive.settings import DriverSettings, HandOverSettings, ReactiveSettings, traffic_of
 from resim.simulation.sumo.engine import Sumo
 
 Drive = Callable[..., SimulatedDrive]
@@ -109,7 +109,7 @@ def test_who_stays_on_its_trace(drive: Drive, function: Make, member: Member, ot
 def test_a_driver_drives_as_the_equation_says(drive: Drive, function: Make, member: Member) -> None:
     """Against an integration of Treiber's equation by SciPy, from where it was handed over."""
     own = DriverSettings(time_gap=1.3, standstill=2.5, acceleration=1.1, deceleration=1.7, reaction=0.0)
-    how = ReactiveSettings(car=own, calibrated=False, hand_over=HandOver(hardest=50.0, harder=0.5))
+    how = ReactiveSettings(car=own, calibrated=False, hand_over=HandOverSettings(hardest=50.0, harder=0.5))
     found = drive(function(BRAKES), *behind(member), traffic=how, step=0.01)
     t, x, v, ego, ego_v = (
         found.truth.t,

@@ -17,7 +17,7 @@ from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, constant, from_frame
-from resim.core.plugins.frozen import FrozenFile, load_frozen
+from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.spec import ModuleAndName
@@ -244,35 +244,9 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     path, copy = frozen.path, load_frozen(frozen, freeze_build)
     said = _parsed(copy.raw, path)
     if said.process is not None:
-        return Build(
-            name=said.name,
-            version=said.version,
-            path=path,
-            factory=load_named(frozen, copy, _BY_MESSAGES, "process"),
-            needs_truth=False,
-            in_batches=said.process.batches,
-            parameters=said.parameters,
-            cycle_time=said.cycle_time,
-            time_limit=said.time_limit,
-            frozen=frozen,
-            program=program_of(path, said.process, said.factory or "", copy),
-        )
+        return _by_messages(frozen, copy, said, program_of(path, said.process, said.factory or "", copy))
     if said.recorded is not None:
-        program = recorded_program(path, said.recorded, copy)
-        speaker = program.conversations[0].speaker
-        return Build(
-            name=said.name,
-            version=said.version,
-            path=path,
-            factory=load_named(frozen, copy, _BY_MESSAGES, "recorded"),
-            needs_truth=False,
-            in_batches=False,
-            parameters=dict(program.parameters),
-            cycle_time=speaker.cycle_time,
-            time_limit=speaker.time_limit,
-            frozen=frozen,
-            program=program,
-        )
+        return _by_messages(frozen, copy, said, recorded_program(path, said.recorded, copy))
     assert said.factory is not None
     named = load_named(frozen, copy, said.factory, "factory")
     factory = named.load()
@@ -299,6 +273,29 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         cycle_time=said.cycle_time,
         time_limit=said.time_limit,
         frozen=frozen,
+    )
+
+
+def _by_messages(
+    frozen: FrozenFile, copy: FrozenCopy, said: BuildFile, program: FunctionProgram | RecordedProgram
+) -> Build:
+    """Give the build of a function that is asked by messages; what was recorded has its own parameters and times."""
+    parameters, of = said.parameters, (said.cycle_time, said.time_limit)
+    if isinstance(program, RecordedProgram):
+        speaker = program.conversations[0].speaker
+        parameters, of = dict(program.parameters), (speaker.cycle_time, speaker.time_limit)
+    return Build(
+        name=said.name,
+        version=said.version,
+        path=frozen.path,
+        factory=load_named(frozen, copy, _BY_MESSAGES, "process" if said.process is not None else "recorded"),
+        needs_truth=False,
+        in_batches=said.process is not None and said.process.batches,
+        parameters=parameters,
+        cycle_time=of[0],
+        time_limit=of[1],
+        frozen=frozen,
+        program=program,
     )
 
 

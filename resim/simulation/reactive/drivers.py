@@ -61,16 +61,7 @@ class Following:
 
 def wanted(driver: TrafficDriver, v: Floats | float, gap: Floats, lead_v: Floats) -> Floats:
     """Give accelerations [m/s²] at v behind leaders at these gaps; an infinite gap is none."""
-    return _idm(
-        v,
-        gap,
-        lead_v,
-        driver.desired,
-        driver.time_gap,
-        driver.standstill,
-        driver.acceleration,
-        driver.deceleration,
-    )
+    return _idm(v, gap, lead_v, driver, (driver.time_gap, driver.acceleration))
 
 
 def driver_of(kind: DriverSettings, v: Floats) -> TrafficDriver:
@@ -122,10 +113,7 @@ def _driven(one: Following, driver: TrafficDriver, grid: Floats) -> Floats:
     rows = np.arange(count)
     for k in range(len(one.s)):
         out[:, k] = lead[k] - s
-        want[k] = _idm(
-            v, out[:, k], one.lead_v[k], driver.desired, time_gap, driver.standstill, acceleration,
-            driver.deceleration,
-        )  # fmt: skip
+        want[k] = _idm(v, out[:, k], one.lead_v[k], driver, (time_gap, acceleration))
         late_one = np.where(k >= late, want[np.maximum(k - late, 0), rows], first)
         a = np.where(want[k] < -driver.deceleration, want[k], late_one)
         after = np.maximum(v + a * GRID, 0.0)
@@ -137,12 +125,11 @@ def _idm(
     v: Floats | float,
     gap: Floats,
     lead_v: Floats | float,
-    desired: float,
-    time_gap: Floats | float,
-    standstill: float,
-    acceleration: Floats | float,
-    deceleration: float,
+    driver: TrafficDriver,
+    own: tuple[Floats | float, Floats | float],
 ) -> Floats:
-    closing = v * (v - lead_v) / (2.0 * np.sqrt(acceleration * deceleration))
-    keep = standstill + np.maximum(v * time_gap + closing, 0.0)
-    return np.asarray(acceleration * (1.0 - (v / desired) ** 4 - (keep / np.maximum(gap, 0.1)) ** 2))
+    """Accelerations by the model; own: time gaps and accelerations in place of the driver's."""
+    time_gap, acceleration = own
+    closing = v * (v - lead_v) / (2.0 * np.sqrt(acceleration * driver.deceleration))
+    keep = driver.standstill + np.maximum(v * time_gap + closing, 0.0)
+    return np.asarray(acceleration * (1.0 - (v / driver.desired) ** 4 - (keep / np.maximum(gap, 0.1)) ** 2))
