@@ -71,6 +71,7 @@ def analyse(swept: SweepResult, place: str) -> SweepReport:
         failed=int(failed(rows).sum()),
         repeated_in_sumo=_repeated(swept) if swept.file.engine == "direct" else MISSING,
         unpinned=tuple(sorted(rows["unpinned"].dropna().unique().tolist())) if "unpinned" in rows else (),
+        handed_over=int((rows["handed_over"].fillna(0) > 0).sum()) if "handed_over" in rows else MISSING,
         parameters=tuple(_parameter(p) for p in swept.parameters),
         sections=tuple(_section(swept, part, place) for _, part in groups),
     )

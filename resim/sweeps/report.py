@@ -195,6 +195,15 @@ class WorstRun:
     command: str
 
 
+def traffic_notes(found: SweepReport) -> tuple[str, ...]:
+    """Say in how many runs traffic left its traces, if it could."""
+    if found.handed_over is MISSING:
+        return ()
+    return (
+        f"traffic reacts: in {found.handed_over} of {found.runs} runs objects were handed over to drivers",
+    )
+
+
 @dataclass(frozen=True)
 class RunCounts:
     """What came of the runs of one recording and build: how many, and how many of them pass, collide, ...
@@ -239,7 +248,8 @@ class SweepReport:
     """What a sweep found; inputs: as its manifest has them. confidence, demanded: of plans that do not grow.
 
     repeated_in_sumo: how many runs of the engine "direct" were; one that is not the same there ends the sweep.
-    unpinned: what the code under test asked that its hash does not know.
+    unpinned: what the code under test asked that its hash does not know. handed_over: in how many runs traffic that
+    reacts left its traces.
     """
 
     __pydantic_config__ = EXACT
@@ -255,5 +265,6 @@ class SweepReport:
     failed: int
     repeated_in_sumo: int | MISSING = MISSING
     unpinned: tuple[str, ...] = ()
+    handed_over: int | MISSING = MISSING
     parameters: tuple[SweptParameter, ...]
     sections: tuple[SweepSection, ...]

@@ -365,6 +365,10 @@ def test_a_sweep_judges_the_traffic_that_drove(tmp_path: Path) -> None:
         done = subprocess.run(order, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         found[traffic] = duckdb.sql(f"select * from '{out}/runs/*.parquet'").df()
+        order = [sys.executable, "-m", "resim", "sweep", "report", str(out)]
+        told = subprocess.run(order, capture_output=True, text=True, check=False).stdout
+        note = "note: traffic reacts: in 2 of 2 runs objects were handed over to drivers"
+        assert (note in " ".join(told.split())) is (traffic == "reactive"), told
     assert found["traces"]["collision"].all()
     assert not found["reactive"]["collision"].any()
     assert (found["reactive"]["handed_over"] == 1).all()

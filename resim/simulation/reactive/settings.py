@@ -37,7 +37,8 @@ class HandOverSettings(Strict):
     """When an object leaves its trace, and when it is back.
 
     Attributes:
-        harder: How much harder [m/s²] its driver would brake than in the measured drive, and than its trace does.
+        harder: By how much more [m/s²] its driver would brake at least than in the measured drive, and than on its
+            trace; and by a fifth of it.
         hardest: Hardest braking [m/s²] of a driver.
         catch_up: Acceleration [m/s²] by which a driver may go faster than its trace, to catch up with it.
     """

@@ -24,7 +24,14 @@ from resim.sweeps.page.words import (
     requirement_lines,
 )
 from resim.sweeps.plans.registry import PLANS
-from resim.sweeps.report import MapEntry, SweepReport, SweepSection, SweptParameter, VaryingOutcome
+from resim.sweeps.report import (
+    MapEntry,
+    SweepReport,
+    SweepSection,
+    SweptParameter,
+    VaryingOutcome,
+    traffic_notes,
+)
 from resim.verification.inputs import HashedFile
 
 REDRAW = (
@@ -84,7 +91,7 @@ def _header(found: SweepReport) -> Markup:
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
     facts = [("plan", f"{plan}: {points} points, {first.seeds} seeds each")]
     facts.append(("engine", engine_line(found)))
-    facts += [("note", note) for note in found.unpinned]
+    facts += [("note", note) for note in (*found.unpinned, *traffic_notes(found))]
     facts += [
         (name, Path(file.path).name)
         for name, file in (("perception", inputs.perception), ("criteria", inputs.criteria))
