@@ -13,6 +13,7 @@ from resim.simulation.guide import Guide
 
 REACH = 150.0
 """m ahead that a driver looks."""
+_CHORD = 5.0
 _APART = 2.0
 """m between places beyond the last one, and that measured ones may be apart."""
 
@@ -66,9 +67,17 @@ class Way:
         return k - self.first if 0 <= k - self.first < self.count else -1
 
     def bend(self, s: float) -> float:
-        """Give the curvature [1/m] of the way at s [m], over 2 m."""
-        one, other = np.interp((s - 1.0, s + 1.0), self.s, self.heading)
-        return float(other - one) / 2.0
+        """Give the curvature [1/m] of the way at s [m], of the chords to places 5 m before and after it.
+
+        Headings turn on the spot where noise is all that moves who stands, places do not.
+        """
+        at = (s - _CHORD, s, s + _CHORD)
+        before, here, after = np.interp(at, self.s, self.position.real) + 1j * np.interp(
+            at, self.s, self.position.imag
+        )
+        if abs(here - before) < 0.5 * _CHORD or abs(after - here) < 0.5 * _CHORD:  # where it begins
+            return 0.0
+        return float(np.angle((after - here) / (here - before))) / _CHORD
 
     def columns(self, s: float) -> tuple[float, float, float]:
         """Give x, y [m] and heading [rad] at s [m]."""
