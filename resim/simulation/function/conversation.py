@@ -137,7 +137,7 @@ class RecordedPartner:
             raise FunctionError("was recorded twice with other answers to the same: it is not deterministic")
         (answer,) = answers
         if not answer:
-            raise EOFError("when it was recorded")
+            raise EOFError("ended its process when it was recorded")
         return answer
 
     def end(self, message: bytes) -> None:

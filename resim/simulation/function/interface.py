@@ -17,7 +17,7 @@ from resim.core import faults, remedies
 from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.geometry import Floats, constant, from_frame
-from resim.core.plugins.frozen import FrozenFile, load_frozen
+from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import LoadedCallable, freeze_code, load_named
 from resim.core.plugins.unlisted_files import OpenedFiles
 from resim.core.spec import ModuleAndName
@@ -27,10 +27,11 @@ from resim.function import Command as Command
 from resim.function import EgoState as EgoState
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.grpc_stream import GrpcProgram, GrpcTable
+from resim.simulation.function.grpc_wire import refuse_without_grpc
 from resim.simulation.function.program import (
-    FunctionProgram,
+    NamedProgram,
     ProcessTable,
-    RecordedProgram,
     RecordedTable,
     outside,
     own_files,
@@ -134,6 +135,7 @@ class BuildFile(BaseModel):
     version: str = Field(min_length=1)
     factory: ModuleAndName | None = None
     process: ProcessTable | None = None
+    grpc: GrpcTable | None = None
     recorded: RecordedTable | None = None
     cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
@@ -150,9 +152,12 @@ class BuildFile(BaseModel):
                 )
             return self
         by_command = self.process is not None and bool(self.process.command)
-        if (self.factory is None) != by_command:
+        if [self.factory is not None, by_command, self.grpc is not None].count(True) != 1 or (
+            self.grpc is not None and self.process is not None
+        ):
             raise ValueError(
-                "expected factory, or [process] with a command, or factory and [process] with python, or [recorded]"
+                "expected factory, or [process] with a command, or factory and [process] with python, or [grpc], "
+                "or [recorded]"
             )
         return self
 
@@ -186,7 +191,7 @@ class Build:
     cycle_time: float | None
     time_limit: float
     frozen: FrozenFile
-    program: FunctionProgram | RecordedProgram | None = None
+    program: NamedProgram | None = None
 
     @property
     def hash(self) -> str:
@@ -229,7 +234,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module. With `[process]`
     the function is a process of its own (`resim.simulation.function.process`), whose factory nobody imports here; with
-    `[recorded]` it is what was recorded of one (`resim.simulation.function.conversation`).
+    `[grpc]` it is asked at an address (`resim.simulation.function.grpc_stream`); with `[recorded]` it is what was
+    recorded of one (`resim.simulation.function.conversation`).
 
     Args:
         file: The build file, or its frozen copy.
@@ -243,37 +249,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     frozen = file if isinstance(file, FrozenFile) else freeze_build(Path(file))
     path, copy = frozen.path, load_frozen(frozen, freeze_build)
     said = _parsed(copy.raw, path)
-    if said.process is not None:
-        return Build(
-            name=said.name,
-            version=said.version,
-            path=path,
-            factory=load_named(frozen, copy, _BY_MESSAGES, "process"),
-            needs_truth=False,
-            in_batches=said.process.batches,
-            parameters=said.parameters,
-            cycle_time=said.cycle_time,
-            time_limit=said.time_limit,
-            frozen=frozen,
-            program=program_of(path, said.process, said.factory or "", copy),
-        )
-    if said.recorded is not None:
-        program = recorded_program(path, said.recorded, copy)
-        speaker = program.conversations[0].speaker
-        return Build(
-            name=said.name,
-            version=said.version,
-            path=path,
-            factory=load_named(frozen, copy, _BY_MESSAGES, "recorded"),
-            needs_truth=False,
-            in_batches=False,
-            parameters=dict(program.parameters),
-            cycle_time=speaker.cycle_time,
-            time_limit=speaker.time_limit,
-            frozen=frozen,
-            program=program,
-        )
-    assert said.factory is not None
+    if said.factory is None or said.process is not None:
+        return _asked_by_messages(frozen, copy, said)
     named = load_named(frozen, copy, said.factory, "factory")
     factory = named.load()
     name, needs_truth = said.factory.partition(":")[2], bool(getattr(factory, "needs_truth", False))
@@ -299,6 +276,35 @@ def load_build(file: str | Path | FrozenFile) -> Build:
         cycle_time=said.cycle_time,
         time_limit=said.time_limit,
         frozen=frozen,
+    )
+
+
+def _asked_by_messages(frozen: FrozenFile, copy: FrozenCopy, said: BuildFile) -> Build:
+    """The build of a process, of a server, or of what was recorded."""
+    path, cycle_time, time_limit, parameters = frozen.path, said.cycle_time, said.time_limit, said.parameters
+    program: NamedProgram
+    if said.process is not None:
+        program, in_batches = program_of(path, said.process, said.factory or "", copy), said.process.batches
+    elif said.grpc is not None:
+        program, in_batches = GrpcProgram(said.grpc.address, said.grpc.digest), said.grpc.batches
+        refuse_without_grpc(str(path))
+    else:
+        assert said.recorded is not None
+        program, in_batches = recorded_program(path, said.recorded, copy), False
+        speaker, parameters = program.conversations[0].speaker, dict(program.parameters)
+        cycle_time, time_limit = speaker.cycle_time, speaker.time_limit
+    return Build(
+        name=said.name,
+        version=said.version,
+        path=path,
+        factory=load_named(frozen, copy, _BY_MESSAGES, "[process], [grpc] or [recorded]"),
+        needs_truth=False,
+        in_batches=in_batches,
+        parameters=parameters,
+        cycle_time=cycle_time,
+        time_limit=time_limit,
+        frozen=frozen,
+        program=program,
     )
 
 
