@@ -1,6 +1,6 @@
 """What a function costs that is a process of its own, or asked over gRPC, beside the same class in this one.
 
-    python tools/bench/function.py [--steps 20000] [--objects 8]
+    python tools/bench/function.py [--steps 20000] [--objects 8] [--build unit.toml]
 
 All are asked in turns by the same lists, so that all see the same machine. Prints JSON at the end.
 """
@@ -57,6 +57,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=20000)
     parser.add_argument("--objects", type=int, default=8)
+    parser.add_argument("--build", type=Path, help="a build of another kind, asked as well")
     args = parser.parse_args()
     n, rng = args.objects, np.random.default_rng(0)
     start = EgoState(0.0, 0.0, 0.0, 20.0)
@@ -84,6 +85,10 @@ def main() -> None:
             build = load_build(path)
             with build.factory.afresh():
                 functions.append(build.make())
+        if args.build is not None:
+            build = load_build(args.build)
+            with build.factory.afresh():
+                functions.append(build.make())
         for function in functions:
             function.reset(setup)
         texts = np.array([str(k) for k in range(n)]), np.array(["car"] * n)
@@ -95,9 +100,10 @@ def main() -> None:
             function.close()
     us = 1e6 * times[100:]
     found: dict[str, float] = {"objects": n}
-    for name, column in zip(("in this process", "in its own", "over gRPC, relayed"), us.T, strict=True):
+    names = ("in this process", "in its own", "over gRPC, relayed", str(args.build))
+    for name, column in zip(names, us.T, strict=False):
         print(f"{name}: median {np.median(column):.1f} us, 99 % {np.quantile(column, 0.99):.1f} us")
-    for name, column in zip(("", "grpc_"), us.T[1:], strict=True):
+    for name, column in zip(("", "grpc_", "build_"), us.T[1:], strict=False):
         more = column - us[:, 0]
         found[f"{name}overhead_us"] = round(float(np.median(more)), 1)
         found[f"{name}overhead_p99_us"] = round(float(np.quantile(more, 0.99)), 1)

@@ -27,6 +27,7 @@ from resim.function import Command as Command
 from resim.function import EgoState as EgoState
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.fmu import FmiTable, fmu_files
 from resim.simulation.function.grpc_stream import GrpcProgram, GrpcTable
 from resim.simulation.function.grpc_wire import refuse_without_grpc
 from resim.simulation.function.program import (
@@ -38,6 +39,7 @@ from resim.simulation.function.program import (
     program_of,
     recorded_files,
     recorded_program,
+    unit_program,
 )
 
 PARTS = remedies.BUILD
@@ -136,6 +138,7 @@ class BuildFile(BaseModel):
     factory: ModuleAndName | None = None
     process: ProcessTable | None = None
     grpc: GrpcTable | None = None
+    fmi: FmiTable | None = None
     recorded: RecordedTable | None = None
     cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
@@ -151,13 +154,15 @@ class BuildFile(BaseModel):
                     f"{sorted(given)[0]}: [recorded] has its own, as it was recorded; leave it out"
                 )
             return self
-        by_command = self.process is not None and bool(self.process.command)
-        if [self.factory is not None, by_command, self.grpc is not None].count(True) != 1 or (
-            self.grpc is not None and self.process is not None
-        ):
+        process, by_command = (
+            self.process is not None,
+            self.process is not None and bool(self.process.command),
+        )
+        ways = (self.factory is not None, by_command, self.grpc is not None, self.fmi is not None)
+        if ways.count(True) != 1 or (process and (ways[2] or ways[3])):
             raise ValueError(
                 "expected factory, or [process] with a command, or factory and [process] with python, or [grpc], "
-                "or [recorded]"
+                "or [fmi], or [recorded]"
             )
         return self
 
@@ -224,7 +229,8 @@ def freeze_build(path: Path) -> FrozenFile:
     if file.recorded is not None:
         return freeze_code(path, raw, named, recorded_files(path, file.recorded))
     if file.process is None:
-        return freeze_code(path, raw, named, file.files)
+        units = [] if file.fmi is None else fmu_files(path, file.fmi)
+        return freeze_code(path, raw, named, [*file.files, *units])
     files = dict.fromkeys([*file.files, *own_files(path, file.process)])
     return freeze_code(path, raw, named, [*files], outside(path, file.process))
 
@@ -234,8 +240,9 @@ def load_build(file: str | Path | FrozenFile) -> Build:
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module. With `[process]`
     the function is a process of its own (`resim.simulation.function.process`), whose factory nobody imports here; with
-    `[grpc]` it is asked at an address (`resim.simulation.function.grpc_stream`); with `[recorded]` it is what was
-    recorded of one (`resim.simulation.function.conversation`).
+    `[grpc]` it is asked at an address (`resim.simulation.function.grpc_stream`); with `[fmi]` it is a co-simulation
+    unit (`resim.simulation.function.fmu`); with `[recorded]` it is what was recorded of one
+    (`resim.simulation.function.conversation`).
 
     Args:
         file: The build file, or its frozen copy.
@@ -288,6 +295,8 @@ def _asked_by_messages(frozen: FrozenFile, copy: FrozenCopy, said: BuildFile) ->
     elif said.grpc is not None:
         program, in_batches = GrpcProgram(said.grpc.address, said.grpc.digest), said.grpc.batches
         refuse_without_grpc(str(path))
+    elif said.fmi is not None:
+        program, in_batches = unit_program(path, said.fmi, parameters, copy), False
     else:
         assert said.recorded is not None
         program, in_batches = recorded_program(path, said.recorded, copy), False
@@ -297,7 +306,7 @@ def _asked_by_messages(frozen: FrozenFile, copy: FrozenCopy, said: BuildFile) ->
         name=said.name,
         version=said.version,
         path=path,
-        factory=load_named(frozen, copy, _BY_MESSAGES, "[process], [grpc] or [recorded]"),
+        factory=load_named(frozen, copy, _BY_MESSAGES, "[process], [grpc], [fmi] or [recorded]"),
         needs_truth=False,
         in_batches=in_batches,
         parameters=parameters,

@@ -19,6 +19,7 @@ from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenCopy
 from resim.core.plugins.unlisted_files import NOT_PINNED
 from resim.simulation.function.conversation import SUFFIX, Conversation, RecordedPartner, read_conversation
+from resim.simulation.function.fmu import FmiTable, fmu_command
 from resim.simulation.function.grpc_stream import GrpcProgram
 from resim.simulation.function.process import ChildProcess
 
@@ -222,6 +223,15 @@ def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy
         (str(program), *served, *rest), copy.folder, _unpinned(told), own=False, hash=copy.outside[word],
         environment=named,
     )  # fmt: skip
+
+
+def unit_program(
+    path: Path, fmi: FmiTable, parameters: Mapping[str, Any], copy: FrozenCopy
+) -> FunctionProgram:
+    """Give the program that serves a unit as it was frozen. Raises InputError where the build does not fit it."""
+    command, needs_tool = fmu_command(path, fmi, parameters, copy.folder)
+    told = ["the tool that the unit needs"] if needs_tool else []
+    return FunctionProgram(command, copy.folder, _unpinned(told), own=False, hash=_hash_of(command[0]))
 
 
 def _unpinned(told: list[str]) -> str:
