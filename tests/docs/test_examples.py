@@ -66,8 +66,16 @@ RUN_HERE = {
     "mapping.toml",
     "mine.toml",
 }
-RUN_ELSEWHERE = {"unit.toml", "first.toml", "second.toml", "late.toml", "rows.py", "read_table.py"}
-"""By the tests of units, of the tutorial and of Parquet files."""
+RUN_ELSEWHERE = {
+    "agent.py",
+    "unit.toml",
+    "first.toml",
+    "second.toml",
+    "late.toml",
+    "rows.py",
+    "read_table.py",
+}
+"""By the tests of agents, of units, of the tutorial and of Parquet files."""
 
 
 def example(page: Path, name: str) -> str:
