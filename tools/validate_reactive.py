@@ -20,7 +20,7 @@ from resim.resimulation.run import prepare
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.direct import Direct
 from resim.simulation.function.interface import Build, load_build
-from resim.simulation.reactive.drivers import GRID, Following, driver_of, fitted, followed
+from resim.simulation.reactive.drivers import Following, driver_of, fitted, followed
 from resim.simulation.reactive.settings import ReactiveSettings
 from resim.simulation.reactive.traffic import followings, way_of
 from resim.simulation.traffic import staged
@@ -93,7 +93,7 @@ def split(stretches: list[Following]) -> tuple[list[Following], list[Following]]
         left -= cut
         learned.append(one.part(slice(0, cut)))
         driven.append(one.part(slice(cut, None)))
-    return learned, [one for one in driven if len(one.s) * GRID >= LONG]
+    return learned, [one for one in driven if one.time >= LONG]
 
 
 def following(data: Path) -> None:
@@ -122,11 +122,11 @@ def following(data: Path) -> None:
                 continue
             errors = np.zeros(3)
             for one in driven:
-                steady = one.s + one.gap - (one.s[0] + one.v[0] * GRID * np.arange(len(one.s)))
+                steady = one.s + one.gap - (one.s[0] + one.v[0] * one.step * np.arange(len(one.s)))
                 parts = (followed(own, one), followed(usual, one), steady)
                 errors += [float(((gap - one.gap) ** 2).sum()) for gap in parts]
             samples = sum(len(one.s) for one in driven)
-            squares, count, time = squares + errors, count + samples, time + samples * GRID
+            squares, count, time = squares + errors, count + samples, time + sum(one.time for one in driven)
             off.append(tuple(np.sqrt(errors / samples).tolist()))
         if not count:
             print(f"| {name} | 0 |" + " – |" * 6)

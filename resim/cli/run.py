@@ -44,6 +44,22 @@ SEEDS = 20
 """Runs with a perception model, where nobody says how many."""
 
 
+Traffic = Annotated[
+    str,
+    typer.Option(
+        metavar="HOW", help="How traffic moves: on its measured `traces`, `reactive`, or as a TOML file says."
+    ),
+]
+Seeds = Annotated[
+    int | None,
+    typer.Option(min=1, max=1000, help="Runs with the perception model; default: 20.", show_default=False),
+]
+Record = Annotated[
+    bool,
+    typer.Option("--record", help="Keep what a process is asked and answers, as a build (recorded.toml)."),
+]
+
+
 @command(app)
 def run(
     recording: RecordingFolder,
@@ -56,13 +72,7 @@ def run(
     step: Annotated[float, typer.Option(min=0.001, help="Simulation step [s], whole milliseconds.")] = 0.04,
     lead_in: Annotated[float, typer.Option(min=0.0, help="Lead-in before the scenario's start [s].")] = 3.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of every random draw.")] = 0,
-    traffic: Annotated[
-        str,
-        typer.Option(
-            metavar="HOW",
-            help="How traffic moves: on its measured `traces`, `reactive`, or as a TOML file says.",
-        ),
-    ] = "traces",
+    traffic: Traffic = "traces",
     stop_at_collision: Annotated[
         bool, typer.Option(help="Whether a collision of the EGO ends the run.")
     ] = True,
@@ -76,20 +86,10 @@ def run(
         ),
     ] = None,
     settings: Settings = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=1000, help="Runs with the perception model; default: 20.", show_default=False
-        ),
-    ] = None,
+    seeds: Seeds = None,
     accept: Accept = None,
     verdict_of: Deciding = None,
-    record: Annotated[
-        bool,
-        typer.Option(
-            "--record", help="Keep what a process is asked and answers, as a build (recorded.toml)."
-        ),
-    ] = False,
+    record: Record = False,
     gui: Annotated[bool, typer.Option("--gui", help="Show the simulation in sumo-gui.")] = False,
 ) -> None:
     """Re-simulate a recording with a build, report the errors of every step, and assess all of GT, SD, rGT, rSD.

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from resim.cli.verdicts import console
-from resim.resimulation.notes import OF_BUILD
+from resim.resimulation.notes import HANDED_OVER, OF_BUILD
 from resim.verification.entries import (
     ComparedRecording,
     ComparedRun,
@@ -64,7 +64,7 @@ def _print_notes(found: VerificationReport, out: Console) -> None:
     names: dict[str, list[str]] = {}
     for r in found.recordings:
         for note in () if isinstance(r, FailedRecording) else r.notes:
-            if note.endswith(OF_BUILD) or note.startswith(NOT_COMPARED):
+            if note.endswith(OF_BUILD) or note.startswith(NOT_COMPARED) or HANDED_OVER in note:
                 names.setdefault(note, []).append(r.name)
     for note, of in names.items():
         who = f"{of[0]}: " if len(of) == 1 else f"{len(of)} of {len(found.recordings)} recordings: "

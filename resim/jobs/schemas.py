@@ -19,6 +19,7 @@ from resim.resimulation.report import RunProvenance, RunReport
 from resim.road.checked import ConversionReport
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
 from resim.sweeps.sweep_file import SweepFile
@@ -57,6 +58,7 @@ FORMATS: Mapping[str, FileFormat] = {
     "jscen": FileFormat("*.jscen.json", JscenFile),
     "build": FileFormat("*.toml", BuildFile),
     "criteria": FileFormat("*.toml", CriteriaFile),
+    "traffic": FileFormat("*.toml", ReactiveSettings),
     "suite": FileFormat("*.toml", SuiteFile),
     "sweep": FileFormat("*.toml", SweepFile),
     "perception": FileFormat("*.json", PerceptionModel),

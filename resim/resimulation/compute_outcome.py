@@ -18,7 +18,7 @@ from resim.resimulation.decision import ego_events
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi, Rms
 from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, StepErrors
 from resim.resimulation.reaction import ego_tracks
-from resim.resimulation.result import Resimulation
+from resim.resimulation.result import Resimulation, with_own
 from resim.road.opendrive import RoadNetwork
 from resim.scenario import maneuvers
 from resim.scenario.scenario import Scenario
@@ -64,9 +64,9 @@ def seed_outcomes(runs: Sequence[tuple[Resimulation, int]], how: AssessmentOptio
 
 
 def _of_gt_traffic(result: Resimulation, drive: SimulatedDrive, refit: Scenario) -> Block:
-    """The EGO as it drove, the traffic as GT's scenario has it."""
+    """The EGO, and who was handed over, as they drove; other traffic as GT's scenario has it."""
     gt = result.described["GT"]
-    return drive_block(drive, replace(refit, objects=gt.objects), result.prepared.doubts["GT"], gt)
+    return drive_block(drive, replace(refit, objects=with_own(gt, refit)), result.prepared.doubts["GT"], gt)
 
 
 def _nothing(drive: SimulatedDrive) -> DriveOutcome:

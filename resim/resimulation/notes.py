@@ -74,7 +74,8 @@ def handed_over(found: Sequence[HandedOver]) -> str:
     """Say which objects left their traces, the first ones of many with the reason."""
     ids = list(dict.fromkeys(one.id for one in found))
     told = [
-        f"{one.id} at {one.t:.2f} s ({one.why}), up to {one.farthest:.1f} m behind its trace"
+        f"{one.id} at {one.t:.2f} s ({one.why}), up to {one.farthest:.1f} m behind its trace, "
+        f"braking by up to {one.hardest:.1f} m/s²"
         + (f", until {one.back:.2f} s" if one.back is not None else "")
         for one in found[:_TOLD]
     ]

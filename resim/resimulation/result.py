@@ -17,7 +17,7 @@ from resim.resimulation.perceived import PerceptionSetup
 from resim.resimulation.reaction import ego_tracks, reaction_spread
 from resim.road.checked import MapCheck
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.scenario import Scenario
+from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.simulation.case import LEAD_IN, STEP, Case, SimulatedDrive
 from resim.simulation.engine import Engine
 from resim.simulation.function.interface import Build
@@ -251,6 +251,17 @@ MODEL = "rGT+M"
 def of_seed(seed: int) -> str:
     """Give the source of the drive on GT with a perception model and this seed."""
     return f"{MODEL}{seed}"
+
+
+def own_tracks(drive: SimulatedDrive) -> list[str]:
+    """Give who is not where GT's scenario has it in a drive on GT: the EGO, and who was handed over."""
+    return list(dict.fromkeys([drive.case.scenario.ego.id, *(one.id for one in drive.handed_over)]))
+
+
+def with_own(scenario: Scenario, driven: Scenario) -> tuple[ScenarioObject, ...]:
+    """Give the traffic of a drive on GT: of GT's scenario, but for those that the drive has its own of."""
+    own = {one.id: one for one in driven.objects}
+    return tuple(own.get(one.id, one) for one in scenario.objects)
 
 
 def source_words(source: str) -> str:

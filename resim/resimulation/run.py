@@ -28,6 +28,7 @@ from resim.resimulation.result import (
     Resimulation,
     ResimulationOptions,
     of_seed,
+    own_tracks,
     pipeline_step,
 )
 from resim.road.checked import check_map, refuse_flaws
@@ -319,7 +320,7 @@ def map_name(road: Path) -> str:
 def run_on_gt(result: Resimulation, *, perception: Perception | None = None, seed: int = 0) -> Resimulation:
     """Add a drive on GT with a perception (None: ideal), as rGT+M with its seed; its pipeline error is the EGO's.
 
-    What describes it is the EGO alone: traffic is that of rGT, and its fit with it.
+    What describes it is the EGO, and who was handed over: other traffic is that of rGT, and its fit with it.
     """
     return runs_on_gt(result, [(perception, seed)])[0]
 
@@ -340,7 +341,7 @@ def _with(result: Resimulation, drive: SimulatedDrive) -> Resimulation:
     recording, network, source = result.recording, result.network, of_seed(drive.case.seed)
     refits, errors = {**result.refits}, {**result.errors}
     if _is_describable(drive):
-        refits[source] = _describe(drive.truth.select([recording.ego]), recording, network, source)
+        refits[source] = _describe(drive.truth.select(own_tracks(drive)), recording, network, source)
         errors[pipeline_step(source)] = fidelity.pipeline_error(
             refits[source], result.prepared.whole["GT"], network
         )

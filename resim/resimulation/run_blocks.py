@@ -12,7 +12,7 @@ from resim.resimulation.assessed import AssessmentOptions
 from resim.resimulation.blocks import Block, assess_blocks, listed, measured_functioning, plans_of
 from resim.resimulation.model_runs import ModelRuns
 from resim.resimulation.report import RunReport, SeedReport
-from resim.resimulation.result import of_seed
+from resim.resimulation.result import of_seed, with_own
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario, describe
 from resim.simulation.case import why_not_whole
@@ -92,7 +92,8 @@ def model_runs(
 
 
 def _model_block(gt: Block, tables: RunTables, seed: SeedReport, network: RoadNetwork) -> Block | None:
-    """One run with a perception model: the EGO as it drove, the traffic of GT; None where it ended at once."""
+    """One run with a perception model: the EGO and who was handed over as they drove, other traffic of GT; None where
+    it ended at once."""
     source, ego = of_seed(seed.seed), gt.scenario.ego.id
     rows = tables.tracks[tables.tracks.source == source]
     if len(rows) < 2:
@@ -100,7 +101,7 @@ def _model_block(gt: Block, tables: RunTables, seed: SeedReport, network: RoadNe
     driven = describe(Tracks.from_frame(rows), network, ego=ego, map_name=gt.scenario.map)
     t = tables.answers.t[tables.answers.source == source].to_numpy(dtype=float)
     return Block(
-        replace(driven, objects=gt.scenario.objects), plans_of(tables.plans[tables.plans.source == source]),
+        replace(driven, objects=with_own(gt.scenario, driven)), plans_of(tables.plans[tables.plans.source == source]),
         listed(tables.tracks[tables.tracks.source == f"perceived_{source}"], t, t, 0.0),
         tuple((float(h.t), str(h.id)) for h in seed.collisions),
         why_not_whole(seed.end, seed.failure or "", float(rows.t.max())), gt.doubts.simulated(ego),

@@ -10,7 +10,7 @@ import pandas as pd
 
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.schema import ANSWER_COLUMNS, PLAN_COLUMNS, SOURCE
-from resim.resimulation.result import Resimulation
+from resim.resimulation.result import Resimulation, own_tracks
 from resim.simulation.function.interface import Perceived
 
 
@@ -19,8 +19,8 @@ def tracks_frame(result: Resimulation) -> pd.DataFrame:
     parts = [tracks.to_frame().assign(source=source) for source, tracks in result.tracks().items()]
     for source, drive in result.simulated().items():
         parts.append(perceived_frame(drive.perceived).assign(source=f"perceived_{source}"))
-    for source, drive in result.perceived().items():  # the traffic is that of rGT
-        parts.append(drive.truth.select([result.ego]).to_frame().assign(source=source))
+    for source, drive in result.perceived().items():  # other traffic is that of rGT
+        parts.append(drive.truth.select(own_tracks(drive)).to_frame().assign(source=source))
         parts.append(perceived_frame(drive.perceived).assign(source=f"perceived_{source}"))
     table = pd.concat(parts, ignore_index=True)
     return table[[SOURCE, *(c for c in table.columns if c != SOURCE)]]

@@ -81,11 +81,9 @@ def _conversations(result: Resimulation, folder: Path) -> Iterator[str]:
 
     build = result.build
     speaker = Speaker(build.name, build.version, build.hash, build.cycle_time, build.time_limit)
-    recorded = {
-        f"{source}{SUFFIX}": drive.exchanges for source, drive in result.drives.items() if drive.exchanges
-    }
-    for name, exchanges in recorded.items():
-        (folder / name).write_bytes(Conversation(speaker, exchanges).packed())
+    recorded = {f"{source}{SUFFIX}": drive for source, drive in result.drives.items() if drive.exchanges}
+    for name, drive in recorded.items():
+        (folder / name).write_bytes(Conversation(speaker, drive.exchanges, drive.failure).packed())
         yield name
     if recorded:
         (folder / RECORDED).write_text(build_file(speaker), encoding="utf-8", newline="\n")

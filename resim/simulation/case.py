@@ -126,6 +126,7 @@ class HandedOver:
         why: What for, in words.
         back: When [s] it was back on its trace, None where it was not.
         farthest: How far [m] it was behind its trace at most.
+        hardest: Its hardest braking [m/s²].
     """
 
     id: str
@@ -133,6 +134,7 @@ class HandedOver:
     why: str
     back: float | None
     farthest: float
+    hardest: float
 
 
 @dataclass(frozen=True, eq=False)

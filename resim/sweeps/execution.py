@@ -207,7 +207,7 @@ def _model_fits(sweep: Sweep, values: Values) -> None:
 
 def _function_fits(sweep: Sweep, build: Build, values: Values) -> None:
     own = {name: value for name, value in values if name.startswith("function.")}
-    for name in own:
+    for name in own if build.program is None else ():  # a process says what it takes when it is reset
         if misfit := misfit_of(build.factory.load(), {**build.parameters, name.partition(".")[2]: 0.0}):
             raise InputError(sweep.path, f"parameter {name!r}: in {build.path.name} {misfit}", EXAMPLE)
     try:

@@ -61,6 +61,7 @@ RUN_HERE = {
     "follow.toml",
     "container.toml",
     "reactive_planner.toml",
+    "careful.toml",
     "my_measures.py",
     "recording.toml",
     "mapping.toml",
@@ -402,3 +403,28 @@ def test_the_build_of_somebody_elses_planner_is_as_the_guide_has_it() -> None:
     said = example(GUIDES / "foreign_planner.md", "reactive_planner.toml")
     build = ROOT / "adfunc" / "builds" / "reactive_planner-2025.1.toml"
     assert tomllib.loads(said) == tomllib.loads(build.read_text(encoding="utf-8"))
+
+
+def test_reactive_traffic_is_as_its_file_says(tmp_path: Path) -> None:
+    file = tmp_path / "careful.toml"
+    file.write_text(example(ROOT / "docs" / "formats" / "traffic.md", "careful.toml"))
+    order = [
+        sys.executable,
+        "-m",
+        "resim",
+        "run",
+        "scenarios/rear_end",
+        "--basis",
+        "gt",
+        "--traffic",
+        str(file),
+    ]
+    order += ["--build", "adfunc/builds/idm-1.0.toml", "--out", str(tmp_path / "out")]
+    done = subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    said = json.loads((tmp_path / "out" / "run.json").read_text())["traffic"]
+    assert (said["hand_over"]["harder"], said["truck"]["time_gap"], said["car"]["time_gap"]) == (
+        0.5,
+        2.0,
+        1.2,
+    )

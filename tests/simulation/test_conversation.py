@@ -105,7 +105,7 @@ def test_a_death_is_recorded_too(tmp_path: Path) -> None:
     assert run(build, tmp_path / "out", "--record").returncode == 3
     again = run(tmp_path / "out" / "recorded.toml", tmp_path / "again")
     assert again.returncode == 3
-    assert "ended its process when it was recorded" in again.stderr
+    assert "failed when it was recorded: follow-1 at t = 0.56 s ended its process with code 3" in again.stderr
     same = [f"{folder}/answers.parquet" for folder in (tmp_path / "out", tmp_path / "again")]
     assert (
         duckdb.sql(f"select * from '{same[0]}'").fetchall()

@@ -194,6 +194,8 @@ def _candidates(values: Floats, most: int) -> Floats:
     zero = values == 0.0
     told = values[~zero] if zero.any() and not zero.all() else values  # whom nothing hides: they are one bin
     edges = np.unique(np.round(np.quantile(told, np.linspace(0.0, 1.0, most + 1)), 3))
+    if len(told) < len(values):
+        edges = np.concatenate([[0.0], edges])
     edges[0], edges[-1] = np.floor(values.min() * 1e3) / 1e3, np.ceil(values.max() * 1e3) / 1e3
     return edges if len(edges) > 1 and edges[-1] > edges[0] else np.array([edges[0], edges[0] + 1.0])
 

@@ -81,16 +81,17 @@ def repeated(build: Build, name: str, conversation: Conversation) -> Check:
     with Watchdog() as watchdog, build.factory.afresh():
         function = build.make()
         assert isinstance(function, MessageFunction)
+        k = 0
         try:
-            for k, (asked, answered) in enumerate(conversation.exchanges):
-                limit = build.time_limit if k else RESET_LIMIT
+            for k, (asked, answered) in enumerate(conversation.exchanges, start=1):
+                limit = build.time_limit if k > 1 else RESET_LIMIT
                 found = watchdog.call(limit, function.repeat, asked)
                 if found != answered:
-                    return Check(what, False, _other_answer(k, asked, found, answered))
+                    watchdog.call(RESET_LIMIT, function.close)
+                    return Check(what, False, _other_answer(k - 1, asked, found, answered))
+            watchdog.call(RESET_LIMIT, function.close)
         except FunctionError as e:
-            return Check(what, False, f"question {k + 1} of {len(conversation.exchanges)}: {e}")
-        finally:
-            function.close()
+            return Check(what, False, f"after question {k} of {len(conversation.exchanges)}: {e}")
     return Check(what, True, f"{len(conversation.exchanges)} answers the same, byte for byte")
 
 

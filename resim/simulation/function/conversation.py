@@ -40,14 +40,18 @@ class Speaker:
 
 @dataclass(frozen=True, eq=False)
 class Conversation:
-    """What one run was asked and answered: messages with their lengths, and answers without, b"" for none."""
+    """What one run was asked and answered: messages with their lengths, and answers without, b"" for none.
+
+    failure: why the function failed in it, "" where it did not.
+    """
 
     speaker: Speaker
     exchanges: Sequence[Exchange]
+    failure: str = ""
 
     def packed(self) -> bytes:
         """Give it as a file holds it."""
-        parts = [packed({"conversation": VERSION, **asdict(self.speaker)})]
+        parts = [packed({"conversation": VERSION, "failure": self.failure, **asdict(self.speaker)})]
         for asked, answered in self.exchanges:
             parts += [asked, struct.pack("<I", len(answered)), answered]
         return b"".join(parts)
@@ -77,12 +81,17 @@ def read_conversation(path: Path) -> Conversation:
     try:
         head, *rest = _messages(raw)
         said = msgpack.unpackb(head[4:])
-        if said.pop("conversation") != VERSION or set(said) != {f.name for f in fields(Speaker)}:
+        failure = said.pop("failure")
+        if (
+            said.pop("conversation") != VERSION
+            or not isinstance(failure, str)
+            or set(said) != {f.name for f in fields(Speaker)}
+        ):
             raise ValueError("begins otherwise")
         if not rest or len(rest) % 2:
             raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
         pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
-        found = Conversation(Speaker(**said), tuple(pairs))
+        found = Conversation(Speaker(**said), tuple(pairs), failure)
         assert isinstance(found.parameters, dict)
     except (ValueError, KeyError, TypeError, AttributeError, AssertionError, msgpack.UnpackException) as e:
         raise InputError(path, f"is no recorded conversation: {e}", REMEDY) from e
@@ -137,11 +146,13 @@ class RecordedPartner:
             raise FunctionError("was recorded twice with other answers to the same: it is not deterministic")
         (answer,) = answers
         if not answer:
-            raise EOFError("ended its process when it was recorded")
+            raise FunctionError(f"failed when it was recorded: {self._left[0].failure}")
         return answer
 
     def end(self, message: bytes) -> None:
-        """Nothing is left to do."""
+        """Raise FunctionError where it failed on closing when it was recorded."""
+        if self._left and self._at == len(self._left[0].exchanges) and (failure := self._left[0].failure):
+            raise FunctionError(f"failed when it was recorded: {failure}")
 
     def kill(self) -> None:
         """Nothing is left to do."""

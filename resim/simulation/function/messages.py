@@ -46,7 +46,7 @@ class Partner(Protocol):
         """End at once, whatever happens; also what has ended."""
 
 
-class Program(Protocol):
+class MessageProgram(Protocol):
     """What a build names that is asked by messages."""
 
     def partner(self) -> Partner:
@@ -60,7 +60,7 @@ class MessageFunction:
         exchanges: What was sent and received, lengths and all, if that is kept: a list that somebody put there.
     """
 
-    def __init__(self, program: Program, parameters: Mapping[str, Any]) -> None:
+    def __init__(self, program: MessageProgram, parameters: Mapping[str, Any]) -> None:
         self._partner, self._parameters = program.partner(), dict(parameters)
         self._waiting = False  # for an answer that did not come: no other message is understood
         self._begun = False

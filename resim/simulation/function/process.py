@@ -25,8 +25,6 @@ from resim.function import LONGEST
 
 _ENDING = 5.0
 """s that a process has to end by itself, once its run has."""
-_LARGE = 1 << 24
-"""Bytes of a file from which on it is not copied for each run."""
 PASSED = (
     "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "PATH",
     "TMPDIR", "TZ",
@@ -56,13 +54,13 @@ class ChildProcess:
     def start(self) -> None:
         """Start it."""
         self._unchanged()
-        self._home = tempfile.TemporaryDirectory(prefix="resim-", ignore_cleanup_errors=True)
-        here = Path(self._home.name) / "build"
-        shutil.copytree(self._folder, here, copy_function=_copied)
-        here.chmod(0o755)
         first, *rest = self._command
-        command = [str(here / first) if self._own else first, *rest]
         try:
+            self._home = tempfile.TemporaryDirectory(prefix="resim-", ignore_cleanup_errors=True)
+            here = Path(self._home.name) / "build"
+            shutil.copytree(self._folder, here)
+            here.chmod(0o755)
+            command = [str(here / first) if self._own else first, *rest]
             with unheard():
                 self._process = subprocess.Popen(
                     command, cwd=here, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
@@ -91,6 +89,7 @@ class ChildProcess:
         """Send the last message; FunctionError where it does not end by itself, or ends with an error."""
         process = self._process
         if process is None:
+            self.kill()
             return
         assert process.stdin is not None
         try:
@@ -135,15 +134,6 @@ class ChildProcess:
         if self._home is not None:
             self._home.cleanup()
             self._home = None
-
-
-def _copied(file: str, to: str) -> str:
-    """Copy a file, or link it where it is large."""
-    if os.path.getsize(file) > _LARGE:  # noqa: PTH202
-        with suppress(OSError):
-            os.link(file, to)
-            return to
-    return str(shutil.copy2(file, to))
 
 
 def _has_more(stream: int) -> bool:

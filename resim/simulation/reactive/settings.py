@@ -33,7 +33,7 @@ class DriverSettings(Strict):
     reaction: NotNegative = 0.4
 
 
-class HandOver(Strict):
+class HandOverSettings(Strict):
     """When an object leaves its trace, and when it is back.
 
     Attributes:
@@ -58,7 +58,7 @@ class ReactiveSettings(Strict):
         bicycle: Driver of a bicycle.
     """
 
-    hand_over: HandOver = HandOver()
+    hand_over: HandOverSettings = HandOverSettings()
     calibrated: bool = Field(strict=True, default=True)
     car: DriverSettings = DriverSettings()
     truck: DriverSettings = DriverSettings(time_gap=1.6, acceleration=0.8)

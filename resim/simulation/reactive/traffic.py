@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -26,14 +25,18 @@ from resim.simulation.reactive.settings import ReactiveSettings
 from resim.simulation.reactive.ways import REACH, Boxed, Way
 from resim.simulation.traffic import Phase, Stage
 
+_SLOW = 0.5
+"""m/s below which nobody is handed over: who stands has nothing to brake for."""
 _OFF = 1e-6
 """m or m/s from where it was measured, up to which the EGO is there: what rounding leaves."""
 _ASIDE, _BENDS = 10.0, 0.5
 """m beside an object, and more per m ahead, beyond which nobody is on its way before it is nearer."""
 _BACK = 0.05
 """m behind its trace at which an object is back on it, if its driver wants to brake no harder than that."""
-_AS_FAST = 0.5
-"""m/s by which it may be slower or faster then."""
+_ASIDE_MOST = 4.0
+"""m/s² to the side, beyond which a driver who is later than its trace takes no bend."""
+_CLOSE = 0.2
+"""Share of what its driver would brake by in the measured drive, by which it has to be harder at least."""
 
 
 @dataclass(eq=False)
@@ -46,7 +49,9 @@ class _Handed:
     v: float
     a: float
     later: deque[float]
-    farthest: float = 0.0
+    back: float | None = None
+    behind: list[tuple[float, float, float]] = field(default_factory=list)
+    """When [s] how far [m] it was behind its trace, and what it did [m/s²]."""
 
 
 @dataclass(eq=False)
@@ -69,7 +74,7 @@ class ReactiveTraffic:
         self.length = np.array([m.length for m in self.members])
         self.width = np.array([m.width for m in self.members])
         self.now: dict[int, _Handed] = {}
-        self.past: list[HandedOver] = []
+        self.past: list[tuple[int, _Handed]] = []
 
     def worlds(self, phase: Phase, k: int, ego: Floats, ego_z: Floats | None) -> Worlds:
         """Give the truth at step k, as `Phase.worlds` does of traffic on its traces."""
@@ -101,10 +106,20 @@ class ReactiveTraffic:
 
     def ended(self, t: float) -> tuple[HandedOver, ...]:
         """Give who was handed over up to a time [s], in the order of time."""
-        on = [self._told(row, one, None) for row, one in self.now.items()]
-        told = sorted([*self.past, *on], key=lambda one: (one.t, one.id))
-        back = [one if one.back is None or one.back <= t else replace(one, back=None) for one in told]
-        return tuple(one for one in back if one.t <= t)
+        told = []
+        for row, one in [*self.past, *self.now.items()]:
+            if one.since > t:
+                continue
+            until = [part for part in one.behind if part[0] <= t + 1e-9]
+            farthest, hardest = (
+                max((p[1] for p in until), default=0.0),
+                min((p[2] for p in until), default=0.0),
+            )
+            back = one.back if one.back is not None and one.back <= t + 1e-9 else None
+            told.append(
+                HandedOver(self.members[row].id, one.since, one.why, back, farthest, max(-hardest, 0.0))
+            )
+        return tuple(sorted(told, key=lambda one: (one.t, one.id)))
 
     def _vehicles(self, k: int, ego: Floats, z: float) -> Boxed:
         p = self.plan
@@ -130,22 +145,21 @@ class ReactiveTraffic:
         way, driver = way_of(self.stage, row), self._driver(row)
         at = way.at_step(k)
         assert driver is not None
-        if at < 0 or at + 1 >= len(way.s):
+        if not 0 <= at < way.count - 1:
             return
         others = [m for m in off if m != row]
         s, v, a = float(way.s[at]), float(way.v[at]), float(way.a[at])
         found = way.others(s, _of(all_, others))
-        if not found.ahead.any():
+        if v < _SLOW or not (found.ahead & (found.gap > 0.0)).any():  # too late for a driver to do anything
             return
         want = wanted(driver, v, found.gap, found.v)
         first = int(np.argmin(want))
-        least = max(float(want[first]), -self.settings.hand_over.hardest)
         there = way.others(s, _of(_measured(self.measured, k, self.length, self.width), others))
-        meant = wanted(driver, v, there.gap, there.v).min()
-        meant = min(max(float(meant), -self.settings.hand_over.hardest), 0.0)
-        bound = min(meant, a) - self.settings.hand_over.harder
-        if least >= bound:
+        meant = min(float(wanted(driver, v, there.gap, there.v).min()), 0.0)
+        least = float(want[first])
+        if least >= min(meant, a) - max(self.settings.hand_over.harder, -_CLOSE * meant):
             return
+        least, meant = (max(one, -self.settings.hand_over.hardest) for one in (least, meant))
         did = (
             f"not below {meant:.1f} m/s² in the measured drive"
             if there.ahead.any()
@@ -162,7 +176,7 @@ class ReactiveTraffic:
         at = way.at_step(k + 1)
         assert driver is not None
         if at < 0:  # it was not seen any longer
-            self.past.append(self._told(row, self.now.pop(row), None))
+            self.past.append((row, self.now.pop(row)))
             return
         found = way.others(one.s, _of(all_, [m for m in range(len(self.members)) if m != row]))
         want = float(np.min(wanted(driver, one.v, found.gap, found.v), initial=driver.acceleration))
@@ -170,27 +184,38 @@ class ReactiveTraffic:
         one.later.append(want)
         late = one.later.popleft()
         attentive = float(self.plan.t[k]) - one.since >= driver.reaction
-        one.a = want if attentive and want < -driver.deceleration else late
-        behind = max(float(way.s[at - 1]) - one.s, 0.0)
-        most = float(way.v[at]) + math.sqrt(2.0 * self.settings.hand_over.catch_up * behind)
-        v = max(min(one.v + one.a * self.dt, max(most, one.v - driver.deceleration * self.dt)), 0.0)
+        a = want if attentive and want < -driver.deceleration else late
+        v = max(min(one.v + a * self.dt, self._fastest(one, way, driver, at)), 0.0)
         s = one.s + 0.5 * (one.v + v) * self.dt
-        caught_up = s >= float(way.s[at]) - _BACK and abs(v - float(way.v[at])) < _AS_FAST
+        caught_up = (
+            s >= float(way.s[at]) - _BACK and abs(v - float(way.v[at])) <= driver.deceleration * self.dt
+        )
         if caught_up and want >= min(float(way.a[at]), 0.0):
-            self.past.append(self._told(row, self.now.pop(row), float(self.plan.t[k + 1])))
+            one.back = float(self.plan.t[k + 1])
+            self.past.append((row, self.now.pop(row)))
             return
         s = min(s, float(way.s[at]))
         one.a, one.s, one.v = (v - one.v) / self.dt, s, v
-        one.farthest = max(one.farthest, float(way.s[at]) - s)
-        p = self.plan
-        columns = way.columns(s, v, one.a)
+        one.behind.append((float(self.plan.t[k + 1]), float(way.s[at]) - s, one.a))
+        p, (x, y, heading) = self.plan, way.columns(s)
+        columns = (x, y, heading, v, one.a, way.bend(s) * v)
         for column, value in zip((p.x, p.y, p.heading, p.v, p.a, p.yaw_rate), columns, strict=True):
             column[row, k + 1] = value
         if p.z is not None:
             p.z[row, k + 1] = np.interp(s, way.s, way.z)
 
-    def _told(self, row: int, one: _Handed, back: float | None) -> HandedOver:
-        return HandedOver(self.members[row].id, one.since, one.why, back, one.farthest)
+    def _fastest(self, one: _Handed, way: Way, driver: TrafficDriver, at: int) -> float:
+        """How fast [m/s] an object may be at place `at` of its way: to catch up with its trace, and in bends.
+
+        It slows down for that no harder than is comfortable.
+        """
+        behind = max(float(way.s[at - 1]) - one.s, 0.0)
+        most = float(way.v[at]) + math.sqrt(2.0 * self.settings.hand_over.catch_up * behind)
+        for ahead in (0.0, one.v):
+            bend = max(abs(way.bend(one.s + ahead)), 1e-9)
+            slow = float(np.interp(one.s + ahead, way.s[: way.count], way.v))
+            most = min(most, max(slow, math.sqrt(_ASIDE_MOST / bend)))
+        return max(most, one.v - driver.deceleration * self.dt)
 
 
 def _of(every: Boxed, rows: list[int]) -> Boxed:
@@ -203,20 +228,31 @@ def _measured(plan: Guide, k: int, length: Floats, width: Floats) -> Boxed:
     return Boxed(plan.x[:, k] + 1j * plan.y[:, k], plan.heading[:, k], plan.v[:, k], length, width, z)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=8)
+def _known(stage: Stage) -> tuple[dict[int, Way], dict[tuple[int, ReactiveSettings], TrafficDriver | None]]:
+    """Ways and drivers of a stage that were asked for."""
+    return {}, {}
+
+
 def way_of(stage: Stage, row: int) -> Way:
     """Give the way of an object of a stage."""
-    return Way(stage.plan, row, stage.members[row].length, stage.members[row].width)
+    ways, _ = _known(stage)
+    if row not in ways:
+        ways[row] = Way(stage.plan, row, stage.members[row].length, stage.members[row].width)
+    return ways[row]
 
 
-@lru_cache(maxsize=4096)
 def traffic_driver(stage: Stage, settings: ReactiveSettings, row: int) -> TrafficDriver | None:
     """Give the driver of an object; None for who has none: a pedestrian, who reverses, who is there for a step."""
-    kind, way = settings.of(stage.members[row].kind), way_of(stage, row)
-    if kind is None or not way.forwards or len(way.s) < 2:
-        return None
-    driver = driver_of(kind, way.v)
-    return fitted(driver, [*followings(stage, row)]) if settings.calibrated else driver
+    _, drivers = _known(stage)
+    if (row, settings) not in drivers:
+        kind, way = settings.of(stage.members[row].kind), way_of(stage, row)
+        driver = None
+        if kind is not None and way.forwards and way.count > 1:
+            driver = driver_of(kind, way.v)
+            driver = fitted(driver, [*followings(stage, row)]) if settings.calibrated else driver
+        drivers[row, settings] = driver
+    return drivers[row, settings]
 
 
 def followings(stage: Stage, row: int) -> Iterator[Following]:
@@ -224,25 +260,16 @@ def followings(stage: Stage, row: int) -> Iterator[Following]:
     plan, way = stage.plan, way_of(stage, row)
     length, width = (np.array([getattr(m, name) for m in stage.members]) for name in ("length", "width"))
     others = [m for m in range(len(length)) if m != row]
-    every = max(round(GRID / float(plan.t[1] - plan.t[0])), 1)
-    steps = [k for k in way.steps[::every].tolist() if k >= plan.begin]
-    found: list[tuple[int, float, float, float, float]] = []
-    for k in steps:
-        at = way.at_step(k)
-        there = way.others(float(way.s[at]), _of(_measured(plan, k, length, width), others))
-        gap = there.gap
-        first = int(np.argmin(gap)) if len(gap) else -1
-        who = others[first] if len(gap) and np.isfinite(gap[first]) else -1
-        found.append(
-            (
-                who,
-                float(way.s[at]),
-                float(way.v[at]),
-                *((float(gap[first]), float(there.v[first])) if who >= 0 else (0.0, 0.0)),
-            )
-        )
-    changes = [0, *(k for k in range(1, len(found)) if found[k][0] != found[k - 1][0]), len(found)]
-    for begin, end in pairwise(changes):
-        if end > begin and found[begin][0] >= 0:
-            _, s, v, gap_, lead = np.array(found[begin:end]).T
-            yield Following(s, v, gap_, lead)
+    dt = float(plan.t[1] - plan.t[0])
+    every = max(round(GRID / dt), 1)
+    places = np.arange(max(plan.begin - way.first, 0), way.count, every)
+    who, gap, lead_v = np.full(len(places), -1), np.full(len(places), np.nan), np.full(len(places), np.nan)
+    for k, at in enumerate(places.tolist() if others else ()):
+        there = way.others(float(way.s[at]), _of(_measured(plan, way.first + at, length, width), others))
+        first = int(np.argmin(there.gap))
+        if 0.0 < there.gap[first] < math.inf:
+            who[k], gap[k], lead_v[k] = others[first], there.gap[first], there.v[first]
+    for part in np.split(np.arange(len(places)), np.flatnonzero(np.diff(who)) + 1):
+        if len(part) and who[part[0]] >= 0:
+            among = places[part]
+            yield Following(way.s[among], way.v[among], gap[part], lead_v[part], every * dt)

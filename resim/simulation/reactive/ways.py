@@ -13,9 +13,8 @@ from resim.simulation.guide import Guide
 
 REACH = 150.0
 """m ahead that a driver looks."""
-_BESIDE = 30.0
-"""m from a way, beyond which nobody is on it."""
-Rows = NDArray[np.intp]
+_APART = 2.0
+"""m between places beyond the last one, and that measured ones may be apart."""
 
 
 class OnWay(NamedTuple):
@@ -38,54 +37,62 @@ class Boxed(NamedTuple):
 
 
 class Way:
-    """The way of one object: its places in the order of time, and how far along it each is."""
+    """The way of one object: its places in the order of time, how far along it each is, and straight on after the last.
+
+    count: how many places it has; the others are beyond.
+    """
 
     def __init__(self, plan: Guide, row: int, length: float, width: float) -> None:
-        self.steps = np.flatnonzero(plan.present[row])
-        k = self.steps
-        self.first, self.length, self.width = int(k[0]), length, width
-        self.position = plan.x[row, k] + 1j * plan.y[row, k]
-        self.heading, self.v, self.a = (
-            np.unwrap(plan.heading[row, k]), plan.v[row, k].copy(), plan.a[row, k].copy(),
-        )  # fmt: skip
-        self.s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self.position)))])
-        self.z = np.full(len(k), np.nan) if plan.z is None else plan.z[row, k]
+        k = np.flatnonzero(plan.present[row])
+        self.first, self.count, self.length, self.width = int(k[0]), len(k), length, width
+        place = plan.x[row, k] + 1j * plan.y[row, k]
+        heading = np.unwrap(plan.heading[row, k])
+        self.v, self.a = plan.v[row, k], plan.a[row, k]
         self.forwards = bool((self.v > -0.1).all())
+        moved = (
+            np.diff(place) * np.exp(-1j * heading[1:])
+        ).real  # who creeps back and forth comes no further
+        s = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(moved)]))
+        beyond = np.arange(_APART, REACH, _APART)
+        self.s = np.concatenate([s, s[-1] + beyond])
+        self.position = np.concatenate([place, place[-1] + beyond * np.exp(1j * heading[-1])])
+        self.heading = np.concatenate([heading, np.full(len(beyond), heading[-1])])
+        z = np.full(len(k), np.nan) if plan.z is None else plan.z[row, k]
+        self.z = np.concatenate([z, np.full(len(beyond), z[-1])])
+        self._turn = np.exp(-1j * self.heading)
 
     def at_step(self, k: int) -> int:
         """Give the index of a step among its places; -1 where the object is not there."""
-        return k - self.first if 0 <= k - self.first < len(self.steps) else -1
+        return k - self.first if 0 <= k - self.first < self.count else -1
 
-    def columns(self, s: float, v: float, a: float) -> tuple[float, float, float, float, float, float]:
-        """Give x, y, heading, v, a, yaw rate of who is at s [m] with v [m/s] and a [m/s²]."""
+    def bend(self, s: float) -> float:
+        """Give the curvature [1/m] of the way at s [m], over 2 m."""
+        one, other = np.interp((s - 1.0, s + 1.0), self.s, self.heading)
+        return float(other - one) / 2.0
+
+    def columns(self, s: float) -> tuple[float, float, float]:
+        """Give x, y [m] and heading [rad] at s [m]."""
         x, y = np.interp(s, self.s, self.position.real), np.interp(s, self.s, self.position.imag)
-        j = min(max(int(np.searchsorted(self.s, s, side="right")) - 1, 0), len(self.s) - 2)
-        j = max(j, 0)
-        heading = float(np.interp(s, self.s, self.heading))
-        after = min(j + 1, len(self.s) - 1)
-        far = self.s[after] - self.s[j]
-        bend = (self.heading[after] - self.heading[j]) / far if far > 0.01 else 0.0
-        return float(x), float(y), float(wrap_angle(heading)), v, a, float(bend * v)
+        return float(x), float(y), float(wrap_angle(np.interp(s, self.s, self.heading)))
 
     def others(self, s: float, others: Boxed) -> OnWay:
-        """Say where others are, for an object at s [m] on its way."""
+        """Say where others are, for an object at s [m] on its way: where they are on it first."""
         low, high = np.searchsorted(self.s, (s - 0.5 * self.length, s + REACH))
-        window = slice(max(int(low) - 1, 0), max(int(high), int(low)) + 1)
-        way = self.position[window]
-        away = others.position[:, None] - way[None, :]
-        nearest = np.argmin(away.real**2 + away.imag**2, axis=1)
-        index = window.start + nearest
-        heading, off = self.heading[index], away[np.arange(len(nearest)), nearest]
-        along = off.real * np.cos(heading) + off.imag * np.sin(heading)
-        beside = off.imag * np.cos(heading) - off.real * np.sin(heading)
-        turn = others.heading - heading
+        begin = max(int(low) - 1, 0)
+        window = slice(begin, max(int(high), begin + 1))
+        off = (others.position[:, None] - self.position[window]) * self._turn[window]
+        along, beside = off.real, np.abs(off.imag)
+        turn = others.heading[:, None] - self.heading[window]
         c, d = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-        half_length = 0.5 * (others.length * c + others.width * d)
-        half_width = 0.5 * (others.length * d + others.width * c)
-        centre = self.s[index] + along - s
-        # who is beyond the window's end is not on the way that is known
-        inside = np.abs(along) <= np.maximum(half_length, 1.0) + np.where(index == window.start, 0.0, 5.0)
-        ahead = (centre > 0.0) & (np.abs(beside) < 0.5 * self.width + half_width) & inside
-        ahead &= (np.abs(off) < _BESIDE) & ~over(others.z, self.z[index])
-        gap = np.where(ahead, centre - half_length - 0.5 * self.length, np.inf)
-        return OnWay(gap, np.where(ahead, others.v * np.cos(turn), 0.0), ahead)
+        half_length = 0.5 * (others.length[:, None] * c + others.width[:, None] * d)
+        half_width = 0.5 * (others.length[:, None] * d + others.width[:, None] * c)
+        covers = (np.abs(along) < half_length + _APART) & (beside < 0.5 * self.width + half_width)
+        centre = self.s[window] + along - s
+        covers &= (centre > 0.0) & ~over(others.z[:, None], self.z[window])
+        ahead = covers.any(axis=1)
+        first = covers.argmax(axis=1)  # and from there on to where its middle is
+        reach = self.s[window][first] + 2.0 * half_length[np.arange(len(first)), first] + _APART
+        near = covers & (self.s[window] <= reach[:, None])
+        at = np.arange(len(first)), np.where(near, np.abs(along), np.inf).argmin(axis=1)
+        gap = np.where(ahead, centre[at] - half_length[at] - 0.5 * self.length, np.inf)
+        return OnWay(gap, np.where(ahead, others.v * np.cos(turn[at]), 0.0), ahead)

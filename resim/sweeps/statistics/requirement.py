@@ -52,8 +52,8 @@ def requirement(y: Floats, levels: Levels, demanded: float, side: Side, *, drawn
     "over" ends at the highest, "between" is free at both ends: the widest, of equal ones that with the most passing.
     drawn: whether the points are drawn from what the parameters may be, or are all that is asked about, as in a grid.
 
-    Each range's share has an interval after Clopper and Pearson (Biometrika 26, 1934) for as many independent runs as
-    its variance comes to (`_units`); its level is such that with 95 % none of the ranges that compete is told wrongly
+    Each range's share has an interval after Clopper and Pearson (Biometrika 26, 1934) for as many as are independent:
+    points that were drawn, else runs; its level is such that with 95 % none of the ranges that compete is told wrongly
     (Bonferroni). So a requirement is told at its safe end: in fewer than 5 % of sweeps its true share is too low.
     """
     ranges = _ranges(y, levels, side, drawn)
