@@ -29,8 +29,8 @@ class Wiring(NamedTuple):
     """A unit and how it is connected.
 
     file: where it lies. version: of FMI, 2 or 3. identifier, token: of its library. inputs: signal, value reference and
-    type of each variable. outputs: name, value reference, type. parameters: value reference and type, by name. reach: m
-    up to which there is a lead vehicle.
+    type of each variable. outputs: name, value reference, type. parameters: value reference and type of each, by name.
+    reach: m up to which there is a lead vehicle.
     """
 
     file: str
@@ -82,6 +82,8 @@ class FmuFunction:
         )  # fmt: skip
         unit.instantiate()
         for name, value in self._given.items():
+            if name not in w.parameters:
+                raise ValueError(f"the unit has no parameter {name!r}")
             reference, form = w.parameters[name]
             getattr(unit, f"set{form}")([reference], [value])
         if w.version == 2:

@@ -18,10 +18,11 @@ from conftest import ROOT
 
 from resim.core.errors import InputError
 from resim.function import EgoState, ObjectList
-from resim.function.fmi import FmuFunction, Wiring, lead_of
+from resim.function.fmi import FmuFunction, Wiring, lead_of, wiring_of
 from resim.jobs.function import check_function
 from resim.simulation.function import fmu
 from resim.simulation.function.interface import load_build
+from resim.simulation.function.program import FunctionProgram
 
 FMPY = importlib.util.find_spec("fmpy")
 if FMPY is None or FMPY.origin is None or shutil.which("cc") is None:
@@ -229,6 +230,12 @@ def test_without_fmpy_its_install_is_told(unit2: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(fmu.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"needs FMPy. In resim's own folder: pip install '.\[fmi\]'"):
         load_build(build(unit2.parent))
+
+
+def test_a_parameter_that_the_build_does_not_set_may_be_swept(unit2: Path) -> None:
+    program = load_build(build(unit2.parent, parameters="")).program
+    assert isinstance(program, FunctionProgram)
+    assert set(wiring_of(program.command[-1]).parameters) == {"time_gap", "fault"}
 
 
 def seen(x: list[float], y: list[float], yaw_rate: float = 0.0) -> ObjectList:

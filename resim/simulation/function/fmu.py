@@ -124,7 +124,13 @@ def fmu_command(
         (out, *_checked(path, f"outputs: {out}", variable, known, "output", _OUTPUTS[out]))
         for out, variable in fmi.outputs.items()
     )
-    settings = {one: _parameter(path, one, value, known) for one, value in parameters.items()}
+    for one, value in parameters.items():
+        _refuse_parameter(path, one, value, known)
+    settings = {
+        one: (variable.reference, variable.type)
+        for one, variable in known.items()
+        if variable.causality == "parameter" and variable.type in _TYPES
+    }
     token = root.get("guid" if version == 2 else "instantiationToken", "")
     wiring = adapter.Wiring(name, version, identifier, token, inputs, outputs, settings, fmi.reach)
     needs_tool = simulation.get("needsExecutionTool") in ("true", "1")
@@ -193,8 +199,8 @@ def _checked(
     return found.reference, found.type
 
 
-def _parameter(path: Path, name: str, value: Any, known: Mapping[str, FmuVariable]) -> tuple[int, str]:
-    """Value reference and type of a parameter that is set."""
+def _refuse_parameter(path: Path, name: str, value: Any, known: Mapping[str, FmuVariable]) -> None:
+    """Raise InputError for a parameter that cannot be set so."""
     found = known.get(name)
     if found is None or found.causality != "parameter":
         there = [one for one, variable in known.items() if variable.causality == "parameter"]
@@ -209,4 +215,3 @@ def _parameter(path: Path, name: str, value: Any, known: Mapping[str, FmuVariabl
         raise InputError(
             path, f"parameters: {name} = {value!r}, expected a number of type {found.type}", REMEDY
         )
-    return found.reference, found.type
