@@ -11,7 +11,9 @@ from resim.cli.app import BadVerdictError, app, command
 from resim.cli.inputs import A_BUILD
 from resim.cli.terminal import add_to_json, say
 
-functions = typer.Typer(help="AD functions: check one of your own, or build it.", no_args_is_help=True)
+functions = typer.Typer(
+    help="AD functions: check one of your own, serve it, or build it.", no_args_is_help=True
+)
 app.add_typer(functions, name="function")
 
 
@@ -37,6 +39,22 @@ def check(
     if not found.good:
         broken = ", ".join(one.name for one in found.checks if not one.holds)
         raise BadVerdictError(f"{found.label}: does not hold: {broken}")
+
+
+@command(functions, "serve")
+def serve(
+    build: Annotated[Path, typer.Argument(callback=A_BUILD, help="Build file (TOML) with `[process]`.")],
+    address: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where to listen; others reach 0.0.0.0, unencrypted.")
+    ] = "127.0.0.1:50051",
+) -> None:
+    """Serve a process build over gRPC, as in a container: for each run that asks, a process of its own.
+
+    Ends by a signal.
+    """
+    from resim.jobs.function import serve_function
+
+    serve_function(build, address, lambda found: say(f"listens on {found}"))
 
 
 @command(functions, "include")

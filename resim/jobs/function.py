@@ -1,8 +1,8 @@
-"""`resim function check`: whether a build does what resim asks of an AD function."""
+"""`resim function`: whether a build does what resim asks of an AD function, and a server of one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from resim.road.opendrive import load
 from resim.simulation.function.conformance import SPEED, Check, conformance, repeated
 from resim.simulation.function.conversation import read_conversation
 from resim.simulation.function.interface import EgoState, load_build
-from resim.simulation.function.program import refuse_unrecordable
+from resim.simulation.function.program import refuse_unrecordable, served_program
+from resim.simulation.function.relay import RelayServer
 
 
 @dataclass(frozen=True)
@@ -61,3 +62,21 @@ def _checked(asked: tuple[Path, list[Path]]) -> FunctionCheck:
         refuse_unrecordable(path, build.program)
         return FunctionCheck(build.label, tuple(repeated(build, *one) for one in recorded.items()))
     return FunctionCheck(build.label, tuple(conformance(build, load(shipped() / MAP), START)))
+
+
+def serve_function(build: str | Path, address: str, listens: Callable[[str], None]) -> None:
+    """Serve a process build over gRPC until a signal ends the program: for each stream a process of its own.
+
+    Args:
+        build: Build file.
+        address: host:port to listen on; port 0 is any that is free.
+        listens: Called with the address once it is listened on.
+
+    Raises:
+        ResimError: The build cannot be used or is no process, grpcio is missing, or somebody else listens there.
+    """
+    path = path_of(build)
+    server = RelayServer(served_program(path, load_build(path).program), address)
+    server.start()
+    listens(server.address)
+    server.serve()

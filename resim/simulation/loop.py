@@ -6,7 +6,7 @@ import contextlib
 import linecache
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -23,6 +23,7 @@ from resim.road.opendrive import RoadNetwork, lend_network
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.engine import Mirror
 from resim.simulation.followed_height import FollowedHeight
+from resim.simulation.function.batch import PerceivedBatch
 from resim.simulation.function.driver import BatchDriver, Driver, cycle_steps, driver_of
 from resim.simulation.function.interface import EgoState, Placement, Setup
 from resim.simulation.perception import PerceptionBatch, Worlds
@@ -47,7 +48,7 @@ def drive(cases: Sequence[Case], beside: Callable[[Stage], Mirror] | None = None
         perception = cases[0].perception.together([case.perception for case in cases[1:]], rngs)
         if perception is not None:
             with contextlib.suppress(FunctionError):
-                return _Loop(cases, perception).drive()
+                return ClosedLoop(cases, perception).drive()
             half = len(cases) // 2
             return drive(cases[:half]) + drive(cases[half:])
     return [one for case in cases for one in _alone(case, beside)]
@@ -58,7 +59,7 @@ def _alone(case: Case, beside: Callable[[Stage], Mirror] | None) -> list[Simulat
     perception = case.perception.together((), [np.random.default_rng(case.seed)])
     if perception is None:
         raise ResimError(f"the perception {case.perception.hash} cannot be simulated")
-    return _Loop([case], perception, beside).drive()
+    return ClosedLoop([case], perception, beside).drive()
 
 
 def _own_z(truth: Tracks) -> Floats | None:
@@ -103,7 +104,7 @@ def _setup(case: Case, road: RoadNetwork, stage: Stage, cycle: float) -> Setup:
     )
 
 
-class _Loop:
+class ClosedLoop:
     """B runs as they happen: the EGOs' states and commands, and how each ended.
 
     A run that has ended goes on with the others, and what comes after its end is forgotten.
@@ -167,6 +168,17 @@ class _Loop:
 
     def run(self, driver: Driver | BatchDriver, cycle: int) -> None:
         """Take every step, from the lead-in's first to the end."""
+        asked = self.ask(cycle)
+        seen = next(asked, None)
+        while seen is not None:
+            answer = driver.step(*seen)
+            try:
+                seen = asked.send(answer)
+            except StopIteration:
+                return
+
+    def ask(self, cycle: int) -> Generator[tuple[PerceivedBatch, bool], Floats | Placement, None]:
+        """Take every step, and give what is perceived in each cycle and whether it counts; is sent the answer."""
         plan, case, mirror, perceive = self.plan, self.case, self.mirror, self.perception.perceive
         begin, last, runs = plan.begin, len(plan.t) - 1, len(self.cases)
         dt = float(plan.t[1] - plan.t[0])
@@ -193,7 +205,7 @@ class _Loop:
                     states = self.settled(ego)
                 if (k - begin) % cycle == 0:
                     z = None if self.z is None else self.z[k]
-                    answer = driver.step(perceive(worlds(k, ego, z)), k >= begin)
+                    answer = yield perceive(worlds(k, ego, z)), k >= begin
                 if k == last:
                     break
                 if self.reactive is not None and k >= begin:

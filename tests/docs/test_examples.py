@@ -59,6 +59,7 @@ RUN_HERE = {
     "planner.py",
     "planner.toml",
     "follow.toml",
+    "container.toml",
     "reactive_planner.toml",
     "careful.toml",
     "my_measures.py",
@@ -66,8 +67,16 @@ RUN_HERE = {
     "mapping.toml",
     "mine.toml",
 }
-RUN_ELSEWHERE = {"first.toml", "second.toml", "late.toml", "rows.py", "read_table.py"}
-"""By the tests of the tutorial and of Parquet files."""
+RUN_ELSEWHERE = {
+    "agent.py",
+    "unit.toml",
+    "first.toml",
+    "second.toml",
+    "late.toml",
+    "rows.py",
+    "read_table.py",
+}
+"""By the tests of agents, of units, of the tutorial and of Parquet files."""
 
 
 def example(page: Path, name: str) -> str:
@@ -366,6 +375,28 @@ def test_a_function_from_outside_is_checked_as_the_guide_has_it(
     subprocess.run(shlex.split(line.replace("$(resim function include)", include)), cwd=tmp_path, check=True)
     found = check_function(tmp_path / "follow.toml")
     assert found.good, found.checks
+
+
+def test_the_build_of_a_container_is_as_the_guide_has_it(tmp_path: Path) -> None:
+    pytest.importorskip("grpc")
+    page = GUIDES / "outside.md"
+    (tmp_path / "container.toml").write_text(example(page, "container.toml"), encoding="utf-8")
+    program = load_build(tmp_path / "container.toml").program
+    assert program is not None
+    assert "container sha256:6c3c62... is what answers at localhost:50051" in program.unpinned
+    (line,) = [line for line in (ROOT / "adfunc" / "cpp" / "Dockerfile").read_text().splitlines()
+               if line.startswith("ENTRYPOINT")]  # fmt: skip
+    assert " ".join(re.findall(r'"(.*?)"', line)) in pages.text(page)
+
+
+def test_the_readme_has_every_extra() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"\| extra \|.*?\n\n", text, re.DOTALL)
+    told = [
+        name for row in table.strip().splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    ]
+    assert sorted(told) == sorted(project["optional-dependencies"])
 
 
 def test_the_build_of_somebody_elses_planner_is_as_the_guide_has_it() -> None:

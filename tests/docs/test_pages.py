@@ -67,7 +67,7 @@ def test_commands_are_taken_as_they_stand(page: Path, monkeypatch: pytest.Monkey
             case ["make", target]:
                 assert target in targets
             case [program, *_]:
-                assert program in ("python", "ls", "c++"), words
+                assert program in ("python", "ls", "c++", "docker"), words
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

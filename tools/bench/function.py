@@ -1,17 +1,20 @@
-"""What a function costs that is a process of its own, beside the same class in this one; prints JSON at the end.
+"""What a function costs that is a process of its own, or asked over gRPC, beside the same class in this one.
 
-    python tools/bench/function.py [--steps 20000] [--objects 8]
+    python tools/bench/function.py [--steps 20000] [--objects 8] [--build unit.toml]
 
-Both are asked in turns by the same lists, so that both see the same machine.
+All are asked in turns by the same lists, so that all see the same machine. Prints JSON at the end.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +42,22 @@ def taken(function: AdFunction, perceived: Perceived) -> float:
     return time.perf_counter() - begin
 
 
+@contextmanager
+def served(build: Path) -> Iterator[str]:
+    """The address of a server of a process build."""
+    order = [sys.executable, "-m", "resim", "function", "serve", build, "--address", "127.0.0.1:0"]
+    with subprocess.Popen(order, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        yield server.stdout.readline().split()[-1]
+        server.terminate()
+
+
 def main() -> None:
-    """Ask both in turns."""
+    """Ask all in turns."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=20000)
     parser.add_argument("--objects", type=int, default=8)
+    parser.add_argument("--build", type=Path, help="a build of another kind, asked as well")
     args = parser.parse_args()
     n, rng = args.objects, np.random.default_rng(0)
     start = EgoState(0.0, 0.0, 0.0, 20.0)
@@ -58,39 +72,42 @@ def main() -> None:
         None,
         NO_ROUTE,
     )
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         (Path(folder) / "pilot.py").write_text(PILOT, encoding="utf-8")
-        both = []
-        for name, more in (("here", ""), ("apart", f'[process]\npython = "{sys.executable}"\n')):
+        functions = []
+        head, factory = 'name = "pilot"\nversion = "1"\n', 'factory = "pilot:Pilot"\n'
+        ways = {"here": factory, "apart": f'{factory}[process]\npython = "{sys.executable}"\n', "grpc": ""}
+        for name, text in ways.items():
             path = Path(folder) / f"{name}.toml"
-            path.write_text(
-                f'name = "pilot"\nversion = "1"\nfactory = "pilot:Pilot"\n{more}', encoding="utf-8"
-            )
+            if name == "grpc":
+                text = f'[grpc]\naddress = "{stack.enter_context(served(path.with_name("apart.toml")))}"\n'
+            path.write_text(head + text, encoding="utf-8")
             build = load_build(path)
             with build.factory.afresh():
-                both.append(build.make())
-        for function in both:
+                functions.append(build.make())
+        if args.build is not None:
+            build = load_build(args.build)
+            with build.factory.afresh():
+                functions.append(build.make())
+        for function in functions:
             function.reset(setup)
         texts = np.array([str(k) for k in range(n)]), np.array(["car"] * n)
-        times = np.empty((args.steps, 2))
+        times = np.empty((args.steps, len(functions)))
         for k in range(args.steps):
             p = Perceived(0.04 * k, start, *texts, *rng.normal(0.0, 30.0, (6, n)))
-            times[k] = [taken(function, p) for function in both]
-        for function in both:
+            times[k] = [taken(function, p) for function in functions]
+        for function in functions:
             function.close()
     us = 1e6 * times[100:]
-    for name, column in zip(("in this process", "in its own"), us.T, strict=True):
+    found: dict[str, float] = {"objects": n}
+    names = ("in this process", "in its own", "over gRPC, relayed", str(args.build))
+    for name, column in zip(names, us.T, strict=False):
         print(f"{name}: median {np.median(column):.1f} us, 99 % {np.quantile(column, 0.99):.1f} us")
-    more = us[:, 1] - us[:, 0]
-    print(
-        json.dumps(
-            {
-                "overhead_us": round(float(np.median(more)), 1),
-                "overhead_p99_us": round(float(np.quantile(more, 0.99)), 1),
-                "objects": n,
-            }
-        )
-    )
+    for name, column in zip(("", "grpc_", "build_"), us.T[1:], strict=False):
+        more = column - us[:, 0]
+        found[f"{name}overhead_us"] = round(float(np.median(more)), 1)
+        found[f"{name}overhead_p99_us"] = round(float(np.quantile(more, 0.99)), 1)
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.batch import Keys, stacked
 from resim.simulation.function.conversation import Conversation, difference
 from resim.simulation.function.driver import RESET_LIMIT, driver_of
+from resim.simulation.function.grpc_stream import GrpcProgram
 from resim.simulation.function.interface import Build, EgoState, Perceived, Setup, unknown_heights
 from resim.simulation.function.messages import MessageFunction
 from resim.simulation.function.program import FunctionProgram
@@ -70,7 +71,7 @@ def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Ch
     yield Check("latency", late < 0.5 * build.time_limit, told)
     if build.in_batches:
         yield _same("batches", answers, _asked(build, road, start, runs=3), "the same for three runs at once")
-    if isinstance(build.program, FunctionProgram):
+    if isinstance(build.program, FunctionProgram | GrpcProgram):
         yield _malformed(build)
 
 

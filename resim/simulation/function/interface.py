@@ -27,16 +27,19 @@ from resim.function import Command as Command
 from resim.function import EgoState as EgoState
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.fmu import FmiTable, fmu_files
+from resim.simulation.function.grpc_stream import GrpcProgram, GrpcTable
+from resim.simulation.function.grpc_wire import refuse_without_grpc
 from resim.simulation.function.program import (
-    FunctionProgram,
+    NamedProgram,
     ProcessTable,
-    RecordedProgram,
     RecordedTable,
     outside,
     own_files,
     program_of,
     recorded_files,
     recorded_program,
+    unit_program,
 )
 
 PARTS = remedies.BUILD
@@ -134,6 +137,8 @@ class BuildFile(BaseModel):
     version: str = Field(min_length=1)
     factory: ModuleAndName | None = None
     process: ProcessTable | None = None
+    grpc: GrpcTable | None = None
+    fmi: FmiTable | None = None
     recorded: RecordedTable | None = None
     cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
     time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
@@ -149,10 +154,15 @@ class BuildFile(BaseModel):
                     f"{sorted(given)[0]}: [recorded] has its own, as it was recorded; leave it out"
                 )
             return self
-        by_command = self.process is not None and bool(self.process.command)
-        if (self.factory is None) != by_command:
+        process, by_command = (
+            self.process is not None,
+            self.process is not None and bool(self.process.command),
+        )
+        ways = (self.factory is not None, by_command, self.grpc is not None, self.fmi is not None)
+        if ways.count(True) != 1 or (process and (ways[2] or ways[3])):
             raise ValueError(
-                "expected factory, or [process] with a command, or factory and [process] with python, or [recorded]"
+                "expected factory, or [process] with a command, or factory and [process] with python, or [grpc], "
+                "or [fmi], or [recorded]"
             )
         return self
 
@@ -186,7 +196,7 @@ class Build:
     cycle_time: float | None
     time_limit: float
     frozen: FrozenFile
-    program: FunctionProgram | RecordedProgram | None = None
+    program: NamedProgram | None = None
 
     @property
     def hash(self) -> str:
@@ -219,7 +229,8 @@ def freeze_build(path: Path) -> FrozenFile:
     if file.recorded is not None:
         return freeze_code(path, raw, named, recorded_files(path, file.recorded))
     if file.process is None:
-        return freeze_code(path, raw, named, file.files)
+        units = [] if file.fmi is None else fmu_files(path, file.fmi)
+        return freeze_code(path, raw, named, [*file.files, *units])
     files = dict.fromkeys([*file.files, *own_files(path, file.process)])
     return freeze_code(path, raw, named, [*files], outside(path, file.process))
 
@@ -229,7 +240,9 @@ def load_build(file: str | Path | FrozenFile) -> Build:
 
     `factory` is "module:name"; a module file beside the build file goes before an installed module. With `[process]`
     the function is a process of its own (`resim.simulation.function.process`), whose factory nobody imports here; with
-    `[recorded]` it is what was recorded of one (`resim.simulation.function.conversation`).
+    `[grpc]` it is asked at an address (`resim.simulation.function.grpc_stream`); with `[fmi]` it is a co-simulation
+    unit (`resim.simulation.function.fmu`); with `[recorded]` it is what was recorded of one
+    (`resim.simulation.function.conversation`).
 
     Args:
         file: The build file, or its frozen copy.
@@ -243,11 +256,8 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     frozen = file if isinstance(file, FrozenFile) else freeze_build(Path(file))
     path, copy = frozen.path, load_frozen(frozen, freeze_build)
     said = _parsed(copy.raw, path)
-    if said.process is not None:
-        return _by_messages(frozen, copy, said, program_of(path, said.process, said.factory or "", copy))
-    if said.recorded is not None:
-        return _by_messages(frozen, copy, said, recorded_program(path, said.recorded, copy))
-    assert said.factory is not None
+    if said.factory is None or said.process is not None:
+        return _asked_by_messages(frozen, copy, said)
     named = load_named(frozen, copy, said.factory, "factory")
     factory = named.load()
     name, needs_truth = said.factory.partition(":")[2], bool(getattr(factory, "needs_truth", False))
@@ -276,24 +286,32 @@ def load_build(file: str | Path | FrozenFile) -> Build:
     )
 
 
-def _by_messages(
-    frozen: FrozenFile, copy: FrozenCopy, said: BuildFile, program: FunctionProgram | RecordedProgram
-) -> Build:
-    """Give the build of a function that is asked by messages; what was recorded has its own parameters and times."""
-    parameters, of = said.parameters, (said.cycle_time, said.time_limit)
-    if isinstance(program, RecordedProgram):
-        speaker = program.conversations[0].speaker
-        parameters, of = dict(program.parameters), (speaker.cycle_time, speaker.time_limit)
+def _asked_by_messages(frozen: FrozenFile, copy: FrozenCopy, said: BuildFile) -> Build:
+    """The build of a process, of a server, or of what was recorded."""
+    path, cycle_time, time_limit, parameters = frozen.path, said.cycle_time, said.time_limit, said.parameters
+    program: NamedProgram
+    if said.process is not None:
+        program, in_batches = program_of(path, said.process, said.factory or "", copy), said.process.batches
+    elif said.grpc is not None:
+        program, in_batches = GrpcProgram(said.grpc.address, said.grpc.digest), said.grpc.batches
+        refuse_without_grpc(str(path))
+    elif said.fmi is not None:
+        program, in_batches = unit_program(path, said.fmi, parameters, copy), False
+    else:
+        assert said.recorded is not None
+        program, in_batches = recorded_program(path, said.recorded, copy), False
+        speaker, parameters = program.conversations[0].speaker, dict(program.parameters)
+        cycle_time, time_limit = speaker.cycle_time, speaker.time_limit
     return Build(
         name=said.name,
         version=said.version,
-        path=frozen.path,
-        factory=load_named(frozen, copy, _BY_MESSAGES, "process" if said.process is not None else "recorded"),
+        path=path,
+        factory=load_named(frozen, copy, _BY_MESSAGES, "[process], [grpc], [fmi] or [recorded]"),
         needs_truth=False,
-        in_batches=said.process is not None and said.process.batches,
+        in_batches=in_batches,
         parameters=parameters,
-        cycle_time=of[0],
-        time_limit=of[1],
+        cycle_time=cycle_time,
+        time_limit=time_limit,
         frozen=frozen,
         program=program,
     )

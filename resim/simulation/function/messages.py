@@ -1,7 +1,7 @@
 """An AD function that is asked by messages: what resim tells it, and what its answers have to be.
 
 docs/formats/process.md says what is in each message. Who carries them is the function's `Partner`: a process of its
-own (`process`), or a conversation that was recorded (`conversation`).
+own (`process`), a stream to a server (`grpc_stream`), or a conversation that was recorded (`conversation`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Partner(Protocol):
     def exchange(self, message: bytes) -> bytes:
         """Send a message, its length before it, and give the body of its answer.
 
-        Raises EOFError, with the way it ended, where there is nobody any more, and FunctionError for no message.
+        Raises EOFError, with how it ended in words, where there is nobody any more, and FunctionError for no message.
         """
 
     def end(self, message: bytes) -> None:
@@ -111,9 +111,9 @@ class MessageFunction:
         try:
             answer = _unpacked(self._partner.exchange(message))
         except EOFError as e:
-            if str(e) == "with code 0":
-                raise FunctionError("ended its process with code 0, as if all were well") from None
-            return f"ended its process {e}"
+            if str(e).endswith(("with code 0", "with OK")):
+                raise FunctionError(f"{e}, as if all were well") from None
+            return str(e)
         if not isinstance(answer, dict) or "error" not in answer:
             raise FunctionError(f"answered {answer!r:.60}, expected an error")
         return f"answered the error {answer['error']!s:.100}"
@@ -149,7 +149,7 @@ class MessageFunction:
         try:
             body = self._partner.exchange(asked)
         except EOFError as e:
-            raise FunctionError(f"ended its process {e}", words=_words()) from None
+            raise FunctionError(str(e), words=_words()) from None
         finally:
             if self.exchanges is not None:
                 self.exchanges.append((asked, body))

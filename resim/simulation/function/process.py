@@ -37,13 +37,15 @@ class ChildProcess:
 
     folder: with the files of its build, of which it gets a copy for itself, to work in. own: those of them that the
     command may name, the program among them. environment: variables that it gets besides `PASSED`. unchanged: raises
-    FunctionError where a program elsewhere is another by now.
+    FunctionError where a program elsewhere is another by now. grouped: whether it is a process group of its own, which
+    ends with it.
     """
 
     def __init__(
         self, command: tuple[str, ...], folder: Path, own: bool, environment: tuple[str, ...],
-        unchanged: Callable[[], None],
+        unchanged: Callable[[], None], *, grouped: bool = False,
     ) -> None:  # fmt: skip
+        self._grouped = grouped
         self._command, self._folder, self._own = command, folder, own
         self._environment, self._unchanged = environment, unchanged
         self._process: subprocess.Popen[bytes] | None = None
@@ -62,7 +64,7 @@ class ChildProcess:
             with unheard():
                 self._process = subprocess.Popen(
                     command, cwd=here, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
-                    env=_variables(self._environment),
+                    env=_variables(self._environment), process_group=0 if self._grouped else None,
                 )  # fmt: skip
         except (OSError, ValueError) as e:
             self.kill()
@@ -81,7 +83,7 @@ class ChildProcess:
             _send(process.stdin.fileno(), message)
             return _received(process.stdout.fileno())
         except (BrokenPipeError, EOFError):
-            raise EOFError(_ending(process.wait())) from None
+            raise EOFError(f"ended its process {_ending(process.wait())}") from None
 
     def end(self, message: bytes) -> None:
         """Send the last message; FunctionError where it does not end by itself, or ends with an error."""
@@ -106,13 +108,25 @@ class ChildProcess:
         finally:
             self.kill()
 
+    def stop(self) -> None:
+        """End it from another thread than the one that asks it, which finds it ended."""
+        process = self._process
+        if process is not None:
+            self._signal(process)
+
+    def _signal(self, process: subprocess.Popen[bytes]) -> None:
+        process.kill()
+        if self._grouped:
+            with suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL)
+
     def kill(self) -> None:
         """End it, whatever it does."""
         process, self._process = self._process, None
         if process is not None:
             assert process.stdin is not None
             assert process.stdout is not None
-            process.kill()
+            self._signal(process)
             process.wait()
             with suppress(OSError):
                 process.stdin.close()

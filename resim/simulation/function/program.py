@@ -1,4 +1,4 @@
-"""What a build file says of an AD function that is asked by messages: a process, or a recorded conversation."""
+"""What a build file says of an AD function that is asked by messages: a process, a server, or what was recorded."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenCopy
 from resim.core.plugins.unlisted_files import NOT_PINNED
 from resim.simulation.function.conversation import SUFFIX, Conversation, RecordedPartner, read_conversation
+from resim.simulation.function.fmu import FmiTable, fmu_command
+from resim.simulation.function.grpc_stream import GrpcProgram
 from resim.simulation.function.process import ChildProcess
 
 REMEDY = "Name a program beside the build file, by its path, or one on PATH."
@@ -88,9 +90,11 @@ class FunctionProgram:
     hash: str = ""
     environment: tuple[str, ...] = ()
 
-    def partner(self) -> ChildProcess:
-        """Give a process for one run."""
-        return ChildProcess(self.command, self.folder, self.own, self.environment, self.refuse_changed)
+    def partner(self, *, grouped: bool = False) -> ChildProcess:
+        """Give a process for one run; grouped: a process group of its own."""
+        return ChildProcess(
+            self.command, self.folder, self.own, self.environment, self.refuse_changed, grouped=grouped
+        )
 
     def refuse_changed(self) -> None:
         """Raise FunctionError where a program that lies elsewhere is not the one that was hashed."""
@@ -134,9 +138,13 @@ class RecordedProgram:
         return self.conversations[0].parameters
 
 
-def refuse_unrecordable(path: Path, program: FunctionProgram | RecordedProgram | None) -> None:
-    """Raise InputError for a build that is no process, whose conversation could be recorded."""
-    if isinstance(program, FunctionProgram):
+NamedProgram = FunctionProgram | GrpcProgram | RecordedProgram
+"""What a build may name that is asked by messages."""
+
+
+def refuse_unrecordable(path: Path, program: NamedProgram | None) -> None:
+    """Raise InputError for a build that is no process or server, whose conversation could be recorded."""
+    if isinstance(program, FunctionProgram | GrpcProgram):
         return
     what = (
         "is recorded already"
@@ -145,6 +153,15 @@ def refuse_unrecordable(path: Path, program: FunctionProgram | RecordedProgram |
     )
     remedy = "Serve it as a process: `[process]` with `python`."
     raise InputError(path, f"{what}, so there is no conversation to record or repeat", remedy)
+
+
+def served_program(path: Path, program: NamedProgram | None) -> FunctionProgram:
+    """Give the process of a build, to serve it. Raises InputError for a build of another kind."""
+    if isinstance(program, FunctionProgram):
+        return program
+    raise InputError(
+        path, "is no process, which alone is served", "Give it `[process]`, with command or python."
+    )
 
 
 def recorded_files(path: Path, recorded: RecordedTable) -> list[str]:
@@ -206,6 +223,15 @@ def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy
         (str(program), *served, *rest), copy.folder, _unpinned(told), own=False, hash=copy.outside[word],
         environment=named,
     )  # fmt: skip
+
+
+def unit_program(
+    path: Path, fmi: FmiTable, parameters: Mapping[str, Any], copy: FrozenCopy
+) -> FunctionProgram:
+    """Give the program that serves a unit as it was frozen. Raises InputError where the build does not fit it."""
+    command, needs_tool = fmu_command(path, fmi, parameters, copy.folder)
+    told = ["the tool that the unit needs"] if needs_tool else []
+    return FunctionProgram(command, copy.folder, _unpinned(told), own=False, hash=_hash_of(command[0]))
 
 
 def _unpinned(told: list[str]) -> str:

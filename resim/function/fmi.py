@@ -1,0 +1,158 @@
+"""Serves a co-simulation unit (FMI 2 or 3) as a function, by FMPy, in the process that resim starts for its run.
+
+resim has read the unit's description, and gives what is needed of it as JSON: `Wiring`.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import sys
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+SIGNALS = {
+    "ego.x": "m", "ego.y": "m", "ego.heading": "rad", "ego.v": "m/s", "ego.a": "m/s2", "ego.yaw_rate": "rad/s",
+    "lead.gap": "m", "lead.v": "m/s", "lead.exists": "",
+}  # fmt: skip
+"""What a unit may get, with its unit."""
+OF_OBJECT = {"x": "m", "y": "m", "heading": "rad", "v": "m/s", "length": "m", "width": "m", "exists": ""}
+"""What it may get of the object that is nearest but k, as `object[k].x`."""
+_SLOW = 1.0
+"""m/s up to which the EGO's corridor is straight."""
+
+
+class Wiring(NamedTuple):
+    """A unit and how it is connected.
+
+    file: where it lies. version: of FMI, 2 or 3. identifier, token: of its library. inputs: signal, value reference and
+    type of each variable. outputs: name, value reference, type. parameters: value reference and type of each, by name.
+    reach: m up to which there is a lead vehicle.
+    """
+
+    file: str
+    version: int
+    identifier: str
+    token: str
+    inputs: tuple[tuple[str, int, str], ...]
+    outputs: tuple[tuple[str, int, str], ...]
+    parameters: Mapping[str, tuple[int, str]]
+    reach: float
+
+
+def lead_of(p: Any, length: float, width: float, reach: float) -> tuple[float, float, bool]:
+    """Give gap [m], bumper to bumper, and speed [m/s] of the next object in the EGO's corridor, and whether it exists.
+
+    The corridor is as wide as the EGO, and bent as it drives; an object counts that reaches into it. Without one the
+    gap is `reach`, and the speed the EGO's.
+    """
+    bend = p.ego.yaw_rate / p.ego.v if p.ego.v > _SLOW else 0.0
+    found = (reach, p.ego.v, False)
+    for x, y, v, l, w in zip(*(column.tolist() for column in (p.x_ego, p.y_ego, p.v, p.length, p.width))):  # noqa: B905, E741
+        gap = x - 0.5 * (length + l)
+        if x > 0.0 and abs(y - 0.5 * bend * x * x) < 0.5 * (width + w) and gap < found[0]:
+            found = (gap, v, True)
+    return found
+
+
+class FmuFunction:
+    """A unit, as an AD function: each step is one of its communication steps, of the function's cycle."""
+
+    def __init__(self, wiring: Wiring, **parameters: Any) -> None:
+        self._wiring, self._given = wiring, parameters
+        self._steps = 0
+        self._unit: Any = None
+
+    def reset(self, setup: Any) -> None:
+        """Load the unit and initialise it."""
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        w = self._wiring
+        with zipfile.ZipFile(w.file) as packed:
+            packed.extractall("unit")
+        self._length, self._width, self._cycle = setup.length, setup.width, setup.cycle
+        kind = FMU2Slave if w.version == 2 else FMU3Slave
+        unit = kind(
+            guid=w.token, modelIdentifier=w.identifier, unzipDirectory=str(Path("unit").absolute()),
+            instanceName="function",
+        )  # fmt: skip
+        unit.instantiate()
+        for name, value in self._given.items():
+            if name not in w.parameters:
+                raise ValueError(f"the unit has no parameter {name!r}")
+            reference, form = w.parameters[name]
+            getattr(unit, f"set{form}")([reference], [value])
+        if w.version == 2:
+            unit.setupExperiment(startTime=0.0)
+            unit.enterInitializationMode()
+        else:
+            unit.enterInitializationMode(startTime=0.0)
+        unit.exitInitializationMode()
+        self._unit = unit
+        forms = sorted({form for _, _, form in w.inputs})
+        self._sets: list[tuple[Callable[..., None], list[int], list[str]]] = [
+            (getattr(unit, f"set{form}"), [r for _, r, f in w.inputs if f == form],
+             [signal for signal, _, f in w.inputs if f == form])
+            for form in forms
+        ]  # fmt: skip
+        self._gets = {name: (getattr(unit, f"get{form}"), [reference]) for name, reference, form in w.outputs}
+
+    def step(self, p: Any) -> Any:
+        """Set the inputs, do a step, and give the outputs."""
+        from resim.function import Command
+
+        signals = self._signals(p)
+        for put, references, names in self._sets:
+            put(references, [signals[name] for name in names])
+        told = self._unit.doStep(self._steps * self._cycle, self._cycle)
+        self._steps += 1
+        if told is not None and told[1]:
+            raise RuntimeError("the unit asked to terminate the simulation")
+        values = {name: float(get(references)[0]) for name, (get, references) in self._gets.items()}
+        return Command(values["acceleration"], values.get("curvature", 0.0))
+
+    def close(self) -> None:
+        """Terminate the unit and let go of it."""
+        if self._unit is not None:
+            self._unit.terminate()
+            self._unit.freeInstance()
+
+    def _signals(self, p: Any) -> dict[str, Any]:
+        gap, v, exists = lead_of(p, self._length, self._width, self._wiring.reach)
+        found = {f"ego.{name}": value for name, value in p.ego._asdict().items()}
+        found |= {"lead.gap": gap, "lead.v": v, "lead.exists": exists}
+        if any(signal.startswith("object") for signal, *_ in self._wiring.inputs):
+            far = [math.hypot(x, y) for x, y in zip(p.x_ego.tolist(), p.y_ego.tolist())]  # noqa: B905
+            order = sorted(range(len(far)), key=lambda k: (far[k], p.ids[k]))
+            for signal, *_ in self._wiring.inputs:
+                if signal.startswith("object["):
+                    k, name = int(signal[7 : signal.index("]")]), signal.rpartition(".")[2]
+                    found[signal] = self._of_object(p, order[k] if k < len(order) else None, name)
+        return found
+
+    def _of_object(self, p: Any, row: int | None, name: str) -> Any:
+        if name == "exists":
+            return row is not None
+        if row is None:
+            return self._wiring.reach if name == "x" else 0.0
+        column = getattr(p, f"{name}_ego") if name in ("x", "y", "heading") else getattr(p, name)
+        return float(column[row])
+
+
+def wiring_of(text: str) -> Wiring:
+    """Give a wiring from JSON."""
+    told = json.loads(text)
+    for name in ("inputs", "outputs"):
+        told[name] = tuple(map(tuple, told[name]))
+    return Wiring(**told)
+
+
+if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).parents[2])  # not this folder
+    from resim.function import serve
+
+    serve(functools.partial(FmuFunction, wiring_of(sys.argv[1])))

@@ -1,0 +1,217 @@
+"""A co-simulation unit (FMI 2 or 3) as a function: what its build file says, held against the unit's description."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import posixpath
+import re
+import sys
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from lxml import etree
+from pydantic import BaseModel, ConfigDict, Field, StrictStr, field_validator
+
+import resim.function.fmi as adapter
+from resim.core.errors import InputError
+from resim.core.spelling import did_you_mean
+
+_SIGNAL = re.compile(r"object\[(0|[1-9][0-9]?)\]\.(\w+)")
+_NUMBERS = {"Real", "Float32", "Float64"}
+_TYPES = {
+    *_NUMBERS,
+    "Integer",
+    "Int8",
+    "UInt8",
+    "Int16",
+    "UInt16",
+    "Int32",
+    "UInt32",
+    "Int64",
+    "UInt64",
+    "Boolean",
+}
+_PLATFORM = {2: "linux64", 3: "x86_64-linux"}
+_SAME = {"m/s^2": "m/s2", "m/s²": "m/s2", "m.s-2": "m/s2", "m.s-1": "m/s", "rad.s-1": "rad/s", "m-1": "1/m"}
+"""Other ways to write a unit."""
+_OUTPUTS = {"acceleration": "m/s2", "curvature": "1/m"}
+REMEDY = "The variables are in modelDescription.xml of the unit."
+
+
+class FmiTable(BaseModel):
+    """`[fmi]`: a co-simulation unit, and how it is connected.
+
+    Attributes:
+        file: The unit (FMI 2 or 3), beside the build file.
+        inputs: Input variable = signal.
+        outputs: `acceleration`, and `curvature` if it steers = output variable.
+        reach: m up to which there is a lead vehicle.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    file: StrictStr
+    inputs: dict[StrictStr, StrictStr]
+    outputs: dict[Literal["acceleration", "curvature"], StrictStr]
+    reach: float = Field(strict=True, default=200.0, gt=0.0, le=1e6)
+
+    @field_validator("file")
+    @classmethod
+    def _is_beside(cls, file: str) -> str:
+        if posixpath.normpath(file).startswith(("..", "/")):
+            raise ValueError(f"{file!r} is not beside the build file, expected a name relative to its folder")
+        return file
+
+    @field_validator("inputs")
+    @classmethod
+    def _signals_exist(cls, inputs: dict[str, str]) -> dict[str, str]:
+        for signal in inputs.values():
+            if _unit_of(signal) is None:
+                known = [*adapter.SIGNALS, *(f"object[0].{name}" for name in adapter.OF_OBJECT)]
+                near = did_you_mean(signal, known) or f"; there are: {', '.join(known)}"
+                raise ValueError(f"there is no signal {signal!r}{near}")
+        return inputs
+
+    @field_validator("outputs")
+    @classmethod
+    def _accelerates(cls, outputs: dict[str, str]) -> dict[str, str]:
+        if "acceleration" not in outputs:
+            raise ValueError("acceleration is missing")
+        return outputs
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """A variable of a unit: value reference, type, causality, and its unit if it has one."""
+
+    reference: int
+    type: str
+    causality: str
+    unit: str
+
+
+def fmu_files(path: Path, fmi: FmiTable) -> list[str]:
+    """Give the unit, as seen from the build file's folder. Raises InputError where FMPy is missing."""
+    if importlib.util.find_spec("fmpy") is None:
+        raise InputError(path, "[fmi] needs FMPy", "In resim's own folder: pip install '.[fmi]'")
+    return [posixpath.normpath(fmi.file)]
+
+
+def fmu_command(
+    path: Path, fmi: FmiTable, parameters: Mapping[str, Any], folder: Path
+) -> tuple[tuple[str, ...], bool]:
+    """Give the command that serves a unit, and whether that needs a tool of its vendor.
+
+    folder: where the unit lies. Raises InputError where the build file does not fit the unit.
+    """
+    name = posixpath.normpath(fmi.file)
+    root, version = _description(path, name, folder / name)
+    simulation = root.find("CoSimulation")
+    if simulation is None:
+        kinds = [kind for kind in ("ModelExchange", "ScheduledExecution") if root.find(kind) is not None]
+        raise InputError(path, f"fmi: {name} is for {' and '.join(kinds)}, expected a unit for co-simulation")
+    identifier = simulation.get("modelIdentifier", "")
+    _refuse_other_platforms(path, name, folder / name, f"binaries/{_PLATFORM[version]}/{identifier}.so")
+    known = _variables(root, version)
+    inputs = tuple(
+        (signal, *_checked(path, f"inputs: {variable}", variable, known, "input", str(_unit_of(signal))))
+        for variable, signal in fmi.inputs.items()
+    )
+    outputs = tuple(
+        (out, *_checked(path, f"outputs: {out}", variable, known, "output", _OUTPUTS[out]))
+        for out, variable in fmi.outputs.items()
+    )
+    for one, value in parameters.items():
+        _refuse_parameter(path, one, value, known)
+    settings = {
+        one: (variable.reference, variable.type)
+        for one, variable in known.items()
+        if variable.causality == "parameter" and variable.type in _TYPES
+    }
+    token = root.get("guid" if version == 2 else "instantiationToken", "")
+    wiring = adapter.Wiring(name, version, identifier, token, inputs, outputs, settings, fmi.reach)
+    needs_tool = simulation.get("needsExecutionTool") in ("true", "1")
+    return (sys.executable, adapter.__file__, json.dumps(wiring._asdict())), needs_tool
+
+
+def _unit_of(signal: str) -> str | None:
+    """The unit of a signal, None where there is no such signal."""
+    of_object = _SIGNAL.fullmatch(signal)
+    return adapter.SIGNALS.get(signal) if of_object is None else adapter.OF_OBJECT.get(of_object[2])
+
+
+def _description(path: Path, name: str, file: Path) -> tuple[Any, int]:
+    """The description of a unit, and the version of FMI, 2 or 3."""
+    try:
+        with zipfile.ZipFile(file) as packed:
+            raw = packed.read("modelDescription.xml")
+        root = etree.fromstring(raw, etree.XMLParser(resolve_entities=False, no_network=True))
+    except (OSError, KeyError, zipfile.BadZipFile, etree.XMLSyntaxError) as e:
+        raise InputError(path, f"fmi: {name} is no functional mock-up unit: {e}") from e
+    version = root.get("fmiVersion", "")
+    if version[:2] not in ("2.", "3."):
+        raise InputError(path, f"fmi: {name} is of FMI {version or 'without a version'}, expected FMI 2 or 3")
+    return root, int(version[0])
+
+
+def _refuse_other_platforms(path: Path, name: str, file: Path, binary: str) -> None:
+    with zipfile.ZipFile(file) as packed:
+        binaries = sorted(one for one in packed.namelist() if one.startswith("binaries/") and one[-1] != "/")
+    if binary not in binaries:
+        raise InputError(path, f"fmi: {name} has no {binary}; it has: {', '.join(binaries) or 'none'}")
+
+
+def _variables(root: Any, version: int) -> dict[str, FmuVariable]:
+    found = {}
+    types = root.findall("TypeDefinitions/*")
+    defined = {one.get("name"): (one.find("*") if version == 2 else one).get("unit", "") for one in types}
+    for one in root.iterfind("ModelVariables/*"):
+        kind = one.find("*") if version == 2 else one
+        is_array = version == 3 and one.find("Dimension") is not None
+        form = f"array of {kind.tag}" if is_array else kind.tag
+        unit = kind.get("unit") or defined.get(kind.get("declaredType"), "")
+        found[one.get("name")] = FmuVariable(
+            int(one.get("valueReference")), form, one.get("causality", "local"), unit
+        )
+    return found
+
+
+def _checked(
+    path: Path, where: str, name: str, known: Mapping[str, FmuVariable], causality: str, unit: str
+) -> tuple[int, str]:
+    """Value reference and type of a variable that is to be an input or output in this unit."""
+    if (found := known.get(name)) is None:
+        there = [one for one, variable in known.items() if variable.causality == causality]
+        near = did_you_mean(name, there) or f"; its {causality}s are: {', '.join(there) or 'none'}"
+        raise InputError(path, f"fmi: {where}: the unit has no variable {name!r}{near}", REMEDY)
+    if found.causality != causality:
+        problem = f"fmi: {where}: {name!r} is of causality {found.causality}, expected {causality}"
+        raise InputError(path, problem, REMEDY)
+    fits = _NUMBERS if unit or causality == "output" else _TYPES
+    if found.type not in fits:
+        problem = f"fmi: {where}: {name!r} is of type {found.type}, expected one of {', '.join(sorted(fits))}"
+        raise InputError(path, problem, REMEDY)
+    if found.unit and _SAME.get(found.unit, found.unit) != unit and unit:
+        raise InputError(path, f"fmi: {where}: {name!r} has the unit {found.unit}, expected {unit}", REMEDY)
+    return found.reference, found.type
+
+
+def _refuse_parameter(path: Path, name: str, value: Any, known: Mapping[str, FmuVariable]) -> None:
+    """Raise InputError for a parameter that cannot be set so."""
+    found = known.get(name)
+    if found is None or found.causality != "parameter":
+        there = [one for one, variable in known.items() if variable.causality == "parameter"]
+        near = did_you_mean(name, there) or f"; its parameters are: {', '.join(there) or 'none'}"
+        raise InputError(path, f"parameters: the unit has no parameter {name!r}{near}", REMEDY)
+    expected = bool if found.type == "Boolean" else int if found.type not in _NUMBERS else (int, float)
+    if (
+        found.type not in _TYPES
+        or isinstance(value, bool) != (expected is bool)
+        or not isinstance(value, expected)
+    ):
+        raise InputError(
+            path, f"parameters: {name} = {value!r}, expected a number of type {found.type}", REMEDY
+        )
