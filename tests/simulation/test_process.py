@@ -139,8 +139,8 @@ FAULTS = {
 @pytest.mark.parametrize("what", FAULTS)
 def test_what_a_process_does_costs_its_run(build: Callable[..., Path], tmp_path: Path, what: str) -> None:
     deed, why = FAULTS[what]
-    text = COMMAND.replace("[process]", "time_limit = 0.5\n[process]")
-    done = run(build(text.replace(HEAD, HEAD), how=deed), tmp_path / "out")
+    text = marked(COMMAND, tmp_path).replace("[process]", "time_limit = 0.5\n[process]")
+    done = run(build(text, how=deed), tmp_path / "out")
     assert (done.returncode, why in done.stderr) == (3, True), done.stderr
     assert "Traceback" not in done.stderr or what == "error", done.stderr
     if what == "exit":
@@ -151,7 +151,9 @@ def test_what_a_process_does_costs_its_run(build: Callable[..., Path], tmp_path:
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_no_process_outlives_its_command(build: Callable[..., Path], tmp_path: Path, how: int) -> None:
-    path = build(COMMAND.replace("[process]", "time_limit = 100.0\n[process]"), how="time.sleep(1e6)")
+    path = build(
+        marked(COMMAND, tmp_path).replace("[process]", "time_limit = 100.0\n[process]"), how="time.sleep(1e6)"
+    )
     order = [sys.executable, "-m", "resim", "run", RECORDING, "--build", path, "--out", tmp_path / "out"]
     command = subprocess.Popen(order, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                                env={**os.environ, "PYTHONPATH": str(ROOT)})  # fmt: skip
@@ -168,12 +170,17 @@ def _wait(what: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
+def marked(text: str, folder: Path) -> str:
+    """A build file whose command names the folder of the test, so that its processes are told from others'."""
+    return text.replace('"follow.py"]', f'"follow.py", "{folder}"]')
+
+
 def _running(folder: Path) -> list[str]:
-    """Processes that serve a function of this test: they work in its frozen copy, and were started by its file."""
+    """Processes that serve a function of this test."""
     found = []
     for process in Path("/proc").iterdir():
         try:
-            if process.name.isdigit() and "follow.py" in (process / "cmdline").read_text().split("\0"):
+            if process.name.isdigit() and str(folder) in (process / "cmdline").read_text().split("\0"):
                 found.append(process.name)
         except OSError:
             pass
