@@ -30,7 +30,11 @@ OBJECT = ("id", "kind", "x", "y", "heading", "v", "length", "width", "z")
 
 def packed(message: dict[str, Any]) -> bytes:
     """Give a message as it is sent, its length before it."""
-    body: bytes = msgpack.packb(message)
+    return framed(msgpack.packb(message))
+
+
+def framed(body: bytes) -> bytes:
+    """Give bytes as they are sent, their length before them."""
     return struct.pack("<I", len(body)) + body
 
 

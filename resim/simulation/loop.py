@@ -132,8 +132,7 @@ class ClosedLoop:
         self.runs = [_Run() for _ in cases]
         self.broken: FunctionError | None = None  # what several runs failed with
         self.said = ""
-        self.length = np.array([m.length for m in self.members])
-        self.width = np.array([m.width for m in self.members])
+        self.length, self.width = stage.length, stage.width
 
     def drive(self) -> list[SimulatedDrive]:
         """Drive from the lead-in's first step to the end. Raises FunctionError where several runs fail with one."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -60,6 +60,16 @@ class Stage:
     phases: tuple[Phase, ...]
     surface: Surface
     route: Route
+
+    @cached_property
+    def length(self) -> Floats:
+        """Lengths (N,) [m], EGO first."""
+        return constant(np.array([m.length for m in self.members]))
+
+    @cached_property
+    def width(self) -> Floats:
+        """Widths (N,) [m], EGO first."""
+        return constant(np.array([m.width for m in self.members]))
 
     @property
     def shown(self) -> tuple[Phase, ...]:

@@ -20,6 +20,7 @@ from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 from processes import below
+from simulation.test_process import COMMAND, FOLLOW, HEAD
 
 from resim.core.errors import InputError
 from resim.jobs.function import check_function
@@ -29,43 +30,13 @@ from resim.simulation.function.interface import load_build
 
 grpc: Any = pytest.importorskip("grpc")
 RECORDING = ROOT / "scenarios" / "rear_end"
-FOLLOW = """
-import os, sys, time
-from resim.function import Command, serve
-
-class Follow:
-    def __init__(self, how=""):
-        self.how = how
-
-    def reset(self, setup):
-        self.wanted, self.asked = setup.start.v, 0
-
-    def step(self, p):
-        self.asked += 1
-        if self.asked == 20:
-            exec(self.how)
-        a = 0.4 * (self.wanted - p.ego.v)
-        for x, y, v in zip(p.x_ego.tolist(), p.y_ego.tolist(), p.v.tolist()):
-            if x >= 0.0 and abs(y) <= 1.5:
-                a = min(a, 0.25 * (x - 9.0 - 1.5 * p.ego.v) + 0.8 * (v - p.ego.v))
-        return Command(min(max(a, -8.0), 2.0), 0.0)
-
-    def close(self):
-        if "stay" in self.how:
-            time.sleep(1e6)
-
-if __name__ == "__main__":
-    serve(Follow)
-"""
-HEAD = 'name = "follow"\nversion = "1"\n'
-PROCESS = HEAD + f'[process]\ncommand = ["{sys.executable}", "follow.py"]\n'
 
 
 @pytest.fixture
 def process(tmp_path: Path) -> Path:
     """A process build."""
     (tmp_path / "follow.py").write_text(FOLLOW, encoding="utf-8")
-    return written(tmp_path / "process.toml", PROCESS)
+    return written(tmp_path / "process.toml", COMMAND)
 
 
 def written(path: Path, text: str) -> Path:

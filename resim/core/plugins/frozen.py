@@ -163,9 +163,8 @@ def _write(
                 place.write_bytes(sources[name])
             else:
                 shutil.copyfile(data[name], place)
-            place.chmod(
-                0o555
-            )  # programs as well; who writes into his own files changes what the next one reads
+            # programs as well; who writes into his own files changes what the next one reads
+            place.chmod(0o555)
         try:
             new.rename(store / digest)
         except OSError:

@@ -6,7 +6,6 @@ seen. Nothing is simulated: the function is asked the same lists whatever it ans
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ import numpy as np
 from resim.core.errors import FunctionError
 from resim.core.geometry import Floats, constant
 from resim.core.plugins.watchdog import Watchdog
-from resim.function import packed
+from resim.function import framed, packed
 from resim.road.driven_route import driven_route
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.batch import Keys, stacked
@@ -100,8 +99,7 @@ def _other_answer(k: int, asked: bytes, found: bytes, recorded: bytes) -> str:
     where = f"answer {k + 1}" + (f", at t = {t:.2f} s" if isinstance(t, float) else "")
     if not found or not recorded:
         return f"{where}: none {'comes' if not found else 'came when it was recorded'}"
-    told = difference(*(struct.pack("<I", len(body)) + body for body in (found, recorded)))
-    return f"{where}: {told}"
+    return f"{where}: {difference(framed(found), framed(recorded))}"
 
 
 def _same(name: str, answers: Floats, again: tuple[Floats, Floats] | str, what: str) -> Check:

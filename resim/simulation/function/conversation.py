@@ -8,7 +8,6 @@ is held against it.
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
@@ -19,7 +18,7 @@ import msgpack
 
 from resim.core.errors import FunctionError, InputError
 from resim.core.files import read_file
-from resim.function import packed
+from resim.function import framed, packed
 
 SUFFIX = ".conversation"
 VERSION = 1
@@ -53,7 +52,7 @@ class Conversation:
         """Give it as a file holds it."""
         parts = [packed({"conversation": VERSION, "failure": self.failure, **asdict(self.speaker)})]
         for asked, answered in self.exchanges:
-            parts += [asked, struct.pack("<I", len(answered)), answered]
+            parts += [asked, framed(answered)]
         return b"".join(parts)
 
     @cached_property
@@ -92,8 +91,9 @@ def read_conversation(path: Path) -> Conversation:
             raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
         pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
         found = Conversation(Speaker(**said), tuple(pairs), failure)
-        assert isinstance(found.parameters, dict)
-    except (ValueError, KeyError, TypeError, AttributeError, AssertionError, msgpack.UnpackException) as e:
+        if not isinstance(found.parameters, dict):
+            raise ValueError("its first message has no parameters")
+    except (ValueError, KeyError, TypeError, AttributeError, msgpack.UnpackException) as e:
         raise InputError(path, f"is no recorded conversation: {e}", REMEDY) from e
     return found
 

@@ -154,12 +154,11 @@ class BuildFile(BaseModel):
                     f"{sorted(given)[0]}: [recorded] has its own, as it was recorded; leave it out"
                 )
             return self
-        process, by_command = (
-            self.process is not None,
-            self.process is not None and bool(self.process.command),
-        )
-        ways = (self.factory is not None, by_command, self.grpc is not None, self.fmi is not None)
-        if ways.count(True) != 1 or (process and (ways[2] or ways[3])):
+        by_command = self.process is not None and bool(self.process.command)
+        elsewhere = (self.grpc is not None) + (self.fmi is not None)
+        if (self.factory is not None) + by_command + elsewhere != 1 or (
+            self.process is not None and elsewhere
+        ):
             raise ValueError(
                 "expected factory, or [process] with a command, or factory and [process] with python, or [grpc], "
                 "or [fmi], or [recorded]"
@@ -300,7 +299,8 @@ def _asked_by_messages(frozen: FrozenFile, copy: FrozenCopy, said: BuildFile) ->
     else:
         assert said.recorded is not None
         program, in_batches = recorded_program(path, said.recorded, copy), False
-        speaker, parameters = program.conversations[0].speaker, dict(program.parameters)
+        first = program.conversations[0]
+        speaker, parameters = first.speaker, first.parameters
         cycle_time, time_limit = speaker.cycle_time, speaker.time_limit
     return Build(
         name=said.name,

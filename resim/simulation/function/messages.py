@@ -19,6 +19,7 @@ from resim.function import OBJECT, PROTOCOL, packed
 from resim.road.links import LaneKey, lane_graph
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.batch import CommandBatch, PerceivedBatch
+from resim.simulation.function.conversation import Exchange
 from resim.simulation.function.interface import Command, Perceived, Setup
 
 LANE_STEP = 2.0
@@ -64,7 +65,7 @@ class MessageFunction:
         self._partner, self._parameters = program.partner(), dict(parameters)
         self._waiting = False  # for an answer that did not come: no other message is understood
         self._begun = False
-        self.exchanges: list[tuple[bytes, bytes]] | None = None
+        self.exchanges: list[Exchange] | None = None
 
     def reset(self, setup: Setup) -> None:
         """Begin, and prepare it."""

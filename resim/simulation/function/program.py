@@ -132,11 +132,6 @@ class RecordedProgram:
         """Give who answers what was recorded, for one run."""
         return RecordedPartner(self.conversations)
 
-    @property
-    def parameters(self) -> Mapping[str, Any]:
-        """What the function was made with."""
-        return self.conversations[0].parameters
-
 
 NamedProgram = FunctionProgram | GrpcProgram | RecordedProgram
 """What a build may name that is asked by messages."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from resim.core.errors import FunctionError, InputError
-from resim.function import packed
+from resim.function import framed, packed
 from resim.simulation.function.grpc_wire import METHOD, OPTIONS, decode, encode, grpc_library, host_of
 from resim.simulation.function.program import FunctionProgram
 
@@ -69,8 +68,7 @@ class RelayServer:
             if not context.add_callback(partner.stop):  # who asked is gone already
                 return
             for request in requests:
-                body = decode(request)
-                message = struct.pack("<I", len(body)) + body
+                message = framed(decode(request))
                 if message == _CLOSE:
                     partner.end(message)
                     return

@@ -71,8 +71,6 @@ class ReactiveTraffic:
         self.plan = replace(measured, **changing, z=z)
         self.dt = float(measured.t[1] - measured.t[0])
         self.members = self.stage.members
-        self.length = np.array([m.length for m in self.members])
-        self.width = np.array([m.width for m in self.members])
         self.now: dict[int, _Handed] = {}
         self.past: list[tuple[int, _Handed]] = []
 
@@ -98,7 +96,12 @@ class ReactiveTraffic:
         moved = not np.isfinite(measured).all() or np.abs(ego[:4] - measured[:4]).max() > _OFF
         if not moved and not self.now:
             return
-        all_, off = self._vehicles(k, ego, z), [*([0] if moved else []), *self.now]
+        p = self.plan
+        for column, value in zip((p.x, p.y, p.heading, p.v), ego[:4].tolist(), strict=True):
+            column[0, k] = value
+        if p.z is not None:
+            p.z[0, k] = z
+        all_, off = _boxed(self.stage, p, k), [*([0] if moved else []), *self.now]
         for row in self._near(k, all_, off):
             self._look(row, k, all_, off)
         for row in [*self.now]:
@@ -111,23 +114,13 @@ class ReactiveTraffic:
             if one.since > t:
                 continue
             until = [part for part in one.behind if part[0] <= t + 1e-9]
-            farthest, hardest = (
-                max((p[1] for p in until), default=0.0),
-                min((p[2] for p in until), default=0.0),
-            )
+            farthest = max((part[1] for part in until), default=0.0)
+            hardest = max((-part[2] for part in until), default=0.0)
             back = one.back if one.back is not None and one.back <= t + 1e-9 else None
             told.append(
-                HandedOver(self.members[row].id, one.since, one.why, back, farthest, max(-hardest, 0.0))
+                HandedOver(self.members[row].id, one.since, one.why, back, farthest, max(hardest, 0.0))
             )
         return tuple(sorted(told, key=lambda one: (one.t, one.id)))
-
-    def _vehicles(self, k: int, ego: Floats, z: float) -> Boxed:
-        p = self.plan
-        x, y, heading, v = (c[:, k].copy() for c in (p.x, p.y, p.heading, p.v))
-        x[0], y[0], heading[0], v[0] = ego[:4]
-        heights = np.full(len(x), np.nan) if p.z is None else p.z[:, k].copy()
-        heights[0] = z
-        return Boxed(x + 1j * y, heading, v, self.length, self.width, heights)
 
     def _near(self, k: int, all_: Boxed, off: list[int]) -> list[int]:
         """Who is on a trace, has a driver, and comes near somebody who is not where it was measured."""
@@ -154,7 +147,7 @@ class ReactiveTraffic:
             return
         want = wanted(driver, v, found.gap, found.v)
         first = int(np.argmin(want))
-        there = way.others(s, _of(_measured(self.measured, k, self.length, self.width), others))
+        there = way.others(s, _of(_boxed(self.stage, self.measured, k), others))
         meant = min(float(wanted(driver, v, there.gap, there.v).min()), 0.0)
         least = float(want[first])
         if least >= min(meant, a) - max(self.settings.hand_over.harder, -_CLOSE * meant):
@@ -223,9 +216,11 @@ def _of(every: Boxed, rows: list[int]) -> Boxed:
     return Boxed(position[rows], heading[rows], v[rows], length[rows], width[rows], z[rows])
 
 
-def _measured(plan: Guide, k: int, length: Floats, width: Floats) -> Boxed:
-    z = np.full(len(length), np.nan) if plan.z is None else plan.z[:, k]
-    return Boxed(plan.x[:, k] + 1j * plan.y[:, k], plan.heading[:, k], plan.v[:, k], length, width, z)
+def _boxed(stage: Stage, plan: Guide, k: int) -> Boxed:
+    """All of them, EGO first, where a plan has them at step k."""
+    z = np.full(len(stage.members), np.nan) if plan.z is None else plan.z[:, k]
+    place = plan.x[:, k] + 1j * plan.y[:, k]
+    return Boxed(place, plan.heading[:, k], plan.v[:, k], stage.length, stage.width, z)
 
 
 @lru_cache(maxsize=8)
@@ -258,14 +253,13 @@ def traffic_driver(stage: Stage, settings: ReactiveSettings, row: int) -> Traffi
 def followings(stage: Stage, row: int) -> Iterator[Following]:
     """Give the stretches over which an object followed one leader in the measured drive, from its start on."""
     plan, way = stage.plan, way_of(stage, row)
-    length, width = (np.array([getattr(m, name) for m in stage.members]) for name in ("length", "width"))
-    others = [m for m in range(len(length)) if m != row]
+    others = [m for m in range(len(stage.members)) if m != row]
     dt = float(plan.t[1] - plan.t[0])
     every = max(round(GRID / dt), 1)
     places = np.arange(max(plan.begin - way.first, 0), way.count, every)
     who, gap, lead_v = np.full(len(places), -1), np.full(len(places), np.nan), np.full(len(places), np.nan)
     for k, at in enumerate(places.tolist() if others else ()):
-        there = way.others(float(way.s[at]), _of(_measured(plan, way.first + at, length, width), others))
+        there = way.others(float(way.s[at]), _of(_boxed(stage, plan, way.first + at), others))
         first = int(np.argmin(there.gap))
         if 0.0 < there.gap[first] < math.inf:
             who[k], gap[k], lead_v[k] = others[first], there.gap[first], there.v[first]

@@ -19,11 +19,15 @@ _APART = 2.0
 
 
 class OnWay(NamedTuple):
-    """Who is on a way, (M,) each: gap [m] between bumpers, infinite for who is not; speed [m/s] along it; who is."""
+    """Who is on a way, (M,) each: gap [m] between bumpers, infinite for who is not; speed [m/s] along it."""
 
     gap: Floats
     v: Floats
-    ahead: Bools
+
+    @property
+    def ahead(self) -> Bools:
+        """Who is on it."""
+        return np.isfinite(self.gap)
 
 
 class Boxed(NamedTuple):
@@ -50,9 +54,8 @@ class Way:
         heading = np.unwrap(plan.heading[row, k])
         self.v, self.a = plan.v[row, k], plan.a[row, k]
         self.forwards = bool((self.v > -0.1).all())
-        moved = (
-            np.diff(place) * np.exp(-1j * heading[1:])
-        ).real  # who creeps back and forth comes no further
+        moved = (np.diff(place) * np.exp(-1j * heading[1:])).real
+        # who creeps back and forth comes no further
         s = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(moved)]))
         beyond = np.arange(_APART, REACH, _APART)
         self.s = np.concatenate([s, s[-1] + beyond])
@@ -104,4 +107,4 @@ class Way:
         near = covers & (self.s[window] <= reach[:, None])
         at = np.arange(len(first)), np.where(near, np.abs(along), np.inf).argmin(axis=1)
         gap = np.where(ahead, centre[at] - half_length[at] - 0.5 * self.length, np.inf)
-        return OnWay(gap, np.where(ahead, others.v * np.cos(turn[at]), 0.0), ahead)
+        return OnWay(gap, np.where(ahead, others.v * np.cos(turn[at]), 0.0))

@@ -59,7 +59,7 @@ class SumoMirror:
 
         motion: (6, N, T) x, y, heading, v, a, yaw rate of all, EGO first. steps: how many were taken.
         """
-        length = np.array([m.length for m in self._stage.members])[:, None]
+        length = self._stage.length[:, None]
         read = self._readings(motion.shape[2], steps)
         x, y, heading = from_sumo(read[0], read[1], read[2], length)
         return _followed(np.stack([x, y, heading, np.copysign(read[3], motion[3])]), motion[:4])
