@@ -65,12 +65,16 @@ def test_a_collection_of_the_whole_process_is_not_the_functions_time() -> None:
         if phase == "start" and info["generation"] == 2:
             heard.append(compute())  # as a heap of millions takes
 
-    with Watchdog() as watchdog:
-        gc.callbacks.append(looked)
-        try:
-            assert watchdog.call(0.1, gc.collect) >= 0
-        finally:
-            gc.callbacks.remove(looked)
+    gc.freeze()  # what tests before left: to look through that may take longer than a call has in all
+    try:
+        with Watchdog() as watchdog:
+            gc.callbacks.append(looked)
+            try:
+                assert watchdog.call(0.1, gc.collect) >= 0
+            finally:
+                gc.callbacks.remove(looked)
+    finally:
+        gc.unfreeze()
     assert heard == ["done"]
 
 
