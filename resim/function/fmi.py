@@ -5,12 +5,13 @@ resim has read the unit's description, and gives what is needed of it as JSON: `
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import json
 import math
 import sys
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +31,8 @@ class Wiring(NamedTuple):
 
     file: where it lies. version: of FMI, 2 or 3. identifier, token: of its library. inputs: signal, value reference and
     type of each variable. outputs: name, value reference, type. parameters: value reference and type of each, by name.
-    reach: m up to which there is a lead vehicle.
+    reach: m up to which there is a lead vehicle. osmp: of each message of OSMP the value reference of its variable, or
+    of the three of its address, low and high, and its size; none of a unit that does not speak OSI.
     """
 
     file: str
@@ -41,6 +43,33 @@ class Wiring(NamedTuple):
     outputs: tuple[tuple[str, int, str], ...]
     parameters: Mapping[str, tuple[int, str]]
     reach: float
+    osmp: Mapping[str, tuple[int, ...]]
+
+
+class BinaryVariable:
+    """A variable of bytes: one of FMI 3, or three integers, by which OSMP passes an address and a size."""
+
+    def __init__(self, unit: Any, references: Sequence[int]) -> None:
+        self._unit, self._references = unit, [*references]
+        self._lent: Any = None
+
+    def put(self, value: bytes) -> None:
+        """Set it; the bytes stay where they are until it is set again."""
+        if len(self._references) == 1:
+            self._unit.setBinary(self._references, [value])
+            return
+        self._lent = ctypes.create_string_buffer(value, max(len(value), 1))
+        address = ctypes.addressof(self._lent)
+        halves = (address & 0xFFFFFFFF, address >> 32, len(value))
+        self._unit.setInteger(self._references, [ctypes.c_int32(half).value for half in halves])
+
+    def get(self) -> bytes:
+        """Give a copy of it, b"" where there is nothing."""
+        if len(self._references) == 1:
+            return self._unit.getBinary(self._references)[0] or b""
+        low, high, size = (int(half) for half in self._unit.getInteger(self._references))
+        address = (high & 0xFFFFFFFF) << 32 | low & 0xFFFFFFFF
+        return ctypes.string_at(address, size) if address and size > 0 else b""
 
 
 def lead_of(p: Any, length: float, width: float, reach: float) -> tuple[float, float, bool]:
@@ -65,6 +94,7 @@ class FmuFunction:
         self._wiring, self._given = wiring, parameters
         self._steps = 0
         self._unit: Any = None
+        self._binary: dict[str, BinaryVariable] = {}
 
     def reset(self, setup: Any) -> None:
         """Load the unit and initialise it."""
@@ -91,6 +121,9 @@ class FmuFunction:
             unit.enterInitializationMode()
         else:
             unit.enterInitializationMode(startTime=0.0)
+        self._binary = {name: BinaryVariable(unit, references) for name, references in w.osmp.items()}
+        if self._binary:
+            self._introduce(setup)
         unit.exitInitializationMode()
         self._unit = unit
         forms = sorted({form for _, _, form in w.inputs})
@@ -105,13 +138,20 @@ class FmuFunction:
         """Set the inputs, do a step, and give the outputs."""
         from resim.function import Command
 
+        time = self._steps * self._cycle
         signals = self._signals(p)
         for put, references, names in self._sets:
             put(references, [signals[name] for name in names])
-        told = self._unit.doStep(self._steps * self._cycle, self._cycle)
+        if self._binary:
+            self._binary["OSMPSensorViewIn"].put(self._lanes + self._osi.view(p, time))
+        told = self._unit.doStep(time, self._cycle)
         self._steps += 1
+        if (command := self._binary.get("OSMPTrafficCommandIn")) is not None:
+            command.put(b"")  # given once
         if told is not None and told[1]:
             raise RuntimeError("the unit asked to terminate the simulation")
+        if self._binary:
+            return Command(*self._osi.answer(self._binary["OSMPTrafficUpdateOut"].get(), p, time))
         values = {name: float(get(references)[0]) for name, (get, references) in self._gets.items()}
         return Command(values["acceleration"], values.get("curvature", 0.0))
 
@@ -120,6 +160,21 @@ class FmuFunction:
         if self._unit is not None:
             self._unit.terminate()
             self._unit.freeInstance()
+
+    def _introduce(self, setup: Any) -> None:
+        """Tell a unit that speaks OSI of the map, and where to go, as far as it listens."""
+        from resim.function.osmp import TrafficParticipant, within_view
+
+        self._osi = TrafficParticipant(setup)
+        asked, told = (self._binary.get(f"OSMPSensorViewInConfig{part}") for part in ("Request", ""))
+        if told is not None:
+            told.put(self._osi.configuration(b"" if asked is None else asked.get()))
+        static = self._osi.static()
+        if (lanes := self._binary.get("OSMPGroundTruthInit")) is not None:
+            lanes.put(static)
+        self._lanes = within_view(static) if lanes is None else b""
+        if (command := self._binary.get("OSMPTrafficCommandIn")) is not None:
+            command.put(self._osi.command())
 
     def _signals(self, p: Any) -> dict[str, Any]:
         gap, v, exists = lead_of(p, self._length, self._width, self._wiring.reach)

@@ -271,7 +271,7 @@ def test_the_lead_vehicle_is_the_next_in_the_corridor(
 def test_objects_are_told_by_how_near_they_are() -> None:
     names = [f"object[{k}].{name}" for k in range(3) for name in ("x", "y", "v", "exists")]
     inputs = tuple((name, k, "Real") for k, name in enumerate(names))
-    function = FmuFunction(Wiring("", 2, "", "", inputs, (), {}, 100.0))
+    function = FmuFunction(Wiring("", 2, "", "", inputs, (), {}, 100.0, {}))
     function._length, function._width = 4.0, 2.0
     found = function._signals(seen([30.0, -10.0], [1.0, 2.0]))
     assert [found[name] for name in names] == [

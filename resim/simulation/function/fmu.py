@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lxml import etree
-from pydantic import BaseModel, ConfigDict, Field, StrictStr, field_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictStr, field_validator, model_validator
 
 import resim.function.fmi as adapter
 from resim.core.errors import InputError
@@ -38,6 +38,13 @@ _TYPES = {
 _PLATFORM = {2: "linux64", 3: "x86_64-linux"}
 _SAME = {"m/s^2": "m/s2", "m/s²": "m/s2", "m.s-2": "m/s2", "m.s-1": "m/s", "rad.s-1": "rad/s", "m-1": "1/m"}
 """Other ways to write a unit."""
+_MESSAGES = {
+    "OSMPSensorViewIn": "input", "OSMPTrafficUpdateOut": "output", "OSMPTrafficCommandIn": "input",
+    "OSMPGroundTruthInit": "parameter", "OSMPSensorViewInConfigRequest": "calculatedParameter",
+    "OSMPSensorViewInConfig": "parameter",
+}  # fmt: skip
+"""Messages of OSMP that a unit may get or give, and their causality; the first two it has to have."""
+_INTEGERS = ("base.lo", "base.hi", "size")
 _OUTPUTS = {"acceleration": "m/s2", "curvature": "1/m"}
 REMEDY = "The variables are in modelDescription.xml of the unit."
 
@@ -50,13 +57,15 @@ class FmiTable(BaseModel):
         inputs: Input variable = signal.
         outputs: `acceleration`, and `curvature` if it steers = output variable.
         reach: m up to which there is a lead vehicle.
+        osmp: Whether it is a traffic participant model of OSMP, which gets and gives messages of OSI.
     """
 
     model_config = ConfigDict(extra="forbid")
     file: StrictStr
-    inputs: dict[StrictStr, StrictStr]
-    outputs: dict[Literal["acceleration", "curvature"], StrictStr]
+    inputs: dict[StrictStr, StrictStr] = Field(default_factory=dict)
+    outputs: dict[Literal["acceleration", "curvature"], StrictStr] = Field(default_factory=dict)
     reach: float = Field(strict=True, default=200.0, gt=0.0, le=1e6)
+    osmp: StrictBool = False
 
     @field_validator("file")
     @classmethod
@@ -75,12 +84,13 @@ class FmiTable(BaseModel):
                 raise ValueError(f"there is no signal {signal!r}{near}")
         return inputs
 
-    @field_validator("outputs")
-    @classmethod
-    def _accelerates(cls, outputs: dict[str, str]) -> dict[str, str]:
-        if "acceleration" not in outputs:
-            raise ValueError("acceleration is missing")
-        return outputs
+    @model_validator(mode="after")
+    def _answers(self) -> FmiTable:
+        if self.osmp and self.outputs:
+            raise ValueError("outputs: with osmp the answer is OSMPTrafficUpdateOut; leave them out")
+        if not self.osmp and "acceleration" not in self.outputs:
+            raise ValueError("outputs: acceleration is missing, or osmp = true")
+        return self
 
 
 @dataclass(frozen=True)
@@ -97,6 +107,8 @@ def fmu_files(path: Path, fmi: FmiTable) -> list[str]:
     """Give the unit, as seen from the build file's folder. Raises InputError where FMPy is missing."""
     if importlib.util.find_spec("fmpy") is None:
         raise InputError(path, "[fmi] needs FMPy", "In resim's own folder: pip install '.[fmi]'")
+    if fmi.osmp and importlib.util.find_spec("osi3") is None:
+        raise InputError(path, "osmp needs osi-python", "In resim's own folder: pip install '.[fmi,osi]'")
     return [posixpath.normpath(fmi.file)]
 
 
@@ -132,7 +144,8 @@ def fmu_command(
         if variable.causality == "parameter" and variable.type in _TYPES
     }
     token = root.get("guid" if version == 2 else "instantiationToken", "")
-    wiring = adapter.Wiring(name, version, identifier, token, inputs, outputs, settings, fmi.reach)
+    messages = _messages(path, known) if fmi.osmp else {}
+    wiring = adapter.Wiring(name, version, identifier, token, inputs, outputs, settings, fmi.reach, messages)
     needs_tool = simulation.get("needsExecutionTool") in ("true", "1")
     return (sys.executable, adapter.__file__, json.dumps(wiring._asdict())), needs_tool
 
@@ -197,6 +210,30 @@ def _checked(
     if found.unit and _SAME.get(found.unit, found.unit) != unit and unit:
         raise InputError(path, f"fmi: {where}: {name!r} has the unit {found.unit}, expected {unit}", REMEDY)
     return found.reference, found.type
+
+
+def _messages(path: Path, known: Mapping[str, FmuVariable]) -> dict[str, tuple[int, ...]]:
+    """The value references of each message of OSMP that a unit has: of one variable, or of three integers."""
+    found = {}
+    for prefix, causality in _MESSAGES.items():
+        names = [prefix] if prefix in known else [f"{prefix}.{part}" for part in _INTEGERS]
+        there = [known[name] for name in names if name in known]
+        if not there:
+            continue
+        expected = ("Binary", 1) if names == [prefix] else ("Integer", 3)
+        if (there[0].type, len(there)) != expected or {one.causality for one in there} != {causality}:
+            problem = (
+                f"fmi: {prefix} is no message of OSMP, expected one variable of type Binary, or "
+                f"{', '.join(_INTEGERS)} of type Integer, of causality {causality}"
+            )
+            raise InputError(path, problem, REMEDY)
+        found[prefix] = tuple(one.reference for one in there)
+    for prefix in [*_MESSAGES][:2]:
+        if prefix not in found:
+            has = sorted({name.split(".")[0] for name in known if name.startswith("OSMP")})
+            problem = f"fmi: the unit has no {prefix}; its messages are: {', '.join(has) or 'none'}"
+            raise InputError(path, problem, "Take a traffic participant model with one SensorView.")
+    return found
 
 
 def _refuse_parameter(path: Path, name: str, value: Any, known: Mapping[str, FmuVariable]) -> None:
