@@ -142,6 +142,8 @@ class ClosedLoop:
             lend_network(case.network, build.path) as road, Watchdog() as watchdog,
             build.factory.afresh(case.seed) as opened,
         ):  # fmt: skip
+            if build.program is None:
+                opened.given(build.parameters)
             driver = driver_of(build, watchdog, len(self.cases), record=case.record)
             begin = heard()
             try:

@@ -6,6 +6,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,18 @@ def test_a_file_read_elsewhere_is_named(folder: Path, way: str) -> None:
     far.write_text("K = 1\n")
     top = f"import importlib.util, os, subprocess, sys\nFAR = {str(far)!r}\n{ELSEWHERE[way]}"
     assert note_of(folder, top).startswith(f"the code opened {far}, which its hash does not know")
+
+
+@pytest.mark.parametrize("depth", ["model = {file!r}", "model = {{ of = [1, {file!r}] }}"])
+def test_a_file_that_parameters_name_is_named_whoever_opens_it(folder: Path, depth: str) -> None:
+    """A library in C tells nobody."""
+    far = folder.parent / "there" / "far"
+    opened = load_build(write_own(folder, "")).opened.of_a_run()
+    opened.given(tomllib.loads(depth.format(file=str(far))))
+    assert opened.note().startswith(f"the code opened {far}, which its hash does not know")
+    opened = opened.of_a_run()
+    opened.given({"of": [str(folder / "data"), str(far) + "s", "", "/usr/bin/env", 3]})
+    assert opened.note().startswith("the code opened data beside own.toml, which its hash does not know")
 
 
 PROGRAM = """

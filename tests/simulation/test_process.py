@@ -113,7 +113,7 @@ def test_a_process_drives_as_the_same_class_does_here(build: Callable[..., Path]
         assert done.returncode in (0, 1), done.stderr
         found[name] = tracks(tmp_path / f"out_{name}")
         pinned = "not pinned" not in " ".join(done.stdout.split())
-        assert pinned is (name in ("here", "cpp")), done.stdout
+        assert pinned is (name == "here"), done.stdout
     assert all(one == found["here"] for one in found.values())
     assert len(found["here"]) > 100  # type: ignore[arg-type]
 
@@ -337,7 +337,44 @@ def test_a_script_is_not_pinned_as_its_interpreter_is_not(build: Callable[..., P
     script.chmod(0o755)
     found = load_build(build(HEAD + '[process]\ncommand = ["./run.sh", "follow.py"]\n'))
     assert found.program is not None
-    assert found.program.unpinned.startswith("what the interpreter of ./run.sh loads")
+    assert found.program.unpinned.startswith("what ./run.sh loads beside the files of the build")
+
+
+def test_a_package_of_resims_environment_is_not_that_of_the_environment_asked(
+    build: Callable[..., Path], tmp_path: Path
+) -> None:
+    """`pyrate` is installed here, by a path, and in the other environment, where it brakes."""
+    here, there = tmp_path / "here", tmp_path / "env"
+    for place, brakes in ((here, "0.0"), (there / "lib", "-3.0")):
+        package = place / "pyrate"
+        package.mkdir(parents=True)
+        (package / "__init__.py").write_text(
+            "from resim.function import Command\nclass Own:\n    def reset(self, setup): pass\n"
+            f"    def step(self, seen): return Command({brakes}, 0.0)\n    def close(self): pass\n"
+        )
+    python = there / "python"
+    python.write_text(f'#!/bin/sh\nPYTHONPATH={there / "lib"} exec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    text = f'name = "own"\nversion = "1"\nfactory = "pyrate:Own"\n[process]\npython = "{python}"\n'
+    env = {**os.environ, "PYTHONPATH": f"{ROOT}:{here}", "COLUMNS": "400"}
+    out = tmp_path / "out"
+    order = [
+        sys.executable,
+        "-m",
+        "resim",
+        "run",
+        RECORDING,
+        "--basis",
+        "gt",
+        "--build",
+        build(text),
+        "--out",
+        out,
+    ]
+    done = subprocess.run(order, capture_output=True, text=True, check=False, timeout=200, env=env)
+    assert done.returncode in (0, 1), done.stderr
+    least = duckdb.sql(f"select min(acceleration) from '{out}/answers.parquet'").fetchall()
+    assert least == [(-3.0,)]
 
 
 def test_a_program_that_was_built_anew_is_not_run_under_the_old_hash(

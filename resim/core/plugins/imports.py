@@ -23,10 +23,14 @@ _BY_NAME = ("import_module", "__import__", "__all__")
 
 @dataclass(frozen=True)
 class UserModules:
-    """A folder of modules of the user; top: the one package in it that is his, None for all."""
+    """A folder of modules of the user.
+
+    top: the one package in it that is his, None for all. here: whether they run in this environment.
+    """
 
     folder: Path
     top: str | None = None
+    here: bool = True
 
     def files(self, module: str) -> list[str]:
         """Names, from the folder, of what an import of "a.b" runs, as far as it is there: a/__init__.py, a/b.py."""
@@ -42,7 +46,7 @@ class UserModules:
                 found.append(file)
             elif not (self.folder / place).is_dir():
                 break
-        return found if is_own(parts[0], found) else []
+        return found if is_own(parts[0], found, here=self.here) else []
 
 
 def options(place: str) -> list[str]:
@@ -50,26 +54,29 @@ def options(place: str) -> list[str]:
     return [f"{place}{inner}{suffix}" for inner in ("/__init__", "") for suffix in SUFFIXES]
 
 
-def is_own(top: str, names: Collection[str]) -> bool:
-    """Say whether a module or package of this name is among the files; a mere folder yields to an installed one."""
+def is_own(top: str, names: Collection[str], *, here: bool = True) -> bool:
+    """Say whether a module or package of this name is among the files; a mere folder yields to one installed here."""
     if any(name in names for name in options(top)):
         return True
     inside = any(name.startswith(f"{top}/") and name.endswith(SUFFIXES) for name in names)
-    return inside and not _is_installed(top)
+    return inside and not (here and _is_installed(top))
 
 
-def own_sources(path: Path, modules: Iterable[str], also: Iterable[str] = ()) -> dict[str, bytes]:
+def own_sources(
+    path: Path, modules: Iterable[str], also: Iterable[str] = (), *, here: bool = True
+) -> dict[str, bytes]:
     """Give the files of `modules`, and of all that they import from their folders, by name; the hash is of these.
 
     path: the file that names them. Beside it is looked first; a module that is not there is taken from where it is
     installed, or from a folder above the file, with what it imports of its own package. also: names of files that may
-    import something, too. What is imported under a name that is computed is not found.
+    import something, too. here: whether they run in this environment; what is installed in it is not theirs if not.
+    What is imported under a name that is computed is not found.
     """
     found: dict[str, bytes] = {}
-    homes = [UserModules(path.parent)]
+    homes = [UserModules(path.parent, here=here)]
     todo = list(modules)
     for module in todo:
-        if not homes[0].files(module) and (home := home_of(module, path.parent)) is not None:
+        if not homes[0].files(module) and (home := home_of(module, path.parent, here=here)) is not None:
             homes.append(home)
     for name in also:
         todo += _imports(_bytes(path.parent / name), _package(name))
@@ -87,12 +94,14 @@ def own_sources(path: Path, modules: Iterable[str], also: Iterable[str] = ()) ->
     return found
 
 
-def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[str, Path]:
+def own_data(
+    path: Path, names: Iterable[str], modules: Iterable[str], *, here: bool = True
+) -> dict[str, Path]:
     """Give where the files lie that the file at `path` lists as its own: beside it, or where its modules are installed.
 
-    Raises InputError for one that is not there.
+    here: whether the modules run in this environment. Raises InputError for one that is not there.
     """
-    homes = (home_of(module, path.parent) for module in modules)
+    homes = (home_of(module, path.parent, here=here) for module in modules)
     folders = [path.parent, *(home.folder for home in homes if home is not None)]
     out = {}
     for name in names:
@@ -108,20 +117,20 @@ def own_data(path: Path, names: Iterable[str], modules: Iterable[str]) -> dict[s
     return out
 
 
-def home_of(module: str, folder: Path) -> UserModules | None:
+def home_of(module: str, folder: Path, *, here: bool = True) -> UserModules | None:
     """Where a module that is not in `folder` lies with what is its own: where it is installed, else in a folder above.
 
-    None for one that is built in, or is not there.
+    here: whether it runs in this environment, and may be installed in it. None for one that is built in, or not there.
     """
     top = module.partition(".")[0]
     try:
-        spec = importlib.util.find_spec(top)
+        spec = importlib.util.find_spec(top) if here else None
     except (ImportError, ValueError, AttributeError):
         return None
     if top in _SHARED:
         return None
     if spec is None:
-        above = (UserModules(parent, top) for parent in folder.absolute().parents)
+        above = (UserModules(parent, top, here) for parent in folder.absolute().parents)
         return next((home for home in above if home.files(module)), None)
     if spec.submodule_search_locations:
         return UserModules(Path(next(iter(spec.submodule_search_locations))).parent, top)

@@ -44,12 +44,12 @@ def freeze_code(
     """Freeze the file at `path`, which holds `raw`, with the code and the data that belong to it.
 
     named: the "module:name" that it says. files: what it lists as data. outside: programs that are run where they are,
-    by the word that names them. Raises InputError.
+    by the word that names them, None where the code runs in this environment. Raises InputError.
     """
-    modules = [one.partition(":")[0] for one in named]
-    data = own_data(path, files, modules)
+    modules, here = [one.partition(":")[0] for one in named], outside is None
+    data = own_data(path, files, modules, here=here)
     scripts = [name for name in data if name.endswith(".py") and data[name] == path.parent / name]
-    sources = own_sources(path, modules, scripts)
+    sources = own_sources(path, modules, scripts, here=here)
     rest = {name: file for name, file in data.items() if name not in sources}
     return freeze(path, raw, sources, rest, outside)
 

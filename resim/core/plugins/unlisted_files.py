@@ -85,6 +85,18 @@ class OpenedFiles:
             _watch_environment(_Environment)
             integrity.check()
 
+    def given(self, parameters: Any) -> None:
+        """Note the files that parameters name, at whatever depth: a library in C opens them unheard."""
+        if isinstance(parameters, dict | list | tuple):
+            for one in parameters.values() if isinstance(parameters, dict) else parameters:
+                self.given(one)
+        elif isinstance(parameters, str) and parameters and "\0" not in parameters and len(parameters) < 4096:
+            place = os.path.realpath(parameters)
+            if os.path.isfile(place):  # noqa: PTH113
+                self._note(parameters)
+                if not (_is_systems(place) or place.startswith(self._folders)):
+                    self.elsewhere.add(place)
+
     def asks_environment(self, variable: str, file: str) -> None:
         """Note a variable of the environment that code in a file reads in a call, if that file is the user's.
 

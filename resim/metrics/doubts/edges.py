@@ -101,9 +101,12 @@ def _places(k: Sightings) -> Floats:
     """Where (m, 2) it is seen, about every OFTEN, first and last."""
     if not len(k.t):
         return np.empty((0, 2))
-    some = np.searchsorted(k.t, np.arange(k.t[0], k.t[-1], OFTEN) - SAME)
+    last = len(k.t) - 1
+    some = np.searchsorted(
+        k.t, np.arange(k.t[0], k.t[-1], OFTEN) - SAME
+    )  # beyond the last where clocks are large
     ends = np.flatnonzero(np.diff(k.part))
-    return np.asarray(k.state[np.unique([*some, *ends, *(ends + 1), len(k.t) - 1]), :2])
+    return np.asarray(k.state[np.unique([*np.minimum(some, last), *ends, *(ends + 1), last]), :2])
 
 
 def _turns(whom: ObjectIds, slack: float) -> Floats:

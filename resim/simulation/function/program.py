@@ -77,7 +77,7 @@ class FunctionProgram:
     Attributes:
         command: Program and arguments.
         folder: The build's frozen copy.
-        unpinned: What of it the build's hash does not cover, in words; "" for nothing.
+        unpinned: What of it the build's hash does not cover, in words.
         own: Whether the program lies in the folder.
         hash: SHA-256 of a program that lies elsewhere.
         environment: Variables of the environment that it gets.
@@ -196,26 +196,17 @@ def outside(path: Path, process: ProcessTable) -> dict[str, Path]:
 def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy) -> FunctionProgram:
     """Give the program of a build as it was frozen. Raises InputError where it is not there, or another by now."""
     word, rest, named = process.first, process.command[1:], process.environment
-    told = (
-        [f"what {' and '.join(named)} of the environment {'are' if len(named) > 1 else 'is'}"]
-        if named
-        else []
-    )
     if process.command and posixpath.normpath(word) in copy.names:
-        with (copy.folder / word).open("rb") as file:
-            script = file.read(2) == b"#!"
-        if script:
-            told.append(f"what the interpreter of {word} loads beside the files of the build")
-        return FunctionProgram((word, *rest), copy.folder, _unpinned(told), own=True, environment=named)
+        unpinned = _unpinned(word, named)
+        return FunctionProgram((word, *rest), copy.folder, unpinned, own=True, environment=named)
     program = _found(path, process)
     if file_hash(program) != copy.outside.get(word):
         raise InputError(
             path, f"process: {str(program)!r} has changed since it was first read", "Begin anew."
         )
     served = (resim.function.__file__, factory) if process.python else ()
-    told.append(f"what {word} loads beside the files of the build")
     return FunctionProgram(
-        (str(program), *served, *rest), copy.folder, _unpinned(told), own=False, hash=copy.outside[word],
+        (str(program), *served, *rest), copy.folder, _unpinned(word, named), own=False, hash=copy.outside[word],
         environment=named,
     )  # fmt: skip
 
@@ -225,12 +216,14 @@ def unit_program(
 ) -> FunctionProgram:
     """Give the program that serves a unit as it was frozen. Raises InputError where the build does not fit it."""
     command, needs_tool = fmu_command(path, fmi, parameters, copy.folder)
-    told = ["the tool that the unit needs"] if needs_tool else []
-    return FunctionProgram(command, copy.folder, _unpinned(told), own=False, hash=_hash_of(command[0]))
+    unpinned = _unpinned(fmi.file, ()) if not needs_tool else f"the tool that {fmi.file} needs {NOT_PINNED}"
+    return FunctionProgram(command, copy.folder, unpinned, own=False, hash=_hash_of(command[0]))
 
 
-def _unpinned(told: list[str]) -> str:
-    return f"{' and '.join(told)} {NOT_PINNED}" if told else ""
+def _unpinned(word: str, variables: tuple[str, ...]) -> str:
+    """What the hash of a program does not cover: what lies elsewhere, and the variables that it gets."""
+    named = f"what {' and '.join(variables)} of the environment {'are' if len(variables) > 1 else 'is'} and "
+    return f"{named if variables else ''}what {word} loads beside the files of the build {NOT_PINNED}"
 
 
 def _is_own(folder: Path, word: str) -> bool:
