@@ -279,6 +279,14 @@ def test_what_does_not_hold_is_found(build: Callable[..., Path], tmp_path: Path,
     assert name in broken, found.checks
 
 
+def test_a_check_does_not_print_the_tracebacks_that_it_asks_for(
+    build: Callable[..., Path], capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = check_function(build(COMMAND))
+    assert found.good, found.checks
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_what_ships_holds() -> None:
     for name in ("highway_pilot-1.0", "idm-1.0", "constant_velocity-1.0"):
         found = check_function(ROOT / "adfunc" / "builds" / f"{name}.toml")

@@ -6,8 +6,11 @@ seen. Nothing is simulated: the function is asked the same lists whatever it ans
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import msgpack
@@ -174,7 +177,7 @@ def _malformed(build: Build) -> Check:
     }
     found, holds = [], True
     for what, way in ways.items():
-        with Watchdog() as watchdog, build.factory.afresh():
+        with Watchdog() as watchdog, build.factory.afresh(), _unheard_words():
             function = build.make()
             assert isinstance(function, MessageFunction)
             try:
@@ -186,3 +189,17 @@ def _malformed(build: Build) -> Check:
             finally:
                 function.close()
     return Check("malformed input", holds, "; ".join(found))
+
+
+@contextmanager
+def _unheard_words() -> Iterator[None]:
+    """Context in which what is written to the standard error, such as tracebacks that were asked for, goes nowhere."""
+    sys.stderr.flush()
+    before = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
