@@ -2,11 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
+PLANNER := .venv-reactive-planner
+CHECKER := .venv-openscenario
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
 
-.PHONY: demo test check docs validate bench reactive_planner clean
+.PHONY: demo test check docs validate bench reactive_planner checked_openscenario clean
 
 demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
@@ -28,13 +30,14 @@ docs: $(READY)
 # What takes too long for CI: the tables of docs/validation.md, each into out/validate. Real recordings are read from DATA.
 DATA ?= ../shared/data
 validated = $(BIN)/python tools/$(2) > out/validate/$(1).md
-validate: $(READY) $(PLANNER)/ready
+validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready
 	mkdir -p out/validate
 	$(call validated,corner_case,validate_corner_case.py)
 	$(call validated,standing,validate_standing.py)
 	$(call validated,reaction,validate_reaction.py)
 	$(call validated,risk,validate_risk.py $(DATA))
 	$(call validated,reactive_planner,validate_reactive_planner.py $(DATA))
+	$(call validated,openscenario,validate_openscenario.py $(CHECKER)/bin/qc_openscenario $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
@@ -67,7 +70,6 @@ $(READY): pyproject.toml constraints.txt
 
 # The environment in which somebody else's planner runs, as adfunc/builds/reactive_planner-2025.1.toml has it: 440 MB.
 PLANNER_PYTHON ?= $(PYTHON)
-PLANNER := .venv-reactive-planner
 reactive_planner: $(PLANNER)/ready
 
 $(PLANNER)/ready: adfunc/reactive_planner/requirements.txt
@@ -77,5 +79,13 @@ $(PLANNER)/ready: adfunc/reactive_planner/requirements.txt
 	$(PLANNER)/bin/python -m pip install --quiet --disable-pip-version-check --requirement adfunc/reactive_planner/requirements.txt
 	touch $@
 
+# ASAM's checker of OpenSCENARIO files, which needs an older lxml, in an environment of its own.
+checked_openscenario: $(CHECKER)/ready
+
+$(CHECKER)/ready:
+	$(PYTHON) -m venv $(CHECKER)
+	$(CHECKER)/bin/python -m pip install --quiet --disable-pip-version-check asam-qc-openscenarioxml==1.0.0
+	touch $@
+
 clean:
-	rm -rf .venv $(PLANNER) out
+	rm -rf .venv $(PLANNER) $(CHECKER) out

@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from resim.core.spec import json_schema, sealed_schema
+from resim.jobs.export import ExportReport
 from resim.metrics.criteria_file import CriteriaFile
 from resim.metrics.risk.prediction import PredictionSet
 from resim.perception.model import PerceptionModel
@@ -67,6 +68,7 @@ FORMATS: Mapping[str, FileFormat] = {
     "run": FileFormat("run.json", RunProvenance, sealed=True),
     "run_assessment": FileFormat("assessment.json", RunAssessment, sealed=True),
     "assessment": FileFormat("assessment.json", RecordingAssessment, sealed=True),
+    "export": FileFormat("export.json", ExportReport, sealed=True),
     "conversion": FileFormat("conversion.json", ConversionReport, sealed=True),
     "verification": FileFormat("verification.json", VerificationReport, sealed=True),
     "inputs": FileFormat("inputs.json", VerificationBegun, sealed=True),

@@ -3,6 +3,7 @@
 from resim.results.folders import (
     ASSESSMENT,
     CONVERSION,
+    EXPORT,
     HALF,
     MODEL,
     PREDICTION,
@@ -30,6 +31,7 @@ from resim.results.writing import (
 __all__ = [
     "ASSESSMENT",
     "CONVERSION",
+    "EXPORT",
     "HALF",
     "MODEL",
     "PREDICTION",

@@ -41,6 +41,7 @@ HALF = re.compile(r"\..+\.\d+\.new")
 RUN = FolderKind("run.json", re.compile(r"(run|assessment)\.json|report\.html|kpis\.parquet"))
 ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
 CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html"))
+EXPORT = FolderKind("export.json", re.compile(r"export\.json"))
 VERIFICATION = FolderKind(
     "inputs.json",
     re.compile(rf"inputs\.json|(verification\.(html|json)|junit\.xml)(\.previous)?|{HALF.pattern}"),
