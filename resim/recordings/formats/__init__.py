@@ -4,4 +4,5 @@
 import resim.recordings.formats.commonroad
 import resim.recordings.formats.highd
 import resim.recordings.formats.mcity
+import resim.recordings.formats.osi
 import resim.recordings.formats.table
