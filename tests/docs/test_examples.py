@@ -69,6 +69,7 @@ RUN_HERE = {
 }
 RUN_ELSEWHERE = {
     "agent.py",
+    "participant.toml",
     "unit.toml",
     "first.toml",
     "second.toml",

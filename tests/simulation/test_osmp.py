@@ -10,6 +10,7 @@ from pathlib import Path
 
 import duckdb
 import numpy as np
+import pages
 import pandas as pd
 import pytest
 from conftest import ROOT
@@ -137,8 +138,12 @@ def test_a_unit_that_speaks_osi_drives_as_the_same_function_in_python_does(
     np.testing.assert_allclose(found[numbers], expected[numbers], rtol=0.0, atol=within)
 
 
-def test_a_unit_is_checked_as_any_other(tmp_path: Path) -> None:
-    found = check_function(unit(tmp_path))
+def test_a_unit_is_checked_as_any_other_by_the_guides_example(tmp_path: Path) -> None:
+    path = unit(tmp_path)
+    path.with_name("osi.fmu").rename(path.with_name("participant.fmu"))
+    said = pages.named(ROOT / "docs" / "guides" / "outside.md", "toml")["participant.toml"]
+    path.write_text(said, encoding="utf-8")
+    found = check_function(path)
     assert found.good, found.checks
 
 
