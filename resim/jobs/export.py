@@ -31,8 +31,13 @@ SOURCE_ALONE = "scenario"
 class ExportReport:
     """What export.json says of a folder of exported files.
 
-    drive: its name. format: of the files. sources: for each source of the drive its file. map: the OpenDRIVE file
-    beside them. files: hashes of all of them.
+    Attributes:
+        versions: Of what wrote them.
+        drive: Its name.
+        format: Of the files.
+        sources: For each source of the drive its file.
+        map: The OpenDRIVE file beside them.
+        files: Hashes of all of them.
     """
 
     __pydantic_config__ = EXACT
