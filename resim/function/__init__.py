@@ -207,6 +207,8 @@ def _perceived(told: dict[str, Any], t: float) -> ObjectList:
 
 
 def _told(answer: Any) -> dict[str, Any]:
+    if not hasattr(answer, "plan"):
+        raise TypeError(f"step gave {answer!r:.60}, expected resim.function.Command")
     plan = answer.plan
     return {
         "acceleration": float(answer.acceleration),

@@ -279,6 +279,32 @@ def test_what_does_not_hold_is_found(build: Callable[..., Path], tmp_path: Path,
     assert name in broken, found.checks
 
 
+def test_what_resim_opens_for_a_process_is_not_told_of_its_code(
+    build: Callable[..., Path], tmp_path: Path
+) -> None:
+    """As the guide has it: the environment beside the build file, and the command in their folder."""
+    (tmp_path / "venv" / "bin").mkdir(parents=True)
+    python = tmp_path / "venv" / "bin" / "python"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    path = build(HEAD + 'factory = "follow:Follow"\n[process]\npython = "venv/bin/python"\n')
+    order = [sys.executable, "-m", "resim", "run", RECORDING, "--basis", "gt", "--build", path.name]
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "400"}
+    done = subprocess.run(
+        [*order, "--out", "out"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+        env=env,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    told = " ".join((done.stdout + done.stderr).split())
+    assert "opened" not in told, told
+    assert "what venv/bin/python loads beside the files of the build is not in its hash" in told
+
+
 def test_a_check_does_not_print_the_tracebacks_that_it_asks_for(
     build: Callable[..., Path], capfd: pytest.CaptureFixture[str]
 ) -> None:

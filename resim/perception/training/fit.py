@@ -18,7 +18,7 @@ from resim.perception.training.detected import DetectedShare
 from resim.perception.training.errors import MEASURED, ObjectErrors
 from resim.perception.training.residuals import OwnErrorSamples, Residuals, of_mean, of_spread, residuals_of
 from resim.perception.training.samples import TrainingSamples
-from resim.perception.training.single import SingleStatistic, latencies, tails, together, white
+from resim.perception.training.single import CommonOffset, SingleStatistic, latencies, tails, together, white
 
 ALPHA = 0.05
 """Probability that something is told of a model that fits."""
@@ -56,6 +56,7 @@ def _tests(quantity: Quantity, r: Residuals, objects: ObjectErrors) -> Iterator[
     lags = {1, max(round(LAG / r.step), 1)}
     yield from (white(quantity, r, lag) for lag in sorted(lags))
     yield together(quantity, r)
+    yield CommonOffset(quantity, r)
     yield latencies(quantity, r)
     yield Dependence(quantity, r, *of_mean(r), spread=False)
     yield Dependence(quantity, r, *of_spread(r, objects), spread=True)

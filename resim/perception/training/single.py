@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from resim.core.geometry import Floats
 from resim.perception.model import Assumption, FailedAssumption, Quantity
 from resim.perception.parameters import UNITS
 from resim.perception.training.clusters import FEWEST, between_drives, by_drive
+from resim.perception.training.errors import NEGLIGIBLE
 from resim.perception.training.residuals import Residuals
 
 CLIP = 5.0
@@ -21,6 +23,10 @@ LEAST_SHARE = 0.05
 """Least correlation, and least change of a standard deviation, that is told."""
 LEAST_LATE = 0.005
 """Least variation [s] of a latency that is told."""
+
+
+ONE_DRIVE = "one drive"
+"""On what errors are together that all objects of a drive share."""
 
 
 class SingleStatistic:
@@ -79,6 +85,13 @@ class SingleStatistic:
             late = r.fitted.aligned.late
             text = f"the latency of {name} differs from object to object, by {size:.3g} s about {late:.3g} s"
             return (size, "s", text) if size > LEAST_LATE else None
+        if self.on == ONE_DRIVE:
+            size = float(np.sqrt(max(self.value, 0.0)))
+            text = (
+                f"{name} errors of all objects of a drive have an offset in common, which differs from drive to drive "
+                f"by {size:.3g} {unit}, as by a calibration; in the model the errors of each object are its own"
+            )
+            return (size, unit, text) if size >= NEGLIGIBLE[self.quantity] else None
         if abs(self.value) < LEAST_SHARE:
             return None
         size = abs(self.value) * typical
@@ -143,6 +156,30 @@ def together(quantity: Quantity, r: Residuals) -> SingleStatistic:
         one, square, number = (np.bincount(lists, v) for v in (z, z**2, np.ones(len(z))))
         sums[rows[0]], pairs[rows[0]] = ((one**2 - square) / 2.0).sum(), (number * (number - 1.0) / 2.0).sum()
     return SingleStatistic(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
+
+
+class CommonOffset(SingleStatistic):
+    """Do the mean errors of objects differ more from drive to drive than within one? Analysis of variance, in which
+    each object has the weight that the model gives its mean; products of few drives could never be sure."""
+
+    def __init__(self, quantity: Quantity, r: Residuals) -> None:
+        self.quantity, self.assumption, self.on, self.r = quantity, "together", ONE_DRIVE, r
+        self.value, self.p = 0.0, 1.0
+        constant = r.columns["constant"]
+        known = np.einsum("rt,rt->r", constant, constant)
+        rows = known > 1e-6 * known.max(initial=0.0)
+        known, drives = known[rows], r.drive[rows]
+        mean = np.einsum("rt,rt->r", constant, r.z)[rows] / known
+        of, index = by_drive(known, drives), np.unique(drives, return_inverse=True)[1]
+        count, free = len(of), len(mean) - len(of)
+        if count < FEWEST or free < count:
+            self.count = 0
+            return
+        middle = by_drive(known * mean, drives) / of
+        within = float((known * (mean - middle[index]) ** 2).sum()) / free
+        between = float((of * (middle - np.average(middle, weights=of)) ** 2).sum()) / (count - 1)
+        self.p = float(fisher.sf(between / max(within, 1e-300), count - 1, free))
+        self.value = max(between - within, 0.0) * (count - 1) / float(of.sum() - (of**2).sum() / of.sum())
 
 
 def latencies(quantity: Quantity, r: Residuals) -> SingleStatistic:

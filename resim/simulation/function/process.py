@@ -52,7 +52,11 @@ class ChildProcess:
         self._home: tempfile.TemporaryDirectory[str] | None = None
 
     def start(self) -> None:
-        """Start it."""
+        """Start it. What resim reads, copies and starts for it is not what the code under test opens."""
+        with unheard():
+            self._start()
+
+    def _start(self) -> None:
         self._unchanged()
         first, *rest = self._command
         try:
@@ -61,11 +65,10 @@ class ChildProcess:
             shutil.copytree(self._folder, here)
             here.chmod(0o755)
             command = [str(here / first) if self._own else first, *rest]
-            with unheard():
-                self._process = subprocess.Popen(
-                    command, cwd=here, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
-                    env=_variables(self._environment), process_group=0 if self._grouped else None,
-                )  # fmt: skip
+            self._process = subprocess.Popen(
+                command, cwd=here, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+                env=_variables(self._environment), process_group=0 if self._grouped else None,
+            )  # fmt: skip
         except (OSError, ValueError) as e:
             self.kill()
             raise FunctionError(f"cannot be started: {first!r}: {getattr(e, 'strerror', e)}") from e
@@ -132,7 +135,8 @@ class ChildProcess:
                 process.stdin.close()
             process.stdout.close()
         if self._home is not None:
-            self._home.cleanup()
+            with unheard():
+                self._home.cleanup()
             self._home = None
 
 
