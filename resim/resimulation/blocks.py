@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,19 +11,24 @@ import pandas as pd
 
 from resim.core.geometry import Floats
 from resim.core.schema import PLAN_COLUMNS
+from resim.core.sightings import SAME
 from resim.core.tracks import Strings, Tracks, whole_id
 from resim.metrics.assessment import Assessment, asked, assess
-from resim.metrics.doubts.unseen import WHOLE, Doubts
+from resim.metrics.doubts.unseen import WHOLE, Absence, Doubts
 from resim.metrics.drive import Plans, drive
 from resim.metrics.measures.collision import contacts
 from resim.metrics.measures.functional import FunctionActivity
 from resim.metrics.measures.inputs import MeasureInputs, look_together
 from resim.resimulation.assessed import AssessmentOptions
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.scenario import Scenario
+from resim.scenario.scenario import Scenario, ScenarioObject
 
 FINE = 100.0
 """Samples a second [Hz] in which collisions are looked for."""
+
+BACK = 0.1
+"""Distance [m] from the end of its trace up to which somebody who left it counts as back on it."""
+GONE = "off its trace, whose recording ends here"
 
 TOGETHER = 32
 """Blocks that are assessed together at most: their arrays take memory."""
@@ -90,6 +95,9 @@ def _scenes_of(block: Block, network: RoadNetwork, how: AssessmentOptions) -> _B
         own = every.samples(np.searchsorted(t, seldom)).select([scenario.ego.id])
         doubts = doubts.beside(own, replace(block.measured, objects=()).tracks(network, seldom))
 
+    if block.measured is not None and (gone := tuple(_gone(scenario, block.measured, network))):
+        doubts = replace(doubts, absences=(*doubts.absences, *gone))
+
     def subject(every: Tracks) -> MeasureInputs:
         made = drive(
             every.samples(np.searchsorted(t, seldom)), ego=scenario.ego.id, plans=block.plans, path=how.path,
@@ -117,6 +125,43 @@ def _larger(tracks: Tracks, doubts: Doubts) -> Tracks | None:
         for own, side, far in zip((tracks.length, tracks.width), sizes.T, off.T, strict=True)
     )
     return replace(tracks, length=length, width=width)
+
+
+def _gone(scenario: Scenario, measured: Scenario, network: RoadNetwork) -> Iterator[Absence]:
+    """Who left its trace, and is taken away where its recording ends: from then on nobody knows where it is."""
+    traces = {one.id: one for one in measured.objects}
+    ends = {
+        n: float(one.v.x[-1])
+        for n, one in enumerate(scenario.objects, start=1)
+        if one.id in traces and one.v.x[-1] < scenario.duration - SAME and not _is_alike(one, traces[one.id])
+    }
+    if not ends:
+        return
+    t = np.array([*ends.values()])
+    driven = scenario.tracks(network, t)
+    for k, (n, end) in enumerate(ends.items()):
+        one = scenario.objects[n - 1]
+        own = replace(measured, objects=(traces[one.id],))
+        there = own.tracks(network, np.array([min(end, float(traces[one.id].v.x[-1]))]))
+        x, y, heading, v = (float(c[n, k]) for c in (driven.x, driven.y, driven.heading, driven.v))
+        if not np.hypot(x - there.x[1, 0], y - there.y[1, 0]) <= BACK:
+            state = np.array([[x, y, heading, v * np.cos(heading), v * np.sin(heading)]])
+            yield Absence(
+                object=one.id, start=end, end=scenario.duration, why=GONE, straight=False,
+                size=(one.length, one.width), t=np.array([end]), state=state,
+            )  # fmt: skip
+
+
+def _is_alike(one: ScenarioObject, other: ScenarioObject) -> bool:
+    """Whether two have the same trace."""
+    return one is other or (
+        one.start == other.start
+        and all(
+            np.array_equal(getattr(a, part), getattr(b, part))
+            for a, b in ((one.v, other.v), (one.heading, other.heading))
+            for part in ("x", "c")
+        )
+    )
 
 
 def _times(scenario: Scenario, rate: float) -> Floats:

@@ -24,6 +24,7 @@ from resim.scenario.misfit import find_misfits
 from resim.scenario.scenario import Scenario
 from resim.simulation.case import HandedOver, SimulatedDrive
 from resim.simulation.function.interface import Build
+from resim.simulation.function.program import RecordedProgram
 
 LABEL_ONLY = "without build_hash it is unknown whether this code drove, so the verdict is for the label only"
 OF_BUILD = (LABEL_ONLY, *NOT_OF_HASH)
@@ -51,6 +52,9 @@ def notes(result: Resimulation) -> Iterator[str]:
         yield f"{build.label}: {opened}"
     if build.program is not None and build.program.unpinned:
         yield f"{build.label}: {build.program.unpinned}"
+    if isinstance(build.program, RecordedProgram):
+        speaker = build.program.conversations[0].speaker
+        yield f"{build.label}: answers were recorded of its hash {speaker.hash[:12]}, nobody drove"
     yield from _plausible(recording, result.network, measured["GT"], result.errors)
     for basis, scenario in result.described.items():
         yield from _described(basis, measured[basis], scenario)
@@ -71,15 +75,16 @@ def notes(result: Resimulation) -> Iterator[str]:
 
 
 def handed_over(found: Sequence[HandedOver]) -> str:
-    """Say which objects left their traces, the first ones of many with the reason."""
-    ids = list(dict.fromkeys(one.id for one in found))
+    """Say which objects left their traces; of many, those who braked hardest with the reason."""
+    ids = {one.id for one in found}
+    hardest = sorted(sorted(found, key=lambda one: -one.hardest)[:_TOLD], key=lambda one: one.t)
     told = [
         f"{one.id} at {one.t:.2f} s ({one.why}), up to {one.farthest:.1f} m behind its trace, "
         f"braking by up to {one.hardest:.1f} m/s²"
         + (f", until {one.back:.2f} s" if one.back is not None else "")
-        for one in found[:_TOLD]
+        for one in hardest
     ]
-    more = f"; and {len(found) - _TOLD} times more" if len(found) > _TOLD else ""
+    more = f"; and {len(found) - _TOLD} times more, braking no harder" if len(found) > _TOLD else ""
     many = f"{len(ids)} traffic object{'s' if len(ids) != 1 else ''}"
     return f"{many} {HANDED_OVER}, not as measured: {'; '.join(told)}{more}"
 

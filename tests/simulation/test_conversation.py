@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import duckdb
@@ -170,6 +171,33 @@ def test_recording_python_of_this_environment_is_refused(tmp_path: Path) -> None
 
 SPEAKER = Speaker("a", "1", "0" * 64, None, 1.0)
 FIRST = b"\x10\x00\x00\x00\x82\xaaparameters\x80\xa1a\x01"
+
+
+def test_answers_of_one_build_do_not_pass_for_those_of_another(recorded: Path, tmp_path: Path) -> None:
+    shutil.copy(recorded / "rGT.conversation", tmp_path)
+    file = tmp_path / "recorded.toml"
+    text = (recorded / "recorded.toml").read_text(encoding="utf-8")
+    for of, other in (('name = "follow"', 'name = "safe"'), ('version = "1"', 'version = "2"')):
+        file.write_text(text.replace(of, other), encoding="utf-8")
+        with pytest.raises(InputError, match="but its conversations are of 'follow', version '1'"):
+            load_build(file)
+    file.write_text(text, encoding="utf-8")
+    done = run(file, tmp_path / "out")
+    assert "note: follow-1: answers were recorded of its hash " in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("name", 3), ("cycle_time", "0.1"), ("cycle_time", -1.0), ("time_limit", 1e9), ("hash", None)],
+)
+def test_what_a_conversation_says_of_who_spoke_has_its_limits(
+    recorded: Path, tmp_path: Path, field: str, value: object
+) -> None:
+    found = read_conversation(recorded / "rGT.conversation")
+    file = tmp_path / "x.conversation"
+    file.write_bytes(replace(found, speaker=replace(found.speaker, **{field: value})).packed())
+    with pytest.raises(InputError, match=f"speaker's {field}: "):
+        read_conversation(file)
 
 
 @given(st.lists(st.tuples(st.binary(max_size=40), st.binary(max_size=40)), max_size=5), st.data())

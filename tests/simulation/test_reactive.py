@@ -19,11 +19,13 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from resim.core.errors import InputError
-from resim.recordings import read_commonroad
-from resim.resimulation import ResimulationOptions, resimulate
+from resim.metrics.criteria import read_criteria
+from resim.recordings import read_commonroad, read_recording
+from resim.resimulation import AssessmentOptions, ResimulationOptions, assess_resimulation, resimulate
+from resim.resimulation.notes import handed_over
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.scenario import Scenario
-from resim.simulation.case import SimulatedDrive
+from resim.simulation.case import HandedOver, SimulatedDrive
 from resim.simulation.direct import Direct
 from resim.simulation.function.interface import load_build
 from resim.simulation.guide import Guide
@@ -303,6 +305,48 @@ def test_drivers_are_calibrated_alike_at_any_step(member: Member, network: RoadN
     assert fine is not None
     assert found.fitted == pytest.approx(24.0, abs=0.5)
     assert abs(found.time_gap - fine.time_gap) <= 0.3
+
+
+def test_of_many_who_were_handed_over_the_hardest_are_told() -> None:
+    found = [HandedOver(f"o{k}", float(k), "why", None, 1.0, float(k % 7)) for k in range(20)]
+    told = handed_over(found)
+    assert [name in told for name in ("o6 at", "o13 at", "o5 at", "o0 at")] == [True, True, True, False]
+    assert told.index("o5 at") < told.index("o6 at") < told.index("o13 at")
+    assert "20 traffic objects" in told
+    assert told.endswith("and 17 times more, braking no harder")
+
+
+def test_who_left_its_trace_and_whose_recording_ends_is_not_gone_for_the_verdict(tmp_path: Path) -> None:
+    """The EGO changes in front of a faster car; it brakes where that car's recording ends, with it at its bumper."""
+    size = {"kind": "car", "heading": 0.0, "length": 4.7, "width": 1.9}
+    rows = [
+        {"t": t, "id": name, "x": at + v * t, "y": y, "v": v, **size}
+        for t in np.arange(0.0, 20.01, 0.04).round(2).tolist()
+        for name, at, v, y, end in (("ego", 300.0, 20.0, -5.25, 20.0), ("on", 265.0, 28.0, -1.75, 16.0))
+        if t <= end
+    ]
+    pd.DataFrame(rows).to_csv(tmp_path / "gt.csv", index=False)
+    road = ROOT / "networks" / "proving_ground.xodr"
+    (tmp_path / "recording.toml").write_text(f'name = "d"\nmap = "{road}"\nego = "ego"\n', encoding="utf-8")
+    bend = "0.004 if 1.0 < p.t < 2.2 else -0.004 if 2.2 < p.t < 3.4 else 0.0"
+    cut_in = f"return Command(-8.0 if p.t > 16.5 and p.ego.v > 0.2 else 0.0, {bend})"
+    keeps = "return Command(0.0, 0.0)"
+    recording, verdicts = read_recording(tmp_path), {}
+    criteria = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
+    for name, answer in (("cut_in", cut_in), ("keeps", keeps)):
+        head, _, _ = BRAKING.partition("        return")
+        (tmp_path / f"{name}.py").write_text(
+            f"{head}        {answer}\n\n    def close(self):\n        pass\n"
+        )
+        build = tmp_path / f"{name}.toml"
+        build.write_text(f'name = "b"\nversion = "1"\nfactory = "{name}:Brakes"\n', encoding="utf-8")
+        options = ResimulationOptions(bases=("GT",), traffic=REACTIVE, engine=Direct())
+        result = resimulate(recording, load_build(build), options)
+        found = assess_resimulation(result, AssessmentOptions(criteria=criteria))
+        verdicts[name] = found.blocks["rGT"].verdicts["no collision"]
+    assert verdicts["cut_in"].outcome == "INVALID"
+    assert "off its trace, whose recording ends here" in verdicts["cut_in"].reason
+    assert verdicts["keeps"].outcome == "PASS"
 
 
 BRAKING = """

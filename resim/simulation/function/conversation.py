@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgpack
+from pydantic import Field, TypeAdapter, ValidationError
 
 from resim.core.errors import FunctionError, InputError
 from resim.core.files import read_file
@@ -24,17 +25,20 @@ SUFFIX = ".conversation"
 VERSION = 1
 REMEDY = "Record it again, with `resim run --record`."
 Exchange = tuple[bytes, bytes]
+CycleTime = Annotated[float | None, Field(strict=True, gt=0, allow_inf_nan=False)]
+TimeLimit = Annotated[float, Field(strict=True, ge=0.001, le=3600.0)]
+_Named = Annotated[str, Field(min_length=1)]
 
 
 @dataclass(frozen=True)
 class Speaker:
     """Who answered: name, version and hash of a build, its cycle time [s] and time limit [s]."""
 
-    name: str
-    version: str
+    name: _Named
+    version: _Named
     hash: str
-    cycle_time: float | None
-    time_limit: float
+    cycle_time: CycleTime
+    time_limit: TimeLimit
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,9 @@ class Conversation:
         return given
 
 
+_SPEAKER = TypeAdapter(Speaker)
+
+
 def build_file(speaker: Speaker) -> str:
     """Give the text of a build file of the conversations in its folder."""
     name, version = (json.dumps(text, ensure_ascii=False) for text in (speaker.name, speaker.version))
@@ -90,9 +97,12 @@ def read_conversation(path: Path) -> Conversation:
         if not rest or len(rest) % 2:
             raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
         pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
-        found = Conversation(Speaker(**said), tuple(pairs), failure)
+        found = Conversation(_SPEAKER.validate_python(said), tuple(pairs), failure)
         if not isinstance(found.parameters, dict):
             raise ValueError("its first message has no parameters")
+    except ValidationError as e:
+        first = e.errors()[0]
+        raise InputError(path, f"speaker's {first['loc'][0]}: {first['msg']}", REMEDY) from e
     except (ValueError, KeyError, TypeError, AttributeError, msgpack.UnpackException) as e:
         raise InputError(path, f"is no recorded conversation: {e}", REMEDY) from e
     return found

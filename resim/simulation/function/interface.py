@@ -27,6 +27,7 @@ from resim.function import Command as Command
 from resim.function import EgoState as EgoState
 from resim.road.driven_route import NO_ROUTE, Route
 from resim.road.opendrive import RoadNetwork
+from resim.simulation.function.conversation import CycleTime, TimeLimit
 from resim.simulation.function.fmu import FmiTable, fmu_files
 from resim.simulation.function.grpc_stream import GrpcProgram, GrpcTable
 from resim.simulation.function.grpc_wire import refuse_without_grpc
@@ -140,8 +141,8 @@ class BuildFile(BaseModel):
     grpc: GrpcTable | None = None
     fmi: FmiTable | None = None
     recorded: RecordedTable | None = None
-    cycle_time: float | None = Field(strict=True, default=None, gt=0, allow_inf_nan=False)
-    time_limit: float = Field(strict=True, default=1.0, ge=0.001, le=3600.0)
+    cycle_time: CycleTime = None
+    time_limit: TimeLimit = 1.0
     files: tuple[str, ...] = ()
     parameters: dict[str, Any] = Field(default_factory=dict)
 
@@ -298,7 +299,7 @@ def _asked_by_messages(frozen: FrozenFile, copy: FrozenCopy, said: BuildFile) ->
         program, in_batches = unit_program(path, said.fmi, parameters, copy), False
     else:
         assert said.recorded is not None
-        program, in_batches = recorded_program(path, said.recorded, copy), False
+        program, in_batches = recorded_program(path, said.recorded, copy, said.name, said.version), False
         first = program.conversations[0]
         speaker, parameters = first.speaker, first.parameters
         cycle_time, time_limit = speaker.cycle_time, speaker.time_limit

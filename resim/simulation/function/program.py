@@ -171,14 +171,23 @@ def recorded_files(path: Path, recorded: RecordedTable) -> list[str]:
     return found
 
 
-def recorded_program(path: Path, recorded: RecordedTable, copy: FrozenCopy) -> RecordedProgram:
-    """Read the conversations of a build as it was frozen. Raises InputError where they are of several functions."""
+def recorded_program(
+    path: Path, recorded: RecordedTable, copy: FrozenCopy, name: str, version: str
+) -> RecordedProgram:
+    """Read the conversations of a build as it was frozen. Raises InputError where they are not all of one
+    build of that name and version.
+    """
     folder = copy.folder / posixpath.normpath(recorded.conversations)
     found = tuple(read_conversation(file) for file in sorted(folder.glob(f"*{SUFFIX}")))
     speakers = {(repr(one.speaker), repr(sorted(one.parameters.items()))) for one in found}
     if len(speakers) > 1:
         problem = f"recorded: the {len(found)} conversations are of {len(speakers)} builds"
         raise InputError(path, problem, "Give each build a folder of its own.")
+    spoke = found[0].speaker
+    if (spoke.name, spoke.version) != (name, version):
+        of, their = f"{name!r}, version {version!r}", f"{spoke.name!r}, version {spoke.version!r}"
+        problem = f"is of {of}, but its conversations are of {their}"
+        raise InputError(path, problem, "Give the build file the name and version of who answered.")
     return RecordedProgram(found)
 
 

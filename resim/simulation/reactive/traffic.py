@@ -35,6 +35,8 @@ _BACK = 0.05
 """m behind its trace at which an object is back on it, if its driver wants to brake no harder than that."""
 _ASIDE_MOST = 4.0
 """m/s² to the side, beyond which a driver who is later than its trace takes no bend."""
+_TOLD = -99.0
+"""m/s², the hardest braking that is told in figures."""
 _CLOSE = 0.2
 """Share of what its driver would brake by in the measured drive, by which it has to be harder at least."""
 
@@ -152,7 +154,7 @@ class ReactiveTraffic:
         least = float(want[first])
         if least >= min(meant, a) - max(self.settings.hand_over.harder, -_CLOSE * meant):
             return
-        least, meant = (max(one, -self.settings.hand_over.hardest) for one in (least, meant))
+        least, meant = (max(one, _TOLD) for one in (least, meant))
         did = (
             f"not below {meant:.1f} m/s² in the measured drive"
             if there.ahead.any()
