@@ -104,7 +104,8 @@ class Beyond:
     variance; a latency that varies by so much [s], with this correlation time [s] (0: from list to list); a scale of
     speeds; offsets by quantity while an object brakes; level: a factor of every spread. found: objects are not seen at
     first, and then found with this probability a list, within 60 m, and kept; confirmed: within 60 m for so long [s]
-    before they are seen."""
+    before they are seen. drive: offsets by quantity that all objects of a drive share, normal of this standard
+    deviation from drive to drive."""
 
     tails: float = 0.0
     late: float = 0.0
@@ -114,6 +115,7 @@ class Beyond:
     level: float = 1.0
     found: float = 0.0
     confirmed: float = 0.0
+    drive: tuple[tuple[str, float], ...] = ()
 
     def finds(self, r: Floats, dt: float, rng: np.random.Generator) -> np.ndarray:
         """Which object is seen when (N, K), by how far it is."""
@@ -138,9 +140,10 @@ class Beyond:
             return rng.standard_normal(shape)
         return rng.standard_t(self.tails, shape) * np.sqrt(1.0 - 2.0 / self.tails)
 
-    def offsets(self, v: Floats, a: Floats) -> dict[str, Floats]:
+    def offsets(self, v: Floats, a: Floats, rng: np.random.Generator) -> dict[str, Floats]:
         """Errors (N, K) by quantity, of true speeds and accelerations."""
         out = {name: offset * (a < -1.0) for name, offset in self.braking}
+        out |= {name: np.full_like(v, spread * rng.standard_normal()) for name, spread in self.drive}
         out["speed"] = out.get("speed", 0.0) + self.scale * v
         return out
 
@@ -226,7 +229,7 @@ def make_recording(
     coupling = np.eye(6) if model.errors.coupling is None else np.array(model.errors.coupling)
     z = wander(np.array([e.correlation_time for e in each]), coupling, x.shape, dt, rng)
     w = beyond.white((6, *x.shape), rng)
-    offsets = beyond.offsets(v, a)
+    offsets = beyond.offsets(v, a, rng)
     errors = [
         response(e.bias, f)
         + beyond.level * (spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q])

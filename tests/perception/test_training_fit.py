@@ -92,6 +92,12 @@ def test_a_bias_while_braking_is_not_taken_for_latency_without_a_word() -> None:
     assert abs(late - 0.4) < 0.5 * (model.latency.speed - 0.4)
 
 
+@pytest.mark.parametrize(("quantity", "spread"), [("longitudinal", 0.6), ("speed", 1.0)])
+def test_an_offset_that_all_objects_of_a_drive_share_is_told(quantity: str, spread: float) -> None:
+    found = told(fit_of(Beyond(drive=((quantity, spread),)), 20)[1], quantity, "together", "one drive")
+    assert found.size == pytest.approx(spread, rel=0.3)
+
+
 def test_too_few_drives_test_nothing_and_say_so() -> None:
     model, fit = fit_of(Beyond(tails=3.0), FEWEST - 1)
     assert fit == ModelFit(drives=FEWEST - 1)
