@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from resim.cli.app import Accept, app, command
 from resim.cli.terminal import add_to_json, say
+
+if TYPE_CHECKING:
+    from resim.jobs.export import ExportReport
 
 exports = typer.Typer(help="Write drives in the formats of other tools.", no_args_is_help=True)
 app.add_typer(exports, name="export")
@@ -19,21 +22,51 @@ def _exports() -> None:
     pass
 
 
+Drive = Annotated[
+    Path,
+    typer.Argument(metavar="DRIVE", help="Recording folder, folder that `resim run` wrote, or JSCEN file."),
+]
+Out = Annotated[Path, typer.Option(help="Folder for the files; an earlier export there is replaced.")]
+
+
 @command(exports, "openscenario")
 def openscenario(
-    drive: Annotated[
-        Path,
-        typer.Argument(
-            metavar="DRIVE", help="Recording folder, folder that `resim run` wrote, or JSCEN file."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for the files; an earlier export there is replaced.")],
+    drive: Drive,
+    out: Out,
     version: Annotated[str, typer.Option(help="Of OpenSCENARIO: 1.1, 1.2 or 1.3.")] = "1.2",
     accept: Accept = None,
 ) -> None:
     """Write every source of a drive as OpenSCENARIO: everybody follows its trace, as a polyline over time."""
     from resim.jobs.export import export_openscenario
 
-    found = export_openscenario(drive, out, version=version, accept=accept or [])
+    _tell(out, export_openscenario(drive, out, version=version, accept=accept or []))
+
+
+@command(exports, "osi")
+def osi(drive: Drive, out: Out, accept: Accept = None) -> None:
+    """Write every source of a drive as a trace of OSI (.osi): GroundTruth, and SensorData of what sensors saw."""
+    _export("osi", drive, out, accept)
+
+
+@command(exports, "mcap")
+def mcap(drive: Drive, out: Out, accept: Accept = None) -> None:
+    """Write all of a drive as one MCAP file: OSI with the map, scenes of Foxglove, plans, risk and verdicts."""
+    _export("mcap", drive, out, accept)
+
+
+@command(exports, "foxglove")
+def foxglove(drive: Drive, out: Out, accept: Accept = None) -> None:
+    """Write scenes, curves and what happened as one MCAP file, and a layout for Foxglove and Lichtblick."""
+    _export("foxglove", drive, out, accept)
+
+
+def _export(form: str, drive: Path, out: Path, accept: list[str] | None) -> None:
+    from resim.jobs.export import export_drive
+
+    _tell(out, export_drive(drive, out, form, accept=accept or []))
+
+
+def _tell(out: Path, found: ExportReport) -> None:
     add_to_json(out=out, sources=found.sources, map=found.map)
-    say(f"{found.drive}: {found.format}: {', '.join(found.sources.values())}; map {found.map}: {out}")
+    files = dict.fromkeys(found.sources.values())
+    say(f"{found.drive}: {found.format}: {', '.join(files)}; map {found.map}: {out}")

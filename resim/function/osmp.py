@@ -23,13 +23,14 @@ from osi3.osi_version_pb2 import InterfaceVersion, current_interface_version
 HOST = 1
 """The EGO's id; objects are numbered from 2 in the order in which they are first seen, lanes and borders from 2^32."""
 _FIRST_LANE = 1 << 32
-_VERSION = InterfaceVersion.DESCRIPTOR.file.GetOptions().Extensions[current_interface_version]
+VERSION = InterfaceVersion.DESCRIPTOR.file.GetOptions().Extensions[current_interface_version]
 _CLASS = MovingObject.VehicleClassification
-_VEHICLES = {
+VEHICLES = {
     "car": _CLASS.TYPE_CAR, "van": _CLASS.TYPE_DELIVERY_VAN, "truck": _CLASS.TYPE_HEAVY_TRUCK,
     "bus": _CLASS.TYPE_BUS, "trailer": _CLASS.TYPE_TRAILER, "motorcycle": _CLASS.TYPE_MOTORBIKE,
     "bicycle": _CLASS.TYPE_BICYCLE,
 }  # fmt: skip
+"""What kinds are in OSI; an unknown one is none of them."""
 _SHORTEST = 1e-3
 """m on which a heading that changes is no bend."""
 
@@ -46,7 +47,7 @@ class TrafficParticipant:
 
     def static(self) -> bytes:
         """Give the lanes of the map and their borders, as a GroundTruth."""
-        truth = GroundTruth(version=_VERSION, map_reference=self._setup.road.file)
+        truth = GroundTruth(version=VERSION, map_reference=self._setup.road.file)
         truth.host_vehicle_id.value = HOST
         lanes = self._setup.road.lanes
         before: list[list[int]] = [[] for _ in lanes]
@@ -83,7 +84,7 @@ class TrafficParticipant:
 
     def command(self) -> bytes:
         """Give where to go, as a TrafficCommand."""
-        told = TrafficCommand(version=_VERSION, timestamp=Timestamp(seconds=0, nanos=0))
+        told = TrafficCommand(version=VERSION, timestamp=Timestamp(seconds=0, nanos=0))
         told.traffic_participant_id.value = HOST
         action = told.action.add().acquire_global_position_action
         action.action_header.action_id.value = 1
@@ -92,12 +93,12 @@ class TrafficParticipant:
 
     def view(self, p: Any, time: float) -> bytes:
         """Give what the function sees as a SensorView, without lanes. time: s of the unit."""
-        view = SensorView(version=_VERSION, timestamp=_stamp(time))
+        view = SensorView(version=VERSION, timestamp=_stamp(time))
         view.sensor_id.value = view.host_vehicle_id.value = HOST
         view.mounting_position.position.SetInParent()
         view.mounting_position.orientation.SetInParent()
         truth = view.global_ground_truth
-        truth.version.CopyFrom(_VERSION)
+        truth.version.CopyFrom(VERSION)
         truth.timestamp.CopyFrom(view.timestamp)
         truth.host_vehicle_id.value = HOST
         ego = p.ego
@@ -119,9 +120,9 @@ class TrafficParticipant:
             _put_object(told, self._number(str(name)), place, size, 0.0 if math.isnan(z) else z)
             if kind == "pedestrian":
                 told.type = MovingObject.TYPE_PEDESTRIAN
-            elif kind in _VEHICLES:
+            elif kind in VEHICLES:
                 told.type = MovingObject.TYPE_VEHICLE
-                told.vehicle_classification.type = _VEHICLES[kind]
+                told.vehicle_classification.type = VEHICLES[kind]
             source = told.source_reference.add()
             source.type = "recording"
             source.identifier.append(str(name))
@@ -149,7 +150,7 @@ class TrafficParticipant:
         """Give the SensorViewConfiguration to a request: without raw data of sensors, which nobody has."""
         told = SensorViewConfiguration()
         told.ParseFromString(request)
-        told.version.CopyFrom(_VERSION)
+        told.version.CopyFrom(VERSION)
         for kind in ("generic", "radar", "lidar", "camera", "ultrasonic"):
             told.ClearField(f"{kind}_sensor_view_configuration")
         return bytes(told.SerializeToString(deterministic=True))

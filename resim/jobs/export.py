@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import shutil
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import pandas as pd
 
 from resim.core import remedies
 from resim.core.errors import InputError
@@ -13,8 +17,11 @@ from resim.core.files import file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import EXACT, to_json
+from resim.core.tracks import Tracks
 from resim.jobs.given import path_of
+from resim.jobs.play import played_drive
 from resim.recordings.checked import load_checked
+from resim.report.player import PlayedDrive, of_recording
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
 from resim.results import EXPORT, check_output, whole_folder, write_json
@@ -85,6 +92,93 @@ def export_openscenario(
         report = ExportReport(versions(), name, f"OpenSCENARIO {version}", sources, road, files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
+
+
+@dataclass(frozen=True)
+class ExportForm:
+    """A form in which a drive is written.
+
+    Attributes:
+        title: What it is called.
+        module: Has `write`, which writes a drive into a folder and gives the file of each source.
+        needs: Packages that are not always there, and the extra that brings each.
+    """
+
+    title: str
+    module: str
+    needs: Mapping[str, str]
+
+
+FORMS: Mapping[str, ExportForm] = {
+    "osi": ExportForm(
+        "OSI", "resim.exports.osi", {"osi3": "osi"},
+    ),
+    "mcap": ExportForm(
+        "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"},
+    ),
+    "foxglove": ExportForm(
+        "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"},
+    ),
+}  # fmt: skip
+"""By the name of the command; OpenSCENARIO has more to choose from, and a function of its own."""
+
+
+def export_drive(
+    drive: str | Path, out: str | Path, form: str, *, accept: Collection[str] = ()
+) -> ExportReport:
+    """Write a drive in one of FORMS, with the map beside.
+
+    Args:
+        drive: As in `export_openscenario`.
+        out: Folder; earlier files of an export there are replaced.
+        form: Its name.
+        accept: Codes of findings in a recording to continue despite.
+
+    Returns:
+        What was written.
+
+    Raises:
+        InputError: The drive cannot be read, or the folder not be written, or a package is missing.
+    """
+    path, folder, made = path_of(drive), path_of(out), FORMS[form]
+    if lost := [one for one in made.needs if importlib.util.find_spec(one) is None]:
+        extras = ",".join(dict.fromkeys(made.needs.values()))
+        raise InputError(
+            f"export {form}", f"needs {lost[0]}", f"In resim's own folder: pip install '.[{extras}]'"
+        )
+    check_output(folder, EXPORT)
+    played = _played(path, accept)
+    with whole_folder(folder, EXPORT) as new:
+        road = played.network.path
+        shutil.copyfile(road, new / road.name)
+        sources = importlib.import_module(made.module).write(played, new)
+        files = {file.name: file_hash(file) for file in sorted(new.iterdir())}
+        report = ExportReport(versions(), played.name, made.title, sources, road.name, files)
+        write_json(sealed(to_json(report)), new / EXPORT.mark)
+    return report
+
+
+def _played(path: Path, accept: Collection[str]) -> PlayedDrive:
+    """A drive with each object in one track; a recording is refused where it has errors that are not accepted."""
+    if (path / "recording.toml").is_file() and not (path / "run.json").is_file():
+        recording = load_checked(path, accept=tuple(accept))
+        played = of_recording(recording, load(recording.map))
+    else:
+        played = played_drive(path)
+    layers = [replace(layer, tracks=layer.tracks.joined()) for layer in played.layers]
+    described = path / "GT.jscen.json"
+    for k, layer in enumerate(layers):
+        if "+M" in layer.name and not layer.name.startswith("perceived"):
+            scenario = read_jscen(described)
+            layers[k] = replace(layer, tracks=_with_traffic(layer.tracks, scenario, played.network))
+    return replace(played, layers=tuple(layers))
+
+
+def _with_traffic(own: Tracks, scenario: Scenario, network: RoadNetwork) -> Tracks:
+    """What a run with a perception model has of its own, among the traffic of the scenario that it is of."""
+    others = scenario.tracks(network, own.t).to_frame()
+    others = others[~others.id.isin(own.ids.tolist())]
+    return Tracks.from_frame(pd.concat([own.to_frame(), others], ignore_index=True))
 
 
 def _scenarios(path: Path, accept: Collection[str]) -> tuple[str, RoadNetwork, dict[str, Scenario]]:

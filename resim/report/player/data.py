@@ -107,7 +107,7 @@ def to_script(drives: Sequence[PlayedDrive]) -> Markup:
         file = file_hash(drive.network.path)
         known = [k for k, (digest, ids, _) in enumerate(pictures) if digest == file and ids == roads]
         if not known:
-            pictures.append((file, roads, Picture(_cut(drive.network, roads), None)))
+            pictures.append((file, roads, Picture(cut_network(drive.network, roads), None)))
         k = known[0] if known else len(pictures) - 1
         made.append(_drive(drive, k, pictures[k][2].origin))
     data = PlayerData(dict(UNITS), [map_data(picture) for *_, picture in pictures], made)
@@ -137,8 +137,8 @@ def _ways(drive: PlayedDrive) -> list[Floats]:
     return out
 
 
-def _cut(network: RoadNetwork, roads: frozenset[str]) -> RoadNetwork:
-    """The network with these roads alone, and the junctions that they are in."""
+def cut_network(network: RoadNetwork, roads: frozenset[str]) -> RoadNetwork:
+    """Give the network with these roads alone, and the junctions that they are in."""
     kept = {name: road for name, road in network.roads.items() if name in roads}
     inside = {road.junction for road in kept.values()}
     junctions = {name: j for name, j in network.junctions.items() if name in inside}

@@ -62,7 +62,7 @@ class AccelerationCurve:
 class Layer:
     """One source of a drive: who was where, the plans that the EGO made, and curves; shown: from the start on.
 
-    plans: when [s] each was made, and t, x, y, v (K, 4).
+    plans: when [s] each was made, and t, x, y, v (K, 4). assessed: what it was judged to be, if it was.
     """
 
     name: str
@@ -72,6 +72,7 @@ class Layer:
     danger: Danger | None = None
     acceleration: AccelerationCurve | None = None
     shown: bool = True
+    assessed: DriveAssessment | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,8 @@ def of_run(
         made = scenarios.get(source)
         a = differenced(tracks, report.ego) if made is None else splines(made, network)
         shown = source in ("GT", "SD", "rGT", "rSD")
-        layers.append(Layer(source.replace("_", " "), _title(source), tracks, plans, curves, a, shown))
+        own = assessed.get(source)
+        layers.append(Layer(source.replace("_", " "), _title(source), tracks, plans, curves, a, shown, own))
     notes = []
     if len(seeds) > 1:
         notes.append(f"Of {len(seeds)} runs with the perception model, that of seed {seeds[0][5:]} is shown.")

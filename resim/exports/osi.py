@@ -1,0 +1,232 @@
+"""Sources of a drive as messages of OSI: GroundTruth, TrafficUpdate of a simulated one, SensorData of a measured one.
+
+Source: ASAM OSI 3.8. Ids are those of the recording where all of them are numbers; else they are counted, and stand as
+`source_reference` (or, in what a sensor detects, beside its `tracking_id`) in the messages.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from osi3.osi_groundtruth_pb2 import GroundTruth
+from osi3.osi_object_pb2 import MovingObject
+from osi3.osi_sensordata_pb2 import DetectedEntityHeader, SensorData
+from osi3.osi_trafficupdate_pb2 import TrafficUpdate
+
+from resim.exports.states import (
+    REAR_AXLE,
+    SECOND,
+    ExportedState,
+    TimedMessage,
+    first_second,
+    nanoseconds,
+    states,
+)
+from resim.function.osmp import VEHICLES, VERSION
+from resim.report.player import PlayedDrive
+from resim.report.player.drive import Layer
+from resim.road.opendrive import RoadNetwork
+
+REFERENCE, RECORDING = "resim", "recording"
+"""What marks an id of a recording in a message."""
+_WHEEL = 0.3
+"""m from the road to the rear axle."""
+_CIVIL = MovingObject.VehicleClassification.ROLE_CIVIL
+_MOST = 1 << 63
+
+
+def numbers(drive: PlayedDrive) -> dict[str, int]:
+    """Give the number of each id of a drive: that which it is, if all are numbers, else counted, the EGO's first."""
+    names = dict.fromkeys(
+        [drive.ego, *(name for layer in drive.layers for name in layer.tracks.ids.tolist())]
+    )
+    if all(
+        name.isdecimal() and name.isascii() and str(int(name)) == name and int(name) < _MOST for name in names
+    ):
+        return {name: int(name) for name in names}
+    return {name: number for number, name in enumerate(names, start=1)}
+
+
+def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
+    """Write each source as a file of messages, each after its length. Gives the file of each source.
+
+    What is simulated is a GroundTruth of a world of its own; sensor data and perceived objects are SensorData.
+    """
+    first, files = first_second(drive), {}
+    for layer in drive.layers:
+        sensed = layer.name == "SD" or layer.name.startswith("perceived")
+        files[layer.name] = f"{layer.name.replace(' ', '_')}.osi"
+        with (folder / files[layer.name]).open("wb") as stream:
+            for message in (sensor_data if sensed else ground_truths)(layer, drive, first):
+                stream.write(len(message.body).to_bytes(4, "little") + message.body)
+    return files
+
+
+def ground_truths(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedMessage]:
+    """Give a source as GroundTruth: everybody in the map's frame, the EGO as host vehicle.
+
+    first: second that times count from.
+    """
+    known = numbers(drive)
+    for t, everyone in states(layer, drive.network):
+        told = GroundTruth(version=VERSION, map_reference=drive.network.path.name)
+        told.host_vehicle_id.value = known[drive.ego]
+        _set_frame(told, drive.network)
+        now = _set_time(told, t, first)
+        _add(told.moving_object, everyone, known, drive.ego)
+        yield TimedMessage(now, _bytes(told))
+
+
+def traffic_updates(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedMessage]:
+    """Give a simulated source as TrafficUpdate: everybody in the map's frame."""
+    known = numbers(drive)
+    for t, everyone in states(layer, drive.network):
+        told = TrafficUpdate(version=VERSION)
+        now = _set_time(told, t, first)
+        _add(told.update, everyone, known, drive.ego)
+        yield TimedMessage(now, _bytes(told))
+
+
+def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedMessage]:
+    """Give a measured source as SensorData: objects as seen from the middle of the EGO's rear axle.
+
+    `host_vehicle_location` says where the EGO was in the map's frame: by the source itself, else in the simulated drive
+    that was perceived, else by the first source of the drive. A list at a time at which that is not known is left out.
+    """
+    known, host = numbers(drive), _Host(drive, layer.name.removeprefix("perceived "))
+    for t, everyone in states(layer, drive.network):
+        own = next((one for one in everyone if one.id == drive.ego), None) or host.at(t)
+        if own is None:
+            continue
+        told = SensorData(version=VERSION)
+        now = _set_time(told, t, first)
+        told.last_measurement_time.CopyFrom(told.timestamp)
+        told.sensor_id.value = 1
+        told.mounting_position.position.SetInParent()
+        told.mounting_position.orientation.SetInParent()
+        _set_base(told.host_vehicle_location, own)
+        told.moving_object_header.data_qualifier = DetectedEntityHeader.DATA_QUALIFIER_AVAILABLE
+        for one in everyone:
+            if one.id != drive.ego:
+                _detect(told.moving_object.add(), one, own, known[one.id])
+        yield TimedMessage(now, _bytes(told))
+
+
+class _Host:
+    """Where the EGO is by a source of a drive, or else the first that has it, straight between its samples."""
+
+    def __init__(self, drive: PlayedDrive, source: str) -> None:
+        having = [one for one in drive.layers if drive.ego in one.tracks.ids]
+        layer = next((one for one in having if one.name == source), next(iter(having), None))
+        self._at: list[tuple[float, ExportedState]] = []
+        if layer is not None:
+            self._at = [
+                (t, one) for t, every in states(layer, drive.network) for one in every if one.id == drive.ego
+            ]
+
+    def at(self, t: float) -> ExportedState | None:
+        """Give its state at a time [s]; None before its first and after its last sample."""
+        after = bisect_left(self._at, t, key=lambda sample: sample[0])
+        if after == len(self._at) or (after == 0 and self._at[0][0] > t):
+            return None
+        end, two = self._at[after]
+        begin, one = self._at[max(after - 1, 0)]
+        share = (t - begin) / (end - begin) if end > begin else 1.0
+        turned = math.remainder(two.heading - one.heading, math.tau)
+        between = {
+            name: getattr(one, name) + share * (getattr(two, name) - getattr(one, name))
+            for name in ("x", "y", "z", "v", "a", "yaw_rate")
+        }
+        heading = math.remainder(one.heading + share * turned, math.tau)
+        return ExportedState(
+            one.id, one.kind, one.length, one.width, one.height, between["x"], between["y"], between["z"], heading,
+            between["v"], between["a"], between["yaw_rate"],
+        )  # fmt: skip
+
+
+def _set_frame(told: GroundTruth, network: RoadNetwork) -> None:
+    if network.geo_reference is None:
+        return
+    told.proj_string = network.geo_reference
+    x, y, turned = network.header.offset
+    told.proj_frame_offset.position.x, told.proj_frame_offset.position.y = x, y
+    told.proj_frame_offset.position.z = 0.0
+    told.proj_frame_offset.yaw = turned
+
+
+def _set_time(told: Any, t: float, first: int) -> int:
+    now = nanoseconds(t, first)
+    told.timestamp.seconds, told.timestamp.nanos = divmod(now, SECOND)
+    return now
+
+
+def _add(to: Any, everyone: Iterable[ExportedState], known: dict[str, int], ego: str) -> None:
+    """Add a moving object for each."""
+    for one in everyone:
+        told = to.add()
+        told.id.value = known[one.id]
+        _set_base(told.base, one)
+        if one.kind in VEHICLES:
+            told.type = MovingObject.TYPE_VEHICLE
+            told.vehicle_classification.type = VEHICLES[one.kind]
+            told.vehicle_classification.role = _CIVIL
+        else:
+            told.type = MovingObject.TYPE_PEDESTRIAN if one.kind == "pedestrian" else MovingObject.TYPE_OTHER
+        if one.id == ego:
+            rear = told.vehicle_attributes.bbcenter_to_rear
+            rear.x, rear.y, rear.z = -REAR_AXLE * one.length, 0.0, _WHEEL - 0.5 * one.height
+        source = told.source_reference.add(reference=REFERENCE, type=RECORDING)
+        source.identifier.append(one.id)
+
+
+def _set_base(base: Any, one: ExportedState) -> None:
+    """Box, place and motion in the map's frame."""
+    c, s = math.cos(one.heading), math.sin(one.heading)
+    across = one.v * one.yaw_rate
+    base.dimension.length, base.dimension.width, base.dimension.height = one.length, one.width, one.height
+    base.position.x, base.position.y, base.position.z = one.x, one.y, one.z + 0.5 * one.height
+    base.orientation.roll, base.orientation.pitch, base.orientation.yaw = 0.0, 0.0, one.heading
+    base.velocity.x, base.velocity.y, base.velocity.z = one.v * c, one.v * s, 0.0
+    base.acceleration.x, base.acceleration.y = one.a * c - across * s, one.a * s + across * c
+    base.acceleration.z = 0.0
+    rate = base.orientation_rate
+    rate.roll, rate.pitch, rate.yaw = 0.0, 0.0, one.yaw_rate
+
+
+def _detect(told: Any, one: ExportedState, own: ExportedState, number: int) -> None:
+    """What a sensor in the middle of the EGO's rear axle says of an object; velocities are relative to the EGO's."""
+    told.header.tracking_id.value = number
+    told.header.ground_truth_id.add().value = number
+    told.header.measurement_state = told.header.MEASUREMENT_STATE_MEASURED
+    base = told.base
+    c, s = math.cos(own.heading), math.sin(own.heading)
+    back = REAR_AXLE * own.length
+    x, y = _turned(one.x - own.x, one.y - own.y, c, s)
+    base.position.x, base.position.y = x + back, y
+    base.position.z = one.z - own.z + 0.5 * one.height - _WHEEL
+    base.dimension.length, base.dimension.width, base.dimension.height = one.length, one.width, one.height
+    base.orientation.roll, base.orientation.pitch = 0.0, 0.0
+    base.orientation.yaw = math.remainder(one.heading - own.heading, math.tau)
+    vx = one.v * math.cos(one.heading) - own.v * c
+    vy = one.v * math.sin(one.heading) - own.v * s
+    base.velocity.x, base.velocity.y = _turned(vx, vy, c, s)
+    base.velocity.z = 0.0
+    candidate = told.candidate.add(probability=1.0)
+    if one.kind in VEHICLES:
+        candidate.type = MovingObject.TYPE_VEHICLE
+        candidate.vehicle_classification.type = VEHICLES[one.kind]
+    else:
+        candidate.type = MovingObject.TYPE_PEDESTRIAN if one.kind == "pedestrian" else MovingObject.TYPE_OTHER
+
+
+def _turned(x: float, y: float, c: float, s: float) -> tuple[float, float]:
+    """A vector in a frame whose x has this cosine and sine."""
+    return c * x + s * y, c * y - s * x
+
+
+def _bytes(told: Any) -> bytes:
+    return bytes(told.SerializeToString(deterministic=True))
