@@ -14,23 +14,17 @@ from osi3.osi_groundtruth_pb2 import GroundTruth
 from osi3.osi_sensordata_pb2 import SensorData
 from osi3.osi_trafficupdate_pb2 import TrafficUpdate
 
+from resim.core.osi import DERIVED, MAP, MAP_FIELDS, MAP_SCHEMA, SENSED, TRUTH
+from resim.core.protobuf import TEXT, file_set, message_type
 from resim.exports import osi
 from resim.exports.mcap_file import Topic, scene_topics, topic_of, write_topics
-from resim.exports.protobuf import TEXT, file_set, message_type
 from resim.exports.scenes import Scenes
 from resim.exports.states import TimedMessage, derived, first_second
 from resim.function.osmp import VERSION
 from resim.report.player import PlayedDrive
 
 FILE = "drive.mcap"
-MAP_MESSAGE = message_type(
-    "osi3", "MapAsamOpenDrive", {"map_reference": TEXT, "open_drive_xml_content": TEXT}
-)
-"""What holds the map, by omega-prime."""
-TRUTH, MAP, SENSED = "ground_truth", "ground_truth_map", "sensor_data"
-"""Topics of measured truth and of the map, by omega-prime's names, and of sensor data."""
-DERIVED = "resim.derived"
-"""Entry of a topic's metadata: what of its messages no source says."""
+MAP_MESSAGE = message_type(MAP_SCHEMA, dict.fromkeys(MAP_FIELDS, TEXT))
 
 
 def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:

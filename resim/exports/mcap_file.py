@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import foxglove.messages as fg
 from mcap.writer import Writer
 
-from resim.exports.protobuf import FLAG, NUMBER, TEXT, file_set, message_type
+from resim.core.protobuf import FLAG, NUMBER, TEXT, file_set, message_type
 from resim.exports.scenes import Scenes
 from resim.exports.states import TimedMessage, nanoseconds
 from resim.metrics.assessment_report import DriveAssessment
@@ -21,14 +21,14 @@ from resim.report.player import PlayedDrive
 from resim.report.player.drive import Danger, Layer
 
 _EGO = ("t", "x", "y", "heading", "v")
-EGO = message_type("resim", "Ego", dict.fromkeys(_EGO, NUMBER))
-PLAN = message_type("resim", "Plan", {"t": NUMBER, "points": [dict.fromkeys("txyv", NUMBER)]})
+EGO = message_type("resim.Ego", dict.fromkeys(_EGO, NUMBER))
+PLAN = message_type("resim.Plan", {"t": NUMBER, "points": [dict.fromkeys("txyv", NUMBER)]})
 RISK = message_type(
-    "resim", "Risk",
+    "resim.Risk",
     {"t": NUMBER, "risk": NUMBER, "risk_of": TEXT, "ttc": NUMBER, "ttc_of": TEXT, "unknown": FLAG},
 )  # fmt: skip
 VERDICTS = message_type(
-    "resim", "Verdicts",
+    "resim.Verdicts",
     {
         "source": TEXT, "verdict": TEXT,
         "criteria": [

@@ -17,6 +17,7 @@ from osi3.osi_object_pb2 import MovingObject
 from osi3.osi_sensordata_pb2 import DetectedEntityHeader, SensorData
 from osi3.osi_trafficupdate_pb2 import TrafficUpdate
 
+from resim.core.osi import RECORDING, REFERENCE
 from resim.exports.states import (
     REAR_AXLE,
     SECOND,
@@ -31,8 +32,6 @@ from resim.report.player import PlayedDrive
 from resim.report.player.drive import Layer
 from resim.road.opendrive import RoadNetwork
 
-REFERENCE, RECORDING = "resim", "recording"
-"""What marks an id of a recording in a message."""
 _WHEEL = 0.3
 """m from the road to the rear axle."""
 _CIVIL = MovingObject.VehicleClassification.ROLE_CIVIL
@@ -94,12 +93,14 @@ def traffic_updates(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[Ti
 def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedMessage]:
     """Give a measured source as SensorData: objects as seen from the middle of the EGO's rear axle.
 
-    `host_vehicle_location` says where the EGO was in the map's frame: by the source itself, else in the simulated drive
-    that was perceived, else by the first source of the drive. A list at a time at which that is not known is left out.
+    `host_vehicle_location` says where the EGO takes itself to be, in the map's frame, where the source says that: in SD
+    by its own rows; what was perceived in a simulated drive is seen from where the EGO is there. Else objects are as
+    seen from where the first source has the EGO; a list at a time at which none has it is left out.
     """
     known, host = numbers(drive), _Host(drive, layer.name.removeprefix("perceived "))
     for t, everyone in states(layer, drive.network):
-        own = next((one for one in everyone if one.id == drive.ego), None) or host.at(t)
+        said = next((one for one in everyone if one.id == drive.ego), None)
+        own = said or host.at(t)
         if own is None:
             continue
         told = SensorData(version=VERSION)
@@ -108,11 +109,12 @@ def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedM
         told.sensor_id.value = 1
         told.mounting_position.position.SetInParent()
         told.mounting_position.orientation.SetInParent()
-        _set_base(told.host_vehicle_location, own)
+        if said or layer.name != "SD":
+            _set_base(told.host_vehicle_location, own)
         told.moving_object_header.data_qualifier = DetectedEntityHeader.DATA_QUALIFIER_AVAILABLE
         for one in everyone:
             if one.id != drive.ego:
-                _detect(told.moving_object.add(), one, own, known[one.id])
+                _detect(told.moving_object.add(), one, own, host.back, known[one.id])
         yield TimedMessage(now, _bytes(told))
 
 
@@ -122,6 +124,10 @@ class _Host:
     def __init__(self, drive: PlayedDrive, source: str) -> None:
         having = [one for one in drive.layers if drive.ego in one.tracks.ids]
         layer = next((one for one in having if one.name == source), next(iter(having), None))
+        self.back = 0.0
+        if having:  # one vehicle, whatever its sensors take its length for
+            true = having[0].tracks
+            self.back = REAR_AXLE * float(true.length[true.index(drive.ego)])
         self._at: list[tuple[float, ExportedState]] = []
         if layer is not None:
             self._at = [
@@ -197,14 +203,14 @@ def _set_base(base: Any, one: ExportedState) -> None:
     rate.roll, rate.pitch, rate.yaw = 0.0, 0.0, one.yaw_rate
 
 
-def _detect(told: Any, one: ExportedState, own: ExportedState, number: int) -> None:
-    """What a sensor in the middle of the EGO's rear axle says of an object; velocities are relative to the EGO's."""
+def _detect(told: Any, one: ExportedState, own: ExportedState, back: float, number: int) -> None:
+    """What a sensor in the middle of the EGO's rear axle, `back` [m] behind its middle, says of an object; velocities
+    are relative to the EGO's."""
     told.header.tracking_id.value = number
     told.header.ground_truth_id.add().value = number
     told.header.measurement_state = told.header.MEASUREMENT_STATE_MEASURED
     base = told.base
     c, s = math.cos(own.heading), math.sin(own.heading)
-    back = REAR_AXLE * own.length
     x, y = _turned(one.x - own.x, one.y - own.y, c, s)
     base.position.x, base.position.y = x + back, y
     base.position.z = one.z - own.z + 0.5 * one.height - _WHEEL

@@ -20,6 +20,7 @@ from resim.core.spec import EXACT, to_json
 from resim.core.tracks import Tracks
 from resim.jobs.given import path_of
 from resim.jobs.play import played_drive
+from resim.recordings import Recording
 from resim.recordings.checked import load_checked
 from resim.report.player import PlayedDrive, of_recording
 from resim.resimulation.run import describe_recording
@@ -162,7 +163,7 @@ def _played(path: Path, accept: Collection[str]) -> PlayedDrive:
     """A drive with each object in one track; a recording is refused where it has errors that are not accepted."""
     if (path / "recording.toml").is_file() and not (path / "run.json").is_file():
         recording = load_checked(path, accept=tuple(accept))
-        played = of_recording(recording, load(recording.map))
+        played = recorded_drive(recording, load(recording.map))
     else:
         played = played_drive(path)
     layers = [replace(layer, tracks=layer.tracks.joined()) for layer in played.layers]
@@ -171,6 +172,23 @@ def _played(path: Path, accept: Collection[str]) -> PlayedDrive:
         if "+M" in layer.name and not layer.name.startswith("perceived"):
             scenario = read_jscen(described)
             layers[k] = replace(layer, tracks=_with_traffic(layer.tracks, scenario, played.network))
+    return replace(played, layers=tuple(layers))
+
+
+def recorded_drive(recording: Recording, network: RoadNetwork) -> PlayedDrive:
+    """Give a recording as it is exported: where SD has no EGO, that of GT does not stand in for it.
+
+    Args:
+        recording: With its findings.
+        network: Its map.
+    """
+    played = of_recording(recording, network)
+    if recording.sd is None or recording.senses_ego:
+        return played
+    layers = [
+        one if one.name != "SD" else replace(one, tracks=one.tracks.without(recording.ego), acceleration=None)
+        for one in played.layers
+    ]
     return replace(played, layers=tuple(layers))
 
 

@@ -14,12 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.errors import InputError
+from resim.recordings import Recording
+from resim.recordings.checks import examine
 from resim.recordings.formats.osi import read_osi
+from resim.recordings.source import recording_of
 
 pytest.importorskip("osi3")
 from mcap.writer import Writer
 from osi3.osi_groundtruth_pb2 import GroundTruth
 from osi3.osi_object_pb2 import MovingObject
+from osi3.osi_sensordata_pb2 import SensorData
 from osi3.osi_sensorview_pb2 import SensorView
 
 MAP = ROOT / "networks" / "proving_ground.xodr"
@@ -60,6 +64,10 @@ def write(path: Path, messages: list) -> Path:
     return path
 
 
+def read(path: Path, **how) -> Recording:
+    return recording_of(read_osi(path, **{"map": MAP, **how}))
+
+
 FAR = st.sampled_from([0.0, 1e6, -5.4e6])
 BEGIN = st.sampled_from([0, 1_700_000_000_123_456_789, 999_999_999])
 
@@ -82,7 +90,7 @@ def test_no_digit_is_lost(
             view.timestamp.CopyFrom(one.timestamp)
         messages = views
     path = write(tmp_path_factory.mktemp("osi") / f"trace{ending}", messages)
-    found = read_osi(path, map=MAP)
+    found = read(path)
     assert (found.ego, found.gt.ids.tolist()) == ("7", ["7", "12"])
     np.testing.assert_allclose(found.gt.t, [gap * k * 1e-9 for k in range(5)], rtol=0, atol=1e-9)
     assert found.gt.x.tolist() == [[far + k for k in range(5)], [far - k for k in range(5)]]
@@ -101,7 +109,7 @@ def test_what_is_not_said_is_not_made_up(tmp_path: Path) -> None:
     messages = moving()
     for one in messages:
         one.moving_object[1].type = MovingObject.TYPE_PEDESTRIAN
-    found = read_osi(write(tmp_path / "a.osi", messages), map=MAP)
+    found = read(write(tmp_path / "a.osi", messages))
     assert found.gt.a is None
     assert found.gt.kind.tolist() == ["bus", "pedestrian"]
     assert found.gt.z is None
@@ -129,7 +137,7 @@ REFUSED = {
         own(m, 0, 0).position, "x", math.nan
     ),
     "moving object 7: base.dimension.width is missing": lambda m: own(m, 0, 0).dimension.ClearField("width"),
-    "moving object 8: base.velocity is missing": lambda m: own(m, 2, 1).ClearField("velocity"),
+    "moving object 8: base.velocity.x is inf": lambda m: setattr(own(m, 2, 1).velocity, "x", math.inf),
     "ego '7' is missing at t 0.1 s": lambda m: m[1].moving_object.remove(m[1].moving_object[0]),
     "has no moving object in any message": lambda m: [one.ClearField("moving_object") for one in m],
 }
@@ -164,6 +172,57 @@ def test_a_damaged_trace_is_refused_or_read_but_never_a_traceback(tmp_path: Path
     assert refused > 100
 
 
+def test_a_speed_that_is_not_said_is_left_to_the_check(tmp_path: Path) -> None:
+    messages = moving()
+    own(messages, 2, 1).ClearField("velocity")
+    found = read_osi(write(tmp_path / "trace.osi", messages), map=MAP)
+    assert found.gt["v"].isna().tolist() == [False] * 5 + [True] + [False] * 2
+    assert [(f.code, f.object) for f in examine(found, None)] == [("MISSING_VALUES", "8")]
+
+
+def detections(
+    states: list[tuple[int, float, dict[int, tuple[float, ...]]]], **how: object
+) -> list[SensorData]:
+    """Messages of a sensor 1.5 m before and 0.2 m left of the rear axle, turned by 90 degrees; ns, and by id x, y,
+    heading, vx, vy in its frame."""
+    out = []
+    for nanos, objects in states:
+        told = SensorData()
+        told.timestamp.seconds, told.timestamp.nanos = divmod(nanos, 10**9)
+        told.mounting_position.position.x, told.mounting_position.position.y = 1.5, 0.2
+        told.mounting_position.orientation.yaw = math.pi / 2
+        for number, (x, y, heading, vx, vy) in objects.items():
+            one = told.moving_object.add()
+            one.header.tracking_id.value = number
+            one.header.ground_truth_id.add().value = 8
+            one.header.existence_probability = 0.75
+            one.base.position.x, one.base.position.y, one.base.orientation.yaw = x, y, heading
+            one.base.velocity.x, one.base.velocity.y = vx, vy
+            one.base.dimension.length, one.base.dimension.width = 4.0, 1.7
+        out.append(told)
+    return out
+
+
+def test_what_a_sensor_detects_is_where_it_is_in_the_map(tmp_path: Path) -> None:
+    """The host goes along +y at 20 m/s; what is 30 m ahead of its sensor's place, and 2 m to its left, at 15 m/s."""
+    messages = [
+        truth(10**8 * k, {7: (5.0, 2.0 * k, math.pi / 2, 20.0), 8: (3.0, 40.0 + 1.5 * k, math.pi / 2, 15.0)})
+        for k in range(4)
+    ]
+    for one in messages:
+        one.moving_object[0].vehicle_attributes.bbcenter_to_rear.x = -1.4
+    seen = detections([(10**8 * k, {31: (2.0, -30.0, -math.pi / 2, 0.0, 5.0)}) for k in range(4)])
+    sd = write(tmp_path / "sd.osi", seen)
+    found = read(write(tmp_path / "gt.osi", messages), sd=sd)
+    assert found.sd is not None
+    assert (found.sd.ids.tolist(), found.sd_gt_id.tolist()) == (["31"], ["8"])
+    np.testing.assert_allclose(found.sd.x, [[5.0 - 0.2 - 2.0] * 4], atol=1e-9)
+    np.testing.assert_allclose(found.sd.y, [[2.0 * k - 1.4 + 1.5 + 30.0 for k in range(4)]], atol=1e-9)
+    np.testing.assert_allclose(found.sd.heading, math.pi / 2, atol=1e-9)
+    np.testing.assert_allclose(found.sd.v, 15.0, atol=1e-9)
+    assert (found.existence_probability == 0.75).all()
+
+
 def test_topics_that_do_not_fit_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as file:
@@ -191,7 +250,7 @@ REAL = {
 def test_traces_of_others_come_in(name: str) -> None:
     """Speeds are those of the way driven, and vehicles drive where they head."""
     ego, count, lasts = REAL[name]
-    found = read_osi(DATA / "osi" / name, map=DATA / "osi" / "straight_500m.xodr", ego=ego).gt
+    found = read(DATA / "osi" / name, map=DATA / "osi" / "straight_500m.xodr", ego=ego).gt
     assert (len(found.ids), round(float(np.ptp(found.t)), 2)) == (count, lasts)
     for n in range(count):
         own = found.valid[n]

@@ -1,13 +1,18 @@
-"""Traces of OSI: messages GroundTruth or SensorView, one after the other in a .osi file, or in an MCAP file.
+"""Traces of OSI: GroundTruth or SensorView are the ground truth, SensorData the sensor data.
 
-Source: ASAM OSI 3.8, "OSI trace file formats".
+Source: ASAM OSI 3.8. What a sensor detects is relative to its mounting position, which counts from the middle of the
+host vehicle's rear axle, and to the host's velocity.
 """
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import math
+import os
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,57 +20,66 @@ import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.files import open_file
-from resim.core.geometry import wrap_angle
-from resim.core.tracks import Tracks
-from resim.recordings.formats.registry import FORMATS, RecordingFormat
+from resim.core.files import cache_folder
+from resim.core.geometry import Floats
+from resim.core.osi import RECORDING, REFERENCE
+from resim.core.schema import EXISTENCE, GT_ID, OPTIONAL_COLUMNS
+from resim.recordings.formats.osi_files import REMEDY, held_map, is_mcap, sensed, worlds
+from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
 from resim.recordings.present import existing_map
-from resim.recordings.recording import Recording, sample_rate
-from resim.recordings.window import cut_window
+from resim.recordings.settings import Settings
+from resim.recordings.source import RecordingTables
+from resim.recordings.window import TICK, cut_window
 
-LONGEST = 1 << 28
-"""Bytes of a message; one that claims more is none."""
-MESSAGES = ("GroundTruth", "SensorView")
-_MCAP = b"\x89MCAP0\r\n"
-_ENDINGS = (".osi", ".mcap")
 _VEHICLES = {
     2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer", 10: "motorcycle",
     11: "bicycle", 12: "bus", 16: "truck",
 }  # fmt: skip
 """Kinds of VehicleClassification.Type; a tram, train, wheelchair or scooter is "unknown"."""
 _VEHICLE, _PEDESTRIAN = 2, 3
-_EXPORT = "Write the trace with its tool again."
+_SECOND = 10**9
 
 
 def read_osi(
-    trace: Path, *, map: Path, ego: str | None = None, start: float | None = None, end: float | None = None
-) -> Recording:
-    """Give what happened around the moving object `ego` as ground truth.
+    trace: Path, *, map: Path | None = None, ego: str | None = None, start: float | None = None,
+    end: float | None = None, sd: Path | None = None,
+) -> RecordingTables:  # fmt: skip
+    """Give what happened around the moving object `ego` as ground truth, and what its sensors saw as sensor data.
 
-    ego: its id; without it the host vehicle. start, end [s] count from the first message; without them the window is
-    the EGO's own. Stationary objects are left out. The map is in the trace's frame. Raises InputError.
+    map: without it, that in the trace, in whose frame it is. ego: id; without it the host vehicle. start, end [s] count
+    from the first message; without them the window is the EGO's own. sd: trace with SensorData; without it that of the
+    trace, if it is MCAP and has any. Stationary objects are left out. Raises InputError.
     """
     if importlib.util.find_spec("osi3") is None:
         raise InputError(
             trace, "traces of OSI need osi-python", "In resim's own folder: pip install '.[osi]'"
         )
-    rows, host, first, message = _rows(trace)
-    ego = ego or host
+    truth = _truth(trace)
+    ego = ego or truth.host
     if ego is None:
-        known = ", ".join(dict.fromkeys(row["id"] for row in rows[:200]))
+        known = ", ".join(dict.fromkeys(row["id"] for row in truth.rows[:200]))
         raise InputError(
             trace, f"names no host vehicle; its moving objects are {known}", "Name one by --ego."
         )
-    frame, origin = cut_window(pd.DataFrame(rows), trace, ego=ego, start=start, end=end)
-    measured = frame.dropna(axis="columns", how="all").sort_values("t", kind="stable")
-    gt = Tracks.from_frame(measured)
-    provenance = {
-        "source": trace.name, "format": f"OSI {message}",
-        "first_message": f"{first // 10**9}.{first % 10**9:09d} s", "original_start": f"{origin:.9g} s",
+    gt, origin = cut_window(pd.DataFrame(truth.rows), trace, ego=ego, start=start, end=end)
+    gt = gt.drop(columns=[c for c in OPTIONAL_COLUMNS if c in truth.derived or gt[c].isna().all()])
+    told = {
+        "source": trace.name, "format": f"OSI {truth.message}",
+        "first_message": f"{truth.first // _SECOND}.{truth.first % _SECOND:09d} s",
+        "original_start": f"{origin:.9g} s",
     }  # fmt: skip
-    return Recording(
-        name=f"{trace.name.partition('.')[0]}_{ego}", map=existing_map(map, map), ego=ego, gt=gt,
-        gt_rate=sample_rate(trace, gt), provenance=provenance,
+    seen = sensed(sd) if sd is not None else sensed(trace) if is_mcap(trace) else None
+    frame = None if seen is None else _detections(sd or trace, seen, truth, ego)
+    if frame is not None:
+        inside = np.ones(len(frame), dtype=bool)
+        if start is not None or end is not None:
+            inside = frame["t"].between(origin - TICK, origin + float(gt["t"].max()) + TICK).to_numpy()
+        frame = frame[inside].assign(t=np.round(frame["t"][inside] - origin, 9))
+        told["sensor_data"] = f"{(sd or trace).name}: {frame['id'].nunique()} objects"
+    return RecordingTables(
+        settings=Settings(name=f"{trace.name.partition('.')[0]}_{ego}", map="map", ego=ego, provenance=told),
+        map=_map(trace, map), gt=_by_time(gt), sd=None if frame is None else _by_time(frame), plan=None, folder=None,
+        gt_file=trace, sd_file=sd or trace,
     )  # fmt: skip
 
 
@@ -76,163 +90,239 @@ FORMATS.add(
         file="trace",
         file_help="GroundTruth or SensorView messages, as .osi or .mcap.",
         reader=read_osi,
-        works_out=("ego",),
+        options=(FormatOption("sd", Path, "Trace of SensorData, where it is not in the first.", "FILE"),),
+        works_out=("ego", "map"),
     )
 )
 
 
-def _rows(trace: Path) -> tuple[list[dict[str, Any]], str | None, int, str]:
-    """A row for each moving object of each message, times from the first; the host, the first time [ns], its name."""
-    rows: list[dict[str, Any]] = []
+@dataclass
+class _Truth:
+    """What a trace says of everybody: rows, times from the first message; the host's id, if it is named; the first
+    time [ns]; the message's name; ids by number; where the rear axle is before the middle of the host's box."""
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
     host: str | None = None
-    first, last, name = None, -1, ""
-    for number, (truth, view, kind) in enumerate(_messages(trace)):
-        where = f"message {number + 1}"
-        now = truth.timestamp.seconds * 10**9 + truth.timestamp.nanos
-        first = now if first is None else first
-        if number and now <= last:
-            problem = (
-                f"{where} is of {_seconds(now - first)}, not after {_seconds(last - first)} of the one before"
-            )
+    first: int = 0
+    message: str = ""
+    derived: tuple[str, ...] = ()
+    names: dict[int, str] = field(default_factory=dict)
+    rear: dict[str, float] = field(default_factory=dict)
+
+
+def _truth(trace: Path) -> _Truth:
+    messages, name, derived = worlds(trace)
+    found, last, count = _Truth(message=name, derived=derived), -1, 0
+    host: int | None = None
+    for count, told in enumerate(messages, start=1):
+        truth = told.global_ground_truth if name == "SensorView" else told
+        now = truth.timestamp.seconds * _SECOND + truth.timestamp.nanos
+        if count == 1:
+            found.first = now
+        elif now <= last:
+            begin, end = ((one - found.first) / _SECOND for one in (now, last))
+            problem = f"message {count} is of {begin:.3f} s, not after {end:.3f} s of the one before"
             raise InputError(trace, problem, "Its times have to increase.")
-        last, name = now, kind
-        told = (
-            truth.host_vehicle_id
-            if truth.HasField("host_vehicle_id")
-            else getattr(view, "host_vehicle_id", None)
-        )
-        if told is not None and told.HasField("value"):
-            host = host or str(told.value)
-        seen = set[int]()
-        for one in truth.moving_object:
-            if one.id.value in seen:
-                raise InputError(trace, f"{where} has the moving object {one.id.value} twice", _EXPORT)
-            seen.add(one.id.value)
-            rows.append({"t": (now - first) * 1e-9, **_row(trace, where, one)})
-    if first is None or not rows:
+        last = now
+        for one in (truth, told):
+            if host is None and one.HasField("host_vehicle_id") and one.host_vehicle_id.HasField("value"):
+                host = one.host_vehicle_id.value
+        _take(trace, f"message {count}", (now - found.first) / _SECOND, truth.moving_object, found)
+    if not found.rows:
         raise InputError(
             trace, "has no moving object in any message", "Give GroundTruth or SensorView messages."
         )
-    return rows, host, first, name
+    found.host = None if host is None else found.names.get(host, str(host))
+    return found
 
 
-def _row(trace: Path, where: str, one: Any) -> dict[str, Any]:
-    """What is measured of a moving object; acceleration, yaw rate and height are NaN where they are not said."""
-    base, place = one.base, f"{where}, moving object {one.id.value}"
+def _take(trace: Path, where: str, t: float, objects: Any, found: _Truth) -> None:
+    """Add the rows of one message."""
+    seen = set[str]()
+    for one in objects:
+        name = next(
+            (str(s.identifier[0]) for s in one.source_reference
+             if s.reference == REFERENCE and s.type == RECORDING and len(s.identifier) == 1),
+            str(one.id.value),
+        )  # fmt: skip
+        if name in seen:
+            raise InputError(trace, f"{where} has the moving object {name} twice", REMEDY)
+        seen.add(name)
+        found.names[one.id.value] = name
+        if one.vehicle_attributes.HasField("bbcenter_to_rear"):
+            found.rear.setdefault(name, float(one.vehicle_attributes.bbcenter_to_rear.x))
+        found.rows.append({"t": t, "id": name, **_row(trace, f"{where}, moving object {name}", one)})
+
+
+def _row(trace: Path, place: str, one: Any) -> dict[str, Any]:
+    """What is measured of a moving object; speed, acceleration, yaw rate, height are NaN where they are not said."""
+    base = one.base
+    x, y, heading, length, width = _box(trace, place, base)
+    c, s = math.cos(heading), math.sin(heading)
+    vx, vy = _velocity(trace, place, base)
+    a = base.acceleration.x * c + base.acceleration.y * s if base.HasField("acceleration") else math.nan
+    tall = base.dimension.height if base.dimension.HasField("height") else math.nan
+    return {
+        "kind": _kind(one), "x": x, "y": y, "heading": math.remainder(heading, math.tau), "v": vx * c + vy * s,
+        "a": a, "yaw_rate": base.orientation_rate.yaw if base.orientation_rate.HasField("yaw") else math.nan,
+        "length": length, "width": width,
+        "z": base.position.z - 0.5 * tall if base.position.HasField("z") else math.nan,
+    }  # fmt: skip
+
+
+def _box(trace: Path, place: str, base: Any) -> tuple[float, float, float, float, float]:
+    """x, y, heading, length, width."""
     x, y = (_number(trace, f"{place}: base.position.{axis}", base.position, axis) for axis in "xy")
     heading = _number(trace, f"{place}: base.orientation.yaw", base.orientation, "yaw", 0.0)
     length, width = (
         _number(trace, f"{place}: base.dimension.{name}", base.dimension, name)
         for name in ("length", "width")
     )
-    c, s = math.cos(heading), math.sin(heading)
-    vx, vy = (_number(trace, f"{place}: base.velocity.{axis}", base.velocity, axis, 0.0) for axis in "xy")
+    return x, y, heading, length, width
+
+
+def _velocity(trace: Path, place: str, base: Any) -> tuple[float, float]:
+    """vx, vy; NaN where it is not said."""
     if not base.HasField("velocity"):
-        raise InputError(trace, f"{place}: base.velocity is missing, expected the speed over ground", _EXPORT)
-    a = base.acceleration.x * c + base.acceleration.y * s if base.HasField("acceleration") else math.nan
-    kind = "unknown"
-    if one.type == _PEDESTRIAN:
-        kind = "pedestrian"
-    elif one.type == _VEHICLE:
-        kind = _VEHICLES.get(one.vehicle_classification.type, "unknown")
-    tall = base.dimension.height if base.dimension.HasField("height") else math.nan
-    return {
-        "id": str(one.id.value), "kind": kind, "x": x, "y": y, "heading": float(wrap_angle(np.array(heading))),
-        "v": vx * c + vy * s, "a": a,
-        "yaw_rate": base.orientation_rate.yaw if base.orientation_rate.HasField("yaw") else math.nan,
-        "length": length, "width": width,
-        "z": base.position.z - 0.5 * tall if base.position.HasField("z") else math.nan,
-    }  # fmt: skip
+        return math.nan, math.nan
+    vx, vy = (_number(trace, f"{place}: base.velocity.{axis}", base.velocity, axis, 0.0) for axis in "xy")
+    return vx, vy
+
+
+def _kind(told: Any) -> str:
+    """The kind of a moving object, or of what a detected one may be."""
+    if told.type == _PEDESTRIAN:
+        return "pedestrian"
+    return _VEHICLES.get(told.vehicle_classification.type, "unknown") if told.type == _VEHICLE else "unknown"
 
 
 def _number(trace: Path, where: str, of: Any, field: str, default: float | None = None) -> float:
     value = float(getattr(of, field)) if of.HasField(field) else default
     if value is None or not math.isfinite(value):
         found = "missing" if value is None else repr(value)
-        raise InputError(trace, f"{where} is {found}, expected a finite number", _EXPORT)
+        raise InputError(trace, f"{where} is {found}, expected a finite number", REMEDY)
     return value
 
 
-def _messages(trace: Path) -> Iterator[tuple[Any, Any, str]]:
-    """GroundTruth, SensorView that it is of or None, and the message's name, of each message in their order."""
-    from google.protobuf.message import DecodeError
-    from osi3.osi_groundtruth_pb2 import GroundTruth
-    from osi3.osi_sensorview_pb2 import SensorView
-
-    name = ""
-    for number, (body, schema) in enumerate(_bodies(trace)):
-        try:
-            if not name:
-                name = schema or _name(body, GroundTruth, SensorView)
-            told = (SensorView if name == "SensorView" else GroundTruth).FromString(body)
-        except DecodeError as e:
-            raise InputError(trace, f"message {number + 1} is no {name or 'message'} of OSI", _EXPORT) from e
-        yield (told.global_ground_truth, told, name) if name == "SensorView" else (told, None, name)
-
-
-def _name(body: bytes, truth: Any, view: Any) -> str:
-    """What a message without a name is: a SensorView if it has a ground truth with something in it."""
-    from google.protobuf.message import DecodeError
-
-    try:
-        return (
-            "SensorView" if view.FromString(body).global_ground_truth.HasField("timestamp") else "GroundTruth"
-        )
-    except DecodeError:
-        return "GroundTruth" if truth.FromString(body) is not None else ""
-
-
-def _bodies(trace: Path) -> Iterator[tuple[bytes, str]]:
-    """The bytes of each message, and its name where the file says it."""
-    with open_file(trace, "Check the path") as file:
-        begin = file.read(len(_MCAP))
-        file.seek(0)
-        if begin == _MCAP:
-            yield from _of_mcap(trace, file)
-            return
-        if trace.suffix.lower() not in _ENDINGS:
-            raise InputError(trace, "is neither an .osi nor an MCAP file", "Give a trace of OSI.")
-        number = 0
-        while head := file.read(4):
-            number += 1
-            size = int.from_bytes(head, "little")
-            body = file.read(size) if len(head) == 4 and size <= LONGEST else b""
-            if len(body) != size or not size:
-                problem = f"message {number} claims {size} bytes, of which {len(body)} are there"
-                raise InputError(trace, problem, _EXPORT)
-            yield body, ""
+def _detections(trace: Path, messages: Iterator[Any], truth: _Truth, ego: str) -> pd.DataFrame | None:
+    """Rows of sensor data: objects as detected, and the EGO where a message says where it takes itself to be."""
+    host, rows = _HostPoses(truth, ego), list[dict[str, Any]]()
+    true: dict[str, Counter[str]] = {}
+    last = -(2**63)
+    for number, told in enumerate(messages, start=1):
+        where, now = f"SensorData {number}", told.timestamp.seconds * _SECOND + told.timestamp.nanos
+        if now <= last:
+            raise InputError(trace, f"{where} is not after the one before", "Its times have to increase.")
+        last, t = now, (now - truth.first) / _SECOND
+        own = None
+        if told.HasField("host_vehicle_location"):
+            own = _own(trace, where, told.host_vehicle_location, host, ego)
+            rows.append({"t": t, GT_ID: ego, **own})
+        pose = host.at(t) if own is None else np.array([own[c] for c in ("x", "y", "heading", "v")])
+        if pose is None:
+            continue
+        for one in told.moving_object:
+            row = _detected(trace, where, one, _mounted(pose, told.mounting_position, host.rear), truth)
+            rows.append({"t": t, **row})
+            true.setdefault(row["id"], Counter())[row[GT_ID]] += 1
+    if not rows:
+        return None
+    frame = pd.DataFrame(rows)
+    frame[GT_ID] = [
+        true[i].most_common(1)[0][0] if i in true else g
+        for i, g in zip(frame["id"], frame[GT_ID], strict=True)
+    ]
+    return frame.drop(columns=EXISTENCE) if frame[EXISTENCE].isna().all() else frame
 
 
-def _of_mcap(trace: Path, file: Any) -> Iterator[tuple[bytes, str]]:
-    """The messages of the one topic with ground truth, by time."""
-    from mcap.reader import make_reader
+class _HostPoses:
+    """Where the EGO is by the ground truth: x, y, heading, v, straight between messages."""
 
-    try:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        if summary is None:
-            raise InputError(trace, "has no index: it was not written to its end", _EXPORT)
-        if (large := max((one.uncompressed_size for one in summary.chunk_indexes), default=0)) > LONGEST:
-            raise InputError(trace, f"has a chunk of {large} bytes, expected up to {LONGEST}", _EXPORT)
-        names = {
-            channel.topic: summary.schemas[channel.schema_id].name.removeprefix("osi3.")
-            for channel in summary.channels.values()
-            if channel.schema_id in summary.schemas and channel.message_encoding == "protobuf"
-        }
-        topics = sorted(topic for topic, name in names.items() if name in MESSAGES)
-        if len(topics) != 1:
-            there = ", ".join(f"{topic} ({name})" for topic, name in sorted(names.items())) or "none"
-            problem = (
-                f"has {len(topics)} topics of {' or '.join(MESSAGES)}, expected one; its topics are: {there}"
-            )
-            raise InputError(trace, problem, "Write a trace with one of them.")
-        for _, _, message in reader.iter_messages(topics=topics):
-            yield message.data, names[topics[0]]
-    except InputError:
-        raise
-    except Exception as e:  # of damaged files mcap raises what its parts do: struct, lz4, zstandard
-        raise InputError(trace, f"is no whole MCAP file ({type(e).__name__}: {e})", _EXPORT) from e
+    def __init__(self, truth: _Truth, ego: str) -> None:
+        own = [row for row in truth.rows if row["id"] == ego]
+        self.t = np.array([row["t"] for row in own])
+        self.columns = np.array(
+            [[row[c] for c in ("x", "y", "heading", "v")] for row in own], dtype=float
+        ).reshape(-1, 4)
+        self.columns[:, 2] = np.unwrap(self.columns[:, 2])
+        self.rear = truth.rear.get(ego, 0.0)
+        self.box = {c: own[0][c] for c in ("kind", "length", "width")} if own else {}
+
+    def at(self, t: float) -> Floats | None:
+        """Give the pose at a time [s], None before the first and after the last message."""
+        if not len(self.t) or not self.t[0] - TICK <= t <= self.t[-1] + TICK:
+            return None
+        return np.array([np.interp(t, self.t, column) for column in self.columns.T])
 
 
-def _seconds(nanos: int) -> str:
-    return f"{nanos * 1e-9:.3f} s"
+def _own(trace: Path, where: str, base: Any, host: _HostPoses, ego: str) -> dict[str, Any]:
+    """The EGO's row, where it takes itself to be; its kind is that of the ground truth, its box too if none is said."""
+    place = f"{where}, host_vehicle_location"
+    x, y = (_number(trace, f"{place}: position.{axis}", base.position, axis) for axis in "xy")
+    heading = _number(trace, f"{place}: orientation.yaw", base.orientation, "yaw", 0.0)
+    vx, vy = _velocity(trace, place, base)
+    v = vx * math.cos(heading) + vy * math.sin(heading)
+    box = {c: getattr(base.dimension, c) for c in ("length", "width") if base.dimension.HasField(c)}
+    return {
+        "id": ego, **host.box, **box, "x": x, "y": y, "heading": math.remainder(heading, math.tau), "v": v,
+        EXISTENCE: math.nan,
+    }  # fmt: skip
+
+
+def _mounted(pose: Floats, mounting: Any, rear: float) -> tuple[float, float, float, complex]:
+    """x, y, heading of a sensor in the map's frame, and the host's velocity.
+
+    rear: how far [m] its rear axle is before the middle of its box.
+    """
+    x, y, heading, v = pose.tolist()
+    along = complex(math.cos(heading), math.sin(heading))
+    place = complex(x, y) + along * (rear + complex(mounting.position.x, mounting.position.y))
+    return place.real, place.imag, heading + mounting.orientation.yaw, v * along
+
+
+def _detected(
+    trace: Path, where: str, one: Any, sensor: tuple[float, float, float, complex], truth: _Truth
+) -> dict[str, Any]:
+    """What a sensor says of an object, in the map's frame."""
+    place = f"{where}, tracking_id {one.header.tracking_id.value}"
+    x, y, heading, length, width = _box(trace, place, one.base)
+    sx, sy, turned, moving = sensor
+    along = complex(math.cos(turned), math.sin(turned))
+    at = complex(sx, sy) + along * complex(x, y)
+    heading = heading + turned
+    velocity = moving + along * complex(*_velocity(trace, place, one.base))
+    true = [truth.names[g.value] for g in one.header.ground_truth_id if g.value in truth.names]
+    number = one.header.tracking_id.value
+    likely = max(one.candidate, key=lambda c: c.probability, default=None)
+    known = one.header.HasField("existence_probability")
+    return {
+        "id": truth.names[number] if true == [truth.names.get(number)] else str(number),
+        GT_ID: true[0] if len(true) == 1 else "", "kind": "unknown" if likely is None else _kind(likely),
+        "x": at.real, "y": at.imag, "heading": math.remainder(heading, math.tau),
+        "v": velocity.real * math.cos(heading) + velocity.imag * math.sin(heading), "length": length, "width": width,
+        EXISTENCE: one.header.existence_probability if known else math.nan,
+    }  # fmt: skip
+
+
+def _by_time(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows by time, numbered as in a file with a heading."""
+    return frame.sort_values("t", kind="stable").set_axis(pd.RangeIndex(2, len(frame) + 2))
+
+
+def _map(trace: Path, given: Path | None) -> Path:
+    """The map that is given, or else that in the trace, kept among resim's own files."""
+    if given is not None:
+        return existing_map(given, given)
+    held = held_map(trace)
+    if held is None:
+        raise InputError(trace, "holds no map, and --map is missing", "Name its OpenDRIVE file by --map.")
+    name, text = held
+    raw = text.encode("utf-8")
+    folder = cache_folder("maps") / hashlib.sha256(raw).hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{Path(name).stem or 'map'}.xodr"
+    if not file.is_file() or file.read_bytes() != raw:
+        beside = folder / f".{os.getpid()}.new"
+        beside.write_bytes(raw)
+        beside.replace(file)
+    return file

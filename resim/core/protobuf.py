@@ -15,8 +15,9 @@ Fields = Mapping[str, Any]
 """Fields by name: one of the types, or in a list the fields of a message that is there any number of times."""
 
 
-def message_type(package: str, name: str, fields: Fields) -> Any:
-    """Give the type of a message with these fields, numbered in their order."""
+def message_type(full: str, fields: Fields) -> Any:
+    """Give the type of a message by its full name, with these fields, numbered in their order."""
+    package, _, name = full.rpartition(".")
     file = descriptor_pb2.FileDescriptorProto(
         name=f"{package}/{name}.proto", package=package, syntax="proto2"
     )

@@ -1,0 +1,241 @@
+"""Drives as OSI and MCAP: what goes out comes in again, and other readers find in the files what the drive holds."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from resim.core.tracks import Tracks
+from resim.jobs.export import export_drive, recorded_drive
+from resim.recordings import Recording, read_recording
+from resim.recordings.formats.osi import read_osi
+from resim.recordings.source import recording_of
+from resim.road.opendrive import load
+
+pytest.importorskip("osi3")
+pytest.importorskip("foxglove")
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from resim.exports import mcap, osi
+
+MAP = ROOT / "networks" / "proving_ground.xodr"
+NAMES = st.lists(
+    st.text(st.characters(categories=("L", "N", "P", "S")), min_size=1, max_size=6).filter(lambda s: "~" not in s),
+    min_size=2, max_size=4, unique=True,
+)  # fmt: skip
+NUMBERS = st.lists(st.integers(0, 2**63 - 1).map(str), min_size=2, max_size=4, unique=True)
+
+
+@st.composite
+def recordings(draw: st.DrawFn) -> Recording:
+    """Drives at any clock and place: objects that stand, turn, reverse, come, vanish and come back; SD of some."""
+    ids = draw(st.one_of(NAMES, NUMBERS))
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    begin = draw(st.sampled_from([0.0, -3.25, 12.5, 1_732_500_000.123]))
+    far = draw(st.sampled_from([0.0, 1e6, -5.4e6]))
+    step = draw(st.sampled_from([0.01, 0.04, 0.1, 1 / 3]))
+    count = draw(st.integers(2, 12))
+    optional = draw(st.sets(st.sampled_from(["a", "yaw_rate", "z"])))
+
+    def tracks(names: list[str], every: str | None) -> Tracks:
+        n = len(names)
+        valid = rng.random((n, count)) < 0.7
+        valid[[k for k, name in enumerate(names) if name == every]] = True
+        valid[:, :2] |= ~valid.any(axis=1, keepdims=True)
+        valid[-1, :2] = True  # somebody has two samples
+        columns = {
+            "x": far + rng.normal(0.0, 100.0, (n, count)), "y": 2.0 * far + rng.normal(0.0, 100.0, (n, count)),
+            "heading": rng.uniform(-3.14, 3.14, (n, count)),
+            "v": rng.normal(0.0, 20.0, (n, count)) * (rng.random((n, 1)) < 0.8),
+        }  # fmt: skip
+        more = {name: np.where(valid, rng.normal(0.0, 3.0, (n, count)), np.nan) for name in sorted(optional)}
+        kinds = rng.choice(["car", "truck", "bus", "pedestrian", "bicycle", "unknown"], n)
+        return Tracks(
+            t=begin + step * np.arange(count), ids=np.array(names), kind=kinds.astype(str), valid=valid,
+            length=rng.uniform(0.5, 18.0, n), width=rng.uniform(0.5, 3.0, n),
+            **{name: np.where(valid, values, np.nan) for name, values in columns.items()}, **more,
+        )  # fmt: skip
+
+    seen = draw(st.sampled_from(["none", "others", "all"]))
+    sd = None if seen == "none" else tracks(ids if seen == "all" else ids[1:], ids[0])
+    if sd is not None:
+        sd = Tracks(**{**vars(sd), "a": None, "yaw_rate": None, "z": None})
+    return Recording(
+        name="d", map=MAP, ego=ids[0], gt=tracks(ids, ids[0]), gt_rate=1 / step, sd=sd,
+        sd_gt_id=None if sd is None else sd.ids,
+    )  # fmt: skip
+
+
+def assert_same(found: Tracks, true: Tracks, origin: float, ego: str = "") -> None:
+    assert sorted(found.ids.tolist()) == sorted(true.ids[true.valid.any(axis=1)].tolist())
+    there = true.valid.any(axis=0)
+    np.testing.assert_allclose(found.t, true.t[there] - origin, rtol=0, atol=1e-9 + 3e-16 * abs(origin))
+    for name in found.ids.tolist():
+        n, own = found.index(name), true.index(name)
+        np.testing.assert_array_equal(found.valid[n], true.valid[own, there])
+        own_valid = true.valid[own] & there
+        assert found.kind[n] == true.kind[own] or name == ego  # a host vehicle has no kind of its own
+        for column in ("x", "y", "v", "a", "yaw_rate", "z"):
+            a, b = getattr(found, column), getattr(true, column)
+            assert (a is None) == (b is None), column
+            if a is not None:
+                np.testing.assert_allclose(a[n, found.valid[n]], b[own, own_valid], rtol=0, atol=1e-6)
+        turned = found.heading[n, found.valid[n]] - true.heading[own, own_valid]
+        np.testing.assert_allclose(np.angle(np.exp(1j * turned)), 0.0, atol=1e-9)
+        assert found.length[n] == true.length[own]
+        assert found.width[n] == true.width[own]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(recording=recordings(), form=st.sampled_from(["mcap", "osi"]))
+def test_what_goes_out_comes_in_again(
+    recording: Recording, form: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """States to 1e-6 m, times to 1e-9 s or what a clock of 1.7e9 s holds; what was not measured is not made up."""
+    folder = tmp_path_factory.mktemp("out")
+    drive = recorded_drive(recording, load(MAP))
+    if form == "mcap":
+        mcap.write(drive, folder)
+        found = recording_of(read_osi(folder / "drive.mcap", ego=recording.ego))
+        assert found.map.read_bytes() == MAP.read_bytes()
+    else:
+        osi.write(drive, folder)
+        sd = folder / "SD.osi" if recording.sd is not None else None
+        found = recording_of(read_osi(folder / "GT.osi", map=MAP, ego=recording.ego, sd=sd))
+        found = Recording(**{**vars(found), "gt": without_derived(found.gt, recording.gt)})
+    origin = float(recording.gt.t[0])
+    assert_same(found.gt, recording.gt, origin)
+    if recording.sd is None:
+        assert found.sd is None
+    elif found.sd is not None:
+        assert_same(found.sd, recording.sd, origin, recording.ego)
+
+
+def without_derived(found: Tracks, true: Tracks) -> Tracks:
+    """A trace has no place to say what is derived in it: a, yaw_rate and z are there in any case."""
+    lost = {name: None for name in ("a", "yaw_rate", "z") if getattr(true, name) is None}
+    return Tracks(**{**vars(found), **lost})
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `resim run` wrote, judged and with a perception model."""
+    out = tmp_path_factory.mktemp("run") / "out"
+    order = [
+        sys.executable, "-m", "resim", "run", "scenarios/cut_in_brake", "--out", str(out), "--criteria",
+        "scenarios/criteria/highway.toml", "--perception", "adfunc/perception/proving_ground.json", "--seeds", "2", "--build", "adfunc/builds/highway_pilot-1.0.toml",
+    ]  # fmt: skip
+    done = subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    return out
+
+
+@pytest.fixture(scope="module")
+def exported(result: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("mcap") / "out"
+    export_drive(result, folder, "mcap")
+    return folder
+
+
+def read(folder: Path) -> dict[str, list]:
+    """All messages by topic, as mcap's own decoder reads them by the schemas in the file."""
+    found: dict[str, list] = {}
+    with (folder / "drive.mcap").open("rb") as file:
+        for _, channel, message, told in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, told))
+    return found
+
+
+def test_one_file_holds_all_of_a_drive(result: Path, exported: Path) -> None:
+    found = read(exported)
+    sources = ("GT", "SD", "rGT", "rSD")
+    worlds = {"ground_truth", "ground_truth_map", "sensor_data", "rGT", "rSD", "rGT+M0"}
+    perceived = {f"perceived_{name}" for name in ("rGT", "rSD", "rGT+M0")}
+    assert worlds | perceived | {"/map", "/tf", "/log"} <= set(found)
+    assert {f"/{kind}/{name}" for kind in ("scene", "ego", "risk", "verdicts") for name in sources} <= set(
+        found
+    )
+    judged = json.loads((result / "assessment.json").read_text(encoding="utf-8"))
+    for name in sources:
+        ((_, told),) = found[f"/verdicts/{name}"]
+        assert told.verdict == judged[name]["verdict"]
+        assert {c.criterion: c.verdict for c in told.criteria} == {
+            k: c["verdict"] for k, c in judged[name]["criteria"].items()
+        }
+        risks = [math.nan if r is None else r for r in judged[name]["risk"]["r_ind"]]
+        np.testing.assert_array_equal([one.risk for _, one in found[f"/risk/{name}"]], risks)
+    times = [t for rows in found.values() for t, _ in rows]
+    assert min(times) == 0
+
+
+def test_runs_with_a_model_are_among_their_traffic(exported: Path) -> None:
+    found = read(exported)
+    assert {one.id.value for one in found["rGT+M0"][0][1].update} == {
+        one.id.value for one in found["rGT"][0][1].update
+    }
+
+
+def test_boxes_are_where_the_drive_has_them(exported: Path) -> None:
+    """In the map's frame, once the drive's frame is where /tf puts it."""
+    found, true = read(exported), read_recording(ROOT / "scenarios" / "cut_in_brake").gt
+    fixed = next(t for _, told in found["/tf"] for t in told.transforms if t.child_frame_id == "drive")
+    assert fixed.parent_frame_id == "map"
+    for k, (_, told) in enumerate(found["/scene/GT"]):
+        for entity in told.entities:
+            if entity.id == "plan":
+                continue
+            n = true.index(entity.id)
+            (box,) = entity.cubes
+            at = box.pose.position
+            assert (at.x + fixed.translation.x, at.y + fixed.translation.y) == pytest.approx(
+                (true.x[n, k], true.y[n, k]), abs=1e-9
+            )
+            turned = 2.0 * math.atan2(box.pose.orientation.z, box.pose.orientation.w)
+            assert turned == pytest.approx(true.heading[n, k], abs=1e-9)
+            assert (box.size.x, box.size.y) == (true.length[n], true.width[n])
+
+
+def test_who_vanishes_is_deleted_from_the_scene(tmp_path: Path) -> None:
+    tracks = read_recording(ROOT / "scenarios" / "cut_in_brake").gt
+    valid = tracks.valid.copy()
+    valid[1, 5:] = False
+    gone = {name: np.where(valid, getattr(tracks, name), np.nan) for name in ("x", "y", "heading", "v")}
+    gt = Tracks(**{**vars(tracks), **gone, "valid": valid})
+    mcap.write(
+        recorded_drive(Recording(name="d", map=MAP, ego="ego", gt=gt, gt_rate=25.0), load(MAP)), tmp_path
+    )
+    told = [one for _, one in read(tmp_path)["/scene/GT"]]
+    assert [[d.id for d in one.deletions] for one in told[:8]] == [[]] * 5 + [["1"]] + [[]] * 2
+    assert [len(one.entities) for one in told[4:6]] == [2, 1]
+
+
+@pytest.mark.parametrize("form", ["osi", "mcap", "foxglove"])
+def test_the_same_drive_gives_the_same_bytes_as_osi(tmp_path: Path, form: str) -> None:
+    for name in ("a", "b"):
+        export_drive(ROOT / "scenarios" / "rear_end", tmp_path / name, form)
+    files = {file.name for file in (tmp_path / "a").iterdir()}
+    assert files == {file.name for file in (tmp_path / "b").iterdir()}
+    for file in sorted(files):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+def test_a_layout_names_topics_that_are_there(tmp_path: Path) -> None:
+    export_drive(ROOT / "scenarios" / "rear_end", tmp_path / "out", "foxglove")
+    topics = set(read(tmp_path / "out"))
+    panels = json.loads((tmp_path / "out" / "layout.json").read_text(encoding="utf-8"))["configById"]
+    assert set(panels["3D!drive"]["topics"]) <= topics
+    paths = [path["value"].partition(".")[0] for panel in panels.values() for path in panel.get("paths", [])]
+    assert paths
+    assert set(paths) <= topics
