@@ -60,6 +60,12 @@ def foxglove(drive: Drive, out: Out, accept: Accept = None) -> None:
     _export("foxglove", drive, out, accept)
 
 
+@command(exports, "openlabel")
+def openlabel(drive: Drive, out: Out, accept: Accept = None) -> None:
+    """Write every source of a drive as OpenLABEL: objects, decisions, what happened, and tags with the verdict."""
+    _export("openlabel", drive, out, accept)
+
+
 def _export(form: str, drive: Path, out: Path, accept: list[str] | None) -> None:
     from resim.jobs.export import export_drive
 

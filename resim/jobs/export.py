@@ -117,6 +117,7 @@ FORMS: Mapping[str, ExportForm] = {
     "mcap": ExportForm(
         "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"},
     ),
+    "openlabel": ExportForm("OpenLABEL 1.0.0", "resim.exports.openlabel", {}),
     "foxglove": ExportForm(
         "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"},
     ),

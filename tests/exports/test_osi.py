@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -125,19 +123,6 @@ def without_derived(found: Tracks, true: Tracks) -> Tracks:
     """A trace has no place to say what is derived in it: a, yaw_rate and z are there in any case."""
     lost = {name: None for name in ("a", "yaw_rate", "z") if getattr(true, name) is None}
     return Tracks(**{**vars(found), **lost})
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `resim run` wrote, judged and with a perception model."""
-    out = tmp_path_factory.mktemp("run") / "out"
-    order = [
-        sys.executable, "-m", "resim", "run", "scenarios/cut_in_brake", "--out", str(out), "--criteria",
-        "scenarios/criteria/highway.toml", "--perception", "adfunc/perception/proving_ground.json", "--seeds", "2", "--build", "adfunc/builds/highway_pilot-1.0.toml",
-    ]  # fmt: skip
-    done = subprocess.run(order, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode in (0, 1), done.stderr
-    return out
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,88 @@
+"""Labels hold what the drive holds, and a published checker finds nothing wrong with them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DATA, ROOT
+
+from resim.core.tracks import Tracks
+from resim.exports.openlabel import labels
+from resim.jobs.export import export_drive, recorded_drive
+from resim.recordings import Recording, read_commonroad, read_recording
+from resim.road.opendrive import load
+
+core = pytest.importorskip("openlabel_checker.core")
+MAP = ROOT / "networks" / "proving_ground.xodr"
+
+
+def issues(file: Path) -> list[str]:
+    """What the checker says."""
+    return [issue.message for issue in core.check_file(str(file)).issues]
+
+
+def test_a_result_is_labelled(result: Path, tmp_path: Path) -> None:
+    report = export_drive(result, tmp_path / "out", "openlabel")
+    assert {"GT", "SD", "rGT", "rSD", "rGT+M0", "perceived rGT"} <= set(report.sources)
+    for name in report.sources.values():
+        assert issues(tmp_path / "out" / name) == [], name
+    told = json.loads((tmp_path / "out" / "rGT.openlabel.json").read_text(encoding="utf-8"))["openlabel"]
+    judged = json.loads((result / "assessment.json").read_text(encoding="utf-8"))["rGT"]
+    (verdict,) = [tag["tag_data"] for tag in told["tags"].values() if tag["type"] == "Verdict"]
+    assert verdict == judged["verdict"]
+    events = {event["type"] for event in told["events"].values()}
+    assert {"MotionDecelerate", "Criterion"} <= events
+
+
+def test_objects_are_where_the_drive_has_them(tmp_path: Path) -> None:
+    folder = ROOT / "scenarios" / "cut_in_brake"
+    export_drive(folder, tmp_path / "out", "openlabel")
+    told = json.loads((tmp_path / "out" / "GT.openlabel.json").read_text(encoding="utf-8"))["openlabel"]
+    true = read_recording(folder).gt
+    assert len(told["frames"]) == len(true.t)
+    for uid, one in told["objects"].items():
+        n = true.index(one["name"])
+        assert one["type"] == "VehicleCar"
+        for k, frame in told["frames"].items():
+            (box,) = frame["objects"][uid]["object_data"]["cuboid"]
+            x, y, _, _, _, heading, length, width, _ = box["val"]
+            row = [
+                true.x[n, int(k)],
+                true.y[n, int(k)],
+                true.heading[n, int(k)],
+                true.length[n],
+                true.width[n],
+            ]
+            assert [x, y, heading, length, width] == pytest.approx(row, abs=1e-12)
+            assert float(frame["frame_properties"]["timestamp"]) == pytest.approx(true.t[int(k)], abs=1e-9)
+
+
+def test_who_comes_and_goes_is_in_the_frames_in_which_it_is_there(tmp_path: Path) -> None:
+    true = read_recording(ROOT / "scenarios" / "cut_in_brake").gt
+    valid = true.valid.copy()
+    valid[1, :3] = valid[1, 7:9] = valid[1, 20:] = False
+    gone = {name: np.where(valid, getattr(true, name), np.nan) for name in ("x", "y", "heading", "v")}
+    gt = Tracks(**{**vars(true), **gone, "valid": valid})
+    drive = recorded_drive(Recording(name="d", map=MAP, ego="ego", gt=gt, gt_rate=25.0), load(MAP))
+    told = labels(drive.layers[0], drive)
+    spans = {one["name"]: one["frame_intervals"] for one in told["openlabel"]["objects"].values()}
+    assert [(s["frame_start"], s["frame_end"]) for s in spans["1"]] == [(3, 6), (9, 19)]
+    assert [(s["frame_start"], s["frame_end"]) for s in spans["ego"]] == [(0, len(true.t) - 1)]
+    file = tmp_path / "x.json"
+    file.write_text(json.dumps(told), encoding="utf-8")
+    assert issues(file) == []
+
+
+@pytest.mark.skipif(not (DATA / "ngsim").is_dir(), reason="needs ../shared/data")
+def test_real_traffic_is_labelled(tmp_path: Path) -> None:
+    source = DATA / "ngsim" / "USA_US101-22_1_T-1.xml"
+    recording = read_commonroad(source, map=source.with_suffix(".xodr"), ego="636")
+    drive = recorded_drive(recording, load(recording.map))
+    told = labels(drive.layers[0], drive)
+    assert len(told["openlabel"]["objects"]) == len(recording.gt.joined())
+    file = tmp_path / "x.json"
+    file.write_text(json.dumps(told), encoding="utf-8")
+    assert issues(file) == []
