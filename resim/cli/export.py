@@ -66,6 +66,21 @@ def openlabel(drive: Drive, out: Out, accept: Accept = None) -> None:
     _export("openlabel", drive, out, accept)
 
 
+@command(exports, "rocrate")
+def rocrate(
+    results: Annotated[
+        Path, typer.Argument(help="Folder that run, assess, map convert, verify or sweep wrote.")
+    ],
+    out: Out,
+) -> None:
+    """Write a folder of results as an RO-Crate: its files, what made them, and from what."""
+    from resim.jobs.export import export_rocrate
+
+    found = export_rocrate(results, out)
+    add_to_json(out=out, files=len(found.files))
+    say(f"{found.drive}: {found.format}: {len(found.files)} files: {out}")
+
+
 def _export(form: str, drive: Path, out: Path, accept: list[str] | None) -> None:
     from resim.jobs.export import export_drive
 

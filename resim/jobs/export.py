@@ -7,6 +7,7 @@ import importlib.util
 import shutil
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pandas as pd
@@ -15,9 +16,11 @@ from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.provenance import versions
-from resim.core.sealed import sealed
+from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import EXACT, to_json
 from resim.core.tracks import Tracks
+from resim.exports.rocrate import FILE as ROCRATE
+from resim.exports.rocrate import crate, write
 from resim.jobs.given import path_of
 from resim.jobs.play import played_drive
 from resim.recordings import Recording
@@ -26,6 +29,7 @@ from resim.report.player import PlayedDrive, of_recording
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
 from resim.results import EXPORT, check_output, whole_folder, write_json
+from resim.results.folders import ASSESSMENT, CONVERSION, RUN, SWEEP, VERIFICATION, check_results, locked
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.openscenario import VERSIONS, openscenario, refuse_without_openscenario
@@ -156,6 +160,45 @@ def export_drive(
         sources = importlib.import_module(made.module).write(played, new)
         files = {file.name: file_hash(file) for file in sorted(new.iterdir())}
         report = ExportReport(versions(), played.name, made.title, sources, road.name, files)
+        write_json(sealed(to_json(report)), new / EXPORT.mark)
+    return report
+
+
+def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
+    """Write a folder of results as an RO-Crate: all of its files, and what is in it, what made it, from what.
+
+    Args:
+        results: Folder that `resim run`, `assess --out`, `map convert`, `verify` or `sweep` wrote.
+        out: Folder for the crate; an earlier export there is replaced.
+
+    Returns:
+        What was written.
+
+    Raises:
+        InputError: It is no folder of results, or the folder cannot be written.
+    """
+    path, folder = path_of(results), path_of(out)
+    kind = next(
+        (one for one in (RUN, VERIFICATION, SWEEP, CONVERSION, ASSESSMENT) if (path / one.mark).is_file()),
+        None,
+    )
+    if kind is None:
+        raise InputError(
+            path, "is no folder of results", "Give what run, assess, map convert, verify or sweep wrote."
+        )
+    check_results(path, kind)
+    check_output(folder, EXPORT)
+    told = read_sealed(path / kind.mark, "Make it again.")
+    date = datetime.fromtimestamp((path / kind.mark).stat().st_mtime, UTC).isoformat(timespec="seconds")
+    with locked(path, "another command", shared=True), whole_folder(folder, EXPORT) as new:
+        shutil.copytree(path, new, dirs_exist_ok=True)
+        copied = sorted(file for file in new.rglob("*") if file.is_file())
+        about = {file.relative_to(new).as_posix(): (file.stat().st_size, file_hash(file)) for file in copied}
+        title = path.resolve().name
+        write(new, crate(title, kind.mark, told, about, date))
+        files = {name: digest for name, (_, digest) in about.items()}
+        files[ROCRATE] = file_hash(new / ROCRATE)
+        report = ExportReport(versions(), title, "RO-Crate 1.1", {}, "", files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
 

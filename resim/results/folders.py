@@ -92,6 +92,11 @@ def _check_held(folder: Path, kind: FolderKind, none: str, remedy: str, lost: st
         raise InputError(folder, f"holds {strange}, which is not a resim result{lost}", remedy)
 
 
+def check_results(folder: Path, kind: FolderKind) -> None:
+    """Refuse a folder that holds anything but whole results of this kind. Raises InputError."""
+    _check_held(folder, kind, "is no folder of results", "Make it again, or take out what is not of resim.")
+
+
 def remove_results(folder: Path, kind: FolderKind) -> None:
     """Delete a folder of results of this kind, or nothing at all.
 
@@ -125,7 +130,12 @@ def _strange(folder: Path, kind: FolderKind, listed: set[str]) -> Iterator[str]:
 
     for path in sorted(folder.iterdir()):
         within = kind.inside.get(path.name)
-        if within is None or path.is_symlink() or not path.is_dir():
+        if within is None and path.is_dir() and any(name.startswith(f"{path.name}/") for name in listed):
+            for file in sorted(path.rglob("*")):
+                name = file.relative_to(folder).as_posix()
+                if file.is_symlink() or not (file.is_dir() or name in listed):
+                    yield name
+        elif within is None or path.is_symlink() or not path.is_dir():
             if not is_own(path, path.name, kind.names):
                 yield path.name
         else:

@@ -1,0 +1,111 @@
+"""A folder of results as an RO-Crate: what is in it, what made it, from what.
+
+Source: RO-Crate 1.1, and Process Run Crate 0.5 of the Workflow Run profiles.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+FILE = "ro-crate-metadata.json"
+_CRATE = "https://w3id.org/ro/crate/1.1"
+_PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+_SHA256 = "https://w3id.org/ro/terms/workflow-run#sha256"
+_RUN, _TOOL, _LICENSE = "#run", "#resim", "#license"
+_HASH = re.compile("[0-9a-f]{32}|[0-9a-f]{64}")
+_OWN = ("checksum", "files", "cases", "versions")
+"""Entries of a mark that are of no input."""
+_TYPES = {
+    ".json": "application/json", ".html": "text/html", ".parquet": "application/vnd.apache.parquet",
+    ".xml": "application/xml", ".xodr": "application/xml", ".csv": "text/csv", ".toml": "application/toml",
+    ".jsonl": "application/jsonl",
+}  # fmt: skip
+_WORDS = {
+    "run.json": ("Re-simulation", "A measured drive, re-simulated with an automated-driving function"),
+    "assessment.json": ("Assessment", "Criticality, accident risk and verdicts of a measured drive"),
+    "conversion.json": (
+        "Converted map",
+        "An OpenDRIVE map as a SUMO network, with the errors of the conversion",
+    ),
+    "inputs.json": (
+        "Verification",
+        "Verdicts of measured and re-simulated drives of a function build, compared",
+    ),
+    "sweep.json": ("Sweep", "Re-simulations of a drive over parameters and perception errors"),
+}
+"""Title and description of what a folder holds, by its mark."""
+
+
+def crate(
+    title: str, mark: str, told: Mapping[str, Any], files: Mapping[str, tuple[int, str]], date: str
+) -> dict[str, Any]:
+    """Give ro-crate-metadata.json of a folder.
+
+    title: what was simulated or judged. mark: file that tells what folder it is; told: what that says. files: bytes and
+    SHA-256 of each. date: when it was made, by ISO 8601.
+    """
+    kind, what = _WORDS[mark]
+    versions = told["versions"]
+    inputs = dict(_inputs({key: value for key, value in told.items() if key not in _OWN}, ""))
+    entities = [
+        {
+            "@id": FILE, "@type": "CreativeWork", "about": {"@id": "./"},
+            "conformsTo": {"@id": _CRATE},
+        },
+        {
+            "@id": "./", "@type": "Dataset", "name": f"{kind}: {title}", "description": f"{what}.",
+            "datePublished": date, "conformsTo": {"@id": _PROFILE}, "hasPart": [{"@id": name} for name in files],
+            "mentions": {"@id": _RUN}, "license": {"@id": _LICENSE},
+        },
+        {"@id": _PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
+        {
+            "@id": _LICENSE, "@type": "CreativeWork", "name": "License of the recording and the map",
+            "description": "What is made of a recording and a map may be used as these may.",
+        },
+        *(_file(name, *about) for name, about in files.items()),
+        {
+            "@id": _TOOL, "@type": "SoftwareApplication", "name": "resim",
+            "softwareVersion": f"{versions['resim']}, source {versions['code']}",
+            "softwareRequirements": [
+                f"{name} {version}" for name, version in versions.items() if name not in ("resim", "code")
+            ],
+        },
+        {
+            "@id": _RUN, "@type": "CreateAction", "name": kind, "description": f"{what}.",
+            "instrument": {"@id": _TOOL}, "endTime": date,
+            "object": [{"@id": f"#{name}"} for name in inputs], "result": [{"@id": name} for name in files],
+        },
+        *(
+            {"@id": f"#{name}", "@type": "CreativeWork", "name": name, "identifier": digest}
+            for name, digest in inputs.items()
+        ),
+    ]  # fmt: skip
+    return {"@context": [f"{_CRATE}/context", {"sha256": _SHA256}], "@graph": entities}
+
+
+def write(folder: Path, told: Mapping[str, Any]) -> None:
+    """Write what `crate` gives into a folder."""
+    text = json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False)
+    (folder / FILE).write_text(text + "\n", encoding="utf-8")
+
+
+def _file(name: str, size: int, digest: str) -> dict[str, Any]:
+    made = {"@id": name, "@type": "File", "name": name, "contentSize": str(size), "sha256": digest}
+    kind = _TYPES.get(Path(name).suffix)
+    return made if kind is None else {**made, "encodingFormat": kind}
+
+
+def _inputs(told: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Every hash in a mark, SHA-256 or the first half of one, by where it stands in it."""
+    if isinstance(told, Mapping):
+        for key, value in told.items():
+            yield from _inputs(value, f"{name}/{key}" if name else str(key))
+    elif isinstance(told, list | tuple):
+        for number, value in enumerate(told):
+            yield from _inputs(value, f"{name}/{number}")
+    elif isinstance(told, str) and _HASH.fullmatch(told):
+        yield re.sub(r"[^\w./-]", "_", name), told
