@@ -4,11 +4,13 @@ BIN := .venv/bin
 READY := .venv/ready
 PLANNER := .venv-reactive-planner
 CHECKER := .venv-openscenario
+OMEGA := .venv-omega-prime
+PEER := .venv-exports
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
 
-.PHONY: demo test check docs validate bench reactive_planner checked_openscenario clean
+.PHONY: demo test check docs validate bench reactive_planner checked_openscenario checked_exports clean
 
 demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
@@ -30,7 +32,7 @@ docs: $(READY)
 # What takes too long for CI: the tables of docs/validation.md, each into out/validate. Real recordings are read from DATA.
 DATA ?= ../shared/data
 validated = $(BIN)/python tools/$(2) > out/validate/$(1).md
-validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready
+validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/ready
 	mkdir -p out/validate
 	$(call validated,corner_case,validate_corner_case.py)
 	$(call validated,standing,validate_standing.py)
@@ -38,6 +40,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready
 	$(call validated,risk,validate_risk.py $(DATA))
 	$(call validated,reactive_planner,validate_reactive_planner.py $(DATA))
 	$(call validated,openscenario,validate_openscenario.py $(CHECKER)/bin/qc_openscenario $(DATA))
+	$(call validated,exports,validate_exports.py $(OMEGA) $(PEER) $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
@@ -87,5 +90,18 @@ $(CHECKER)/ready:
 	$(CHECKER)/bin/python -m pip install --quiet --disable-pip-version-check asam-qc-openscenarioxml==1.0.0
 	touch $@
 
+# pins what the others do not: environments of their own
+checked_exports: $(OMEGA)/ready $(PEER)/ready
+
+$(OMEGA)/ready:
+	$(PYTHON) -m venv $(OMEGA)
+	$(OMEGA)/bin/python -m pip install --quiet --disable-pip-version-check omega-prime==0.3.7 "betterosi<0.9" "click<8.3" "typer<0.20"
+	touch $@
+
+$(PEER)/ready:
+	$(PYTHON) -m venv $(PEER)
+	$(PEER)/bin/python -m pip install --quiet --disable-pip-version-check asam-osi-utilities osi-python kognic-openlabel
+	touch $@
+
 clean:
-	rm -rf .venv $(PLANNER) $(CHECKER) out
+	rm -rf .venv $(PLANNER) $(CHECKER) $(OMEGA) $(PEER) out

@@ -18,7 +18,7 @@ from resim.core.osi import DERIVED, MAP, MAP_FIELDS, MAP_SCHEMA, SENSED, TRUTH
 from resim.core.protobuf import TEXT, file_set, message_type
 from resim.exports import osi
 from resim.exports.mcap_file import Topic, scene_topics, topic_of, write_topics
-from resim.exports.scenes import Scenes
+from resim.exports.scenes import ViewedDrive
 from resim.exports.states import TimedMessage, derived, first_second
 from resim.function.osmp import VERSION
 from resim.report.player import PlayedDrive
@@ -49,7 +49,7 @@ def osi_version() -> str:
 
 def _osi_topics(drive: PlayedDrive, first: int) -> Iterator[Topic]:
     """The map, measured truth, sensor data, and what was simulated or perceived."""
-    begin = Scenes(drive, first).begin
+    begin = ViewedDrive(drive, first).begin
     reference, text = (
         drive.network.path.name,
         drive.network.path.read_text(encoding="utf-8", errors="replace"),

@@ -14,7 +14,7 @@ import foxglove.messages as fg
 from mcap.writer import Writer
 
 from resim.core.protobuf import FLAG, NUMBER, TEXT, file_set, message_type
-from resim.exports.scenes import Scenes
+from resim.exports.scenes import ViewedDrive
 from resim.exports.states import TimedMessage, nanoseconds
 from resim.metrics.assessment_report import DriveAssessment
 from resim.report.player import PlayedDrive
@@ -82,7 +82,7 @@ def _numbered(
 
 def scene_topics(drive: PlayedDrive, first: int) -> Iterator[Topic]:
     """Give what viewers draw without an extension: scenes, curves, plans and verdicts."""
-    scenes = Scenes(drive, first)
+    scenes = ViewedDrive(drive, first)
     yield _scene("/map", fg.SceneUpdate, scenes.roads())
     yield _scene("/tf", fg.FrameTransforms, scenes.frames())
     yield _scene("/log", fg.Log, scenes.log())

@@ -27,7 +27,7 @@ _STEP = 2.0
 _LEVELS = {"error": fg.LogLevel.Error, "warning": fg.LogLevel.Warning}
 
 
-class Scenes:
+class ViewedDrive:
     """A drive for viewers. first: second that times count from."""
 
     def __init__(self, drive: PlayedDrive, first: int) -> None:

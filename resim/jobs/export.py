@@ -225,6 +225,9 @@ def recorded_drive(recording: Recording, network: RoadNetwork) -> PlayedDrive:
     Args:
         recording: With its findings.
         network: Its map.
+
+    Returns:
+        The drive.
     """
     played = of_recording(recording, network)
     if recording.sd is None or recording.senses_ego:
