@@ -130,10 +130,11 @@ def _larger(tracks: Tracks, doubts: Doubts) -> Tracks | None:
 def _gone(scenario: Scenario, measured: Scenario, network: RoadNetwork) -> Iterator[Absence]:
     """Who left its trace, and is taken away where its recording ends: from then on nobody knows where it is."""
     traces = {one.id: one for one in measured.objects}
+    last = scenario.ego.spawn_time + scenario.duration
     ends = {
         n: float(one.v.x[-1])
         for n, one in enumerate(scenario.objects, start=1)
-        if one.id in traces and one.v.x[-1] < scenario.duration - SAME and not _is_alike(one, traces[one.id])
+        if one.id in traces and one.v.x[-1] < last - SAME and not _is_alike(one, traces[one.id])
     }
     if not ends:
         return
@@ -147,7 +148,7 @@ def _gone(scenario: Scenario, measured: Scenario, network: RoadNetwork) -> Itera
         if not np.hypot(x - there.x[1, 0], y - there.y[1, 0]) <= BACK:
             state = np.array([[x, y, heading, v * np.cos(heading), v * np.sin(heading)]])
             yield Absence(
-                object=one.id, start=end, end=scenario.duration, why=GONE, straight=False,
+                object=one.id, start=end, end=last, why=GONE, straight=False,
                 size=(one.length, one.width), t=np.array([end]), state=state,
             )  # fmt: skip
 

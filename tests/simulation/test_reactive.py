@@ -316,11 +316,14 @@ def test_of_many_who_were_handed_over_the_hardest_are_told() -> None:
     assert told.endswith("and 17 times more, braking no harder")
 
 
-def test_who_left_its_trace_and_whose_recording_ends_is_not_gone_for_the_verdict(tmp_path: Path) -> None:
+@pytest.mark.parametrize("clock", [0.0, 1.0, 1_732_500_000.0])
+def test_who_left_its_trace_and_whose_recording_ends_is_not_gone_for_the_verdict(
+    tmp_path: Path, clock: float
+) -> None:
     """The EGO changes in front of a faster car; it brakes where that car's recording ends, with it at its bumper."""
     size = {"kind": "car", "heading": 0.0, "length": 4.7, "width": 1.9}
     rows = [
-        {"t": t, "id": name, "x": at + v * t, "y": y, "v": v, **size}
+        {"t": clock + t, "id": name, "x": at + v * t, "y": y, "v": v, **size}
         for t in np.arange(0.0, 20.01, 0.04).round(2).tolist()
         for name, at, v, y, end in (("ego", 300.0, 20.0, -5.25, 20.0), ("on", 265.0, 28.0, -1.75, 16.0))
         if t <= end
@@ -328,8 +331,8 @@ def test_who_left_its_trace_and_whose_recording_ends_is_not_gone_for_the_verdict
     pd.DataFrame(rows).to_csv(tmp_path / "gt.csv", index=False)
     road = ROOT / "networks" / "proving_ground.xodr"
     (tmp_path / "recording.toml").write_text(f'name = "d"\nmap = "{road}"\nego = "ego"\n', encoding="utf-8")
-    bend = "0.004 if 1.0 < p.t < 2.2 else -0.004 if 2.2 < p.t < 3.4 else 0.0"
-    cut_in = f"return Command(-8.0 if p.t > 16.5 and p.ego.v > 0.2 else 0.0, {bend})"
+    bend = f"0.004 if {clock + 1.0} < p.t < {clock + 2.2} else -0.004 if {clock + 2.2} < p.t < {clock + 3.4} else 0.0"
+    cut_in = f"return Command(-8.0 if p.t > {clock + 16.5} and p.ego.v > 0.2 else 0.0, {bend})"
     keeps = "return Command(0.0, 0.0)"
     recording, verdicts = read_recording(tmp_path), {}
     criteria = read_criteria(ROOT / "scenarios" / "criteria" / "highway.toml")
