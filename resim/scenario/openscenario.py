@@ -54,7 +54,7 @@ def openscenario(scenario: Scenario, network: RoadNetwork, *, name: str, version
     everyone = (scenario.ego, *scenario.objects)
     names = _names(everyone)
     ways = [
-        _Way(one, trace, scenario.duration)
+        _Way(one, trace, scenario.ego.spawn_time, scenario.duration)
         for one, trace in zip(everyone, scenario.traces(network), strict=True)
     ]
     kept = [way for way in ways if len(way.t)]
@@ -79,16 +79,17 @@ def openscenario(scenario: Scenario, network: RoadNetwork, *, name: str, version
 
 
 class _Way:
-    """Times t (T,) [s] of an object, and the states (4, T) of its reference point: x, y, heading, v."""
+    """Times t (T,) [s] of an object from the scenario's `first` on, and the states (4, T) of its reference point: x, y,
+    heading, v."""
 
-    def __init__(self, of: ScenarioObject, trace: Trace, duration: float) -> None:
-        begin, end = max(float(of.v.x[0]), 0.0), min(float(of.v.x[-1]), duration)
+    def __init__(self, of: ScenarioObject, trace: Trace, first: float, duration: float) -> None:
+        begin, end = max(float(of.v.x[0]) - first, 0.0), min(float(of.v.x[-1]) - first, duration)
         self.of = of
         self.back = 0.0 if of.kind == "pedestrian" else REAR_AXLE * of.length
-        steps = int(np.floor((end - begin) / STEP + 1e-9)) + 1 if end >= begin else 0
+        steps = int(np.floor((end - begin + _LAST) / STEP)) + 1 if end >= begin else 0
         own = begin + STEP * np.arange(steps, dtype=float)
-        self.t = np.append(own, end) if steps and end - own[-1] > 1e-9 else own
-        s = trace.states(self.t) if len(self.t) else None
+        self.t = np.append(own, end) if steps and end - own[-1] > _LAST else own
+        s = trace.states(first + self.t) if len(self.t) else None
         if s is not None:
             x, y = s.x - self.back * np.cos(s.heading), s.y - self.back * np.sin(s.heading)
             self.states = np.stack([x, y, np.unwrap(s.heading), s.v])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +78,30 @@ def test_everybody_is_where_the_recording_has_it(tmp_path: Path, drive: str, ver
         )
         assert off.max() < 0.05, name
         assert (np.diff(found.t) > 0.0).all()
+
+
+@pytest.mark.parametrize("clock", [-7.5, 100.0, 1_732_500_000.0])
+def test_a_clock_that_begins_at_any_time_counts_from_the_start(tmp_path: Path, clock: float) -> None:
+    at_zero = ROOT / "scenarios" / "cut_in_brake"
+    shifted = tmp_path / "shifted"
+    shutil.copytree(at_zero, shifted)
+    for name in ("gt.csv", "sd.csv", "plan.csv"):
+        rows = pd.read_csv(shifted / name)
+        for column in {"t", "t_plan"} & set(rows):
+            rows[column] += clock
+        rows.to_csv(shifted / name, index=False)
+    file, road = shifted / "recording.toml", ROOT / "networks" / "proving_ground.xodr"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(re.sub('map = ".*"', f'map = "{road}"', text), encoding="utf-8")
+    found = []
+    for k, folder in enumerate((at_zero, shifted)):
+        export_openscenario(folder, tmp_path / f"out{k}")
+        found.append(Played(tmp_path / f"out{k}" / "GT.xosc"))
+    assert found[0].names == found[1].names
+    for name in found[0].names:
+        one, two = (file.box(name) for file in found)
+        np.testing.assert_allclose(two.t, one.t, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(two[["x", "y"]], one[["x", "y"]], rtol=0, atol=2e-4)
 
 
 def test_the_same_drive_gives_the_same_bytes(tmp_path: Path) -> None:
