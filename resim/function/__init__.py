@@ -17,8 +17,11 @@ import types
 from collections.abc import Callable, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
-import msgpack
-import numpy as np
+try:
+    import msgpack
+    import numpy as np
+except ImportError as e:
+    raise ImportError(f"{e}: {sys.executable} needs msgpack and NumPy (pip install msgpack numpy)") from e
 
 PROTOCOL = 1
 """Version of the messages."""
@@ -228,7 +231,22 @@ def main(arguments: Sequence[str]) -> None:
         whole.function = sys.modules["resim.function"] = sys.modules[__name__]  # type: ignore[attr-defined]
         sys.modules["resim"] = whole
     module, _, name = arguments[0].partition(":")
-    serve(getattr(importlib.import_module(module), name))
+    try:
+        factory = getattr(importlib.import_module(module), name)
+    except Exception as e:
+        traceback.print_exc()
+        serve(_failing(e))
+    else:
+        serve(factory)
+
+
+def _failing(e: Exception) -> Callable[..., Any]:
+    """A factory that raises what went wrong before, for the answer to say it."""
+
+    def fail(**_: Any) -> Any:
+        raise e
+
+    return fail
 
 
 if __name__ == "__main__":

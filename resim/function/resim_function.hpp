@@ -34,7 +34,7 @@ struct Value {
   }
   const Value& at(const std::string& name) const {
     const auto found = map.find(name);
-    if (found == map.end()) throw std::runtime_error("expected the field " + name);
+    if (found == map.end()) throw std::runtime_error("there is no field " + name + " (of parameters: those of the build file)");
     return found->second;
   }
 };

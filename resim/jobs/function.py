@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from resim.core.errors import InputError
 from resim.core.files import shipped
 from resim.execution.workers import in_child
 from resim.jobs.given import path_of
@@ -13,7 +14,7 @@ from resim.road.opendrive import load
 from resim.simulation.function.conformance import SPEED, Check, conformance, repeated
 from resim.simulation.function.conversation import read_conversation
 from resim.simulation.function.interface import EgoState, load_build
-from resim.simulation.function.program import refuse_unrecordable, served_program
+from resim.simulation.function.program import RecordedProgram, refuse_unrecordable, served_program
 from resim.simulation.function.relay import RelayServer
 
 
@@ -61,6 +62,11 @@ def _checked(asked: tuple[Path, list[Path]]) -> FunctionCheck:
     if recorded:
         refuse_unrecordable(path, build.program)
         return FunctionCheck(build.label, tuple(repeated(build, *one) for one in recorded.items()))
+    if isinstance(build.program, RecordedProgram):
+        problem = (
+            "is recorded: it answers the drive that it was recorded in, and no other that a check could ask"
+        )
+        raise InputError(path, problem, "Check the function itself, or re-simulate that drive with it.")
     return FunctionCheck(build.label, tuple(conformance(build, load(shipped() / MAP), START)))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from resim.metrics.criteria import Criteria, Outcome, Verdict, judge, overall
+from resim.metrics.criteria_file import Criterion
 from resim.metrics.doubts.doubt import doubted, resized
 from resim.metrics.doubts.unseen import WHOLE, Doubts
 from resim.metrics.drive import DriveScenes
@@ -18,6 +19,10 @@ from resim.metrics.risk import Risk
 
 NAMED = 5
 """Objects that a note names."""
+
+
+NO_COLLISION = Criterion(name="no collision", measure="collision", above=0.0)
+"""What is asked of every drive, whether criteria do or not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,8 @@ class Assessment:
     """What a drive was like. measures by name, each (S, K), or (S,) of the EGO or the whole scene.
 
     definitions: of each measure. contacts: when [s] the EGO's box touches whose. verdicts: of each criterion that it
-    was judged by. flaw: why the drive cannot pass, whatever the criteria say, or "".
+    was judged by. flaw: why the drive cannot pass, whatever the criteria say, or "". clear: whether it is shown that
+    the EGO collides with nobody, to the end.
     """
 
     drive: DriveScenes
@@ -47,6 +53,7 @@ class Assessment:
     contacts: tuple[tuple[float, str], ...]
     verdicts: Mapping[str, Verdict]
     flaw: str = ""
+    clear: bool = False
 
     @property
     def kinds(self) -> dict[str, MeasureKind]:
@@ -114,20 +121,29 @@ def assess(
     every = asked(inputs, criteria, only)
     measures = {o.name: inputs.measure(o.name) for o in every}
     definitions = {o.name: o for o in every}
-    verdicts = {}
-    for c in criteria.criteria if criteria is not None else ():
-        measure, seen = inputs.judged(c.measure, c.side, c.limit)
-        verdict = judge(c, measure, drive.t, drive.ids, drive.present)
-        if larger is not None:
-            again, _ = larger.judged(c.measure, c.side, c.limit)
-            with_larger = judge(c, again, drive.t, drive.ids, drive.present)
-            verdict = resized(verdict, with_larger, c, definitions[c.measure], inputs, doubts)
-        verdict = doubted(verdict, c, definitions[c.measure], (measure, seen), inputs, doubts)
-        if flaw and verdict.outcome == "PASS" and not inputs.contacts:
-            verdict = replace(verdict, outcome="INVALID", reason=flaw)
-        verdicts[c.name] = verdict
-    found = Assessment(drive, measures, definitions, inputs.risk, inputs.contacts, verdicts, flaw)
+    named = criteria.criteria if criteria is not None else ()
+    verdicts = {c.name: _judged(c, inputs, flaw, doubts, larger) for c in named}
+    clear = _judged(NO_COLLISION, inputs, flaw, doubts, larger).outcome == "PASS"
+    found = Assessment(drive, measures, definitions, inputs.risk, inputs.contacts, verdicts, flaw, clear)
     return replace(found, verdicts={name: _with_object(v, found) for name, v in verdicts.items()})
+
+
+def _judged(
+    criterion: Criterion, inputs: MeasureInputs, flaw: str, doubts: Doubts, larger: MeasureInputs | None
+) -> Verdict:
+    """The verdict of one criterion; arguments as those of `assess`."""
+    drive, name = inputs.drive, criterion.measure
+    definition = next(o for o in inputs.definitions if o.name == name)
+    measure, seen = inputs.judged(name, criterion.side, criterion.limit)
+    verdict = judge(criterion, measure, drive.t, drive.ids, drive.present)
+    if larger is not None:
+        again, _ = larger.judged(name, criterion.side, criterion.limit)
+        with_larger = judge(criterion, again, drive.t, drive.ids, drive.present)
+        verdict = resized(verdict, with_larger, criterion, definition, inputs, doubts)
+    verdict = doubted(verdict, criterion, definition, (measure, seen), inputs, doubts)
+    if flaw and verdict.outcome == "PASS" and not inputs.contacts:
+        verdict = replace(verdict, outcome="INVALID", reason=flaw)
+    return verdict
 
 
 def asked(

@@ -95,6 +95,7 @@ def outcome(
         end="" if drive is None else drive.end,
         failure="" if drive is None else drive.failure,
         asked=_asked(drive, [measure.note for measure in assessment.measures.values()]),
+        clear=assessment.clear and (drive is None or drive.end == "duration"),
     )
 
 

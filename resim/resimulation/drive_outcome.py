@@ -29,10 +29,11 @@ class Kpi:
 class DriveOutcome:
     """One drive: KPIs by criterion, what the EGO did and when [s], and how dangerous and comfortable it was.
 
-    reaction: first braking [s]. risk: the largest accident risk. comfort: the largest of each of COMFORT. end: how a
-    simulation ended, "" for a measured drive. failure: why the function failed, or "". errors: of this drive alone,
-    the pipeline's of a simulated one. reaction_spread [s]: how far first braking may be off, of a measured one.
-    asked: what code under test, the function's or own measures', asked that its hash does not know.
+    reaction: first braking [s]. risk: the largest accident risk. comfort: the largest of each of COMFORT. end: how
+    a simulation ended, "" for a measured drive. clear: whether it is shown that the EGO collides with nobody to the
+    end. failure: why the function failed, or "". errors: of this drive alone, the pipeline's of a simulated one.
+    reaction_spread [s]: how far first braking may be off, of a measured one. asked: what code under test, the
+    function's or own measures', asked that its hash does not know.
     """
 
     kpis: Mapping[str, Kpi]
@@ -46,6 +47,7 @@ class DriveOutcome:
     errors: Mapping[str, float | None] | None = None
     reaction_spread: float | None = None
     asked: tuple[str, ...] = ()
+    clear: bool = False
 
     @property
     def decision(self) -> list[str]:

@@ -486,3 +486,21 @@ def test_a_verification_says_once_that_a_build_is_not_pinned(
     )
     assert done.stdout.count("not pinned") == 1, done.stdout + done.stderr
     assert "2 of 2 recordings: note: " in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("factory", "why"),
+    [
+        ("follow:Folow", "AttributeError: module 'follow' has no attribute 'Folow'"),
+        ("folow:Follow", "ModuleNotFoundError: No module named 'folow'"),
+    ],
+)
+def test_a_class_that_is_not_there_is_told_as_the_reason(
+    build: Callable[..., Path], tmp_path: Path, factory: str, why: str
+) -> None:
+    path = build(
+        f'name = "f"\nversion = "1"\nfactory = "{factory}"\n[process]\npython = "{sys.executable}"\n'
+    )
+    done = run(path, tmp_path / "out")
+    assert done.returncode == 3
+    assert why in done.stderr

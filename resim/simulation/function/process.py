@@ -6,6 +6,7 @@ standard error goes where a function's words go.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import shutil
@@ -71,7 +72,7 @@ class ChildProcess:
             )  # fmt: skip
         except (OSError, ValueError) as e:
             self.kill()
-            raise FunctionError(f"cannot be started: {first!r}: {getattr(e, 'strerror', e)}") from e
+            raise FunctionError(f"cannot be started: {first!r}: {_why_not(e)}") from e
 
     def exchange(self, message: bytes) -> bytes:
         """Send a message and give the body of what is answered."""
@@ -173,6 +174,14 @@ def _exactly(stream: int, size: int) -> bytes:
         parts.append(os.read(stream, min(left, 1 << 20)))
         left -= len(parts[-1])
     return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _why_not(e: OSError | ValueError) -> str:
+    """Why a program cannot be started."""
+    told = str(getattr(e, "strerror", e))
+    if getattr(e, "errno", None) == errno.ENOEXEC:
+        told += " (neither a program of this machine nor a script that begins with #! and its interpreter)"
+    return told
 
 
 def _ending(code: int) -> str:

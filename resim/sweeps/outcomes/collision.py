@@ -1,4 +1,4 @@
-"""Whether the EGO collides."""
+"""Whether the EGO collides; not known where the run ended early, or somebody who is not seen may have been hit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ COLLISION = OutcomeDefinition(
     column="collision",
     type="flag",
     label="no collision of the EGO",
-    of=lambda run: run.found.collision,
+    of=lambda run: run.found.collision or (False if run.found.clear else None),
     good=False,
     keeps="the EGO does not collide",
     asked="no collision",
