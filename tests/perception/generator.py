@@ -105,7 +105,8 @@ class Beyond:
     speeds; offsets by quantity while an object brakes; level: a factor of every spread. found: objects are not seen at
     first, and then found with this probability a list, within 60 m, and kept; confirmed: within 60 m for so long [s]
     before they are seen. drive: offsets by quantity that all objects of a drive share, normal of this standard
-    deviation from drive to drive."""
+    deviation from drive to drive. weather: standard deviation of the logarithm of a factor of every spread from drive
+    to drive. blind: nobody is seen for 0.8 s, so often [1/s]."""
 
     tails: float = 0.0
     late: float = 0.0
@@ -116,10 +117,15 @@ class Beyond:
     found: float = 0.0
     confirmed: float = 0.0
     drive: tuple[tuple[str, float], ...] = ()
+    weather: float = 0.0
+    blind: float = 0.0
 
     def finds(self, r: Floats, dt: float, rng: np.random.Generator) -> np.ndarray:
         """Which object is seen when (N, K), by how far it is."""
         near = r <= 60.0
+        if self.blind > 0.0:
+            begins = rng.random(r.shape[1]) < self.blind * dt
+            return np.broadcast_to(np.convolve(begins, np.ones(round(0.8 / dt)))[: r.shape[1]] == 0, r.shape)
         if self.found > 0.0:
             return np.logical_or.accumulate(near & (rng.random(r.shape) < self.found), axis=1)
         return np.cumsum(near, axis=1) * dt >= self.confirmed
@@ -223,16 +229,17 @@ def make_recording(
     a = motion.at("a", now - late.speed)[1:]
     f = np.stack([np.hypot(x, y), np.arctan2(y, x), v * np.cos(heading) - ego["v"], a])
     seen = detected(model, f[0], np.abs(f[1]), dt, rng)
-    if beyond.found > 0.0 or beyond.confirmed > 0.0:
+    if beyond.found > 0.0 or beyond.confirmed > 0.0 or beyond.blind > 0.0:
         seen &= beyond.finds(f[0], dt, rng)
     each = [getattr(model.errors, q) for q in QUANTITIES]
     coupling = np.eye(6) if model.errors.coupling is None else np.array(model.errors.coupling)
     z = wander(np.array([e.correlation_time for e in each]), coupling, x.shape, dt, rng)
     w = beyond.white((6, *x.shape), rng)
     offsets = beyond.offsets(v, a, rng)
+    level = beyond.level * (np.exp(beyond.weather * rng.standard_normal()) if beyond.weather else 1.0)
     errors = [
         response(e.bias, f)
-        + beyond.level * (spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q])
+        + level * (spread(e.drift, f) * z[q] + spread(e.noise, f) * w[q])
         + offsets.get(QUANTITIES[q], 0.0)
         for q, e in enumerate(each)
     ]

@@ -98,6 +98,17 @@ def test_an_offset_that_all_objects_of_a_drive_share_is_told(quantity: str, spre
     assert found.size == pytest.approx(spread, rel=0.3)
 
 
+def test_errors_that_are_larger_in_some_drives_are_told() -> None:
+    found = told(fit_of(Beyond(weather=0.5), 20)[1], "speed", "spread", "one drive")
+    assert found.size == pytest.approx(np.exp(0.5) - 1.0, rel=0.4)
+
+
+def test_a_sensor_that_loses_everybody_at_once_is_told() -> None:
+    found = told(fit_of(Beyond(blind=0.2), 20)[1], "detection", "detected", "together")
+    assert found.size > 0.7
+    assert "lost and found together" in found.text
+
+
 def test_too_few_drives_test_nothing_and_say_so() -> None:
     model, fit = fit_of(Beyond(tails=3.0), FEWEST - 1)
     assert fit == ModelFit(drives=FEWEST - 1)

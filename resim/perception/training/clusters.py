@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as fisher
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -37,6 +38,22 @@ def between_drives(scores: Floats, information: Floats, held: Floats | float = 0
     rest = (whole - information) / scale[:, None] / scale[None, :]
     moves = np.stack([_inverse(r) @ (s / scale) for r, s in zip(rest, scores, strict=True)]) / scale
     return np.asarray((count - 1) / count * moves.T @ moves)
+
+
+def drive_effect(mean: Floats, weight: Floats, drive: NDArray[np.intp]) -> tuple[float, float] | None:
+    """Give how likely it is by chance that means (R,) of rows differ so from drive to drive, and the variance that the
+    drives add; None where drives or rows are too few to tell. Analysis of variance, rows by their weight (R,)."""
+    rows = weight > 1e-6 * weight.max(initial=0.0)
+    mean, weight, drives = mean[rows], weight[rows], drive[rows]
+    of, index = by_drive(weight, drives), np.unique(drives, return_inverse=True)[1]
+    count, free = len(of), len(mean) - len(of)
+    if count < FEWEST or free < count:
+        return None
+    middle = by_drive(weight * mean, drives) / of
+    within = float((weight * (mean - middle[index]) ** 2).sum()) / free
+    between = float((of * (middle - np.average(middle, weights=of)) ** 2).sum()) / (count - 1)
+    p = float(fisher.sf(between / max(within, 1e-300), count - 1, free))
+    return p, max(between - within, 0.0) * (count - 1) / float(of.sum() - (of**2).sum() / of.sum())
 
 
 def larger(model: Floats, drives: Floats) -> Floats:

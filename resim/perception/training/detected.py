@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from resim.core.geometry import Bools, Floats
 from resim.perception.model import Detection, FailedAssumption, FieldOfView
 from resim.perception.runtime.chain import probabilities
-from resim.perception.training.clusters import FEWEST, between_drives, by_drive
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive, drive_effect
 from resim.perception.training.detection import DetectionSamples
 
 LEAST_SHARE = 0.03
@@ -34,6 +34,14 @@ WORDS = {
     "time": "{:.3g} to {:.3g} s after they appeared",
 }
 """What groups are called."""
+TOGETHER = (
+    "objects of one list are lost and found together ({:+.2f}), in the model each by itself: the sensor may be blind "
+    "to all of them at once, the model hardly ever is"
+)
+BY_DRIVE = (
+    "the share of time in which objects are detected differs from drive to drive by {:.1%}, as by weather; in the "
+    "model all drives are alike"
+)
 
 
 class DetectedShare:
@@ -87,13 +95,84 @@ class DetectedShare:
         yield from kinds.values()
 
 
+class DetectedTogether:
+    """Are objects of one list lost and found together? Products of what each list says that the chain could not know,
+    0 in a model in which each object has a chain of its own; and do drives differ in the share that is detected?"""
+
+    def __init__(self, s: DetectionSamples, view: FieldOfView, detection: Detection) -> None:
+        self.found: list[tuple[str, float, float]] = []
+        if detection.loss:
+            inside = s.inside(view)
+            self._ask_lists(s, inside, detection)
+            self._ask_drives(s, inside, detection)
+        self.count = len(self.found)
+
+    def _ask_lists(self, s: DetectionSamples, inside: Bools, detection: Detection) -> None:
+        goes_on = inside[s.pairs].all(axis=1)
+        before, now = s.pairs[goes_on].T
+        lost, gained = _chain(s, detection, now, s.steps[goes_on])
+        p = np.where(s.seen[before], 1.0 - lost, gained)
+        off, spread = s.seen[now] - p, np.sqrt(p * (1.0 - p))
+        lists = np.unique(s.list[now], return_inverse=True)[1]
+        drive = np.zeros(int(lists.max(initial=-1)) + 1, dtype=np.intp)
+        drive[lists] = s.drive[now]
+        products, most = (_pairs(lists, one) for one in (off, spread))
+        if len(np.unique(drive)) < FEWEST or most.sum() <= 0.0:
+            return
+        value = float(products.sum() / most.sum())
+        by, weigh = by_drive(products - value * most, drive), by_drive(most, drive)
+        se = float(np.sqrt(between_drives(by[:, None], weigh[:, None, None])[0, 0]))
+        self.found.append(("together", value, float(student.sf(value / max(se, 1e-12), len(by) - 1))))
+
+    def _ask_drives(self, s: DetectionSamples, inside: Bools, detection: Detection) -> None:
+        off = (s.seen - expected_share(s, inside, detection)[0])[inside]
+        tracks, index = np.unique(s.track[inside], return_inverse=True)
+        number = np.bincount(index).astype(float)
+        drive = np.zeros(len(tracks), dtype=np.intp)
+        drive[index] = s.drive[inside]
+        told = drive_effect(np.bincount(index, off) / number, number, drive)
+        if told is not None:
+            self.found.append(("one drive", float(np.sqrt(told[1])), told[0]))
+
+    def failures(self, level: float) -> Iterator[FailedAssumption]:
+        """Give what is surely there, and large enough."""
+        for on, size, p in self.found:
+            if p >= level or size < LEAST_SHARE:
+                continue
+            text = TOGETHER.format(size) if on == "together" else BY_DRIVE.format(size)
+            yield FailedAssumption(
+                quantity="detection", assumption="detected", on=on, size=size, unit="", p=p, text=text
+            )
+
+
+def _pairs(lists: NDArray[np.intp], values: Floats) -> Floats:
+    """The sum over the pairs of samples of each list of the products of their values."""
+    return np.asarray(0.5 * (np.bincount(lists, values) ** 2 - np.bincount(lists, values**2)), dtype=float)
+
+
+def _chain(
+    s: DetectionSamples, detection: Detection, rows: NDArray[np.intp], step: Floats
+) -> tuple[Floats, Floats]:
+    """How likely each of these samples is lost, or gained, after a step [s]."""
+    at = _cells(s, detection)
+    loss, gain = (np.array(table)[at][rows] for table in (detection.loss, detection.gain))
+    lost, gained = probabilities(loss, gain, step)
+    return np.asarray(lost), np.asarray(gained)
+
+
+def _cells(s: DetectionSamples, detection: Detection) -> tuple[NDArray[np.intp], ...]:
+    """In which cell of the chain's tables each sample lies."""
+    edges = (detection.range_edges, detection.bearing_edges, detection.occlusion_edges)
+    return tuple(
+        np.clip(np.searchsorted(one, s.place[:, c], side="right") - 1, 0, len(one) - 2)
+        for c, one in enumerate(edges)
+    )
+
+
 def expected_share(s: DetectionSamples, inside: Bools, detection: Detection) -> tuple[Floats, Floats]:
     """Give the probability (S,) to be detected by the chain, whatever was seen, and the time (S,) [s] since an object
     is there; NaN and 0 for samples that are not inside."""
-    at = tuple(
-        np.clip(np.searchsorted(edges, s.place[:, c], side="right") - 1, 0, len(edges) - 2)
-        for c, edges in enumerate((detection.range_edges, detection.bearing_edges, detection.occlusion_edges))
-    )
+    at = _cells(s, detection)
     loss, gain, first = (np.array(table)[at] for table in (detection.loss, detection.gain, detection.first))
     step, goes_on = np.zeros(len(s.seen)), inside[s.pairs].all(axis=1)
     before, after = s.pairs[goes_on].T
@@ -130,3 +209,7 @@ def _groups(values: Floats, words: str) -> Iterator[tuple[str, Bools]]:
             last = high == edges[-1]
             among = part & (values >= low) & ((values <= high) if last else (values < high))
             yield words.format(low, high), among
+
+
+DETECTED = (DetectedShare, DetectedTogether)
+"""What is asked of a chain."""

@@ -38,7 +38,8 @@ class DetectionSamples:
     """Whether true objects were seen, list by list: S samples of range [m], |bearing| [rad], occlusion and seen, and
     the indices (P, 2) of samples of one object in lists that follow each other; steps (P,) s; track and drive (S,).
 
-    motion (S, 4): bearing [rad], left positive; speed, relative speed [m/s], acceleration [m/s²]. kind: (S,).
+    motion (S, 4): bearing [rad], left positive; speed, relative speed [m/s], acceleration [m/s²]. kind: (S,). list:
+    (S,) number of the list, counted over all drives.
     """
 
     place: Floats
@@ -49,6 +50,7 @@ class DetectionSamples:
     drive: NDArray[np.intp]
     motion: Floats
     kind: Strings
+    list: NDArray[np.intp]
 
     def inside(self, view: FieldOfView) -> Bools:
         """Which samples (S,) lie in the field of view."""
@@ -69,8 +71,8 @@ def sightings_of(
     drives: Sequence[TrainingDrive], matchings: Sequence[Matching], late: float
 ) -> DetectionSamples:
     """Gather them; places are those of `late` seconds ago in the EGO's frame of now."""
-    places, seen, pairs, steps, tracks, of_drive, motions, kinds = ([], [], [], [], [], [], [], [])
-    total = 0
+    places, seen, pairs, steps, tracks, of_drive, motions, kinds, lists = ([], [], [], [], [], [], [], [], [])
+    total, before = 0, 0
     some_lost = any(
         (m.row[np.isfinite(d.states[:, 0])] < 0).any() for d, m in zip(drives, matchings, strict=True)
     )
@@ -93,11 +95,13 @@ def sightings_of(
         motion = [np.arctan2(y, x), then[:, 3], then[:, 3] * np.cos(heading) - own, then[:, 4]]
         motions.append(np.stack(motion, axis=-1)[known])
         kinds.append(np.repeat(drive.gt_kind, known.sum(axis=1)))
+        lists.append(np.broadcast_to(before + np.arange(len(drive.t)), known.shape)[known])
+        before += len(drive.t)
         pairs.append(np.stack([index[:, :-1][both], index[:, 1:][both]], axis=1))
         steps.append(np.broadcast_to(np.diff(drive.t), both.shape)[both])
         total, number = total + int(known.sum()), number + len(x)
     gathered = [
-        np.concatenate(part) for part in (places, seen, pairs, steps, tracks, of_drive, motions, kinds)
+        np.concatenate(part) for part in (places, seen, pairs, steps, tracks, of_drive, motions, kinds, lists)
     ]
     return DetectionSamples(*gathered)
 

@@ -14,11 +14,19 @@ import numpy as np
 from resim.perception.model import ModelFit, Quantity
 from resim.perception.training.clusters import FEWEST
 from resim.perception.training.dependence import Dependence
-from resim.perception.training.detected import DetectedShare
+from resim.perception.training.detected import DetectedShare, DetectedTogether
 from resim.perception.training.errors import MEASURED, ObjectErrors
 from resim.perception.training.residuals import OwnErrorSamples, Residuals, of_mean, of_spread, residuals_of
 from resim.perception.training.samples import TrainingSamples
-from resim.perception.training.single import CommonOffset, SingleStatistic, latencies, tails, together, white
+from resim.perception.training.single import (
+    CommonOffset,
+    CommonSpread,
+    SingleStatistic,
+    latencies,
+    tails,
+    together,
+    white,
+)
 
 ALPHA = 0.05
 """Probability that something is told of a model that fits."""
@@ -30,7 +38,7 @@ def fit_of(
     samples: TrainingSamples,
     objects: ObjectErrors,
     own: Mapping[str, Sequence[OwnErrorSamples]],
-    share: DetectedShare | None = None,
+    shares: Sequence[DetectedShare | DetectedTogether] = (),
 ) -> ModelFit:
     """Test the model; own: samples with errors of their own, by quantity. Too few drives test nothing."""
     drives = len(np.unique(samples.drive))
@@ -41,10 +49,10 @@ def fit_of(
     }
     if drives < FEWEST:
         return ModelFit(drives=drives)
-    tests: list[SingleStatistic | Dependence | DetectedShare] = [
+    tests: list[SingleStatistic | Dependence | DetectedShare | DetectedTogether] = [
         test for q, r in every.items() for test in _tests(q, r, objects)
     ]
-    tests += [] if share is None else [share]
+    tests += shares
     misfits = [m for test in tests for m in test.failures(ALPHA / max(sum(t.count for t in tests), 1))]
     return ModelFit(
         drives=drives, tests=sum(t.count for t in tests), misfits=tuple(sorted(misfits, key=lambda m: m.p))
@@ -57,6 +65,7 @@ def _tests(quantity: Quantity, r: Residuals, objects: ObjectErrors) -> Iterator[
     yield from (white(quantity, r, lag) for lag in sorted(lags))
     yield together(quantity, r)
     yield CommonOffset(quantity, r)
+    yield CommonSpread(quantity, r)
     yield latencies(quantity, r)
     yield Dependence(quantity, r, *of_mean(r), spread=False)
     yield Dependence(quantity, r, *of_spread(r, objects), spread=True)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from resim.core.geometry import Floats
 from resim.perception.model import Assumption, FailedAssumption, Quantity
 from resim.perception.parameters import UNITS
-from resim.perception.training.clusters import FEWEST, between_drives, by_drive
+from resim.perception.training.clusters import FEWEST, between_drives, by_drive, drive_effect
 from resim.perception.training.errors import NEGLIGIBLE
 from resim.perception.training.residuals import Residuals
 
@@ -21,6 +20,10 @@ NORMAL = 0.0027
 """Share of normal errors beyond 3 standard deviations."""
 LEAST_SHARE = 0.05
 """Least correlation, and least change of a standard deviation, that is told."""
+LEAST_LEVEL = 0.1
+"""Least change of a standard deviation from drive to drive that is told."""
+FEWEST_SAMPLES = 10
+"""Samples of an object below which the size of its errors says little."""
 LEAST_LATE = 0.005
 """Least variation [s] of a latency that is told."""
 
@@ -85,6 +88,13 @@ class SingleStatistic:
             late = r.fitted.aligned.late
             text = f"the latency of {name} differs from object to object, by {size:.3g} s about {late:.3g} s"
             return (size, "s", text) if size > LEAST_LATE else None
+        if self.on == ONE_DRIVE and self.assumption == "spread":
+            size = float(np.exp(0.5 * np.sqrt(max(self.value, 0.0)))) - 1.0
+            text = (
+                f"{name} errors are larger in some drives than in others, by {size:.0%} from drive to drive, as by "
+                "weather; in the model all drives are alike"
+            )
+            return (size, "", text) if size > LEAST_LEVEL else None
         if self.on == ONE_DRIVE:
             size = float(np.sqrt(max(self.value, 0.0)))
             text = (
@@ -159,27 +169,39 @@ def together(quantity: Quantity, r: Residuals) -> SingleStatistic:
 
 
 class CommonOffset(SingleStatistic):
-    """Do the mean errors of objects differ more from drive to drive than within one? Analysis of variance, in which
-    each object has the weight that the model gives its mean; products of few drives could never be sure."""
+    """Do the mean errors of objects differ more from drive to drive than within one? Each object has the weight that
+    the model gives its mean."""
 
     def __init__(self, quantity: Quantity, r: Residuals) -> None:
-        self.quantity, self.assumption, self.on, self.r = quantity, "together", ONE_DRIVE, r
-        self.value, self.p = 0.0, 1.0
         constant = r.columns["constant"]
         known = np.einsum("rt,rt->r", constant, constant)
-        rows = known > 1e-6 * known.max(initial=0.0)
-        known, drives = known[rows], r.drive[rows]
-        mean = np.einsum("rt,rt->r", constant, r.z)[rows] / known
-        of, index = by_drive(known, drives), np.unique(drives, return_inverse=True)[1]
-        count, free = len(of), len(mean) - len(of)
-        if count < FEWEST or free < count:
-            self.count = 0
-            return
-        middle = by_drive(known * mean, drives) / of
-        within = float((known * (mean - middle[index]) ** 2).sum()) / free
-        between = float((of * (middle - np.average(middle, weights=of)) ** 2).sum()) / (count - 1)
-        self.p = float(fisher.sf(between / max(within, 1e-300), count - 1, free))
-        self.value = max(between - within, 0.0) * (count - 1) / float(of.sum() - (of**2).sum() / of.sum())
+        mean = np.einsum("rt,rt->r", constant, r.z) / np.maximum(known, 1e-300)
+        _of_drives(self, quantity, "together", r, mean, known)
+
+
+class CommonSpread(SingleStatistic):
+    """Do the sizes of errors differ more from drive to drive than from object to object within one?"""
+
+    def __init__(self, quantity: Quantity, r: Residuals) -> None:
+        number = r.known.sum(axis=1).astype(float)
+        square = np.where(r.known, np.minimum(r.z**2, CLIP**2), 0.0).sum(axis=1)
+        level = np.log(np.maximum(square / np.maximum(number, 1.0), 1e-3))
+        _of_drives(self, quantity, "spread", r, level, np.where(number < FEWEST_SAMPLES, 0.0, number))
+
+
+def _of_drives(
+    one: SingleStatistic,
+    quantity: Quantity,
+    assumption: Assumption,
+    r: Residuals,
+    mean: Floats,
+    weight: Floats,
+) -> None:
+    """Make a statistic of how much drives add to the variance of means (R,) of objects."""
+    one.quantity, one.assumption, one.on, one.r = quantity, assumption, ONE_DRIVE, r
+    found = drive_effect(mean, weight, r.drive)
+    one.count = 0 if found is None else 1
+    one.p, one.value = (1.0, 0.0) if found is None else found
 
 
 def latencies(quantity: Quantity, r: Residuals) -> SingleStatistic:

@@ -20,7 +20,7 @@ from resim.perception.model import (
     Training,
 )
 from resim.perception.training.coupling import fit_coupling
-from resim.perception.training.detected import DetectedShare
+from resim.perception.training.detected import DETECTED
 from resim.perception.training.detection import field_of_view, fit_detection, sightings_of
 from resim.perception.training.drive import TrainingDrive, drive_of
 from resim.perception.training.errors import MEASURED, ObjectErrors, error_of, fit_objects
@@ -107,7 +107,7 @@ def _trained(recordings: Sequence[Recording], name: str) -> PerceptionModel:
             drives=len(drives),
             matched=matched,
             estimates=estimates,
-            fit=fit_of(samples, objects, own_errors, DetectedShare(sightings, view, detection)),
+            fit=fit_of(samples, objects, own_errors, [kind(sightings, view, detection) for kind in DETECTED]),
             left_out=left_out(recordings, drives, matchings, samples, objects),
         ),
     )
