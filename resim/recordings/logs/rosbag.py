@@ -20,8 +20,8 @@ from resim.recordings.logs.mcap_file import mcap_messages
 from resim.recordings.logs.raw import LogChannel, RawMessage, need
 
 METADATA = "metadata.yaml"
-_LISTED = re.compile(r"^  (?:relative_file_paths):\s*\n((?:    ? ?- .*\n?)+)", re.MULTILINE)
-_DISTRIBUTION = re.compile(r"^  ros_distro:\s*(\w+)\s*$", re.MULTILINE)
+_LISTED = re.compile(r"^ *relative_file_paths:\s*\n((?: *- .*\n?)+)", re.MULTILINE)
+_DISTRIBUTION = re.compile(r"^ *ros_distro:\s*(\w+)\s*$", re.MULTILINE)
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _STEPS = 1_000_000
 """Steps of SQLite between two looks at how many there were."""
