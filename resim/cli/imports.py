@@ -67,7 +67,9 @@ def _commands() -> MutableMapping[str, Any]:
 
 
 def guess(
-    file: Annotated[Path, typer.Argument(callback=A_SOURCE, help="CSV or Parquet table of the ground truth.")],
+    file: Annotated[
+        Path, typer.Argument(callback=A_SOURCE, help="CSV or Parquet table of the ground truth.")
+    ],
     out: Annotated[Path, typer.Option(help="Mapping (TOML) to write.")],
     sensor: Annotated[
         Path | None, typer.Option("--sd", metavar="FILE", help="CSV or Parquet table of the sensor data.")

@@ -55,7 +55,9 @@ def refuse_unsuited(path: Path) -> None:
         return
     elif not any({p.name for p in above.iterdir()} >= _COMMA for above in list(path.absolute().parents)[:4]):
         problem = "is a NumPy array, whose columns have no names"
-        raise InputError(path, problem, "Write it as CSV or Parquet, with a header, one row per time and object.")
+        raise InputError(
+            path, problem, "Write it as CSV or Parquet, with a header, one row per time and object."
+        )
     raise InputError(
         path,
         "is of comma2k19, which lacks what a recording needs: true tracks of the other vehicles (its radar has neither "

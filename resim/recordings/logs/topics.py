@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -33,60 +34,67 @@ def topics(path: Path, kind: LogKind) -> dict[str, str]:
     return {one.channel.topic: one.channel.type for one in _READERS[kind](path, None)}
 
 
-def topic_table(
-    path: Path,
-    kind: LogKind,
-    topic: str | None,
-    list_path: str | None,
-    columns: Mapping[str, str],
-    *,
-    where: str,
-    distribution: str | None = None,
-) -> pd.DataFrame:
-    """Give the columns of a topic as a table, rows numbered from 1 in the order of the log.
+@dataclass(frozen=True)
+class TopicQuery:
+    """What is wanted of a log.
 
-    Args:
-        path: The log.
-        kind: What it is.
-        topic: Whose messages are read.
-        list_path: Dotted path of the list whose elements are the rows; None: a message is a row.
+    Attributes:
+        topic: Whose messages are read; None: the mapping names none.
+        list: Dotted path of the list whose elements are the rows; None: a message is a row.
         columns: Those that are read, each with the field of the mapping that names it.
         where: The table in the mapping, for errors.
         distribution: ROS distribution whose definitions are taken where the log has none.
-
-    Raises:
-        InputError: The log is damaged, has no such topic, list or column.
     """
-    if topic is None:
-        raise no_such_topic(path, None, topics(path, kind), where)
+
+    topic: str | None
+    list: str | None
+    columns: Mapping[str, str]
+    where: str
+    distribution: str | None = None
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The path of the list, () for none."""
+        return tuple(self.list.split(".")) if self.list else ()
+
+
+def topic_table(path: Path, kind: LogKind, query: TopicQuery) -> pd.DataFrame:
+    """Give the columns of a topic as a table, rows numbered from 1 in the order of the log.
+
+    Raises InputError where the log is damaged, or has no such topic, list or column.
+    """
+    if query.topic is None:
+        raise no_such_topic(path, None, topics(path, kind), query.where)
     if kind == "mdf":
-        if list_path is not None:
-            raise InputError(
-                path, f"{where}.list is {list_path!r}, but channels have no list", "Leave it out."
-            )
-        return group_table(path, topic, columns, where)
-    parts = tuple(list_path.split(".")) if list_path else ()
-    table = RowTable(frozenset(columns))
+        if query.list is not None:
+            problem = f"{query.where}.list is {query.list!r}, but channels have no list"
+            raise InputError(path, problem, "Leave it out.")
+        return group_table(path, query.topic, query.columns, query.where)
+    table = RowTable(frozenset(query.columns))
     count = 0
-    for row in _rows(path, _READERS[kind](path, topic), parts, list(columns), distribution):
+    for row in _rows(path, _READERS[kind](path, query.topic), query, list(query.columns)):
         if row is None:
             count += 1
         else:
             _add(path, table, row)
     if not count:
-        raise no_such_topic(path, topic, topics(path, kind), where)
+        raise no_such_topic(path, query.topic, topics(path, kind), query.where)
     if not table.count:
-        problem = f"{where}: {list_path} is empty in all {count} messages of {topic}"
+        problem = f"{query.where}: {query.list} is empty in all {count} messages of {query.topic}"
         raise InputError(path, problem, "Name a topic in which objects are.")
-    lost = next((name for name in columns if name not in table.names), None)
+    lost = next((name for name in query.columns if name not in table.names), None)
     if lost is not None:
-        there = _names(path, _READERS[kind](path, topic), parts, distribution)
-        what = f"{topic} has no field" if lost not in there else f"{topic} has no value of"
-        hint = did_you_mean(lost, there, cutoff=0.5) if lost not in there else ""
-        raise InputError(
-            path, f"{what} {lost!r}, which {columns[lost]} names{hint}", f"It has {', '.join(there)}."
-        )
+        raise _no_such_column(path, kind, query, lost)
     return table.frame()
+
+
+def _no_such_column(path: Path, kind: LogKind, query: TopicQuery, lost: str) -> InputError:
+    """The error for a column that no message has."""
+    there = _names(path, _READERS[kind](path, query.topic), query)
+    known = lost in there
+    hint = "" if known else did_you_mean(lost, there, cutoff=0.5)
+    what = f"{query.topic} has no {'value of' if known else 'field'} {lost!r}"
+    return InputError(path, f"{what}, which {query.columns[lost]} names{hint}", f"It has {', '.join(there)}.")
 
 
 def _add(path: Path, table: RowTable, row: Mapping[str, object]) -> None:
@@ -97,22 +105,19 @@ def _add(path: Path, table: RowTable, row: Mapping[str, object]) -> None:
 
 
 def _rows(
-    path: Path,
-    messages: Iterator[RawMessage],
-    list_path: tuple[str, ...],
-    columns: list[str] | None,
-    distribution: str | None,
+    path: Path, messages: Iterator[RawMessage], query: TopicQuery, columns: list[str] | None
 ) -> Iterator[dict[str, object] | None]:
     """The rows of messages, and None at the end of each message; columns: that are wanted, None for all."""
-    wanted = None if columns is None else wanted_of(columns, list_path)
+    parts = query.parts
+    wanted = None if columns is None else wanted_of(columns, parts)
     known: dict[LogChannel, Callable[[bytes], object]] = {}
     for one in messages:
         if first := one.channel not in known:
-            known[one.channel] = decoder(path, one.channel, wanted, list_path, distribution)
+            known[one.channel] = decoder(path, one.channel, wanted, parts, query.distribution)
         try:
-            if first and list_path:  # all of the message, as an error names what is there
-                list_at(decoder(path, one.channel, None, list_path, distribution)(one.body), list_path)
-            for row in rows_of(known[one.channel](one.body), list_path):
+            if first and parts:  # all of the message, as an error names what is there
+                list_at(decoder(path, one.channel, None, parts, query.distribution)(one.body), parts)
+            for row in rows_of(known[one.channel](one.body), parts):
                 yield row | {LOG_TIME: one.log_time}
         except ValueError as e:
             text = " ".join(str(e).split())[:300]
@@ -121,13 +126,11 @@ def _rows(
         yield None
 
 
-def _names(
-    path: Path, messages: Iterator[RawMessage], list_path: tuple[str, ...], distribution: str | None
-) -> list[str]:
+def _names(path: Path, messages: Iterator[RawMessage], query: TopicQuery) -> list[str]:
     """The fields of the first messages' rows."""
     found: dict[str, None] = {}
     count = 0
-    for row in _rows(path, messages, list_path, None, distribution):
+    for row in _rows(path, messages, query, None):
         found |= dict.fromkeys(row or ())
         count += row is None
         if count >= _LOOKED_AT:

@@ -127,8 +127,7 @@ def read_mapped(
     told = {"source": ", ".join(dict.fromkeys(t.path.name for t in (*gt, *sd))), "format": "table"}
     told["mapping"] = f"{columns.name}, SHA-256 {file_hash(columns)[:12]}"
     if origin:
-        seconds, nanos = divmod(origin, 10**9)
-        told["original_start"] = f"unix time {seconds}.{f'{nanos:09d}'.removesuffix('000')} s"
+        told["original_start"] = _calendar(origin)
     told |= notes
     gt_frame, gt_notes = _together(gt, "gt")
     sd_frame, sd_notes = _together(sd, "sd") if sd else (None, {})
@@ -310,6 +309,12 @@ def _origin(gt: Sequence[_Timed]) -> int:
     if abs(start) <= UNIX:
         return 0
     return round(start * 1e9) if first.exact is None else int(first.exact.min())
+
+
+def _calendar(time: int) -> str:
+    """A Unix time [ns] in words, to the last digit that is not 0, microseconds at least."""
+    seconds, nanos = divmod(time, 10**9)
+    return f"unix time {seconds}.{f'{nanos:09d}'.removesuffix('000')} s"
 
 
 def _windowed(

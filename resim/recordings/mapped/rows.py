@@ -17,7 +17,7 @@ from resim.core.geometry import Floats
 from resim.core.spelling import did_you_mean
 from resim.recordings.logs.kinds import log_kind
 from resim.recordings.logs.raw import listed
-from resim.recordings.logs.topics import topic_table, topics
+from resim.recordings.logs.topics import TopicQuery, topic_table, topics
 from resim.recordings.mapped.mapping import Column, CoordinateColumn, HeadingColumn, TableMapping, TimeColumn
 from resim.recordings.mapped.units import DEGREES, FACTORS, LENGTHS, TIMES
 from resim.recordings.tables import BIGGEST, read_parquet
@@ -236,9 +236,8 @@ def _frame(path: Path, mapping: TableMapping, where: str) -> pd.DataFrame:
     kind = log_kind(path)
     if kind is not None:
         columns = {column: f"{where}.{field}" for column, field in mapping.columns.items()}
-        return topic_table(
-            path, kind, mapping.topic, mapping.list, columns, where=where, distribution=mapping.ros
-        )
+        query = TopicQuery(mapping.topic, mapping.list, columns, where, mapping.ros)
+        return topic_table(path, kind, query)
     if mapping.topic is not None:
         problem = f"is no log (MCAP, rosbag2 or MDF4), but {where} names the topic {mapping.topic!r}"
         raise InputError(path, problem, "Give the log, or leave out topic for a CSV or Parquet table.")
