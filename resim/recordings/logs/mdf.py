@@ -1,14 +1,7 @@
-"""Measurements as MDF4: a channel group becomes a table, one row per sample.
-
-asammdf reads them in a process of its own, with limits of memory and time: a damaged file can make it run in circles.
-"""
+"""Measurements as MDF4: a channel group becomes a table, one row per sample; asammdf reads them."""
 
 from __future__ import annotations
 
-import math
-import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,10 +10,9 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.spelling import did_you_mean
+from resim.recordings.logs.apart import read_apart
 from resim.recordings.logs.raw import need, no_such_topic
 
-_SECONDS, _PER_MEGABYTE = 60.0, 1.0
-"""Time that a file is given: at least, and by its size."""
 _WRITE = "Write it again as MDF 4 by its tool."
 
 
@@ -61,32 +53,5 @@ def group_table(path: Path, group: str, columns: Mapping[str, str], where: str) 
 def _asked(path: Path, group: str | None) -> dict[str, np.ndarray]:
     """What the process gives: all groups with their channels, or the channels of one."""
     need(path, "asammdf", "MDF files", "mdf")
-    size = path.stat().st_size
-    seconds = math.ceil(_SECONDS + _PER_MEGABYTE * size / 1e6)
-    with tempfile.TemporaryDirectory(prefix="resim-") as folder:
-        out = Path(folder) / "found.npz"
-        command = [
-            sys.executable,
-            "-m",
-            "resim.recordings.logs.mdf_child",
-            str(path.absolute()),
-            str(out),
-            str(size),
-        ]
-        command += [] if group is None else [group]
-        try:
-            done = subprocess.run(
-                command, capture_output=True, timeout=seconds, check=False, stdin=subprocess.DEVNULL
-            )
-        except subprocess.TimeoutExpired as e:
-            raise InputError(
-                path, f"was not read within {seconds} s: it is damaged, or too large", _WRITE
-            ) from e
-        if not out.is_file():
-            words = done.stderr.decode("utf-8", "replace").strip().splitlines()
-            raise InputError(
-                path, f"is no whole MDF 4 file ({(words or ['reading crashed'])[-1][:200]})", _WRITE
-            )
-        with np.load(out, allow_pickle=False) as arrays:
-            first, *others = (arrays[name] for name in arrays.files)
-            return dict(zip(first.tolist(), others, strict=True))
+    more = [] if group is None else [group]
+    return read_apart(path, "resim.recordings.logs.mdf_child", more, what="MDF 4", remedy=_WRITE)

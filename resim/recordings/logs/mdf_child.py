@@ -1,29 +1,21 @@
-"""The process that reads an MDF file: FILE OUT SIZE [GROUP]. Writes OUT, or ends with a line on the standard error."""
+"""The process that reads an MDF file: FILE OUT [GROUP]."""
 
 from __future__ import annotations
 
-import os
-import resource
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from resim.recordings.logs.apart import serve
 from resim.recordings.logs.flat import LOG_TIME
 from resim.recordings.logs.limits import MOST_CELLS
 
-MEMORY, TIMES = 3 << 30, 8
-"""Bytes that the process may have: at least, and times the size of the file."""
 MOST_WIDE = 64
 """Numbers of a channel's array that become columns of their own."""
 
 
-def main(arguments: list[str]) -> None:
-    """Write the channels of a group, or the names of all groups' channels, as an .npz file."""
-    path, out, size, *group = arguments
-    most = MEMORY + TIMES * int(size)
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+def read(path: str, *group: str) -> dict[str, np.ndarray]:
+    """Give the channels of a group, {} where there is none of this name; without one all groups' channels."""
     import asammdf
 
     with asammdf.MDF(path, raise_on_multiple_occurrences=False) as measurement:
@@ -31,13 +23,9 @@ def main(arguments: list[str]) -> None:
             raise ValueError(f"it is MDF {measurement.version}: save it as MDF 4")
         names = _names(measurement)
         if not group:
-            found = {name: np.array(_channels(measurement, n), dtype=str) for n, name in enumerate(names)}
-        else:
-            number = _numbered(names, group[0])
-            found = {} if number is None else _samples(measurement, number)
-    beside = Path(f"{out}.tmp.npz")
-    np.savez(beside, np.array(list(found), dtype=str), *found.values())
-    beside.replace(out)
+            return {name: np.array(_channels(measurement, n), dtype=str) for n, name in enumerate(names)}
+        number = _numbered(names, group[0])
+        return {} if number is None else _samples(measurement, number)
 
 
 def _names(measurement: Any) -> list[str]:
@@ -93,9 +81,4 @@ def _take(found: dict[str, np.ndarray], name: str, samples: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main(sys.argv[1:])
-    except BaseException as e:
-        sys.stderr.write(f"\n{type(e).__name__}: {' '.join(str(e).split())[:200]}\n")
-        sys.stderr.flush()
-        os._exit(1)
+    serve(read)

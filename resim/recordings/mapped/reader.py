@@ -132,7 +132,7 @@ def read_mapped(
     gt_frame, gt_notes = _together(gt, "gt")
     sd_frame, sd_notes = _together(sd, "sd") if sd else (None, {})
     if sd_frame is not None:
-        sd_frame, found = _matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
+        sd_frame, found = matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
         sd_notes |= found
     return RecordingTables(
         settings=Settings(name=file.stem, map=str(map), ego=own, provenance={**told, **gt_notes, **sd_notes}),
@@ -373,10 +373,13 @@ def _together(tables: Sequence[_Table], source: str) -> tuple[pd.DataFrame, dict
     return frame, {name: "; ".join(texts) for name, texts in notes.items()}
 
 
-def _matched(
+def matched(
     how: Match, gt: pd.DataFrame, sd: pd.DataFrame, path: Path, ego: str
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The SD with the GT id of each object, and what came of it, by topic."""
+    """Give the SD with the GT id of each object, and what came of it, by topic.
+
+    gt, sd: track tables; path: of the SD, for errors. Raises InputError where the SD has no whole row.
+    """
     whole, seen = complete_rows(gt), complete_rows(sd)
     if seen.empty:
         raise InputError(path, "sd has no row with position, heading and speed", "Correct the mapping.")

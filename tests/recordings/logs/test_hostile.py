@@ -17,6 +17,7 @@ from recordings.logs import written as w
 from recordings.mapped.strangers import MAP, drive
 
 from resim.core.errors import InputError
+from resim.recordings.logs import apart
 from resim.recordings.logs.definitions import parse
 from resim.recordings.mapped.guess import guess
 from resim.recordings.mapped.reader import read_mapped
@@ -352,9 +353,7 @@ def test_a_measurement_that_is_damaged_or_missing_its_library(tmp_path: Path) ->
 
 def test_a_measurement_that_runs_in_circles_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("asammdf")
-    from resim.recordings.logs import mdf
-
-    monkeypatch.setattr(mdf, "_SECONDS", 1.5)
+    monkeypatch.setattr(apart, "SECONDS", 1.5)
     data = bytearray(
         w.to_mdf(
             {"A": {"time": drive()["t"].to_numpy()[:3], "x": drive()["x"].to_numpy()[:3]}}, tmp_path / "a.mf4"
