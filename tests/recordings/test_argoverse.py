@@ -99,7 +99,7 @@ def test_a_time_step_that_is_a_duplicate_is_told(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"scenario_0a1e\.parquet.*a row with this time and object comes before it"
     ):
-        read(scenario(tmp_path, timestep=read_parquet(path)["timestep"].replace(4, 5)))
+        read(scenario(tmp_path, timestep=read_parquet(path)["timestep"].replace(4, 5).to_numpy()))
 
 
 def test_what_is_neither_log_nor_scenario_is_told(tmp_path: Path) -> None:

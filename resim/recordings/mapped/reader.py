@@ -207,7 +207,7 @@ def _ids(rows: SourceTable, t: Floats, placed: MapPositions) -> tuple[pd.Series,
         moved = v * np.exp(1j * placed.heading(heading, told.heading))
     else:
         moved = np.full(len(t), np.nan, dtype=complex)
-    found = tracked(t, placed.x + 1j * placed.y, moved, FOLLOWED)
+    found = tracked(t, placed.x + 1j * placed.y, moved, FOLLOWED, placed.vx + 1j * placed.vy)
     text = f"none: {len(np.unique(found))} objects followed from list to list, up to {FOLLOWED:g} m from where expected"
     return pd.Series(found, index=rows.frame.index, dtype=object), text
 
