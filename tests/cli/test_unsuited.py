@@ -35,5 +35,7 @@ def test_every_import_says_what_comma2k19_lacks(call: Call, segment: Path, tmp_p
             more += ["--ego", "1", *(["--columns", "m.toml"] if name == "table" else [])]
             code, _, error = call("import", name, segment / what, *more)
         assert code == 2
-        assert "lacks what a recording needs: true tracks of the other vehicles" in " ".join(error.split()), name
+        assert "lacks what a recording needs: true tracks of the other vehicles" in " ".join(error.split()), (
+            name
+        )
         assert "OpenDRIVE map" in " ".join(error.split())

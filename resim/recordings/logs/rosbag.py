@@ -47,7 +47,7 @@ def _files(folder: Path) -> list[Path]:
     if told.is_file():
         listed = _LISTED.search(read_file(told, _WRITE).decode("utf-8", "replace"))
         names = [line.strip()[2:].strip().strip("'\"") for line in (listed[1] if listed else "").splitlines()]
-        found = [folder / Path(name).name for name in names if name]
+        found = [_decompressed_file(folder / Path(name).name) for name in names if name]
         lost = [path.name for path in found if not path.is_file()]
         if lost:
             problem = f"has no file {lost[0]}, which {METADATA} names"
@@ -65,6 +65,12 @@ def _files(folder: Path) -> list[Path]:
         problem = f"is a folder without the files of a bag (.db3 or .mcap); it has {there}"
         raise InputError(folder, problem, "Give a rosbag2 folder, or a file.")
     return sorted(found, key=lambda p: [int(n) if n.isdigit() else 0 for n in re.split(r"(\d+)", p.stem)])
+
+
+def _decompressed_file(path: Path) -> Path:
+    """A file that the metadata name, or what somebody has decompressed of it."""
+    beside = path.with_suffix("")
+    return beside if path.suffix == ".zstd" and beside.is_file() else path
 
 
 def _distribution(folder: Path) -> str:

@@ -247,6 +247,25 @@ def test_a_bag_in_parts_is_read_whole_and_a_lost_part_is_told(tmp_path: Path) ->
         imported(folder, w.autoware_mapping())
 
 
+def test_a_bag_of_compressed_files_is_read_once_they_are_decompressed(tmp_path: Path) -> None:
+    import zstandard
+
+    truth = drive(steps=4)
+    folder = w.to_bag(ROS, w.sent(ROS, truth), tmp_path / "bag")
+    part = next(folder.glob("*.db3"))
+    zipped = part.with_name(f"{part.name}.zstd")
+    zipped.write_bytes(zstandard.ZstdCompressor().compress(part.read_bytes()))
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace(f"- {part.name}\n", f"- {zipped.name}\n", 1))
+    whole = part.rename(tmp_path / "whole")
+    with pytest.raises(
+        InputError, match=r"\.db3\.zstd: is a file that zstd compressed\. Decompress it first: zstd -d"
+    ):
+        imported(folder, w.autoware_mapping())
+    whole.rename(part)
+    assert_exact(imported(folder, w.autoware_mapping()).gt, named(truth))
+
+
 WRONG = {
     "topic": (f'"{w.EGO_TOPIC}"', '"/localization/kinematics"',
               r"no messages of topic '/localization/kinematics', which gt\.topic names, did you mean '/loc"),
