@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from resim.cli.app import app, command
-from resim.cli.inputs import A_MAP, A_SOURCE, A_TABLE
+from resim.cli.inputs import A_MAP, A_SOURCE
 from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
@@ -67,7 +67,9 @@ def _commands() -> MutableMapping[str, Any]:
 
 
 def guess(
-    file: Annotated[Path, typer.Argument(callback=A_TABLE, help="CSV or Parquet table of the ground truth.")],
+    file: Annotated[
+        Path, typer.Argument(callback=A_SOURCE, help="CSV or Parquet table of the ground truth.")
+    ],
     out: Annotated[Path, typer.Option(help="Mapping (TOML) to write.")],
     sensor: Annotated[
         Path | None, typer.Option("--sd", metavar="FILE", help="CSV or Parquet table of the sensor data.")

@@ -114,10 +114,9 @@ def _map(path: Path) -> None:
 def _there(path: Path) -> None:
     if not path.exists():
         raise InputError(path, "there is no such file or folder", "Check the path.")
+    from resim.recordings.logs.kinds import refuse_unsuited
 
-
-def _table(path: Path) -> None:
-    open_file(path, "Check the path of the table.").close()
+    refuse_unsuited(path)
 
 
 def _swept(path: Path) -> None:
@@ -132,7 +131,7 @@ A_BUILD, A_SUITE, A_SWEEP, A_CRITERIA = (
     _each(_sweep),
     _each(_criteria),
 )
-A_SOURCE, A_TABLE, A_SWEPT = _each(_there), _each(_table), _each(_swept)
+A_SOURCE, A_SWEPT = _each(_there), _each(_swept)
 A_MODEL = _each(lambda path: _parsed(parse_json, path, remedies.MODEL))
 """Callbacks of arguments and options."""
 

@@ -1,4 +1,4 @@
-"""Any CSV or Parquet table: a mapping file says what its columns mean (`resim.recordings.mapped`)."""
+"""Any table, or topics of a log: a mapping file says what their columns mean (`resim.recordings.mapped`)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from resim.recordings.mapped.reader import read_mapped
 FORMATS.add(
     RecordingFormat(
         name="table",
-        source="any CSV or Parquet table, by a mapping of its columns",
+        source="any CSV or Parquet table, or a log (MCAP, rosbag2, MDF4), by a mapping of its columns",
         file="file",
-        file_help="CSV or Parquet table, one row per time and object.",
+        file_help="CSV or Parquet table, one row per time and object; or a log of topics: MCAP, rosbag2, MDF4.",
         reader=read_mapped,
         options=(
             FormatOption(

@@ -49,7 +49,8 @@ class Column(Strict):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if (self.column is None) == (getattr(self, "value", None) is None):
+        ways = [self.column, getattr(self, "value", None), getattr(self, "quaternion", None)]
+        if sum(way is not None for way in ways) != 1:
             raise ValueError("expected a column, or { value = ... } for one value in all rows")
         return self
 
@@ -102,12 +103,30 @@ class LengthColumn(Column):
 
 
 class HeadingColumn(Column):
-    """A heading: from where it counts ("x": the table's x axis, "north"), and which way, seen from above."""
+    """A heading: from where it counts ("x": the table's x axis, "north"), and which way, seen from above.
+
+    Attributes:
+        quaternion: In place of a column: the path of x, y, z and w of a rotation, or those four columns.
+    """
 
     value: float | None = None
+    quaternion: Annotated[str, Field(min_length=1)] | tuple[str, str, str, str] | None = None
     unit: AngleUnit = "rad"
     zero: Literal["x", "north"] = "x"
     clockwise: bool = False
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The columns x, y, z and w of the quaternion, () where there is none."""
+        if isinstance(self.quaternion, str):
+            return tuple(f"{self.quaternion}.{part}" for part in "xyzw")
+        return self.quaternion or ()
+
+    @model_validator(mode="after")
+    def _radians(self) -> Self:
+        if self.quaternion is not None and self.unit != "rad":
+            raise ValueError("a quaternion has no unit")
+        return self
 
 
 class SpeedColumn(Column):
@@ -148,9 +167,14 @@ class TableMapping(Strict):
 
     Attributes:
         file: Of the table, relative to the mapping; without it the file that the command names.
+        topic: In a log (MCAP, rosbag2, MDF4): whose messages are the rows; of MDF4 the channel group (name or number).
+        list: Path of the list in the topic's messages whose elements are the rows; without it each message is one.
+        ros: ROS distribution whose message definitions are taken, where a rosbag2 brings none and does not say which it
+            is of; else humble.
         separator: Between values of a CSV: one ASCII character.
         decimal: What stands before the decimals.
         only: Rows that are read: those with this value, or one of these, in each of these columns.
+        without: Rows that are left out: those with this value, or one of these, in one of these columns.
         crs: Coordinate system of x and y (or lat and lon), as pyproj knows it, such as EPSG:4326 or EPSG:25832; they
             are turned into the map's by its geoReference.
         frame: What x and y count from, where no crs is given: the map, the EGO or its sensor (x ahead, y to the left).
@@ -181,9 +205,13 @@ class TableMapping(Strict):
     """
 
     file: str | None = Field(default=None, min_length=1)
+    topic: str | None = Field(default=None, min_length=1)
+    list: str | None = Field(default=None, min_length=1)
+    ros: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] | None = None
     separator: str = Field(default=",", min_length=1, max_length=1)
     decimal: Literal[".", ","] = "."
     only: dict[str, str | tuple[str, ...]] = Field(default_factory=dict)
+    without: dict[str, str | tuple[str, ...]] = Field(default_factory=dict)
     crs: str | None = Field(default=None, min_length=1)
     frame: Literal["map", "ego", "sensor"] = "map"
     mounting: Pose | None = None
@@ -219,6 +247,18 @@ class TableMapping(Strict):
         ]
         return found[0], found[1]
 
+    @property
+    def columns(self) -> dict[str, str]:
+        """Every column that is named, each with the field that names it."""
+        found: dict[str, str] = {}
+        for name in type(self).model_fields:
+            told = getattr(self, name)
+            if isinstance(told, HeadingColumn):
+                found |= dict.fromkeys(told.parts, f"{name}.quaternion")
+            if isinstance(told, Column) and told.column is not None:
+                found[told.column] = name
+        return dict.fromkeys(self.only, "only") | dict.fromkeys(self.without, "without") | found
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         """What is given goes together."""
@@ -232,6 +272,7 @@ _CONTRADICTIONS: Dict[str, Any] = {
     "separator is none: expected one printable ASCII character, or a tab, and neither a quote nor a line break": (
         lambda m: m.separator != "\t" and (not " " <= m.separator <= "~" or m.separator == '"')
     ),
+    "list and ros go with a topic": lambda m: m.topic is None and (m.list is not None or m.ros is not None),
     "needs x and y, or lat and lon": lambda m: (
         [m.x is None, m.y is None, m.lat is None, m.lon is None]
         not in ([False, False, True, True], [True, True, False, False])

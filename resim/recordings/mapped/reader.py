@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from resim.core.errors import InputError
 from resim.core.files import file_hash, joined
@@ -55,10 +56,17 @@ UNIX = 1e6
 
 @dataclass(frozen=True, eq=False)
 class _Timed:
-    """Rows as they stand, with their times t (K,) [s]."""
+    """Rows as they stand, with their times t (K,) [s], and as ns where they are known exactly."""
 
     rows: SourceTable
     t: Floats
+    exact: NDArray[np.int64] | None
+
+    def since(self, origin: int) -> Floats:
+        """The times (K,) [s] from an origin [ns] on; 0: as they stand."""
+        if not origin:
+            return np.round(self.t, 9)
+        return np.round(self.t - origin / 1e9, 6) if self.exact is None else (self.exact - origin) / 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +127,12 @@ def read_mapped(
     told = {"source": ", ".join(dict.fromkeys(t.path.name for t in (*gt, *sd))), "format": "table"}
     told["mapping"] = f"{columns.name}, SHA-256 {file_hash(columns)[:12]}"
     if origin:
-        told["original_start"] = f"unix time {origin:.6f} s"
+        told["original_start"] = _calendar(origin)
     told |= notes
     gt_frame, gt_notes = _together(gt, "gt")
     sd_frame, sd_notes = _together(sd, "sd") if sd else (None, {})
     if sd_frame is not None:
-        sd_frame, found = _matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
+        sd_frame, found = matched(mapping.matching, gt_frame, sd_frame, sd[0].path, own)
         sd_notes |= found
     return RecordingTables(
         settings=Settings(name=file.stem, map=str(map), ego=own, provenance={**told, **gt_notes, **sd_notes}),
@@ -146,11 +154,11 @@ def _check_rate(rate: float, mapping: Mapping) -> None:
 def _timed(told: TableMapping, where: str, file: Path, columns: Path, rate: float | None) -> _Timed:
     """A table's rows with their times."""
     rows = read_rows(joined(columns, told.file) if told.file else file, told, where)
-    return _Timed(rows, rows.times(rate))
+    return _Timed(rows, rows.times(rate), rows.nanoseconds())
 
 
 def _placed(
-    tables: Sequence[_Timed], origin: float, network: RoadNetwork, ego: str, track: Tracks | None = None
+    tables: Sequence[_Timed], origin: int, network: RoadNetwork, ego: str, track: Tracks | None = None
 ) -> list[_Table]:
     """Every table of a source in the map, those in the EGO's frame after those that its track is of."""
     out: list[_Table] = []
@@ -158,8 +166,7 @@ def _placed(
         told = one.rows.mapping
         if track is None and (told.frame != "map" or (told.vx is not None and told.vx.relative)):
             track = _ego_track(out, ego)
-        t = np.round(one.t - origin, 6 if origin else 9)
-        out.append(_table(one.rows, t, network, track))
+        out.append(_table(one.rows, one.since(origin), network, track))
     return out
 
 
@@ -200,7 +207,7 @@ def _ids(rows: SourceTable, t: Floats, placed: MapPositions) -> tuple[pd.Series,
         moved = v * np.exp(1j * placed.heading(heading, told.heading))
     else:
         moved = np.full(len(t), np.nan, dtype=complex)
-    found = tracked(t, placed.x + 1j * placed.y, moved, FOLLOWED)
+    found = tracked(t, placed.x + 1j * placed.y, moved, FOLLOWED, placed.vx + 1j * placed.vy)
     text = f"none: {len(np.unique(found))} objects followed from list to list, up to {FOLLOWED:g} m from where expected"
     return pd.Series(found, index=rows.frame.index, dtype=object), text
 
@@ -295,10 +302,19 @@ def _ego_track(gt: Sequence[_Table], ego: str) -> Tracks:
     return Tracks.from_frame(own)
 
 
-def _origin(gt: Sequence[_Timed]) -> float:
-    """The time [s] that is counted as 0."""
-    first = min(float(one.t.min()) for one in gt)
-    return first if abs(first) > UNIX else 0.0
+def _origin(gt: Sequence[_Timed]) -> int:
+    """The time [ns] that is counted as 0."""
+    first = min(gt, key=lambda one: float(one.t.min()))
+    start = float(first.t.min())
+    if abs(start) <= UNIX:
+        return 0
+    return round(start * 1e9) if first.exact is None else int(first.exact.min())
+
+
+def _calendar(time: int) -> str:
+    """A Unix time [ns] in words, to the last digit that is not 0, microseconds at least."""
+    seconds, nanos = divmod(time, 10**9)
+    return f"unix time {seconds}.{f'{nanos:09d}'.removesuffix('000')} s"
 
 
 def _windowed(
@@ -357,10 +373,13 @@ def _together(tables: Sequence[_Table], source: str) -> tuple[pd.DataFrame, dict
     return frame, {name: "; ".join(texts) for name, texts in notes.items()}
 
 
-def _matched(
+def matched(
     how: Match, gt: pd.DataFrame, sd: pd.DataFrame, path: Path, ego: str
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The SD with the GT id of each object, and what came of it, by topic."""
+    """Give the SD with the GT id of each object, and what came of it, by topic.
+
+    gt, sd: track tables; path: of the SD, for errors. Raises InputError where the SD has no whole row.
+    """
     whole, seen = complete_rows(gt), complete_rows(sd)
     if seen.empty:
         raise InputError(path, "sd has no row with position, heading and speed", "Correct the mapping.")

@@ -10,11 +10,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
 from resim.core.spelling import did_you_mean
-from resim.recordings.mapped.mapping import Column, CoordinateColumn, TableMapping, TimeColumn
+from resim.recordings.logs.kinds import log_kind
+from resim.recordings.logs.raw import listed
+from resim.recordings.logs.topics import TopicQuery, topic_table, topics
+from resim.recordings.mapped.mapping import Column, CoordinateColumn, HeadingColumn, TableMapping, TimeColumn
 from resim.recordings.mapped.units import DEGREES, FACTORS, LENGTHS, TIMES
 from resim.recordings.tables import BIGGEST, read_parquet
 
@@ -42,7 +46,27 @@ class SourceTable:
         told: Any = column or getattr(self.mapping, name)
         if told is None:
             return None
+        if isinstance(told, HeadingColumn) and told.quaternion is not None:
+            return self._yaw(told)
         return self._raw(name, told) * FACTORS[told.unit]
+
+    def nanoseconds(self) -> NDArray[np.int64] | None:
+        """Give the times (K,) [ns] where they are whole numbers, or of a calendar: no digit is lost; else None."""
+        told = self.mapping.t
+        values = self._column("t", told.column)
+        if told.unit == "iso":
+            self._iso(told)
+            return calendar_nanoseconds(values)
+        unit = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}.get(told.unit)
+        if unit is None:
+            return None
+        if not pd.api.types.is_integer_dtype(values):
+            if not values.map(lambda v: isinstance(v, str) and v.strip().isdecimal()).all():
+                return None
+            values = values.map(int)
+        if values.isna().any() or values.abs().max() > (1 << 62) // unit:
+            return None
+        return values.to_numpy("int64") * unit
 
     def coordinates(self, *, degrees: bool) -> tuple[Floats, Floats]:
         """Give the positions to the east (ahead) and to the north (left) [m, or degrees] (K,)."""
@@ -120,6 +144,16 @@ class SourceTable:
         self.refuse(wrong | (np.abs(found) > LARGEST), name, told, "a finite number or nothing")
         return found
 
+    def _yaw(self, told: HeadingColumn) -> Floats:
+        """The angle [rad] about the vertical of a rotation: of its x axis, seen from above; NaN where it is missing."""
+        columns = [CoordinateColumn(column=name) for name in told.parts]
+        x, y, z, w = (self._raw("heading.quaternion", column) for column in columns)
+        norm = np.sqrt(x * x + y * y + z * z + w * w)
+        wrong = (norm > 0.0) & (np.abs(norm - 1.0) > UNIT_NORM)
+        self.refuse(wrong, "heading.quaternion", columns[3], "w of a quaternion of length 1")
+        yaw = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+        return np.where(norm > 0.0, yaw, np.nan)
+
     def _iso(self, told: TimeColumn) -> Floats:
         values = self._column("t", told.column)
         found = calendar_seconds(values)
@@ -131,15 +165,25 @@ class SourceTable:
         return column_of(self.path, self.frame, column, f"{self.where}.{name}")
 
 
+UNIT_NORM = 0.05
+"""By how much the length of a quaternion may differ from 1."""
 YEARS = (1900, 2200)
 """Of times of a calendar: nanoseconds since 1970 go from 1678 to 2262."""
+NO_TIME = np.iinfo(np.int64).min
+"""In place of a time [ns] that is missing."""
 LARGEST = max(BIGGEST, 1e19)
 """Largest number in a column: of Unix times in ns."""
 
 
 def calendar_seconds(values: pd.Series) -> Floats:
     """Give the Unix times (K,) [s] of ISO 8601 texts or time stamps, UTC without a zone; NaN where there is none."""
-    out = np.full(len(values), np.nan)
+    found = calendar_nanoseconds(values)
+    return np.where(found == NO_TIME, np.nan, found / 1e9)
+
+
+def calendar_nanoseconds(values: pd.Series) -> NDArray[np.int64]:
+    """Give the same [ns], NO_TIME where there is none."""
+    out = np.full(len(values), NO_TIME)
     if pd.api.types.is_numeric_dtype(values):  # which pandas takes for nanoseconds
         return out
     single = values.mask(values.map(_is_many))
@@ -148,7 +192,7 @@ def calendar_seconds(values: pd.Series) -> Floats:
     except (ValueError, TypeError, OverflowError):  # what it cannot coerce, such as intervals
         return out
     known = stamps.notna().to_numpy() & stamps.dt.year.between(*YEARS).to_numpy()
-    out[known] = stamps[known].dt.as_unit("ns").astype("int64").to_numpy() / 1e9
+    out[known] = stamps[known].dt.as_unit("ns").astype("int64").to_numpy()
     return out
 
 
@@ -168,7 +212,7 @@ def column_of(path: Path, frame: pd.DataFrame, column: str, field: str) -> pd.Se
 
 def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
     """Read a table's rows that the mapping wants. Raises InputError."""
-    frame = read_any(path, mapping.separator)
+    frame = _frame(path, mapping, where)
     for column, wanted in mapping.only.items():
         values = (wanted,) if isinstance(wanted, str) else wanted
         there = column_of(path, frame, column, f"{where}.only").map(_text)
@@ -179,7 +223,25 @@ def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
                 path, f"no row has {missing!r} in {column!r} ({where}.only)", "Correct the mapping."
             )
         frame = frame[there.isin(values)]
+    for column, unwanted in mapping.without.items():
+        values = (unwanted,) if isinstance(unwanted, str) else unwanted
+        frame = frame[~column_of(path, frame, column, f"{where}.without").map(_text).isin(values)]
+        if frame.empty:
+            raise InputError(path, f"{where}.without leaves no row: all have {column} {', '.join(values)}")
     return SourceTable(path, where, mapping, frame)
+
+
+def _frame(path: Path, mapping: TableMapping, where: str) -> pd.DataFrame:
+    """The rows of a table, or of a topic of a log, whatever the file is."""
+    kind = log_kind(path)
+    if kind is not None:
+        columns = {column: f"{where}.{field}" for column, field in mapping.columns.items()}
+        query = TopicQuery(mapping.topic, mapping.list, columns, where, mapping.ros)
+        return topic_table(path, kind, query)
+    if mapping.topic is not None:
+        problem = f"is no log (MCAP, rosbag2 or MDF4), but {where} names the topic {mapping.topic!r}"
+        raise InputError(path, problem, "Give the log, or leave out topic for a CSV or Parquet table.")
+    return read_any(path, mapping.separator)
 
 
 def read_any(path: Path, separator: str = ",", *, rows: int | None = None) -> pd.DataFrame:
@@ -187,6 +249,9 @@ def read_any(path: Path, separator: str = ",", *, rows: int | None = None) -> pd
 
     rows: how many of the first are wanted; None: all.
     """
+    if (kind := log_kind(path)) is not None:
+        remedy = f"Name one as topic in the mapping (docs/formats/mapping.md). They are: {listed(topics(path, kind))}."
+        raise InputError(path, "is a log of topics, of which a mapping cannot be guessed", remedy)
     frame = read_parquet(path) if path.suffix == ".parquet" else _csv(path, separator, rows)
     if frame.empty:
         raise InputError(path, "has a header and no rows", "Give a table with one row per time and object.")

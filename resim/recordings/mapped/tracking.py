@@ -16,7 +16,11 @@ stands in the place of one that was lost."""
 
 
 def tracked(
-    t: Floats, places: NDArray[np.complex128], velocity: NDArray[np.complex128], gate: float
+    t: Floats,
+    places: NDArray[np.complex128],
+    velocity: NDArray[np.complex128],
+    gate: float,
+    ego: NDArray[np.complex128] | None = None,
 ) -> NDArray[np.str_]:
     """Give ids (K,) "1", "2", ... to the rows of lists.
 
@@ -25,11 +29,13 @@ def tracked(
     without a place is one of its own.
 
     t: (K,) s; rows of one time are one list. places: x + iy (K,) [m]. velocity: (K,) [m/s], NaN where it is not known:
-    then it is that since the object was seen before. gate: m.
+    then it is that since the object was seen before. gate: m. ego: (K,) m/s, velocity of the EGO, NaN where it is not
+    known: an object seen once, whose velocity nobody knows, may stand or drive as the EGO does.
     """
     number = np.full(len(t), -1)
     last: dict[int, int] = {}
     speed: dict[int, complex] = {}
+    new: set[int] = set()  # seen once, of unknown velocity
     count = 0
     order = np.argsort(t, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(t[order])) + 1):
@@ -40,6 +46,10 @@ def tracked(
         if ones and len(seen):
             there = np.array([places[last[one]] + speed[one] * (now - t[last[one]]) for one in ones])
             apart = np.abs(places[seen][:, None] - there)
+            if ego is not None:
+                along = [places[last[one]] + ego[last[one]] * (now - t[last[one]]) for one in ones]
+                as_ego = np.where([one in new for one in ones], np.array(along), np.nan)
+                apart = np.fmin(apart, np.abs(places[seen][:, None] - as_ego))
             dt = np.array([now - t[last[one]] for one in ones])
             changed = np.abs(velocity[seen][:, None] - velocity[[last[one] for one in ones]])
             apart[changed > FASTER + HARDEST * dt] = np.inf  # where one is not known, any will do
@@ -52,5 +62,6 @@ def tracked(
             if not np.isfinite(moved):
                 before = last.get(one)
                 moved = 0.0 if before is None else (places[row] - places[before]) / (now - t[before])
+                (new.add if before is None else new.discard)(one)
             last[one], speed[one] = row, complex(moved)
     return np.array([str(one + 1) for one in number.tolist()], dtype=str)

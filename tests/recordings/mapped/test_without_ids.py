@@ -143,3 +143,12 @@ def test_what_needs_ids_says_so(tmp_path: Path) -> None:
     (tmp_path / "mapping.toml").write_text(MAPPING.format(more=MOVED + "\nlatency = 0.06"))
     with pytest.raises(InputError, match=r"sd\.latency: there is no such field(?!, did)"):
         read_mapped(tmp_path / "gt.csv", map=MAP, columns=tmp_path / "mapping.toml", ego="ego")
+
+
+def test_cars_of_a_motorway_are_followed_from_their_first_sample_by_the_egos_velocity() -> None:
+    t = np.repeat(np.arange(0.0, 1.05, 0.1), 3)
+    start, speed = np.tile([0.0, 40.0, 300.0], 11), np.tile([35.0, 38.0, 0.0], 11)
+    places, unknown = start + speed * t + 0j, np.full(len(t), np.nan, dtype=complex)
+    ego = np.full(len(t), 36.0, dtype=complex)
+    assert tracked(t, places, unknown, 3.0, ego).tolist() == ["1", "2", "3"] * 11
+    assert len(set(tracked(t, places, unknown, 3.0, unknown))) > 3  # 3.5 m from list to list

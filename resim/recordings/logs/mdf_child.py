@@ -1,0 +1,84 @@
+"""The process that reads an MDF file: FILE OUT [GROUP]."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from resim.recordings.logs.apart import serve
+from resim.recordings.logs.flat import LOG_TIME
+from resim.recordings.logs.limits import MOST_CELLS
+
+MOST_WIDE = 64
+"""Numbers of a channel's array that become columns of their own."""
+
+
+def read(path: str, *group: str) -> dict[str, np.ndarray]:
+    """Give the channels of a group, {} where there is none of this name; without one all groups' channels."""
+    import asammdf
+
+    with asammdf.MDF(path, raise_on_multiple_occurrences=False) as measurement:
+        if not measurement.version.startswith("4"):
+            raise ValueError(f"it is MDF {measurement.version}: save it as MDF 4")
+        names = _names(measurement)
+        if not group:
+            return {name: np.array(_channels(measurement, n), dtype=str) for n, name in enumerate(names)}
+        number = _numbered(names, group[0])
+        return {} if number is None else _samples(measurement, number)
+
+
+def _names(measurement: Any) -> list[str]:
+    """The groups' names: those of their acquisition where they have one of their own, else their numbers from 1."""
+    told = [str(group.channel_group.acq_name or "").strip() for group in measurement.groups]
+    return [name if name and told.count(name) == 1 else str(n + 1) for n, name in enumerate(told)]
+
+
+def _numbered(names: list[str], group: str) -> int | None:
+    if group in names:
+        return names.index(group)
+    return int(group) - 1 if group.isascii() and group.isdigit() and 0 < int(group) <= len(names) else None
+
+
+def _channels(measurement: Any, number: int) -> list[str]:
+    return [LOG_TIME, *(channel.name for channel in measurement.groups[number].channels)]
+
+
+def _samples(measurement: Any, number: int) -> dict[str, np.ndarray]:
+    """All channels of a group, and the time of its samples [ns], since 1970 where the file says when it began."""
+    count = measurement.groups[number].channel_group.cycles_nr
+    channels = measurement.groups[number].channels
+    if count * len(channels) > MOST_CELLS:
+        raise ValueError(
+            f"{count} samples of {len(channels)} channels are too many, up to {MOST_CELLS} values"
+        )
+    signals = measurement.select([(None, number, n) for n in range(len(channels))], raw=False)
+    found: dict[str, np.ndarray] = {}
+    for channel, signal in zip(channels, signals, strict=True):
+        _take(found, channel.name, np.asarray(signal.samples))
+    if signals:
+        times = np.asarray(signals[0].timestamps, dtype=float)
+        if not np.isfinite(times).all() or (np.abs(times) > 1e9).any():
+            raise ValueError("its times are no seconds")
+        found[LOG_TIME] = int(measurement.header.abs_time) + np.round(times * 1e9).astype("int64")
+    return found
+
+
+def _take(found: dict[str, np.ndarray], name: str, samples: np.ndarray) -> None:
+    """Take a channel: numbers and texts as they are, structures and arrays by their parts."""
+    if samples.dtype.names:
+        for inner in samples.dtype.names:
+            _take(found, name if inner == name else f"{name}.{inner}", samples[inner])
+    elif samples.ndim == 2 and samples.dtype.kind in "fiub" and samples.shape[1] <= MOST_WIDE:
+        for n in range(samples.shape[1]):
+            _take(found, f"{name}.{n}", samples[:, n])
+    elif samples.ndim == 1 and samples.dtype.kind == "S":
+        found.setdefault(
+            name, np.array([s.decode("utf-8", "replace").strip("\0 ") for s in samples], dtype=str)
+        )
+    elif samples.ndim == 1 and samples.dtype.kind in "fiubU":
+        found.setdefault(name, samples)
+
+
+if __name__ == "__main__":
+    serve(read)
