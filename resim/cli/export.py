@@ -60,6 +60,12 @@ def foxglove(drive: Drive, out: Out, accept: Accept = None) -> None:
     _export("foxglove", drive, out, accept)
 
 
+@command(exports, "rosbag")
+def rosbag(drive: Drive, out: Out, accept: Accept = None) -> None:
+    """Write a drive as rosbag2: odometry, objects in Autoware's messages, plans, boxes for RViz, verdicts."""
+    _export("rosbag", drive, out, accept)
+
+
 @command(exports, "openlabel")
 def openlabel(drive: Drive, out: Out, accept: Accept = None) -> None:
     """Write every source of a drive as OpenLABEL: objects, decisions, what happened, and tags with the verdict."""

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from resim.exports.mcap_file import scene_topics, topic_of, write_topics
+from resim.exports.mcap_file import scene_topics, write_topics
 from resim.exports.scenes import DRIVE_FRAME
-from resim.exports.states import first_second
+from resim.exports.states import first_second, topic_of
 from resim.report.player import PlayedDrive
 from resim.report.player.colors import layer_colors
 

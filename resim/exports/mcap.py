@@ -17,9 +17,9 @@ from osi3.osi_trafficupdate_pb2 import TrafficUpdate
 from resim.core.osi import DERIVED, MAP, MAP_FIELDS, MAP_SCHEMA, SENSED, TRUTH
 from resim.core.protobuf import TEXT, file_set, message_type
 from resim.exports import osi
-from resim.exports.mcap_file import Topic, scene_topics, topic_of, write_topics
+from resim.exports.mcap_file import Topic, scene_topics, write_topics
 from resim.exports.scenes import ViewedDrive
-from resim.exports.states import TimedMessage, derived, first_second
+from resim.exports.states import TimedMessage, derived, first_second, topic_of
 from resim.function.osmp import VERSION
 from resim.report.player import PlayedDrive
 

@@ -15,7 +15,7 @@ from mcap.writer import Writer
 
 from resim.core.protobuf import FLAG, NUMBER, TEXT, file_set, message_type
 from resim.exports.scenes import ViewedDrive
-from resim.exports.states import TimedMessage, nanoseconds
+from resim.exports.states import TimedMessage, nanoseconds, topic_of
 from resim.metrics.assessment_report import DriveAssessment
 from resim.report.player import PlayedDrive
 from resim.report.player.drive import Danger, Layer
@@ -141,8 +141,3 @@ def _verdicts(source: str, told: DriveAssessment) -> Any:
         for name, entry in told.criteria.items()
     ]
     return VERDICTS(source=source, verdict=told.verdict or "", criteria=each)
-
-
-def topic_of(source: str) -> str:
-    """Give a source's name as it stands in names of topics."""
-    return source.replace(" ", "_")

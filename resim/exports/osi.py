@@ -25,6 +25,7 @@ from resim.exports.states import (
     TimedMessage,
     first_second,
     nanoseconds,
+    numbers,
     states,
 )
 from resim.function.osmp import VEHICLES, VERSION
@@ -35,19 +36,6 @@ from resim.road.opendrive import RoadNetwork
 _WHEEL = 0.3
 """m from the road to the rear axle."""
 _CIVIL = MovingObject.VehicleClassification.ROLE_CIVIL
-_MOST = 1 << 63
-
-
-def numbers(drive: PlayedDrive) -> dict[str, int]:
-    """Give the number of each id of a drive: that which it is, if all are numbers, else counted, the EGO's first."""
-    names = dict.fromkeys(
-        [drive.ego, *(name for layer in drive.layers for name in layer.tracks.ids.tolist())]
-    )
-    if all(
-        name.isdecimal() and name.isascii() and str(int(name)) == name and int(name) < _MOST for name in names
-    ):
-        return {name: int(name) for name in names}
-    return {name: number for number, name in enumerate(names, start=1)}
 
 
 def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:

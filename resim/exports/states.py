@@ -75,6 +75,26 @@ def nanoseconds(t: float, first: int = 0) -> int:
     return (whole - first) * SECOND + round((t - whole) * SECOND)
 
 
+_MOST = 1 << 63
+
+
+def numbers(drive: PlayedDrive) -> dict[str, int]:
+    """Give the number of each id of a drive: that which it is, if all are numbers, else counted, the EGO's first."""
+    names = dict.fromkeys(
+        [drive.ego, *(name for layer in drive.layers for name in layer.tracks.ids.tolist())]
+    )
+    if all(
+        name.isdecimal() and name.isascii() and str(int(name)) == name and int(name) < _MOST for name in names
+    ):
+        return {name: int(name) for name in names}
+    return {name: number for number, name in enumerate(names, start=1)}
+
+
+def topic_of(source: str) -> str:
+    """Give a source's name as it stands in names of topics."""
+    return source.replace(" ", "_")
+
+
 def derived(layer: Layer) -> tuple[str, ...]:
     """Give what a source does not say, and files have all the same: z of the map, a and yaw_rate by differences."""
     return tuple(name for name in ("z", "a", "yaw_rate") if getattr(layer.tracks, name) is None)

@@ -121,6 +121,7 @@ FORMS: Mapping[str, ExportForm] = {
     "mcap": ExportForm(
         "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"},
     ),
+    "rosbag": ExportForm("rosbag2", "resim.exports.rosbag", {"rosbags": "ros"}),
     "openlabel": ExportForm("OpenLABEL 1.0.0", "resim.exports.openlabel", {}),
     "foxglove": ExportForm(
         "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"},
@@ -158,7 +159,8 @@ def export_drive(
         road = played.network.path
         shutil.copyfile(road, new / road.name)
         sources = importlib.import_module(made.module).write(played, new)
-        files = {file.name: file_hash(file) for file in sorted(new.iterdir())}
+        every = sorted(file for file in new.rglob("*") if file.is_file())
+        files = {file.relative_to(new).as_posix(): file_hash(file) for file in every}
         report = ExportReport(versions(), played.name, made.title, sources, road.name, files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
