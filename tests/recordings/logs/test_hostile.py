@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import random
@@ -426,3 +427,19 @@ def test_definitions_in_idl(tmp_path: Path) -> None:
         ("name", "string", None), ("count", "uint64", None),
     ]  # fmt: skip
     assert [(f.name, f.type) for f in found["p/msg/B"]] == [("moves", "bool")]
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "extra"),
+    [("ZSTD", "zstandard", "ros"), ("LZ4", "lz4", "ros"), ("protobuf", "google.protobuf", "ros")],
+)
+def test_a_missing_library_is_told_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, extra: str
+) -> None:
+    path, mapping = logs(tmp_path)[name]
+
+    def missing(asked: str) -> None:
+        raise ModuleNotFoundError(asked)
+
+    monkeypatch.setattr(importlib.util, "find_spec", missing)
+    assert f"need {module}. In resim's own folder: pip install '.[{extra}]'" in told(path, mapping)
