@@ -10,6 +10,7 @@ from typing import Any
 
 from resim.core.errors import InputError
 from resim.recordings.logs.cdr import PRIMITIVES, Definitions, MessageField
+from resim.recordings.logs.idl import MOST_FIXED, parse_idl
 from resim.recordings.logs.raw import LogChannel, need
 
 DISTRIBUTIONS = ("foxy", "galactic", "humble", "iron", "jazzy", "kilted")
@@ -24,9 +25,6 @@ _ALIASES = {
     "time": "builtin_interfaces/msg/Time",
     "duration": "builtin_interfaces/msg/Duration",
 }
-_MOST_FIXED = 1_000_000
-LARGEST_IDL = 200_000
-"""Bytes of a definition in IDL, whose reading takes long."""
 
 
 def definitions(path: Path, channel: LogChannel, distribution: str | None) -> Definitions:
@@ -40,7 +38,7 @@ def definitions(path: Path, channel: LogChannel, distribution: str | None) -> De
         if channel.schema_encoding == "ros2msg":
             return known | parse(channel.schema.decode(), channel.type)
         if channel.schema_encoding == "ros2idl":
-            return known | _of_idl(path, channel)
+            return known | _of_idl(channel.schema.decode())
     except ValueError as e:
         problem = f"the definition of {channel.type} cannot be read ({_short(e)})"
         raise InputError(path, problem, "Record the topic again.") from e
@@ -84,7 +82,7 @@ def _fields(text: str, name: str) -> tuple[MessageField, ...]:
         size = None if told["list"] is None else 0
         if told["size"] and not told["most"]:
             size = int(told["size"][:9])
-            if not 0 < size <= _MOST_FIXED:
+            if not 0 < size <= MOST_FIXED:
                 raise ValueError(f"{name}: {line[:60]!r} is a list of {size}")
         fields.append(MessageField(told["name"], _type(told["type"], name), size))
     if len({field.name for field in fields}) < len(fields):
@@ -103,18 +101,11 @@ def _type(told: str, owner: str) -> str:
     return full_name(told) if "/" in told else f"{owner.rpartition('/')[0]}/{told}"
 
 
-def _of_idl(path: Path, channel: LogChannel) -> dict[str, tuple[MessageField, ...]]:
-    need(path, "rosbags", "logs with definitions in IDL")
-    from rosbags.typesys import get_types_from_idl
-
-    if len(channel.schema) > LARGEST_IDL:
-        raise ValueError(f"it has {len(channel.schema)} bytes, expected up to {LARGEST_IDL}")
+def _of_idl(text: str) -> dict[str, tuple[MessageField, ...]]:
+    """The types in definitions of IDL, one after the other with a line before each that names it."""
     found: dict[str, tuple[MessageField, ...]] = {}
-    for part in re.split(r"^={80}\nIDL: .*$", channel.schema.decode(), flags=re.MULTILINE):
-        try:
-            found |= _converted(get_types_from_idl(part)) if part.strip() else {}
-        except (Exception, RecursionError) as e:  # what its parser raises is not always its own
-            raise ValueError(f"{type(e).__name__}: {e}") from e
+    for part in re.split(r"^={80}\s*\nIDL: .*$", text, flags=re.MULTILINE):
+        found |= parse_idl(part)
     return found
 
 

@@ -72,5 +72,9 @@ def no_such_topic(path: Path, topic: str | None, there: Mapping[str, str], where
 
 def need(path: Path, module: str, what: str, extra: str = "ros") -> None:
     """Raise InputError, with what to install, where a library is missing; what: which files need it."""
-    if importlib.util.find_spec(module) is None:
+    try:
+        found = importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # of a package within another, which is missing
+        found = False
+    if not found:
         raise InputError(path, f"{what} need {module}", f"In resim's own folder: pip install '.[{extra}]'")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import random
@@ -18,7 +19,8 @@ from recordings.mapped.strangers import MAP, drive
 
 from resim.core.errors import InputError
 from resim.recordings.logs import apart
-from resim.recordings.logs.definitions import parse
+from resim.recordings.logs.definitions import definitions, parse
+from resim.recordings.logs.raw import LogChannel
 from resim.recordings.mapped.guess import guess
 from resim.recordings.mapped.reader import read_mapped
 
@@ -103,12 +105,12 @@ def test_damaged_logs(tmp_path: Path) -> None:
     draw = random.Random(5)
     every = logs(tmp_path)
     ended = {True: 0, False: 0}
-    for _ in range(600):
+    for _ in range(400):
         source, mapping = every[draw.choice(sorted(every))]
         path = tmp_path / f"damaged{source.suffix}"
         path.write_bytes(damaged(source.read_bytes(), draw))
         ended[is_readable(path, mapping)] += 1
-    assert min(ended.values()) > 60  # else it is no test of both
+    assert min(ended.values()) > 40  # else it is no test of both
 
 
 def test_a_damaged_byte_under_a_checksum_is_never_read(tmp_path: Path) -> None:
@@ -232,6 +234,9 @@ HOSTILE: dict[str, tuple[Callable[[], tuple[bytes, ...]], str]] = {
         lambda: ros(NESTED, struct.pack("<I", 1 << 20) + bytes(1 << 20)), "more than 200000 elements"),
     "another type than it says": (lambda: ros("uint8 boxes", bytes(50)), "49 bytes are left"),
     "an IDL that is none": (lambda: ros("module a {", written="ros2idl"), "definition of a/msg/A cannot be read"),
+    "an IDL of many levels": (
+        lambda: ros("struct A {" + "sequence<" * 99_999, written="ros2idl"), "a list of lists is not read"),
+    "an IDL of no end": (lambda: ros("/* " * 999_999, written="ros2idl"), "the type a/msg/A is not defined"),
     "types that nobody knows": (lambda: sent(b"\0\1\0\0", "cdr"), "the type  is not defined"),
 }  # fmt: skip
 """Records of an MCAP file, and what is said."""
@@ -389,3 +394,52 @@ def test_definitions_as_ros_writes_them() -> None:
         ("three", "float64", 3), ("many", "p/msg/B", 0),
     ]  # fmt: skip
     assert found["p/msg/B"][0].type == "builtin_interfaces/msg/Duration"
+
+
+IDL = f"""{"=" * 80}
+IDL: p/msg/A
+#include "p/msg/B.idl"
+module p {{ module msg {{
+  module A_Constants {{ const uint8 CAR = ((1)); }};
+  typedef double double__36[36];
+  @verbatim (language="comment", text="One (1) object.")
+  struct A {{
+    @range (min=0.0, max=1.0)
+    float share;
+    sequence<p::msg::B, 100> many;
+    double three[3];
+    double__36 covariance;
+    string<5> name;
+    unsigned long long count;
+  }};
+}}; }};
+{"=" * 80}
+IDL: p/msg/B
+module p {{ module msg {{ struct B {{ @value (default=False)
+ boolean moves; }}; }}; }};
+"""
+
+
+def test_definitions_in_idl(tmp_path: Path) -> None:
+    found = definitions(tmp_path, LogChannel("a", "p/msg/A", "cdr", "ros2idl", IDL.encode()), None)
+    assert [(f.name, f.type, f.size) for f in found["p/msg/A"]] == [
+        ("share", "float32", None), ("many", "p/msg/B", 0), ("three", "float64", 3), ("covariance", "float64", 36),
+        ("name", "string", None), ("count", "uint64", None),
+    ]  # fmt: skip
+    assert [(f.name, f.type) for f in found["p/msg/B"]] == [("moves", "bool")]
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "extra"),
+    [("ZSTD", "zstandard", "ros"), ("LZ4", "lz4", "ros"), ("protobuf", "google.protobuf", "ros")],
+)
+def test_a_missing_library_is_told_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, extra: str
+) -> None:
+    path, mapping = logs(tmp_path)[name]
+
+    def missing(asked: str) -> None:
+        raise ModuleNotFoundError(asked)
+
+    monkeypatch.setattr(importlib.util, "find_spec", missing)
+    assert f"need {module}. In resim's own folder: pip install '.[{extra}]'" in told(path, mapping)
