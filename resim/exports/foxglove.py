@@ -27,8 +27,10 @@ def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
 def layout(drive: PlayedDrive) -> dict[str, Any]:
     """Give panels that show a drive: from above, following the EGO; its speed, risk and TTC; and what happened."""
     shown = {f"/scene/{topic_of(layer.name)}": {"visible": layer.shown} for layer in drive.layers}
+    having = [layer.name for layer in drive.layers if drive.ego in layer.tracks.ids]
     seen = {
-        "followTf": f"EGO {drive.layers[-1 if len(drive.layers) < 3 else 0].name}", "followMode": "follow-position",
+        "followTf": f"EGO {'rGT' if 'rGT' in having else having[0]}" if having else DRIVE_FRAME,
+        "followMode": "follow-position",
         "topics": {"/map": {"visible": True}, **shown}, "transforms": {f"frame:{DRIVE_FRAME}": {"visible": False}},
         "cameraState": {"perspective": False, "distance": 120, "phi": 0, "thetaOffset": 0},
     }  # fmt: skip
