@@ -172,13 +172,12 @@ def open_scenario_file(file: Path) -> ScenarioElement:
 
 
 def declared_parameters(of: ScenarioElement) -> dict[str, str]:
-    """Give the texts of the parameters that an element declares. Raises InputError for a name that is a duplicate."""
+    """Give the texts of the parameters that an element declares. Raises InputError where two of a name differ."""
     found: dict[str, str] = {}
     for one in () if (place := of.child("ParameterDeclarations")) is None else place.children():
-        name = one.xml.get("name", "")
-        if name in found:
-            raise one.refused(f"declares {name!r} a second time")
-        found[name] = (one.xml.get("value") or "").strip()
+        name, value = one.xml.get("name", ""), (one.xml.get("value") or "").strip()
+        if found.setdefault(name, value) != value:
+            raise one.refused(f"declares {name!r} a second time, as {value!r}", "Declare it once.")
     return found
 
 

@@ -63,7 +63,8 @@ def scenario_entities(scenario: ScenarioElement, catalogs: ScenarioCatalogs) -> 
 
 
 def _entity(name: str, told: ScenarioElement) -> ScenarioEntity:
-    if (trailer := told.child("Trailer")) is not None:
+    trailer = told.child("Trailer")
+    if trailer is not None and any(one.get("entityRef") != "" for one in trailer.children()):
         raise trailer.refused("follows as the player has it", "Take the trailer away.")
     box = told.needed("BoundingBox")
     centre, size = box.needed("Center"), box.needed("Dimensions")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
@@ -215,8 +214,8 @@ def sampled(motion: EntityMotion, t: Floats) -> Floats:
     Where the places alone are known, v is their derivative over the times, along the heading.
     """
     out = np.full((4, len(t)), np.nan)
-    later = [after.begin for _, after in pairwise(motion.stretches)]
-    for stretch, follows in zip(motion.stretches, [*later, np.inf], strict=True):
+    later = [*(stretch.begin for stretch in motion.stretches[1:]), np.inf]
+    for stretch, follows in zip(motion.stretches, later, strict=False):
         inside = (t >= stretch.begin - _EDGE) & (t <= stretch.end + _EDGE)
         rows = np.flatnonzero(inside & (t < follows - _EDGE))
         if not len(rows):
