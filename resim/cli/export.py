@@ -29,11 +29,17 @@ def openscenario(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the files; an earlier export there is replaced.")],
     version: Annotated[str, typer.Option(help="Of OpenSCENARIO: 1.1, 1.2 or 1.3.")] = "1.2",
+    style: Annotated[
+        str,
+        typer.Option(
+            help="trajectory: everybody's trace over time. route: waypoints and speeds, for players that steer."
+        ),
+    ] = "trajectory",
     accept: Accept = None,
 ) -> None:
-    """Write every source of a drive as OpenSCENARIO: everybody follows its trace, as a polyline over time."""
+    """Write every source of a drive as OpenSCENARIO: everybody follows its trace, or drives its route."""
     from resim.jobs.export import export_openscenario
 
-    found = export_openscenario(drive, out, version=version, accept=accept or [])
+    found = export_openscenario(drive, out, version=version, style=style, accept=accept or [])
     add_to_json(out=out, sources=found.sources, map=found.map)
     say(f"{found.drive}: {found.format}: {', '.join(found.sources.values())}; map {found.map}: {out}")
