@@ -62,6 +62,10 @@ def _speeds(xosc: Any, own: str, t: Floats, v: Floats) -> list[TimedAction]:
         profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, [0.0, *lasts])
         return [TimedAction(float(t[0]), f"{own} speeds", profile)]
     found = []
+    if t[0] > 0.0:  # whoever is there from the start has its first speed from Init
+        how = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
+        first = xosc.AbsoluteSpeedAction(speeds[0], how)
+        found.append(TimedAction(float(t[0]), f"{own} has a speed", first))
     for begin, length, target in zip(t[rows[:-1]].tolist(), lasts, speeds[1:], strict=True):
         how = xosc.TransitionDynamics(xosc.DynamicsShapes.linear, xosc.DynamicsDimension.time, length)
         found.append(
