@@ -38,6 +38,10 @@ FUZZ = settings(
 
 BOX = '<BoundingBox><Center x="{x}" y="{y}" z="0.7"/><Dimensions length="5" width="2" height="1.5"/></BoundingBox>'
 VEHICLE = '<Vehicle name="v" vehicleCategory="{kind}">' + BOX + "</Vehicle>"
+TREE = (
+    '<ScenarioObject name="tree"><MiscObject name="t" mass="1" miscObjectCategory="tree">'
+    f"{BOX.format(x=0, y=0)}</MiscObject></ScenarioObject>"
+)
 AT = (
     '<StartTrigger><ConditionGroup><Condition name="c" delay="0" conditionEdge="none"><ByValueCondition>'
     '<SimulationTimeCondition value="{t}" rule="greaterOrEqual"/></ByValueCondition></Condition></ConditionGroup>'
@@ -354,10 +358,12 @@ def test_who_is_added_and_deleted_is_there_no_longer(home: Path) -> None:
     add = of_b.format(f"<AddEntityAction>{world(5.0, 5.0, 0.0)}</AddEntityAction>")
     gone = of_b.format("<DeleteEntityAction/>")
     text = scenario(
-        {"Ego": teleport(world(0.0, 0.0))}, story(event(1.0, add), event(3.0, gone)),
-        entities=entity() + entity("b", "bus") + entity("never"),
+        {"Ego": teleport(world(0.0, 0.0)), "tree": teleport(world(9.0, 9.0))}, story(event(1.0, add), event(3.0, gone)),
+        entities=entity() + entity("b", "bus") + entity("never") + TREE,
     )  # fmt: skip
     gt = read(home, text)
+    left = read_openscenario(home / "drive.xosc").provenance["left_out"]
+    assert left == "never (put nowhere); tree (a part of the site)"
     assert gt.ids.tolist() == ["Ego", "b"]
     assert gt.kind.tolist() == ["car", "bus"]
     seen = gt.t[gt.valid[1]]
@@ -467,7 +473,9 @@ REFUSED = {
     "names road 'no', which is not on the map": scenario(
         {"Ego": teleport(LANE_PLACE.format(s=1, offset=0).replace(f'roadId="{ROAD}"', 'roadId="no"'))}
     ),
-    "names lane 77": scenario({"Ego": teleport(LANE_PLACE.format(s=1, offset=0).replace(f'laneId="{LANE}"', 'laneId="77"'))}),
+    "names lane 77": scenario(
+        {"Ego": teleport(LANE_PLACE.format(s=1, offset=0).replace(f'laneId="{LANE}"', 'laneId="77"'))}
+    ),
     "is on no lane that vehicles drive on, and has a speed": scenario(
         {"Ego": teleport(world(1e5, 1e5)) + speed("3")}
     ),

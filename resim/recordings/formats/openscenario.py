@@ -70,7 +70,7 @@ def read_openscenario(
     gt = Tracks.from_frame(frame.sort_values("t", kind="stable"))
     return Recording(
         name=f"{xosc.stem}_{ego}", map=road, ego=ego, gt=gt, gt_rate=sample_rate(xosc, gt),
-        provenance=_provenance(scenario, motions, origin),
+        provenance=_provenance(scenario, entities, motions, origin),
     )  # fmt: skip
 
 
@@ -172,14 +172,26 @@ def _rows(xosc: Path, entity: ScenarioEntity, motion: EntityMotion, times: Float
     return out
 
 
-def _provenance(scenario: ScenarioElement, motions: dict[str, EntityMotion], origin: float) -> dict[str, Any]:
+def _provenance(
+    scenario: ScenarioElement,
+    entities: dict[str, ScenarioEntity],
+    motions: dict[str, EntityMotion],
+    origin: float,
+) -> dict[str, Any]:
     header = scenario.needed("FileHeader")
     gone = [f"{name}: {why}" for name, motion in motions.items() for why in motion.left]
+    nowhere = [f"{name} (put nowhere)" for name, motion in motions.items() if not motion.stretches]
+    site = [f"{name} (a part of the site)" for name, one in entities.items() if one.is_furniture]
     known = {
         "source": scenario.file.name,
         "format": f"OpenSCENARIO {header.text('revMajor')}.{header.text('revMinor')}",
         "description": header.xml.get("description"), "author": header.xml.get("author"),
-        "says_no_more_of": "; ".join(gone[:20]) + (f"; and {len(gone) - 20} more" if len(gone) > 20 else ""),
+        "says_no_more_of": _listed(gone), "left_out": _listed(nowhere + site),
         "original_start": f"{origin:.9g} s",
     }  # fmt: skip
     return {key: value for key, value in known.items() if value}
+
+
+def _listed(told: list[str]) -> str:
+    more = f"; and {len(told) - 20} more" if len(told) > 20 else ""
+    return "; ".join(told[:20]) + more
