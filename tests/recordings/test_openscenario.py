@@ -389,6 +389,7 @@ def test_vehicles_come_from_catalogs(home: Path) -> None:
     folder.mkdir(exist_ok=True)
     (folder / "cars.xosc").write_text(CATALOG)
     init = {"Ego": teleport(world(0.0, 0.0))}
+    (folder / "a_scrap.xosc").write_text(CATALOG[:-30])  # nobody asks for what is in it
     gt = read(home, scenario(init, entities=OF_CATALOG, top=LOCATED.format("./catalogs")))
     assert (gt.kind[0], gt.length[0]) == ("van", 7.5)
 
@@ -510,6 +511,16 @@ def test_the_error_has_line_and_path_of_the_element(home: Path) -> None:
         "Event[@name='change']/Action[@name='a']/PrivateAction/LateralAction/LaneChangeAction"
     )
     assert path in str(told.value)
+
+
+def test_a_stop_that_depends_on_the_player_needs_an_end(home: Path) -> None:
+    text = scenario(STANDING).replace(AT.format(t=4.0).replace("StartT", "StopT"), "<StopTrigger/>")
+    with pytest.raises(InputError, match=r"has no StopTrigger.*Name the end by --end"):
+        read(home, text)
+    text = text.replace("<StopTrigger/>", by_value(HEADWAY).replace("StartT", "StopT"))
+    with pytest.raises(InputError, match=r"StopTrigger.*TimeHeadwayCondition.*Name the end by --end"):
+        read(home, text)
+    assert read(home, text, end=2.0).t[-1] == pytest.approx(2.0)
 
 
 def test_what_is_before_the_end_that_is_asked_for_comes_in(home: Path) -> None:

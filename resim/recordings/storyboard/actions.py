@@ -83,10 +83,10 @@ class StoryboardReader:
         """When the storyboard stops; who names the end need not know."""
         try:
             return trigger_time(board.child("StopTrigger"), 0.0)
-        except InputError:
+        except InputError as e:
             if math.isfinite(self._horizon):
                 return None
-            raise
+            raise InputError(e.source, e.problem, "Name the end by --end.") from None
 
     def _read_init(self, init: ScenarioElement) -> None:
         actions = init.child("Actions")

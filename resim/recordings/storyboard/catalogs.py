@@ -24,6 +24,7 @@ class ScenarioCatalogs:
     def __init__(self, scenario: ScenarioElement) -> None:
         self._scenario = scenario
         self._read: dict[Path, ScenarioElement] = {}
+        self._unread: list[InputError] = []
 
     def resolved(self, one: ScenarioElement) -> ScenarioElement:
         """Give the entry that a CatalogReference names, with its parameters; any other element is given back.
@@ -44,6 +45,8 @@ class ScenarioCatalogs:
                 if candidate.xml.get("name") == entry:
                     return _with_parameters(candidate, one)
             there[-1] = f"{name!r} without that entry"
+        if self._unread:  # what was looked for may be in it
+            raise self._unread[0]
         folders = "; the catalogs there are " + ", ".join(there[:8]) if there else "; there is no catalog"
         raise one.refused(
             f"names {entry!r} of the catalog {catalog!r}, which is not there{folders}",
@@ -52,14 +55,27 @@ class ScenarioCatalogs:
 
     def _catalogs(self) -> Iterator[ScenarioElement]:
         places = self._scenario.child("CatalogLocations")
+        self._unread = []
         for place in () if places is None else places.children():
-            directory = place.needed("Directory")
-            path = directory.get("path") or "."
-            for file in _files(directory, joined(self._scenario.file, path)):
-                if file not in self._read:
-                    self._read[file] = open_scenario_file(file)
-                if (found := self._read[file].child("Catalog")) is not None:
+            try:
+                directory = place.needed("Directory")
+                files = _files(directory, joined(self._scenario.file, directory.get("path") or "."))
+            except InputError as e:
+                self._unread.append(e)
+                continue
+            for file in files:
+                if (root := self._opened(file)) is not None and (found := root.child("Catalog")) is not None:
                     yield found
+
+    def _opened(self, file: Path) -> ScenarioElement | None:
+        """The root of a catalog's file, None for one that cannot be read: the entry may be in another."""
+        if file not in self._read:
+            try:
+                self._read[file] = open_scenario_file(file)
+            except InputError as e:
+                self._unread.append(e)
+                return None
+        return self._read[file]
 
 
 def _files(directory: ScenarioElement, folder: Path) -> list[Path]:
