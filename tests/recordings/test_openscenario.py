@@ -273,6 +273,20 @@ def test_speeds_change_as_their_formulas_say(home: Path, shape: str, dimension: 
     np.testing.assert_allclose(way, np.r_[0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))], atol=2e-3)
 
 
+def test_an_event_that_overrides_stops_the_change_of_speed(home: Path) -> None:
+    """From 10 to 20 m/s over 5 s from 1 s on, stopped at 3 s."""
+    gone = '<GlobalAction><EntityAction entityRef="b"><DeleteEntityAction/></EntityAction></GlobalAction>'
+    init = {
+        "Ego": teleport(LANE_PLACE.format(s=100, offset=0)) + speed("10"),
+        "b": teleport(world(0.0, 0.0)),
+    }
+    events = event(1.0, speed("20", "linear", "time", "5")), event(3.0, gone, "{}")
+    for priority, last in (("override", 14.0), ("parallel", 20.0)):
+        t, _, _, _, v = of(read(home, scenario(init, story(*events).format(priority), stop=8.0)))
+        assert v[t >= 6.0] == pytest.approx(last)
+        assert v[np.isclose(t, 3.0)] == pytest.approx(14.0)
+
+
 def test_times_are_scaled_and_shifted(home: Path) -> None:
     line = polyline((0.0, world(0.0, 0.0)), (1.0, world(10.0, 0.0)))
     timing = 'domainAbsoluteRelative="relative" scale="2" offset="0.5"'
@@ -426,6 +440,7 @@ HEADWAY = (
     "<ByEntityCondition><TriggeringEntities/><EntityCondition>"
     '<TimeHeadwayCondition entityRef="Ego" value="1"/></EntityCondition></ByEntityCondition>'
 )
+DRIVING = {"Ego": teleport(LANE_PLACE.format(s=1, offset=0))}
 STANDING = {"Ego": teleport(world(0.0, 0.0, 0.0))}
 LINE = polyline((0.0, world(0.0, 0.0)), (4.0, world(40.0, 0.0)))
 
@@ -601,6 +616,9 @@ def test_large_counts_end_soon(home: Path) -> None:
     many = [(0.001 * n, world(0.01 * n, 0.0)) for n in range(20_000)]
     gt = read(home, scenario({"Ego": follow(polyline(*many))}, stop=20.0))
     assert 1500 < len(gt.t) < 2500
+    many_events = "".join(event(0.001 * n, speed(str(n % 30)), "override") for n in range(2000))
+    assert not survives(home, scenario(DRIVING, story(many_events)).encode())
+    assert survives(home, scenario(DRIVING, story(many_events.rpartition("<Event")[0])).encode())
     bomb = '<!DOCTYPE a [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>' + scenario(STANDING).replace(
         "drive", "&b;"
     )

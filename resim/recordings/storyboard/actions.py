@@ -6,6 +6,7 @@ Source: ASAM OpenSCENARIO XML 1.3, "Storyboard".
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -118,18 +119,19 @@ class StoryboardReader:
         events = [one for one in maneuver.children("Event") if any(_moves(a) for a in one.children("Action"))]
         starts = [trigger_time(one.child("StartTrigger"), begin) for one in events]
         times = [begin if t is None else t for t in starts]
-        overriding = [
+        stops = sorted(
             t
             for one, t in zip(events, times, strict=True)
             if one.get("priority") in ("overwrite", "override")
-        ]
+        )
         for one, t in zip(events, times, strict=True):
             if t >= min(self._horizon, until):
                 continue
             _refuse_repeated(one)
             if one.get("priority") == "skip" and len(events) > 1:
                 raise one.refused("has priority 'skip' beside other events", "Expected parallel or override.")
-            stopped = min([later for later in overriding if later > t + _SOON], default=math.inf)
+            later = bisect_right(stops, t + _SOON)
+            stopped = stops[later] if later < len(stops) else math.inf
             for action in one.children("Action"):
                 self._do(action.only(), actors, t, min(until, stopped))
 

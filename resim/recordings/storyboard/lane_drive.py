@@ -6,10 +6,9 @@ import numpy as np
 
 from resim.core.geometry import Floats, wrap_angle
 from resim.recordings.storyboard.document import ScenarioElement
-from resim.recordings.storyboard.places import ScenarioPlace
+from resim.recordings.storyboard.places import ScenarioPlace, ScenarioPlaces
 from resim.road.lane_following import RouteStretch, follow
-from resim.road.links import LaneKey, lane_graph
-from resim.road.opendrive import RoadNetwork
+from resim.road.links import Graph, LaneKey
 
 _STEP = 0.25
 """m between points on whose chords ways are measured: 1e-5 m of 300 m on a radius of 250 m."""
@@ -27,12 +26,15 @@ class LaneDrive:
         length: m that there are, up to those asked for.
     """
 
-    def __init__(self, net: RoadNetwork, place: ScenarioPlace, way: float, element: ScenarioElement) -> None:
+    def __init__(
+        self, places: ScenarioPlaces, place: ScenarioPlace, way: float, element: ScenarioElement
+    ) -> None:
         """Follow the lane for so many metres of way.
 
         Raises:
             InputError: The place is on no lane, heads off it, or the lane goes on into several.
         """
+        net = places.network
         if way > _FARTHEST:
             raise element.refused(f"is left to drive {way:g} m along its lane, expected up to {_FARTHEST:g}")
         heading = None if place.heading is None and not place.on_lane else place.faced
@@ -48,14 +50,14 @@ class LaneDrive:
             problem = f"heads {abs(float(wrap_angle(heading - along))):.2f} rad off its lane, and has a speed"
             raise element.refused(f"{problem}: where it drives, the player decides", _TRAJECTORY)
         self._net, self._t, self._element = net, float(found.t[0]), element
-        self._points(road, lane, s, way)
+        self._points(places.lanes, LaneKey(road, net.roads[road].section_index(s), lane), s, way)
 
-    def _points(self, road: str, lane: int, s: float, way: float) -> None:
-        graph, before = lane_graph(self._net), None
+    def _points(self, graph: Graph, start: LaneKey, s: float, way: float) -> None:
+        before: LaneKey | None = None
         at, numbers, reached = [np.array([0.0])], [np.array([0])], 0.0
         self._stretches: list[RouteStretch] = []
         places = [np.array([s])]
-        for stretch in follow(self._net, road, lane, s, ahead=True):
+        for stretch in follow(self._net, start.road, start.lane, s, ahead=True):
             key = LaneKey(stretch.road, stretch.section, stretch.lane)
             if before is not None and len(graph.get(before, ())) > 1:
                 raise self._element.refused(

@@ -15,6 +15,8 @@ from resim.recordings.storyboard.lane_drive import LaneDrive
 from resim.recordings.storyboard.places import ScenarioPlace, ScenarioPlaces
 from resim.recordings.storyboard.speeds import SpeedChange, SpeedCourse
 
+MOST_DEEDS = 2000
+"""Actions of an entity."""
 _STANDS = 0.01
 """m/s at a trajectory's end below which its entity stands there."""
 _EDGE = 1e-9
@@ -61,6 +63,11 @@ class EntityMotion:
         self._stop = np.inf
         self.stretches: list[Stretch] = []
         self.left: list[str] = []
+        if len(deeds) > MOST_DEEDS:
+            raise deeds[0].element.refused(
+                f"is one of {len(deeds)} actions of its entity, expected up to {MOST_DEEDS}",
+                "Write its drive as one trajectory.",
+            )
         for deed in deeds:
             self._settle(deed.at)
             self._apply(deed)
@@ -139,7 +146,7 @@ class EntityMotion:
             self.stretches.append(_standing(place, since, t))
             return
         assert self._of is not None  # whoever has a place was put there by an element
-        drive = LaneDrive(self._places.network, place, until - before, self._of)
+        drive = LaneDrive(self._places, place, until - before, self._of)
         end = t if drive.length >= until - before else _when(course, before + drive.length, since, t)
 
         def states(times: Floats) -> Floats:

@@ -13,6 +13,7 @@ from functools import cached_property
 from resim.core.errors import InputError
 from resim.recordings.storyboard.document import ScenarioElement
 from resim.recordings.tables import MOST_TURNED
+from resim.road.links import Graph, lane_graph
 from resim.road.opendrive import RoadNetwork
 
 _OVER = 1e-3
@@ -55,6 +56,11 @@ class ScenarioPlaces:
     def network(self) -> RoadNetwork:
         """The map."""
         return self._load()
+
+    @cached_property
+    def lanes(self) -> Graph:
+        """Which lane of the map goes on into which."""
+        return lane_graph(self.network)
 
     def of(self, position: ScenarioElement) -> ScenarioPlace:
         """Give the place of a Position.

@@ -74,7 +74,7 @@ class SpeedCourse:
 
     def change(self, t: float, to: SpeedChange) -> None:
         """Change the speed from t [s] on; t is not before that of the change before."""
-        now = float(self.speed(np.array([t]))[0])
+        now = float(self._ramps[-1].speed(np.array([t]))[0])
         lasts, shape = 0.0, to.shape
         if shape == "step":
             shape = "linear"
@@ -86,7 +86,8 @@ class SpeedCourse:
 
     def keep(self, t: float) -> None:
         """Keep the speed from t [s] on as it is there."""
-        self.change(t, SpeedChange(float(self.speed(np.array([t]))[0]), "step", "time", 0.0))
+        now = float(self._ramps[-1].speed(np.array([t]))[0])
+        self.change(t, SpeedChange(now, "step", "time", 0.0))
 
     def speed(self, t: Floats) -> Floats:
         """Give the speed (T,) [m/s] at t (T,) [s]."""
