@@ -14,6 +14,7 @@ import pytest
 from conftest import DATA, ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from junction import write_junction
 from lxml import etree
 from scipy.interpolate import PPoly
 
@@ -252,6 +253,23 @@ def test_who_has_a_speed_alone_keeps_its_lane(home: Path) -> None:
     np.testing.assert_allclose(way, 20.0 * t, atol=1e-3)
 
 
+def test_where_a_lane_forks_the_player_decides_and_where_it_ends_so_does_the_track(tmp_path: Path) -> None:
+    """120 m of road 1 to the junction; from road 10, which leads straight on, 140 m to the end of the map."""
+    write_junction(tmp_path / "road.xodr")
+    place = '<Position><LanePosition roadId="{}" laneId="-1" s="0"/></Position>'
+    driving = {"Ego": teleport(place.format(1)) + speed("20")}
+    with pytest.raises(
+        InputError, match=r"road 1 section 0 lane -1 after 120.0 m, which goes on into several"
+    ):
+        read(tmp_path, scenario(driving, stop=10.0))
+    assert read(tmp_path, scenario(driving, stop=5.9)).t[-1] == pytest.approx(5.9)
+    driving["Ego"] = driving["Ego"].replace('roadId="1"', 'roadId="10"')
+    t, x, *_ = of(read(tmp_path, scenario(driving, stop=10.0, entities=entity(x=0.0))))
+    assert (t[-1], x[-1]) == (pytest.approx(7.0), pytest.approx(140.0))
+    said = read_openscenario(tmp_path / "drive.xosc").provenance["says_no_more_of"]
+    assert said == "Ego: its lane ends at 7.000 s"
+
+
 @pytest.mark.parametrize("shape", ["linear", "cubic", "sinusoidal"])
 @pytest.mark.parametrize("dimension", ["time", "rate"])
 def test_speeds_change_as_their_formulas_say(home: Path, shape: str, dimension: str) -> None:
@@ -296,6 +314,28 @@ def test_times_are_scaled_and_shifted(home: Path) -> None:
     np.testing.assert_allclose(x, np.interp(t, [1.0, 3.0], [0.0, 10.0]), atol=1e-9)
     assert t[-1] == pytest.approx(3.0)  # where it drives on, the file does not say
     assert v[(t > 1.1) & (t < 2.9)] == pytest.approx(5.0)
+
+
+def test_orientations_count_from_the_lane_where_they_are_relative(home: Path) -> None:
+    turned = LANE_PLACE.format(s=100, offset=0).replace("/></Position>", ">{}</LanePosition></Position>")
+    along = float(NETWORK.lane_heading(ROAD, LANE, 100.0))
+    for told, heading in (("relative", along + 0.5), ("absolute", 0.5)):
+        place = turned.format(f'<Orientation type="{told}" h="0.5"/>')
+        _, _, _, found, _ = of(read(home, scenario({"Ego": teleport(place)})))
+        assert found == pytest.approx(float(wrap_angle(heading)))
+
+
+def test_triggers_wait_for_their_delay_and_for_all_of_a_group(home: Path) -> None:
+    both = AT.format(t=1).replace('delay="0"', 'delay="0.5"')
+    second = AT.format(t=2)
+    second = second[second.index("<Condition ") : second.index("</ConditionGroup>")]
+    for trigger, begins in (
+        (both, 1.5),
+        (both.replace("</ConditionGroup>", second + "</ConditionGroup>"), 2.0),
+    ):
+        happens = event(1, speed("7")).replace(AT.format(t=1), trigger)
+        t, _, _, _, v = of(read(home, scenario(DRIVING, story(happens))))
+        assert t[v > 0.0][0] == pytest.approx(begins)
 
 
 def test_far_vertices_have_samples_between_them_and_tangents(home: Path) -> None:
