@@ -316,13 +316,13 @@ def test_times_are_scaled_and_shifted(home: Path) -> None:
     assert v[(t > 1.1) & (t < 2.9)] == pytest.approx(5.0)
 
 
-def test_orientations_count_from_the_lane_where_they_are_relative(home: Path) -> None:
-    turned = LANE_PLACE.format(s=100, offset=0).replace("/></Position>", ">{}</LanePosition></Position>")
-    along = float(NETWORK.lane_heading(ROAD, LANE, 100.0))
-    for told, heading in (("relative", along + 0.5), ("absolute", 0.5)):
-        place = turned.format(f'<Orientation type="{told}" h="0.5"/>')
-        _, _, _, found, _ = of(read(home, scenario({"Ego": teleport(place)})))
-        assert found == pytest.approx(float(wrap_angle(heading)))
+def test_orientations_count_from_the_lane_where_they_are_relative(tmp_path: Path) -> None:
+    """Road 3 leads to the north."""
+    write_junction(tmp_path / "road.xodr")
+    turned = '<Position><LanePosition roadId="3" laneId="-1" s="9"><Orientation{} h="0.5"/></LanePosition></Position>'
+    for told, heading in ((' type="relative"', 0.5 * np.pi + 0.5), (' type="absolute"', 0.5), ("", 0.5)):
+        _, _, _, found, _ = of(read(tmp_path, scenario({"Ego": teleport(turned.format(told))})))
+        assert found == pytest.approx(heading)
 
 
 def test_triggers_wait_for_their_delay_and_for_all_of_a_group(home: Path) -> None:
