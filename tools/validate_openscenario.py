@@ -10,11 +10,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
 from resim.jobs.export import export_openscenario
-from resim.scenario.openscenario import VERSIONS
+from resim.scenario.openscenario import STYLES, VERSIONS
 
 ROOT = Path(__file__).parents[1]
 REAL = ("USA_US101-5_1_T-1", "USA_US101-12_1_T-1", "USA_US101-22_1_T-1", "USA_Lanker-1_17_T-1")
@@ -63,18 +64,19 @@ def main(checker: Path, data: Path) -> None:
         home = Path(folder)
         for name, drive in drives(data, home).items():
             ended, others, issues, files, count, taken = 0, 0, list[str](), 0, 0, 0.0
-            for version in VERSIONS:
+            for version, style in product(VERSIONS, STYLES):
                 begin = time.perf_counter()
-                report = export_openscenario(drive, home / "out", version=version)
+                report = export_openscenario(drive, home / "out", version=version, style=style)
                 taken += time.perf_counter() - begin
                 for source in report.sources.values():
                     text = home / "out" / source
                     count = len(ElementTree.parse(text).getroot().findall("Entities/ScenarioObject"))
                     done, lost, told = findings(checker, text, home)
                     ended, others, issues, files = ended + done, others + lost, issues + told, files + 1
+            taken /= len(VERSIONS) * len(STYLES)
             said = "; ".join(sorted(set(issues))) or "none"
             print(
-                f"| {name} | {files} | {count} | {taken / len(VERSIONS):.1f} | {ended} | {others} | {said} |",
+                f"| {name} | {files} | {count} | {taken:.1f} | {ended} | {others} | {said} |",
                 flush=True,
             )
 

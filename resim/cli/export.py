@@ -34,12 +34,18 @@ def openscenario(
     drive: Drive,
     out: Out,
     version: Annotated[str, typer.Option(help="Of OpenSCENARIO: 1.1, 1.2 or 1.3.")] = "1.2",
+    style: Annotated[
+        str,
+        typer.Option(
+            help="trajectory: everybody's trace over time. route: waypoints and speeds, for players that steer."
+        ),
+    ] = "trajectory",
     accept: Accept = None,
 ) -> None:
-    """Write every source of a drive as OpenSCENARIO: everybody follows its trace, as a polyline over time."""
+    """Write every source of a drive as OpenSCENARIO: everybody follows its trace, or drives its route."""
     from resim.jobs.export import export_openscenario
 
-    _tell(out, export_openscenario(drive, out, version=version, accept=accept or []))
+    _tell(out, export_openscenario(drive, out, version=version, style=style, accept=accept or []))
 
 
 @command(exports, "osi")

@@ -19,7 +19,6 @@ from osi3.osi_trafficupdate_pb2 import TrafficUpdate
 
 from resim.core.osi import RECORDING, REFERENCE
 from resim.exports.states import (
-    REAR_AXLE,
     SECOND,
     ExportedState,
     TimedMessage,
@@ -32,6 +31,7 @@ from resim.function.osmp import VEHICLES, VERSION
 from resim.report.player import PlayedDrive
 from resim.report.player.drive import Layer
 from resim.road.opendrive import RoadNetwork
+from resim.scenario.openscenario import REAR_AXLE
 
 _WHEEL = 0.3
 """m from the road to the rear axle."""

@@ -21,7 +21,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from resim.core.spec import to_json
 from resim.exports.states import (
-    REAR_AXLE,
     SECOND,
     ExportedState,
     first_second,
@@ -33,6 +32,7 @@ from resim.exports.states import (
 from resim.report.player import PlayedDrive
 from resim.report.player.colors import layer_colors
 from resim.report.player.drive import Layer
+from resim.scenario.openscenario import REAR_AXLE
 
 BAG, MAPPING = "bag", "mapping.toml"
 MAP_FRAME = "map"

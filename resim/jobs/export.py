@@ -32,7 +32,7 @@ from resim.results import EXPORT, check_output, whole_folder, write_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN, SWEEP, VERIFICATION, check_results, locked
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
-from resim.scenario.openscenario import VERSIONS, openscenario, refuse_without_openscenario
+from resim.scenario.openscenario import STYLES, VERSIONS, openscenario, refuse_without_openscenario
 from resim.scenario.scenario import Scenario
 
 SOURCE_ALONE = "scenario"
@@ -47,6 +47,7 @@ class ExportReport:
         versions: Of what wrote them.
         drive: Its name.
         format: Of the files.
+        style: How drives are written: as trajectories, or as routes.
         sources: For each source of the drive its file.
         map: The OpenDRIVE file beside them.
         files: Hashes of all of them.
@@ -57,20 +58,23 @@ class ExportReport:
     versions: Mapping[str, str]
     drive: str
     format: str
+    style: str
     sources: Mapping[str, str]
     map: str
     files: Mapping[str, str]
 
 
 def export_openscenario(
-    drive: str | Path, out: str | Path, *, version: str = "1.2", accept: Collection[str] = ()
-) -> ExportReport:
+    drive: str | Path, out: str | Path, *, version: str = "1.2", style: str = "trajectory",
+    accept: Collection[str] = (),
+) -> ExportReport:  # fmt: skip
     """Write every source of a drive as an OpenSCENARIO file, with the map beside.
 
     Args:
         drive: A recording (GT, SD), a folder that `resim run` wrote (GT, SD, rGT, rSD), or a JSCEN file.
         out: Folder; earlier files of an export there are replaced.
         version: Of OpenSCENARIO: 1.1, 1.2 or 1.3.
+        style: "trajectory", everybody's trace as a polyline over time, or "route", waypoints and a speed over time.
         accept: Codes of findings in a recording to continue despite.
 
     Returns:
@@ -82,6 +86,8 @@ def export_openscenario(
     path, folder = path_of(drive), path_of(out)
     if version not in VERSIONS:
         raise InputError("--version", f"is {version!r}, expected {', '.join(VERSIONS)}")
+    if style not in STYLES:
+        raise InputError("--style", f"is {style!r}, expected {' or '.join(STYLES)}")
     refuse_without_openscenario()
     check_output(folder, EXPORT)
     name, network, scenarios = _scenarios(path, accept)
@@ -91,10 +97,10 @@ def export_openscenario(
         sources = {}
         for source, scenario in scenarios.items():
             sources[source] = f"{source}.xosc"
-            text = openscenario(scenario, network, name=f"{name}: {source}", version=version)
+            text = openscenario(scenario, network, name=f"{name}: {source}", version=version, style=style)
             (new / sources[source]).write_bytes(text)
         files = {file.name: file_hash(file) for file in sorted(new.iterdir())}
-        report = ExportReport(versions(), name, f"OpenSCENARIO {version}", sources, road, files)
+        report = ExportReport(versions(), name, f"OpenSCENARIO {version}", style, sources, road, files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
 
@@ -161,7 +167,7 @@ def export_drive(
         sources = importlib.import_module(made.module).write(played, new)
         every = sorted(file for file in new.rglob("*") if file.is_file())
         files = {file.relative_to(new).as_posix(): file_hash(file) for file in every}
-        report = ExportReport(versions(), played.name, made.title, sources, road.name, files)
+        report = ExportReport(versions(), played.name, made.title, "", sources, road.name, files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
 
@@ -200,7 +206,7 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
         write(new, crate(title, kind.mark, told, about, date))
         files = {name: digest for name, (_, digest) in about.items()}
         files[ROCRATE] = file_hash(new / ROCRATE)
-        report = ExportReport(versions(), title, "RO-Crate 1.1", {}, "", files)
+        report = ExportReport(versions(), title, "RO-Crate 1.1", "", {}, "", files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
 

@@ -1,4 +1,4 @@
-"""Scenarios as OpenSCENARIO XML: everybody follows its trace, as a polyline over time.
+"""Scenarios as OpenSCENARIO XML: everybody follows its trace, as a polyline over time, or drives its route.
 
 Source: ASAM OpenSCENARIO XML 1.1 to 1.3. The reference point of a vehicle is the middle of its rear axle.
 """
@@ -8,23 +8,27 @@ from __future__ import annotations
 import datetime
 import importlib.util
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from resim.core.errors import InputError
 from resim.road.opendrive import RoadNetwork
+from resim.scenario.openscenario_route import TimedAction, route_actions
 from resim.scenario.scenario import Scenario, ScenarioObject
 from resim.scenario.trace import STEP, Trace
 
 VERSIONS = ("1.1", "1.2", "1.3")
 """Of OpenSCENARIO."""
+STYLES = ("trajectory", "route")
+"""How drives are written: as a polyline over time, or as waypoints and a speed over time."""
 REAR_AXLE = 0.3
 """How far the rear axle is behind the middle of a vehicle, in lengths of it."""
 WHEELBASE = 0.6
 """Between its axles, in lengths of it."""
-_HEIGHTS = {"truck": 3.5, "bus": 3.2, "van": 2.2, "trailer": 3.0, "pedestrian": 1.75, "bicycle": 1.7}
-_HEIGHT = 1.5
+HEIGHTS = {"truck": 3.5, "bus": 3.2, "van": 2.2, "trailer": 3.0, "pedestrian": 1.75, "bicycle": 1.7}
+HEIGHT = 1.5
+"""Heights [m] of objects by kind, and of all others: no recording says them."""
 _CATEGORIES = {"unknown": "car", "motorcycle": "motorbike"}
 _FASTEST, _STRONGEST, _WEIGHT = 70.0, 12.0, 75.0
 """Limits of a vehicle [m/s, m/s²] that no trace reaches; mass [kg] of a pedestrian."""
@@ -41,11 +45,13 @@ def refuse_without_openscenario() -> None:
         raise InputError("export openscenario", "needs scenariogeneration", remedy)
 
 
-def openscenario(scenario: Scenario, network: RoadNetwork, *, name: str, version: str = "1.2") -> bytes:
+def openscenario(
+    scenario: Scenario, network: RoadNetwork, *, name: str, version: str = "1.2", style: str = "trajectory"
+) -> bytes:
     """Give a scenario as an OpenSCENARIO file.
 
     The road is the file that the scenario names, beside it. Times count from the scenario's start. Who comes later than
-    that is added then, and who ends before the end is deleted. name: for the header.
+    that is added then, and who ends before the end is deleted. name: for the header. style: of STYLES.
     """
     from lxml import etree
     from scenariogeneration import xosc
@@ -64,7 +70,11 @@ def openscenario(scenario: Scenario, network: RoadNetwork, *, name: str, version
     for way in kept:
         own = names[way.of.id]
         entities.add_scenario_object(own, _entity(xosc, way.of))
-        _put(xosc, init, act, way, own, scenario.duration)
+        if style == "route":
+            driven = route_actions(xosc, network, own, way.t, way.states)
+        else:
+            driven = _trajectory(xosc, way, own)
+        _put(xosc, init, act, _Part(own, way, driven), scenario.duration)
     story = xosc.Story("story")
     story.add_act(act)
     board = xosc.StoryBoard(init, _at(xosc, "end", scenario.duration, "stop"))
@@ -110,7 +120,7 @@ def _names(everyone: tuple[ScenarioObject, ...]) -> dict[str, str]:
 
 def _entity(xosc: Any, one: ScenarioObject) -> Any:
     """A vehicle or pedestrian, its box before its rear axle."""
-    height, length = _HEIGHTS.get(one.kind, _HEIGHT), one.length
+    height, length = HEIGHTS.get(one.kind, HEIGHT), one.length
     if one.kind == "pedestrian":
         box = xosc.BoundingBox(one.width, length, height, 0.0, 0.0, 0.5 * height)
         return xosc.Pedestrian(one.id, _WEIGHT, xosc.PedestrianCategory.pedestrian, box)
@@ -120,8 +130,31 @@ def _entity(xosc: Any, one: ScenarioObject) -> Any:
     return xosc.Vehicle(one.id, kind, box, front, rear, _FASTEST, _STRONGEST, _STRONGEST)
 
 
-def _put(xosc: Any, init: Any, act: Any, way: _Way, own: str, duration: float) -> None:
-    """Let an entity be where it is at its first time, follow its trace, and be deleted where that ends early."""
+class _Part(NamedTuple):
+    """An entity's name, its states, and the actions by which it drives them."""
+
+    own: str
+    way: _Way
+    driven: list[TimedAction]
+
+
+def _trajectory(xosc: Any, way: _Way, own: str) -> list[TimedAction]:
+    """Follow its trace, a vertex for each state."""
+    if len(way.t) < 2:
+        return []
+    places = zip(*way.states[:3].tolist(), strict=True)
+    points = [xosc.WorldPosition(x, y, h=heading) for x, y, heading in places]
+    trajectory = xosc.Trajectory(f"trace {own}", False)
+    trajectory.add_shape(xosc.Polyline(way.t.tolist(), points))
+    follow = xosc.FollowTrajectoryAction(
+        trajectory, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0
+    )
+    return [TimedAction(float(way.t[0]), f"{own} drives", follow)]
+
+
+def _put(xosc: Any, init: Any, act: Any, part: _Part, duration: float) -> None:
+    """Let an entity be where it is at its first time, drive, and be deleted where its trace ends early."""
+    own, way, driven = part
     x, y, heading, v = way.states
     first = xosc.WorldPosition(float(x[0]), float(y[0]), h=float(heading[0]))
     group = xosc.ManeuverGroup(f"group {own}")
@@ -134,21 +167,17 @@ def _put(xosc: Any, init: Any, act: Any, way: _Way, own: str, duration: float) -
         init.add_init_action(own, xosc.TeleportAction(first))
         still = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
         init.add_init_action(own, xosc.AbsoluteSpeedAction(float(v[0]), still))
-    if len(way.t) > 1:
-        points = [
-            xosc.WorldPosition(*place[:2], h=place[2]) for place in zip(*way.states[:3].tolist(), strict=True)
-        ]
-        trajectory = xosc.Trajectory(f"trace {own}", False)
-        trajectory.add_shape(xosc.Polyline(way.t.tolist(), points))
-        follow = xosc.FollowTrajectoryAction(
-            trajectory, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0
-        )
-        _add_event(xosc, maneuver, f"{own} drives", begin, follow)
+    for one in driven:
+        if one.t <= 0.0 and isinstance(one.action, xosc.AssignRouteAction):
+            init.add_init_action(own, one.action)
+        else:
+            _add_event(xosc, maneuver, one.name, one.t, one.action)
     end = float(way.t[-1])
     if end < duration - _LAST:
         _add_event(xosc, maneuver, f"{own} vanishes", end, xosc.DeleteEntityAction(own))
-    group.add_maneuver(maneuver)
-    act.add_maneuver_group(group)
+    if maneuver.events:
+        group.add_maneuver(maneuver)
+        act.add_maneuver_group(group)
 
 
 def _add_event(xosc: Any, maneuver: Any, name: str, t: float, action: Any) -> None:

@@ -16,8 +16,9 @@ from lxml import etree
 
 from resim.core.errors import InputError
 from resim.jobs.export import export_openscenario
+from resim.road.opendrive import load
 
-pytest.importorskip("scenariogeneration")
+scenariogeneration = pytest.importorskip("scenariogeneration")
 
 
 class Played:
@@ -196,3 +197,141 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path, drive: str, version:
     with pytest.raises(InputError, match=why):
         export_openscenario(ROOT / "scenarios" / drive, tmp_path / "out", version=version)
     assert not (tmp_path / "out").exists()
+
+
+def schema(version: str) -> etree.XMLSchema:
+    """The schema that scenariogeneration ships."""
+    named = {"1.1": "1_1", "1.2": "1_2", "1.3": "1_3_1"}[version]
+    file = Path(scenariogeneration.__file__).parents[1] / "schemas" / f"OpenSCENARIO_{named}.xsd"
+    return etree.XMLSchema(etree.parse(file))
+
+
+def late(home: Path) -> Path:
+    """A drive of the EGO, of who changes into its lane, and of who is there from 2 to 5 s."""
+    rows = pd.read_csv(ROOT / "scenarios" / "cut_in_brake" / "gt.csv")
+    other = rows[rows.id.astype(str) != "ego"].id.iloc[0]
+    later = rows[rows.id == other].assign(id="late", x=rows.x + 80.0)
+    folder = home / "late"
+    folder.mkdir()
+    pd.concat([rows, later[later.t.between(2.0, 5.0)]]).to_csv(folder / "gt.csv", index=False)
+    (folder / "recording.toml").write_text(
+        f'name = "late"\nmap = "{ROOT}/networks/proving_ground.xodr"\nego = "ego"\n', encoding="utf-8"
+    )
+    return folder
+
+
+def speeds(root: etree._Element, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and speeds of an entity's profile, or of its chain of changes."""
+    group = root.find(f".//ManeuverGroup[@name='group {name}']")
+    entries = group.findall(".//SpeedProfileEntry")
+    if entries:
+        begin = float(group.xpath(".//Event[.//SpeedProfileAction]//SimulationTimeCondition/@value")[0])
+        times = begin + np.cumsum([float(one.get("time")) for one in entries])
+        return times, np.array([float(one.get("speed")) for one in entries])
+    private = root.xpath(f"Storyboard/Init//Private[@entityRef='{name}']//AbsoluteTargetSpeed/@value")
+    times, v = [0.0] * len(private), [float(one) for one in private]
+    for one in group.iterfind(".//Event"):
+        if (change := one.find(".//SpeedAction")) is None:
+            continue
+        begin = float(one.find(".//SimulationTimeCondition").get("value"))
+        assert not times or begin == pytest.approx(times[-1])  # each goes on where the one before ends
+        times.append(begin + float(change.find("SpeedActionDynamics").get("value")))
+        v.append(float(change.find(".//AbsoluteTargetSpeed").get("value")))
+    return np.array(times), np.array(v)
+
+
+@pytest.mark.parametrize("version", ["1.1", "1.2", "1.3"])
+def test_a_route_leads_over_the_lanes_that_were_driven_at_the_speeds_that_were(
+    tmp_path: Path, version: str
+) -> None:
+    folder = late(tmp_path)
+    export_openscenario(folder, tmp_path / "out", version=version, style="route")
+    export_openscenario(folder, tmp_path / "traces", version=version)
+    root = etree.parse(tmp_path / "out" / "GT.xosc").getroot()
+    schema(version).assertValid(root.getroottree())
+    traces, network = Played(tmp_path / "traces" / "GT.xosc"), load(ROOT / "networks" / "proving_ground.xodr")
+    assert not root.findall(".//FollowTrajectoryAction")
+    for name in traces.names:
+        told = traces.box(name)
+        way = np.cumsum(np.hypot(np.diff(told.x), np.diff(told.y)))
+        t, v = speeds(root, name)
+        assert (t[0], t[-1]) == (pytest.approx(told.t.iloc[0]), pytest.approx(told.t.iloc[-1]))
+        assert len(t) < 40
+        driven = np.interp(told.t, t, v)
+        driven = np.cumsum(0.5 * (driven[1:] + driven[:-1]) * np.diff(told.t))
+        assert np.abs(driven - way).max() < 0.02 * (t[-1] - t[0])
+        points = root.findall(f".//Route[@name='route {name}']//LanePosition")
+        assert len(points) >= 2
+        for one in points:
+            x, y = network.to_xy(
+                one.get("roadId"),
+                int(one.get("laneId")),
+                float(one.get("s")),
+                float(one.get("offset")),
+            )
+            assert np.hypot(told.x - x, told.y - y).min() < 3.0  # the rear axle is behind the box's middle
+        lanes = [one.get("laneId") for one in points]
+        at = network.to_road(told.x.to_numpy(), told.y.to_numpy())
+        assert lanes[0] == str(at.lane[0])
+        assert lanes[-1] == str(at.lane[-1])
+    init = root.xpath("Storyboard/Init//Private[.//AssignRouteAction]/@entityRef")
+    assert sorted(init) == sorted(set(traces.names) - {"object_late"})
+    event = root.xpath(".//Event[.//AssignRouteAction]//SimulationTimeCondition/@value")
+    assert [float(one) for one in event] == [2.0]
+
+
+def test_who_stands_has_no_route(tmp_path: Path) -> None:
+    rows = pd.read_csv(ROOT / "scenarios" / "cut_in_brake" / "gt.csv")
+    ego = rows[rows.id.astype(str) == "ego"]
+    parked = ego.assign(id="parked", x=ego.x.iloc[0] + 200.0, y=ego.y.iloc[0], v=0.0, heading=0.0)
+    for column in ("a", "yaw_rate"):
+        if column in parked:
+            parked[column] = 0.0
+    folder = tmp_path / "parked"
+    folder.mkdir()
+    pd.concat([ego, parked]).to_csv(folder / "gt.csv", index=False)
+    (folder / "recording.toml").write_text(
+        f'name = "parked"\nmap = "{ROOT}/networks/proving_ground.xodr"\nego = "ego"\n', encoding="utf-8"
+    )
+    export_openscenario(folder, tmp_path / "out", style="route")
+    root = etree.parse(tmp_path / "out" / "GT.xosc").getroot()
+    assert root.xpath(".//Route/@name") == ["route Ego"]
+    assert speeds(root, "object_parked")[1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_style_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--style: is 'roads', expected trajectory or route"):
+        export_openscenario(ROOT / "scenarios" / "overtake", tmp_path / "out", style="roads")
+
+
+@pytest.mark.skipif(shutil.which("esmini") is None, reason="needs esmini on PATH")
+def test_esmini_plays_what_is_exported(tmp_path: Path) -> None:
+    """Its log has the reference points; at the vertices they are where they were written."""
+    export_openscenario(ROOT / "scenarios" / "cut_in_brake", tmp_path / "out")
+    order = [
+        "esmini",
+        "--osc",
+        "GT.xosc",
+        "--headless",
+        "--fixed_timestep",
+        "0.01",
+        "--csv_logger",
+        "log.csv",
+    ]
+    subprocess.run([*order, "--record", "sim.dat"], cwd=tmp_path / "out", check=True, capture_output=True)
+    lines = (tmp_path / "out" / "log.csv").read_text().splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("Index [-]"))
+    keys = [key.strip() for key in lines[head].split(",")]
+    log = pd.DataFrame([[one.strip() for one in line.split(",")][: len(keys)] for line in lines[head + 1 :]])
+    log.columns = keys[: log.shape[1]]
+    t = log["TimeStamp [s]"].astype(float)
+    file = Played(tmp_path / "out" / "GT.xosc")
+    for k, name in enumerate(file.names, start=1):
+        x, y = (log[f"#{k} World_Position_{axis} [m]"].astype(float) for axis in "XY")
+        box = file.box(name)
+        middle = float(file.root.find(f"Entities/ScenarioObject[@name='{name}']//Center").get("x"))
+        box = box.assign(x=box.x - middle * np.cos(box.heading), y=box.y - middle * np.sin(box.heading))
+        inside = t <= box.t.iloc[-1]
+        off = np.hypot(np.interp(t, box.t, box.x) - x, np.interp(t, box.t, box.y) - y)[inside]
+        assert inside.sum() > 800
+        assert off.max() < 1e-3, f"{name}: esmini is {off.max():.6f} m off"

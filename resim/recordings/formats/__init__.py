@@ -5,5 +5,6 @@ import resim.recordings.formats.argoverse
 import resim.recordings.formats.commonroad
 import resim.recordings.formats.highd
 import resim.recordings.formats.mcity
+import resim.recordings.formats.openscenario
 import resim.recordings.formats.osi
 import resim.recordings.formats.table

@@ -1,0 +1,251 @@
+"""A storyboard as what is done with each entity, and when: what the file says of motion; the rest is refused.
+
+Source: ASAM OpenSCENARIO XML 1.3, "Storyboard".
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from resim.core.errors import InputError
+from resim.recordings.storyboard.catalogs import ScenarioCatalogs
+from resim.recordings.storyboard.curves import ScenarioCurve, scenario_curve
+from resim.recordings.storyboard.document import ScenarioElement
+from resim.recordings.storyboard.places import ScenarioPlace, ScenarioPlaces
+from resim.recordings.storyboard.speeds import SpeedChange, speed_change
+from resim.recordings.storyboard.triggers import never, trigger_time
+
+TRAJECTORIES = "Write the drive as FollowTrajectoryActions with times instead."
+_STILL = ("VisibilityAction", "AppearanceAction")
+"""Private actions that move nobody."""
+_GLOBAL = (
+    "EnvironmentAction",
+    "InfrastructureAction",
+    "ParameterAction",
+    "VariableAction",
+    "SetMonitorAction",
+)
+"""Global actions that move nobody: triggers that would wait for them are refused."""
+_SOON = 1e-6
+"""s"""
+
+
+class Removal:
+    """An entity is deleted."""
+
+
+@dataclass(frozen=True)
+class Deed:
+    """What an action does with an entity.
+
+    Attributes:
+        at: When it begins [s].
+        until: When it is stopped at the latest [s].
+        element: The action.
+        what: Where the entity is put, how its speed changes, which curve it follows, or that it is deleted.
+    """
+
+    at: float
+    until: float
+    element: ScenarioElement
+    what: ScenarioPlace | SpeedChange | ScenarioCurve | Removal
+
+
+class StoryboardReader:
+    """Reads the deeds of a storyboard.
+
+    Attributes:
+        deeds: Of each entity, in the order of their times.
+        end: When the storyboard stops [s], None where it does not say.
+    """
+
+    def __init__(
+        self, scenario: ScenarioElement, entities: list[str], catalogs: ScenarioCatalogs,
+        places: ScenarioPlaces, horizon: float | None,
+    ) -> None:  # fmt: skip
+        """Read it; of events from the horizon [s] on, if there is one, only the triggers are. Raises InputError."""
+        self._catalogs, self._places = catalogs, places
+        self._horizon = math.inf if horizon is None else horizon - _SOON
+        self.deeds: dict[str, list[Deed]] = {name: [] for name in entities}
+        board = scenario.needed("Storyboard")
+        self.end = self._stop(board)
+        self._horizon = min(self._horizon, never(self.end) - _SOON)
+        self._read_init(board.needed("Init"))
+        for story in board.children("Story"):
+            for act in story.children("Act"):
+                self._read_act(act)
+        for own in self.deeds.values():
+            own.sort(key=lambda deed: deed.at)
+
+    def _stop(self, board: ScenarioElement) -> float | None:
+        """When the storyboard stops; who names the end need not know."""
+        try:
+            return trigger_time(board.child("StopTrigger"), 0.0)
+        except InputError as e:
+            if math.isfinite(self._horizon):
+                return None
+            raise InputError(e.source, e.problem, "Name the end by --end.") from None
+
+    def _read_init(self, init: ScenarioElement) -> None:
+        actions = init.child("Actions")
+        for one in () if actions is None else actions.children():
+            if one.tag == "Private":
+                for action in one.children():
+                    self._do(action, [self._known(one)], 0.0, math.inf)
+            else:
+                self._do(one, [], 0.0, math.inf)
+
+    def _read_act(self, act: ScenarioElement) -> None:
+        groups = [*act.children("ManeuverGroup")]
+        if not any(_moves(action) for group in groups for action in self._actions(group)):
+            return
+        begin = trigger_time(act.child("StartTrigger"), 0.0) or 0.0
+        if begin >= self._horizon:
+            return
+        until = never(trigger_time(act.child("StopTrigger"), begin))
+        for group in groups:
+            actors = self._actors(group)
+            _refuse_repeated(group)
+            for maneuver in self._maneuvers(group):
+                self._read_maneuver(maneuver, actors, begin, until)
+
+    def _read_maneuver(
+        self, maneuver: ScenarioElement, actors: list[str], begin: float, until: float
+    ) -> None:
+        """An event that overrides stops the others of its maneuver."""
+        events = [one for one in maneuver.children("Event") if any(_moves(a) for a in one.children("Action"))]
+        starts = [trigger_time(one.child("StartTrigger"), begin) for one in events]
+        times = [begin if t is None else t for t in starts]
+        stops = sorted(
+            t
+            for one, t in zip(events, times, strict=True)
+            if one.get("priority") in ("overwrite", "override")
+        )
+        for one, t in zip(events, times, strict=True):
+            if t >= min(self._horizon, until):
+                continue
+            _refuse_repeated(one)
+            if one.get("priority") == "skip" and len(events) > 1:
+                raise one.refused("has priority 'skip' beside other events", "Expected parallel or override.")
+            later = bisect_right(stops, t + _SOON)
+            stopped = stops[later] if later < len(stops) else math.inf
+            for action in one.children("Action"):
+                self._do(action.only(), actors, t, min(until, stopped))
+
+    def _maneuvers(self, group: ScenarioElement) -> Iterator[ScenarioElement]:
+        for one in group.children("Maneuver", "CatalogReference"):
+            yield self._catalogs.resolved(one)
+
+    def _actions(self, group: ScenarioElement) -> Iterator[ScenarioElement]:
+        for maneuver in self._maneuvers(group):
+            for event in maneuver.children("Event"):
+                yield from event.children("Action")
+
+    def _actors(self, group: ScenarioElement) -> list[str]:
+        told = group.child("Actors")
+        if told is None:
+            return []
+        if told.flag("selectTriggeringEntities"):
+            raise told.refused("selects the entities that trigger it", "Name the actors.")
+        return [self._known(one) for one in told.children("EntityRef")]
+
+    def _known(self, one: ScenarioElement) -> str:
+        name = one.text("entityRef")
+        if name not in self.deeds:
+            some = ", ".join([*self.deeds][:8])
+            raise one.refused(f"names {name!r}, which is no ScenarioObject", f"Those of the file are {some}.")
+        return name
+
+    def _do(self, action: ScenarioElement, actors: list[str], at: float, until: float) -> None:
+        """Keep what a PrivateAction or GlobalAction does. Raises InputError for what depends on the player."""
+        told = action.only() if action.tag in ("PrivateAction", "GlobalAction") else action
+        if told.tag in (*_STILL, *_GLOBAL):
+            return
+        if told.tag == "EntityAction":
+            actors, told = [self._known(told)], told.only()
+        for name in actors:
+            if (what := self._deed(told, at)) is not None:
+                self.deeds[name].append(Deed(at, until, told, what))
+        if not actors and action.tag != "PrivateAction":
+            raise self._refused(told, at)
+
+    def _deed(
+        self, told: ScenarioElement, at: float
+    ) -> ScenarioPlace | SpeedChange | ScenarioCurve | Removal | None:
+        if told.tag in ("TeleportAction", "AddEntityAction"):
+            return self._places.of(told.needed("Position"))
+        if told.tag == "DeleteEntityAction":
+            return Removal()
+        if told.tag == "LongitudinalAction" and (change := told.child("SpeedAction")) is not None:
+            return speed_change(change)
+        if told.tag == "RoutingAction" and (follow := told.child("FollowTrajectoryAction")) is not None:
+            return self._curve(follow, at)
+        if told.tag in ("ControllerAction", "ActivateControllerAction"):
+            for one in (told,) if told.tag == "ActivateControllerAction" else told.children():
+                if not _is_off(one):
+                    raise self._refused(one, at)
+            return None
+        raise self._refused(told, at)
+
+    def _curve(self, follow: ScenarioElement, at: float) -> ScenarioCurve:
+        mode = follow.child("TrajectoryFollowingMode") or follow.child("FollowingMode")
+        if mode is not None and mode.get("followingMode") != "position":
+            raise mode.refused(
+                f"followingMode is {mode.get('followingMode')!r}: how near it comes depends on the player",
+                "Set it to position if it drove on its trajectory.",
+            )
+        if follow.number("initialDistanceOffset", 0.0) != 0.0:
+            raise follow.refused("begins within its trajectory (initialDistanceOffset)", TRAJECTORIES)
+        holder = follow.child("TrajectoryRef") or follow
+        told = next(holder.children("Trajectory", "CatalogReference"), None)
+        if told is None:
+            raise follow.refused("has no Trajectory")
+        reference = follow.child("TimeReference")
+        timing = None if reference is None else reference.child("Timing")
+        curve = scenario_curve(self._catalogs.resolved(told), self._places, timed=timing is not None)
+        if timing is None:
+            return curve
+        domain, scale = timing.text("domainAbsoluteRelative"), timing.number("scale", 1.0)
+        if domain not in ("absolute", "relative") or scale <= 0.0:
+            raise timing.refused(
+                f"is {domain!r} with scale {scale:g}, expected 'absolute' or 'relative', above 0"
+            )
+        offset = timing.number("offset", 0.0) + (at if domain == "relative" else 0.0)
+        return curve.over(scale, offset)
+
+    def _refused(self, told: ScenarioElement, at: float) -> InputError:
+        """The error for what moves as the player has it, naming the innermost action."""
+        while told.tag in ("LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction"):
+            if (inner := next(told.children(), None)) is None:
+                break
+            told = inner
+        remedy = f"--end {at:g} imports what is before it" if at > 0.0 else TRAJECTORIES
+        return told.refused(f"is not read: from {at:g} s on the player decides how it moves", remedy)
+
+
+def _moves(action: ScenarioElement) -> bool:
+    """Whether an Action may move somebody."""
+    inner = [one for kind in action.children() for one in ([*kind.children()] or [kind])]
+    return any(one.tag not in (*_STILL, *_GLOBAL) for one in inner)
+
+
+def _is_off(controller: ScenarioElement) -> bool:
+    """Whether an action of controllers lets none drive."""
+    if controller.tag == "ActivateControllerAction":
+        return not (controller.flag("lateral", False) or controller.flag("longitudinal", False))
+    if controller.tag == "AssignControllerAction":
+        return not (controller.flag("activateLateral", True) or controller.flag("activateLongitudinal", True))
+    if controller.tag == "OverrideControllerValueAction":
+        return not any(one.flag("active", True) for one in controller.children())
+    return False
+
+
+def _refuse_repeated(one: ScenarioElement) -> None:
+    count = one.number("maximumExecutionCount", 1.0)
+    if count != 1.0:
+        raise one.refused(
+            f"maximumExecutionCount is {count:g}, expected 1", "Give each time an event of its own."
+        )

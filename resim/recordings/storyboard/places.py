@@ -1,0 +1,130 @@
+"""Positions of OpenSCENARIO as places on the map.
+
+Source: ASAM OpenSCENARIO XML 1.3, "Position". The map frame is that of the OpenDRIVE file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from resim.core.errors import InputError
+from resim.recordings.storyboard.document import ScenarioElement
+from resim.recordings.tables import MOST_TURNED
+from resim.road.links import Graph, lane_graph
+from resim.road.opendrive import RoadNetwork
+
+_OVER = 1e-3
+"""m by which s may be beyond a road's end."""
+READ = ("WorldPosition", "LanePosition", "RoadPosition")
+_OTHERS = f"Positions that are read are {', '.join(READ)}."
+
+
+@dataclass(frozen=True)
+class ScenarioPlace:
+    """Where a reference point is.
+
+    Attributes:
+        x: m, map frame.
+        y: m, map frame.
+        heading: rad as the file says it, None where it does not.
+        usual: rad where the file says none: along the lane or road; east at a WorldPosition.
+        on_lane: Whether the file gives it on a lane.
+    """
+
+    x: float
+    y: float
+    heading: float | None
+    usual: float
+    on_lane: bool = False
+
+    @property
+    def faced(self) -> float:
+        """Heading [rad] of who is put there."""
+        return self.usual if self.heading is None else self.heading
+
+
+class ScenarioPlaces:
+    """Reads positions; the map is loaded when the first of them needs it."""
+
+    def __init__(self, load: Callable[[], RoadNetwork]) -> None:
+        self._load = load
+
+    @cached_property
+    def network(self) -> RoadNetwork:
+        """The map."""
+        return self._load()
+
+    @cached_property
+    def lanes(self) -> Graph:
+        """Which lane of the map goes on into which."""
+        return lane_graph(self.network)
+
+    def of(self, position: ScenarioElement) -> ScenarioPlace:
+        """Give the place of a Position.
+
+        Raises:
+            InputError: It is of another kind than READ, or not on the map.
+        """
+        told = position.only()
+        if told.tag not in READ:
+            raise told.refused("is not read: it depends on something else than the map", _OTHERS)
+        try:
+            return getattr(self, f"_of_{told.tag}")(told)  # type: ignore[no-any-return]
+        except InputError as e:
+            if e.source == str(told.file):
+                raise
+            raise told.refused(f"is not on the map {e.source}: {e.problem}", e.remedy) from None
+
+    def _of_WorldPosition(self, told: ScenarioElement) -> ScenarioPlace:  # noqa: N802  the element's name
+        heading = None if told.get("h") is None else _angle(told)
+        return ScenarioPlace(told.number("x"), told.number("y"), heading, 0.0)
+
+    def _of_LanePosition(self, told: ScenarioElement) -> ScenarioPlace:  # noqa: N802
+        road, s = self._on_road(told)
+        text = told.text("laneId")
+        try:
+            lane = int(text)
+        except ValueError:
+            raise told.refused(f"laneId is {text[:40]!r}, expected a whole number") from None
+        if not self.network.has_lane(road, lane, s):
+            raise told.refused(f"names lane {lane} of road {road} at s {s:g} m, which is not there")
+        x, y = self.network.to_xy(road, lane, s, told.number("offset", 0.0))
+        along = float(self.network.lane_heading(road, lane, s))
+        return ScenarioPlace(float(x), float(y), _oriented(told, along), along, on_lane=True)
+
+    def _of_RoadPosition(self, told: ScenarioElement) -> ScenarioPlace:  # noqa: N802
+        road, s = self._on_road(told)
+        x, y, along = (float(value) for value in self.network.reference_line(road, s))
+        t = told.number("t")
+        x, y = x - t * math.sin(along), y + t * math.cos(along)
+        return ScenarioPlace(x, y, _oriented(told, along), along)
+
+    def _on_road(self, told: ScenarioElement) -> tuple[str, float]:
+        """Road and s [m] of a position."""
+        road, s = told.text("roadId"), told.number("s")
+        if road not in self.network.roads:
+            some = ", ".join([*self.network.roads][:8])
+            raise told.refused(f"names road {road!r}, which is not on the map", f"Its roads are {some}.")
+        length = self.network.roads[road].length
+        if not -_OVER <= s <= length + _OVER:
+            raise told.refused(f"s is {s:g} m, road {road} has {length:g} m")
+        return road, min(max(s, 0.0), length)
+
+
+def _oriented(told: ScenarioElement, along: float) -> float | None:
+    """The heading [rad] that a position says, None for none; one that is relative counts from the lane or road."""
+    orientation = told.child("Orientation")
+    if orientation is None or orientation.get("h") is None:
+        return None
+    h = _angle(orientation)
+    return along + h if orientation.get("type", "absolute") == "relative" else h
+
+
+def _angle(told: ScenarioElement) -> float:
+    h = told.number("h")
+    if abs(h) > MOST_TURNED:
+        raise told.refused(f"h is {h:g}, expected radians up to {MOST_TURNED:g}")
+    return h
