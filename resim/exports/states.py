@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +18,59 @@ from resim.scenario.openscenario import HEIGHT, HEIGHTS
 
 SECOND = 10**9
 """ns."""
+
+
+class TimedMessage(NamedTuple):
+    """A message of a source: its time [ns], and what it says as bytes."""
+
+    t: int
+    body: bytes
+
+
+@dataclass(frozen=True)
+class ExportedState:
+    """One object at one time: id, kind, and in the map's frame.
+
+    Attributes:
+        id: As in the recording.
+        kind: One of `resim.core.tracks.KINDS`.
+        length: m.
+        width: m.
+        height: m, as is usual for its kind.
+        x: m, middle of the box.
+        y: m, middle of the box.
+        z: m, road under the middle of the box.
+        heading: rad, anticlockwise from +x, from -pi to pi.
+        v: m/s along the heading.
+        a: m/s² along the heading.
+        yaw_rate: rad/s.
+    """
+
+    id: str
+    kind: str
+    length: float
+    width: float
+    height: float
+    x: float
+    y: float
+    z: float
+    heading: float
+    v: float
+    a: float
+    yaw_rate: float
+
+
+def first_second(drive: PlayedDrive) -> int:
+    """Give what is to be taken off all times [s]: 0, or the first second where that is negative, which many forbid."""
+    return min(0, *(math.floor(float(layer.tracks.t[0])) for layer in drive.layers if len(layer.tracks.t)))
+
+
+def nanoseconds(t: float, first: int = 0) -> int:
+    """Give a time [s] from a whole second `first` on in ns: exact to half of one, however large it is."""
+    whole = math.floor(t)
+    return (whole - first) * SECOND + round((t - whole) * SECOND)
+
+
 _MOST = 1 << 63
 
 
