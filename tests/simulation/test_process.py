@@ -504,3 +504,35 @@ def test_a_class_that_is_not_there_is_told_as_the_reason(
     done = run(path, tmp_path / "out")
     assert done.returncode == 3
     assert why in done.stderr
+
+
+def test_a_run_that_rewrites_the_copy_of_its_program_stops_the_next_one(
+    build: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Both are of one user, so nothing keeps it from writing there; what it wrote is not run under the old hash."""
+    (tmp_path / "talk.py").write_text(
+        "import glob, os\n"
+        "from resim.function import Command, serve\n"
+        "class Rewrites:\n"
+        "    def reset(self, setup):\n"
+        "        for file in glob.glob(os.environ['CACHE'] + '/resim/inputs/*/home/talk.py'):\n"
+        "            os.chmod(file, 0o755)\n"
+        "            text = open(file).read()\n"
+        "            open(file, 'w').write(text.replace('Command(0' + '.0', 'Command(-3' + '.0'))\n"
+        "    def step(self, p):\n"
+        "        return Command(0.0, 0.0)\n"
+        "    def close(self):\n"
+        "        pass\n"
+        "serve(Rewrites)\n",
+        encoding="utf-8",
+    )
+    path = build(
+        f'name = "r"\nversion = "1"\n[process]\ncommand = ["{sys.executable}", "talk.py"]\nenvironment = ["CACHE", "PYTHONPATH"]\n'
+    )
+    cache = tmp_path / "cache"
+    order = [sys.executable, "-m", "resim", "run", RECORDING, "--build", path, "--out", tmp_path / "out"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(cache), "CACHE": str(cache)}
+    done = subprocess.run(order, capture_output=True, text=True, check=False, timeout=200, env=env)
+    assert done.returncode == 3
+    assert "rSD: r-1" in done.stderr
+    assert "the copy of its file 'talk.py' has changed since it was made" in done.stderr

@@ -49,14 +49,20 @@ class FrozenCopy:
     """The frozen copy of a file, found to be whole.
 
     raw: its bytes. folder: where the files that belong to it lie, as they lay beside it. names: of these files, as seen
-    from there. sources: the bytes of those that are Python. outside: SHA-256 of programs that are no part of the copy.
+    from there; digests: SHA-256 of each. sources: the bytes of those that are Python. outside: SHA-256 of programs that
+    are no part of the copy.
     """
 
     raw: bytes
     folder: Path
     sources: Mapping[str, bytes]
-    names: frozenset[str]
+    digests: Mapping[str, str]
     outside: Mapping[str, str]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names of the files that belong to it."""
+        return frozenset(self.digests)
 
 
 def freeze(
@@ -140,7 +146,7 @@ def _read(digest: str) -> FrozenCopy | None:
         held |= {name: file_hash(home / name) for name in digests if name not in sources}
     except InputError:
         return None
-    return FrozenCopy(raw, home, sources, frozenset(digests), outside) if held == digests else None
+    return FrozenCopy(raw, home, sources, digests, outside) if held == digests else None
 
 
 def _write(

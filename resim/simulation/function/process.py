@@ -37,14 +37,14 @@ class ChildProcess:
     """A process, as the partner of a conversation (`resim.simulation.function.messages.Partner`).
 
     folder: with the files of its build, of which it gets a copy for itself, to work in. own: those of them that the
-    command may name, the program among them. environment: variables that it gets besides `PASSED`. unchanged: raises
-    FunctionError where a program elsewhere is another by now. grouped: whether it is a process group of its own, which
-    ends with it.
+    command may name, the program among them. environment: variables that it gets besides `PASSED`. unchanged:
+    raises FunctionError where a program elsewhere, or a file in the copy of the folder, is another by now. grouped:
+    whether it is a process group of its own, which ends with it.
     """
 
     def __init__(
         self, command: tuple[str, ...], folder: Path, own: bool, environment: tuple[str, ...],
-        unchanged: Callable[[], None], *, grouped: bool = False,
+        unchanged: Callable[[Path], None], *, grouped: bool = False,
     ) -> None:  # fmt: skip
         self._grouped = grouped
         self._command, self._folder, self._own = command, folder, own
@@ -58,18 +58,21 @@ class ChildProcess:
             self._start()
 
     def _start(self) -> None:
-        self._unchanged()
         first, *rest = self._command
         try:
             self._home = tempfile.TemporaryDirectory(prefix="resim-", ignore_cleanup_errors=True)
             here = Path(self._home.name) / "build"
             shutil.copytree(self._folder, here)
             here.chmod(0o755)
+            self._unchanged(here)
             command = [str(here / first) if self._own else first, *rest]
             self._process = subprocess.Popen(
                 command, cwd=here, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
                 env=_variables(self._environment), process_group=0 if self._grouped else None,
             )  # fmt: skip
+        except FunctionError:
+            self.kill()
+            raise
         except (OSError, ValueError) as e:
             self.kill()
             raise FunctionError(f"cannot be started: {first!r}: {_why_not(e)}") from e

@@ -81,6 +81,7 @@ class FunctionProgram:
         own: Whether the program lies in the folder.
         hash: SHA-256 of a program that lies elsewhere.
         environment: Variables of the environment that it gets.
+        files: SHA-256 of each file in the folder, by its name as seen from there.
     """
 
     command: tuple[str, ...]
@@ -89,6 +90,7 @@ class FunctionProgram:
     own: bool
     hash: str = ""
     environment: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def partner(self, *, grouped: bool = False) -> ChildProcess:
         """Give a process for one run; grouped: a process group of its own."""
@@ -96,10 +98,18 @@ class FunctionProgram:
             self.command, self.folder, self.own, self.environment, self.refuse_changed, grouped=grouped
         )
 
-    def refuse_changed(self) -> None:
-        """Raise FunctionError where a program that lies elsewhere is not the one that was hashed."""
+    def refuse_changed(self, home: Path) -> None:
+        """Raise FunctionError where what is to be run is not what was hashed: a program elsewhere, or the files of the
+        build in their copy at `home`, of which a run before may have written the origin."""
         if not self.own and _hash_of(self.command[0]) != self.hash:
             raise FunctionError(f"cannot be started: {self.command[0]!r} has changed since it was first read")
+        there = {file.relative_to(home).as_posix() for file in home.rglob("*") if not file.is_dir()}
+        own = {name: digest for name, digest in self.files.items() if not name.startswith("..")}
+        changed = there ^ set(own) or {name for name in own if _hash_of(str(home / name)) != own[name]}
+        if changed:
+            raise FunctionError(
+                f"cannot be started: the copy of its file {min(changed)!r} has changed since it was made"
+            )
 
 
 def _hash_of(file: str) -> str:
@@ -113,7 +123,10 @@ def _hash_of(file: str) -> str:
 
 @lru_cache(maxsize=64)
 def _hashed(file: str, written: tuple[int, ...]) -> str:
-    return file_hash(Path(file))
+    try:
+        return file_hash(Path(file))
+    except InputError:  # a pipe or device in its place
+        return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +220,9 @@ def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy
     word, rest, named = process.first, process.command[1:], process.environment
     if process.command and posixpath.normpath(word) in copy.names:
         unpinned = _unpinned(word, named)
-        return FunctionProgram((word, *rest), copy.folder, unpinned, own=True, environment=named)
+        return FunctionProgram(
+            (word, *rest), copy.folder, unpinned, own=True, environment=named, files=copy.digests
+        )
     program = _found(path, process)
     if file_hash(program) != copy.outside.get(word):
         raise InputError(
@@ -216,7 +231,7 @@ def program_of(path: Path, process: ProcessTable, factory: str, copy: FrozenCopy
     served = (resim.function.__file__, factory) if process.python else ()
     return FunctionProgram(
         (str(program), *served, *rest), copy.folder, _unpinned(word, named), own=False, hash=copy.outside[word],
-        environment=named,
+        environment=named, files=copy.digests,
     )  # fmt: skip
 
 
@@ -226,7 +241,9 @@ def unit_program(
     """Give the program that serves a unit as it was frozen. Raises InputError where the build does not fit it."""
     command, needs_tool = fmu_command(path, fmi, parameters, copy.folder)
     unpinned = _unpinned(fmi.file, ()) if not needs_tool else f"the tool that {fmi.file} needs {NOT_PINNED}"
-    return FunctionProgram(command, copy.folder, unpinned, own=False, hash=_hash_of(command[0]))
+    return FunctionProgram(
+        command, copy.folder, unpinned, own=False, hash=_hash_of(command[0]), files=copy.digests
+    )
 
 
 def _unpinned(word: str, variables: tuple[str, ...]) -> str:
