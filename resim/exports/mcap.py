@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import google.protobuf
+from lxml import etree
 from osi3.osi_groundtruth_pb2 import GroundTruth
 from osi3.osi_sensordata_pb2 import SensorData
 from osi3.osi_trafficupdate_pb2 import TrafficUpdate
@@ -18,8 +19,7 @@ from resim.core.osi import DERIVED, MAP, MAP_FIELDS, MAP_SCHEMA, SENSED, TRUTH
 from resim.core.protobuf import TEXT, file_set, message_type
 from resim.exports import osi
 from resim.exports.mcap_file import Topic, scene_topics, write_topics
-from resim.exports.scenes import ViewedDrive
-from resim.exports.states import TimedMessage, derived, first_second, topic_of
+from resim.exports.states import TimedMessage, derived, first_second, first_time, topic_of
 from resim.function.osmp import VERSION
 from resim.report.player import PlayedDrive
 
@@ -49,12 +49,8 @@ def osi_version() -> str:
 
 def _osi_topics(drive: PlayedDrive, first: int) -> Iterator[Topic]:
     """The map, measured truth, sensor data, and what was simulated or perceived."""
-    begin = ViewedDrive(drive, first).begin
-    reference, text = (
-        drive.network.path.name,
-        drive.network.path.read_text(encoding="utf-8", errors="replace"),
-    )
-    told = MAP_MESSAGE(map_reference=reference, open_drive_xml_content=text)
+    begin, road = first_time(drive, first), drive.network.path
+    told = MAP_MESSAGE(map_reference=road.name, open_drive_xml_content=_xml(road))
     yield _osi_topic(MAP, MAP_MESSAGE, (), [TimedMessage(begin, told.SerializeToString(deterministic=True))])
     for layer in drive.layers:
         name, kind, make = osi_form(layer.name)
@@ -82,10 +78,9 @@ def _osi_topic(name: str, kind: Any, lacks: tuple[str, ...], messages: Iterable[
 
 
 def _xml(road: Path) -> str:
+    """The text of a map, whatever its encoding; a declaration that names another than UTF-8 is left out."""
     raw = road.read_bytes()
-    try:
+    tree = etree.fromstring(raw).getroottree()
+    if (tree.docinfo.encoding or "UTF-8").upper() in ("UTF-8", "ASCII", "US-ASCII"):
         return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        from lxml import etree
-
-        return str(etree.tostring(etree.fromstring(raw), encoding="unicode"))
+    return str(etree.tostring(tree, encoding="unicode"))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from resim.exports.states import ExportedState, derived, states
+from resim.exports.states import ExportedState, derived, states, topic_of
 from resim.report.player import PlayedDrive
 from resim.report.player.drive import Layer, TimelineMark
 
@@ -39,7 +39,7 @@ def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
     files = {}
     for layer in drive.layers:
         if layer.tracks.valid.any():
-            files[layer.name] = f"{layer.name.replace(' ', '_')}.openlabel.json"
+            files[layer.name] = f"{topic_of(layer.name)}.openlabel.json"
             text = json.dumps(
                 labels(layer, drive), ensure_ascii=False, allow_nan=False, separators=(",", ":")
             )

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from osi3.osi_groundtruth_pb2 import GroundTruth
 from osi3.osi_object_pb2 import MovingObject
 from osi3.osi_sensordata_pb2 import DetectedEntityHeader, SensorData
@@ -26,6 +27,7 @@ from resim.exports.states import (
     nanoseconds,
     numbers,
     states,
+    topic_of,
 )
 from resim.function.osmp import VEHICLES, VERSION
 from resim.report.player import PlayedDrive
@@ -46,7 +48,7 @@ def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
     first, files = first_second(drive), {}
     for layer in drive.layers:
         sensed = layer.name == "SD" or layer.name.startswith("perceived")
-        files[layer.name] = f"{layer.name.replace(' ', '_')}.osi"
+        files[layer.name] = f"{topic_of(layer.name)}.osi"
         with (folder / files[layer.name]).open("wb") as stream:
             for message in (sensor_data if sensed else ground_truths)(layer, drive, first):
                 stream.write(len(message.body).to_bytes(4, "little") + message.body)
@@ -86,6 +88,7 @@ def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedM
     seen from where the first source has the EGO; a list at a time at which none has it is left out.
     """
     known, host = numbers(drive), _Host(drive, layer.name.removeprefix("perceived "))
+    true = set(drive.layers[0].tracks.ids.tolist())
     for t, everyone in states(layer, drive.network):
         said = next((one for one in everyone if one.id == drive.ego), None)
         own = said or host.at(t)
@@ -102,7 +105,7 @@ def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedM
         told.moving_object_header.data_qualifier = DetectedEntityHeader.DATA_QUALIFIER_AVAILABLE
         for one in everyone:
             if one.id != drive.ego:
-                _detect(told.moving_object.add(), one, own, host.back, known[one.id])
+                _detect(told.moving_object.add(), one, own, host.back, known[one.id], one.id in true)
         yield TimedMessage(now, _bytes(told))
 
 
@@ -122,13 +125,19 @@ class _Host:
                 (t, one) for t, every in states(layer, drive.network) for one in every if one.id == drive.ego
             ]
 
+        steps = np.diff([t for t, _ in self._at])
+        self._step = float(np.median(steps)) if len(steps) else 0.0
+
     def at(self, t: float) -> ExportedState | None:
-        """Give its state at a time [s]; None before its first and after its last sample."""
+        """Give its state at a time [s]; None before its first and after its last sample, and where both around are more
+        than two usual steps apart."""
         after = bisect_left(self._at, t, key=lambda sample: sample[0])
         if after == len(self._at) or (after == 0 and self._at[0][0] > t):
             return None
         end, two = self._at[after]
         begin, one = self._at[max(after - 1, 0)]
+        if t < end and end - begin > 2.0 * self._step + 1e-6:
+            return None
         share = (t - begin) / (end - begin) if end > begin else 1.0
         turned = math.remainder(two.heading - one.heading, math.tau)
         between = {
@@ -191,11 +200,12 @@ def _set_base(base: Any, one: ExportedState) -> None:
     rate.roll, rate.pitch, rate.yaw = 0.0, 0.0, one.yaw_rate
 
 
-def _detect(told: Any, one: ExportedState, own: ExportedState, back: float, number: int) -> None:
+def _detect(told: Any, one: ExportedState, own: ExportedState, back: float, number: int, true: bool) -> None:
     """What a sensor in the middle of the EGO's rear axle, `back` [m] behind its middle, says of an object; velocities
-    are relative to the EGO's."""
+    are relative to the EGO's. true: whether it is one of the first source's."""
     told.header.tracking_id.value = number
-    told.header.ground_truth_id.add().value = number
+    if true:
+        told.header.ground_truth_id.add().value = number
     told.header.measurement_state = told.header.MEASUREMENT_STATE_MEASURED
     base = told.base
     c, s = math.cos(own.heading), math.sin(own.heading)

@@ -1,7 +1,7 @@
 """Sources of a drive as scenes of Foxglove: boxes, the EGO's plan, roads, frames and a log; viewers need no extension.
 
 Source: Foxglove schemas (SceneUpdate, FrameTransforms, Log). Places count from DRIVE_FRAME, near the drive: viewers
-draw with single precision, which at UTM coordinates is half a metre.
+draw with single precision, which at UTM coordinates is half a metre. Scenes are flat, as plans and lanes are.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import foxglove.messages as fg
 import numpy as np
 
-from resim.exports.states import SECOND, ExportedState, TimedMessage, nanoseconds, states
+from resim.exports.states import SECOND, ExportedState, TimedMessage, first_time, nanoseconds, states
 from resim.report.player import PlayedDrive
 from resim.report.player.colors import layer_colors
 from resim.report.player.data import cut_network, near_roads
@@ -32,9 +32,7 @@ class ViewedDrive:
 
     def __init__(self, drive: PlayedDrive, first: int) -> None:
         self.drive, self.first = drive, first
-        self.begin = min(
-            nanoseconds(float(layer.tracks.t[0]), first) for layer in drive.layers if len(layer.tracks.t)
-        )
+        self.begin = first_time(drive, first)
         self.origin = _origin(drive)
 
     def boxes(self, layer: Layer) -> Iterator[TimedMessage]:
@@ -71,7 +69,7 @@ class ViewedDrive:
                 now = nanoseconds(t, self.first)
                 for one in everyone:
                     if one.id == self.drive.ego:
-                        place = fg.Vector3(x=one.x - x, y=one.y - y, z=one.z)
+                        place = fg.Vector3(x=one.x - x, y=one.y - y, z=0.0)
                         told = fg.FrameTransform(
                             timestamp=_time(now), parent_frame_id=DRIVE_FRAME, child_frame_id=f"EGO {layer.name}",
                             translation=place, rotation=_rotation(one.heading),
@@ -113,13 +111,11 @@ class ViewedDrive:
         own = one.id == self.drive.ego
         color = _color((colors.ego if own else colors.other)[0], max(colors.fill, 0.25))
         x, y = one.x - self.origin[0], one.y - self.origin[1]
-        place = fg.Pose(
-            position=fg.Vector3(x=x, y=y, z=one.z + 0.5 * one.height), orientation=_rotation(one.heading)
-        )
+        place = fg.Pose(position=fg.Vector3(x=x, y=y, z=0.5 * one.height), orientation=_rotation(one.heading))
         box = fg.CubePrimitive(
             pose=place, size=fg.Vector3(x=one.length, y=one.width, z=one.height), color=color
         )
-        above = fg.Pose(position=fg.Vector3(x=x, y=y, z=one.z + one.height + 0.8), orientation=_rotation(0.0))
+        above = fg.Pose(position=fg.Vector3(x=x, y=y, z=one.height + 0.8), orientation=_rotation(0.0))
         name = fg.TextPrimitive(
             pose=above, billboard=True, font_size=0.8, text=f"EGO {layer.name}" if own else one.id,
             color=_color((colors.ego if own else colors.other)[0], 1.0),
@@ -139,7 +135,9 @@ class ViewedDrive:
 
 def _origin(drive: PlayedDrive) -> tuple[float, float]:
     """Where the first sample of the drive is, rounded [m]."""
-    tracks = next(layer.tracks for layer in drive.layers if layer.tracks.valid.any())
+    tracks = next((layer.tracks for layer in drive.layers if layer.tracks.valid.any()), None)
+    if tracks is None:
+        return 0.0, 0.0
     rows, samples = np.nonzero(tracks.valid)
     first = int(np.argmin(samples))
     x, y = (float(c[rows[first], samples[first]]) for c in (tracks.x, tracks.y))

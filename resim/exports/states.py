@@ -62,7 +62,14 @@ class ExportedState:
 
 def first_second(drive: PlayedDrive) -> int:
     """Give what is to be taken off all times [s]: 0, or the first second where that is negative, which many forbid."""
-    return min(0, *(math.floor(float(layer.tracks.t[0])) for layer in drive.layers if len(layer.tracks.t)))
+    begins = [float(layer.tracks.t[0]) for layer in drive.layers if len(layer.tracks.t)]
+    return min(0, *map(math.floor, begins), 0)
+
+
+def first_time(drive: PlayedDrive, first: int) -> int:
+    """Give the first time [ns] of any source, from a whole second `first` on; 0 where nothing is ever there."""
+    begins = [float(layer.tracks.t[0]) for layer in drive.layers if len(layer.tracks.t)]
+    return nanoseconds(min(begins), first) if begins else 0
 
 
 def nanoseconds(t: float, first: int = 0) -> int:
@@ -75,15 +82,18 @@ _MOST = 1 << 63
 
 
 def numbers(drive: PlayedDrive) -> dict[str, int]:
-    """Give the number of each id of a drive: that which it is, if all are numbers, else counted, the EGO's first."""
+    """Give the number of each id of a drive: that which it is; the others are counted on from the largest of these."""
     names = dict.fromkeys(
         [drive.ego, *(name for layer in drive.layers for name in layer.tracks.ids.tolist())]
     )
-    if all(
-        name.isdecimal() and name.isascii() and str(int(name)) == name and int(name) < _MOST for name in names
-    ):
-        return {name: int(name) for name in names}
-    return {name: number for number, name in enumerate(names, start=1)}
+    own = {
+        name: int(name) for name in names if name.isdecimal() and name.isascii() and str(int(name)) == name
+    }
+    others = [name for name in names if name not in own]
+    first = max(own.values(), default=0) + 1
+    if first + len(others) > _MOST:
+        own, others, first = {}, [*names], 1
+    return own | {name: number for number, name in enumerate(others, start=first)}
 
 
 def topic_of(source: str) -> str:
@@ -92,12 +102,18 @@ def topic_of(source: str) -> str:
 
 
 def derived(layer: Layer) -> tuple[str, ...]:
-    """Give what a source does not say, and files have all the same: z of the map, a and yaw_rate by differences."""
-    return tuple(name for name in ("z", "a", "yaw_rate") if getattr(layer.tracks, name) is None)
+    """Give what a source does not say of everybody at all times, and files have all the same (`states`)."""
+    values = {name: getattr(layer.tracks, name) for name in ("z", "a", "yaw_rate")}
+    there = layer.tracks.valid
+    return tuple(name for name, value in values.items() if value is None or np.isnan(value[there]).any())
 
 
 def states(layer: Layer, network: RoadNetwork) -> Iterator[tuple[float, list[ExportedState]]]:
-    """Give by time [s] where everybody is whose state is known then."""
+    """Give by time [s] where everybody is whose state is known then.
+
+    What a source does not say is derived: accelerations and yaw rates are slopes, heights those of the map, or where it
+    has none of the object's own samples, or else of the others'.
+    """
     tracks = _whole(layer.tracks, network)
     a, yaw_rate, z = tracks.a, tracks.yaw_rate, tracks.z
     assert a is not None
@@ -105,7 +121,6 @@ def states(layer: Layer, network: RoadNetwork) -> Iterator[tuple[float, list[Exp
     assert z is not None
     heading = np.angle(np.exp(1j * tracks.heading))
     columns = np.stack([tracks.x, tracks.y, z, heading, tracks.v, a, yaw_rate])
-    columns = np.where(np.isnan(columns), 0.0, columns)
     kinds, heights = tracks.kind.tolist(), [HEIGHTS.get(kind, HEIGHT) for kind in tracks.kind.tolist()]
     fixed = [
         *zip(tracks.ids.tolist(), kinds, tracks.length.tolist(), tracks.width.tolist(), heights, strict=True)
@@ -116,18 +131,31 @@ def states(layer: Layer, network: RoadNetwork) -> Iterator[tuple[float, list[Exp
 
 
 def _whole(tracks: Tracks, network: RoadNetwork) -> Tracks:
-    """The tracks with all optional columns."""
-    a = _slopes(tracks, tracks.v) if tracks.a is None else tracks.a
-    yaw_rate = tracks.yaw_rate
-    if yaw_rate is None:
-        yaw_rate = _slopes(tracks, tracks.heading, turns=True)
-    z = tracks.z
-    if z is None:
-        z = np.zeros(tracks.x.shape)
-        if network.has_heights:
-            found = network.to_road(tracks.x[tracks.valid], tracks.y[tracks.valid])
-            z[tracks.valid] = network.z(found.road, found.s, found.t, lane=found.lane)
-    return replace(tracks, a=a, yaw_rate=yaw_rate, z=z)
+    """The tracks with all optional columns, and a value of each in every sample that is there."""
+    a = _filled(tracks.a, _slopes(tracks, tracks.v))
+    yaw_rate = _filled(tracks.yaw_rate, _slopes(tracks, tracks.heading, turns=True))
+    return replace(tracks, a=a, yaw_rate=yaw_rate, z=_heights(tracks, network))
+
+
+def _filled(values: Floats | None, others: Floats) -> Floats:
+    """The values (N, T), and others where they are NaN."""
+    return others if values is None else np.where(np.isnan(values), others, values)
+
+
+def _heights(tracks: Tracks, network: RoadNetwork) -> Floats:
+    """Heights (N, T) [m] of the road under everybody."""
+    there = tracks.valid
+    z = np.full(tracks.x.shape, np.nan) if tracks.z is None else np.where(there, tracks.z, np.nan)
+    lost = there & np.isnan(z)
+    if lost.any() and network.has_heights:
+        found = network.to_road(tracks.x[lost], tracks.y[lost])
+        z[lost] = network.z(found.road, found.s, found.t, lane=found.lane)
+    for row in z:
+        known = np.flatnonzero(~np.isnan(row))
+        if len(known):
+            row[:] = np.interp(tracks.t, tracks.t[known], row[known])
+    known = z[there & ~np.isnan(z)]
+    return _filled(z, np.full(z.shape, float(np.median(known)) if len(known) else 0.0))
 
 
 def _slopes(tracks: Tracks, values: Floats, *, turns: bool = False) -> Floats:

@@ -40,6 +40,9 @@ def recordings(draw: st.DrawFn) -> Recording:
             "v": rng.normal(0.0, 20.0, (n, count)) * (rng.random((n, 1)) < 0.8),
         }  # fmt: skip
         more = {name: np.where(valid, rng.normal(0.0, 3.0, (n, count)), np.nan) for name in sorted(optional)}
+        for name, values in more.items():
+            if rng.random() < 0.3:  # not known of everybody at all times
+                more[name] = np.where(rng.random(values.shape) < 0.3, np.nan, values)
         kinds = rng.choice(["car", "truck", "bus", "pedestrian", "bicycle", "unknown"], n)
         return Tracks(
             t=begin + step * np.arange(count), ids=np.array(names), kind=kinds.astype(str), valid=valid,
@@ -47,13 +50,25 @@ def recordings(draw: st.DrawFn) -> Recording:
             **{name: np.where(valid, values, np.nan) for name, values in columns.items()}, **more,
         )  # fmt: skip
 
+    gt = tracks(ids, ids[0])
     seen = draw(st.sampled_from(["none", "others", "all"]))
     sd = None if seen == "none" else tracks(ids if seen == "all" else ids[1:], ids[0])
     if sd is not None:
-        sd = Tracks(**{**vars(sd), "a": None, "yaw_rate": None, "z": None})
+        box = {c: getattr(sd, c).copy() for c in ("kind", "length", "width")}
+        if sd.ids[0] == ids[0]:  # who is of another kind or size is not taken for the EGO
+            for c, values in box.items():
+                values[0] = getattr(gt, c)[0]
+        sd = Tracks(**{**vars(sd), **box, "a": None, "yaw_rate": None, "z": None})
+    names = None if sd is None else sd.ids
+    if sd is not None and draw(st.booleans()):  # the sensor's own names; one of them of nobody
+        own = [name if name == ids[0] else f"s{k}" for k, name in enumerate(sd.ids.tolist())]
+        names = np.array(
+            ["" if k == len(own) - 1 and own[k] != ids[0] else n for k, n in enumerate(sd.ids.tolist())]
+        )
+        sd = Tracks(**{**vars(sd), "ids": np.array(own)})
     return Recording(
-        name="d", map=MAP, ego=ids[0], gt=tracks(ids, ids[0]), gt_rate=1 / step, sd=sd,
-        sd_gt_id=None if sd is None else sd.ids,
+        name="d", map=MAP, ego=ids[0], gt=gt, gt_rate=1 / step, sd=sd,
+        sd_gt_id=names,
     )  # fmt: skip
 
 
@@ -75,6 +90,8 @@ def assert_same(
         assert found.kind[n] == true.kind[own] or name == ego  # a host vehicle has no kind of its own
         for column in only:
             a, b = getattr(found, column), getattr(true, column)
+            if b is not None and np.isnan(b[true.valid]).any():
+                b = None  # what is not known of everybody at all times is nobody's
             assert (a is None) == (b is None), column
             if a is not None:
                 np.testing.assert_allclose(a[n, found.valid[n]], b[own, own_valid], rtol=0, atol=1e-6)

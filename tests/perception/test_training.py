@@ -308,7 +308,7 @@ def test_objects_that_are_lost_step_by_step_are_detected_as_often_in_the_model(l
     pairs = np.column_stack([np.arange(n - 1), np.arange(1, n)])
     of = np.zeros(n, dtype=int)
     samples = DetectionSamples(
-        place, seen, pairs, np.full(n - 1, 0.05), of, of, np.zeros((n, 4)), np.full(n, "car")
+        place, seen, pairs, np.full(n - 1, 0.05), of, of, np.zeros((n, 4)), np.full(n, "car"), np.arange(n)
     )
     found, estimates = fit_detection(samples, FieldOfView())
     share = detected_share(np.array(found.loss), np.array(found.gain))

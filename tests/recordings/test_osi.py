@@ -138,7 +138,6 @@ REFUSED = {
     ),
     "moving object 7: base.dimension.width is missing": lambda m: own(m, 0, 0).dimension.ClearField("width"),
     "moving object 8: base.velocity.x is inf": lambda m: setattr(own(m, 2, 1).velocity, "x", math.inf),
-    "ego '7' is missing at t 0.1 s": lambda m: m[1].moving_object.remove(m[1].moving_object[0]),
     "has no moving object in any message": lambda m: [one.ClearField("moving_object") for one in m],
 }
 
@@ -178,6 +177,58 @@ def test_a_speed_that_is_not_said_is_left_to_the_check(tmp_path: Path) -> None:
     found = read_osi(write(tmp_path / "trace.osi", messages), map=MAP)
     assert found.gt["v"].isna().tolist() == [False] * 5 + [True] + [False] * 2
     assert [(f.code, f.object) for f in examine(found, None)] == [("MISSING_VALUES", "8")]
+
+
+def test_nothing_is_cut_that_nobody_cuts(tmp_path: Path) -> None:
+    """Others go on after the EGO's last sample, and it is away in between: the recording has it all."""
+    messages = moving(8)
+    for k in (3, 7):
+        messages[k].moving_object.remove(messages[k].moving_object[0])
+    found = read_osi(write(tmp_path / "trace.osi", messages), map=MAP)
+    assert found.gt.groupby("id").size().to_dict() == {"7": 6, "8": 8}
+    assert found.gt["t"].max() == pytest.approx(0.7)
+    assert "1 rows before 0 s or after 0.6 s" in found.settings.provenance["without_ego"]
+    cut = read_osi(write(tmp_path / "trace.osi", messages), map=MAP, start=0.1, end=0.6)
+    assert cut.gt["t"].tolist() == pytest.approx([0.0, 0.0, 0.1, 0.1, 0.2, 0.3, 0.3, 0.4, 0.4, 0.5, 0.5])
+
+
+def test_a_heading_that_is_not_said_is_left_to_the_check(tmp_path: Path) -> None:
+    messages = moving()
+    own(messages, 1, 1).ClearField("orientation")
+    found = read_osi(write(tmp_path / "trace.osi", messages), map=MAP)
+    assert found.gt["heading"].isna().sum() == 1
+
+
+@pytest.mark.parametrize(("late", "left"), [(0.0, 4), (0.2, 2), (50.0, 0)])
+def test_detections_at_other_times_than_the_hosts_are_told(tmp_path: Path, late: float, left: int) -> None:
+    gt = write(tmp_path / "gt.osi", moving())
+    seen = detections([(round(1e9 * (0.1 * k + late)), {31: (30.0, 0.0, 0.0, 0.0, 0.0)}) for k in range(4)])
+    sd = write(tmp_path / "sd.osi", seen)
+    if not left:
+        with pytest.raises(
+            InputError, match=r"SensorData is of 50 to 50\.3 s, in which the host vehicle is nowhere"
+        ):
+            read_osi(gt, map=MAP, sd=sd)
+        return
+    found = read_osi(gt, map=MAP, sd=sd)
+    assert len(found.sd) == left
+    assert ("sensor_data_left_out" in found.settings.provenance) is (left < 4)
+
+
+def test_a_trace_of_no_detections_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "sd.osi").write_bytes(b"")
+    with pytest.raises(InputError, match="has no message of SensorData"):
+        read_osi(write(tmp_path / "gt.osi", moving()), map=MAP, sd=tmp_path / "sd.osi")
+
+
+def test_a_flipped_bit_of_an_mcap_file_is_found(tmp_path: Path) -> None:
+    """Chunks have checksums: a place that moved is none of theirs."""
+    path = write(tmp_path / "a.mcap", moving(50))
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 4] ^= 4
+    path.write_bytes(raw)
+    with pytest.raises(InputError, match="is damaged"):
+        read_osi(path, map=MAP)
 
 
 def detections(
@@ -230,7 +281,8 @@ def test_topics_that_do_not_fit_are_named(tmp_path: Path) -> None:
         writer.start()
         for topic in ("one", "two"):
             schema = writer.register_schema("osi3.GroundTruth", "protobuf", b"")
-            writer.register_channel(topic, "protobuf", schema)
+            channel = writer.register_channel(topic, "protobuf", schema)
+            writer.add_message(channel, log_time=0, data=b"", publish_time=0)
         writer.finish()
     with pytest.raises(
         InputError, match=r"has 2 topics of GroundTruth or SensorView, expected one; .*: one \(Ground"

@@ -526,9 +526,8 @@ def test_a_run_that_rewrites_the_copy_of_its_program_stops_the_next_one(
         "serve(Rewrites)\n",
         encoding="utf-8",
     )
-    path = build(
-        f'name = "r"\nversion = "1"\n[process]\ncommand = ["{sys.executable}", "talk.py"]\nenvironment = ["CACHE", "PYTHONPATH"]\n'
-    )
+    command = f'command = ["{sys.executable}", "talk.py"]\nenvironment = ["CACHE", "PYTHONPATH"]\n'
+    path = build(f'name = "r"\nversion = "1"\n[process]\n{command}')
     cache = tmp_path / "cache"
     order = [sys.executable, "-m", "resim", "run", RECORDING, "--build", path, "--out", tmp_path / "out"]
     env = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(cache), "CACHE": str(cache)}

@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -29,7 +30,7 @@ from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFo
 from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
-from resim.recordings.window import TICK, cut_window
+from resim.recordings.window import TICK, beyond_ego, window_of
 
 _VEHICLES = {
     2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer", 10: "motorcycle",
@@ -47,7 +48,7 @@ def read_osi(
     """Give what happened around the moving object `ego` as ground truth, and what its sensors saw as sensor data.
 
     map: without it, that in the trace, in whose frame it is. ego: id; without it the host vehicle. start, end [s] count
-    from the first message; without them the window is the EGO's own. sd: trace with SensorData; without it that of the
+    from the first message; without them nothing is cut. sd: trace with SensorData; without it that of the
     trace, if it is MCAP and has any. Stationary objects are left out. Raises InputError.
     """
     if importlib.util.find_spec("osi3") is None:
@@ -61,19 +62,24 @@ def read_osi(
         raise InputError(
             trace, f"names no host vehicle; its moving objects are {known}", "Name one by --ego."
         )
-    gt, origin = cut_window(pd.DataFrame(truth.rows), trace, ego=ego, start=start, end=end)
+    gt, low, high = _window(pd.DataFrame(truth.rows), trace, ego, start, end)
+    origin = float(gt["t"].min())
+    beyond = beyond_ego([gt["t"].to_numpy(float)], *gt.loc[gt["id"] == ego, "t"].agg(["min", "max"]).tolist())
+    gt = gt.assign(t=np.round(gt["t"] - origin, 9))
     gt = gt.drop(columns=[c for c in OPTIONAL_COLUMNS if c in truth.derived or gt[c].isna().all()])
     told = {
         "source": trace.name, "format": f"OSI {truth.message}",
         "first_message": f"{truth.first // _SECOND}.{truth.first % _SECOND:09d} s",
         "original_start": f"{origin:.9g} s",
     }  # fmt: skip
+    if beyond:
+        told["without_ego"] = beyond
     seen = sensed(sd) if sd is not None else sensed(trace) if is_mcap(trace) else None
-    frame = None if seen is None else _detections(sd or trace, seen, truth, ego)
+    frame, lost = (None, "") if seen is None else _detections(sd or trace, seen, truth, ego)
+    if lost:
+        told["sensor_data_left_out"] = lost
     if frame is not None:
-        inside = np.ones(len(frame), dtype=bool)
-        if start is not None or end is not None:
-            inside = frame["t"].between(origin - TICK, origin + float(gt["t"].max()) + TICK).to_numpy()
+        inside = frame["t"].between(low - TICK, high + TICK).to_numpy()
         frame = frame[inside].assign(t=np.round(frame["t"][inside] - origin, 9))
         told["sensor_data"] = f"{(sd or trace).name}: {frame['id'].nunique()} objects"
     return RecordingTables(
@@ -81,6 +87,19 @@ def read_osi(
         map=_map(trace, map), gt=_by_time(gt), sd=None if frame is None else _by_time(frame), plan=None, folder=None,
         gt_file=trace, sd_file=sd or trace,
     )  # fmt: skip
+
+
+def _window(
+    rows: pd.DataFrame, trace: Path, ego: str, start: float | None, end: float | None
+) -> tuple[pd.DataFrame, float, float]:
+    """The rows from start to end [s], and these, infinite where they are not given."""
+    own = rows.loc[rows["id"] == ego, "t"].to_numpy(float)
+    if not len(own):
+        known = ", ".join(rows["id"].drop_duplicates().head(20))
+        raise InputError(trace, f"ego {ego!r} was not found; the file has {known}", "Name one of them.")
+    window_of(own, trace, ego=ego, start=start, end=end)
+    low, high = -np.inf if start is None else start, np.inf if end is None else end
+    return rows[rows["t"].between(low - TICK, high + TICK)], low, high
 
 
 FORMATS.add(
@@ -163,7 +182,7 @@ def _row(trace: Path, place: str, one: Any) -> dict[str, Any]:
     a = base.acceleration.x * c + base.acceleration.y * s if base.HasField("acceleration") else math.nan
     tall = base.dimension.height if base.dimension.HasField("height") else math.nan
     return {
-        "kind": _kind(one), "x": x, "y": y, "heading": math.remainder(heading, math.tau), "v": vx * c + vy * s,
+        "kind": _kind(one), "x": x, "y": y, "heading": _wrapped(heading), "v": vx * c + vy * s,
         "a": a, "yaw_rate": base.orientation_rate.yaw if base.orientation_rate.HasField("yaw") else math.nan,
         "length": length, "width": width,
         "z": base.position.z - 0.5 * tall if base.position.HasField("z") else math.nan,
@@ -171,9 +190,11 @@ def _row(trace: Path, place: str, one: Any) -> dict[str, Any]:
 
 
 def _box(trace: Path, place: str, base: Any) -> tuple[float, float, float, float, float]:
-    """x, y, heading, length, width."""
+    """x, y, heading, length, width; heading NaN where no orientation is said."""
     x, y = (_number(trace, f"{place}: base.position.{axis}", base.position, axis) for axis in "xy")
-    heading = _number(trace, f"{place}: base.orientation.yaw", base.orientation, "yaw", 0.0)
+    heading = math.nan
+    if base.HasField("orientation"):  # what is 0 may be left out within it
+        heading = _number(trace, f"{place}: base.orientation.yaw", base.orientation, "yaw", 0.0)
     length, width = (
         _number(trace, f"{place}: base.dimension.{name}", base.dimension, name)
         for name in ("length", "width")
@@ -204,11 +225,14 @@ def _number(trace: Path, where: str, of: Any, field: str, default: float | None 
     return value
 
 
-def _detections(trace: Path, messages: Iterator[Any], truth: _Truth, ego: str) -> pd.DataFrame | None:
-    """Rows of sensor data: objects as detected, and the EGO where a message says where it takes itself to be."""
+def _detections(
+    trace: Path, messages: Iterator[Any], truth: _Truth, ego: str
+) -> tuple[pd.DataFrame | None, str]:
+    """Rows of sensor data: objects as detected, and the EGO where a message says where it takes itself to be; and what
+    was left out, in words. Raises InputError where nothing is left."""
     host, rows = _HostPoses(truth, ego), list[dict[str, Any]]()
     true: dict[str, Counter[str]] = {}
-    last = -(2**63)
+    last, number, nowhere = -(2**63), 0, list[float]()
     for number, told in enumerate(messages, start=1):
         where, now = f"SensorData {number}", told.timestamp.seconds * _SECOND + told.timestamp.nanos
         if now <= last:
@@ -220,19 +244,31 @@ def _detections(trace: Path, messages: Iterator[Any], truth: _Truth, ego: str) -
             rows.append({"t": t, GT_ID: ego, **own})
         pose = host.at(t) if own is None else np.array([own[c] for c in ("x", "y", "heading", "v")])
         if pose is None:
+            nowhere += [t] * len(told.moving_object)
             continue
         for one in told.moving_object:
-            row = _detected(trace, where, one, _mounted(pose, told.mounting_position, host.rear), truth)
+            row = _detected(
+                trace, where, one, _mounted(trace, where, pose, told.mounting_position, host.rear), truth
+            )
             rows.append({"t": t, **row})
             true.setdefault(row["id"], Counter())[row[GT_ID]] += 1
+    if not number:
+        raise InputError(trace, "has no message of SensorData", "Give the trace of the sensor.")
+    if nowhere and not rows:
+        problem = (
+            f"SensorData is of {min(nowhere):.9g} to {max(nowhere):.9g} s, in which the host vehicle is nowhere: it is "
+            f"known from {host.t.min():.9g} to {host.t.max():.9g} s of the ground truth"
+        )
+        raise InputError(
+            trace, problem, "Write both with one clock, or host_vehicle_location into the messages."
+        )
+    lost = f"{len(nowhere)} objects at times at which the host vehicle is nowhere" if nowhere else ""
     if not rows:
-        return None
+        return None, lost
     frame = pd.DataFrame(rows)
-    frame[GT_ID] = [
-        true[i].most_common(1)[0][0] if i in true else g
-        for i, g in zip(frame["id"], frame[GT_ID], strict=True)
-    ]
-    return frame.drop(columns=EXISTENCE) if frame[EXISTENCE].isna().all() else frame
+    named = zip(frame["id"], frame[GT_ID], strict=True)
+    frame[GT_ID] = [true[i].most_common(1)[0][0] if i in true else g for i, g in named]
+    return frame.drop(columns=EXISTENCE) if frame[EXISTENCE].isna().all() else frame, lost
 
 
 class _HostPoses:
@@ -245,12 +281,17 @@ class _HostPoses:
             [[row[c] for c in ("x", "y", "heading", "v")] for row in own], dtype=float
         ).reshape(-1, 4)
         self.columns[:, 2] = np.unwrap(self.columns[:, 2])
+        self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
         self.rear = truth.rear.get(ego, 0.0)
         self.box = {c: own[0][c] for c in ("kind", "length", "width")} if own else {}
 
     def at(self, t: float) -> Floats | None:
-        """Give the pose at a time [s], None before the first and after the last message."""
+        """Give the pose at a time [s]; None before its first and after its last sample, and where both around are more
+        than two usual steps apart."""
         if not len(self.t) or not self.t[0] - TICK <= t <= self.t[-1] + TICK:
+            return None
+        after = min(int(np.searchsorted(self.t, t - TICK)), len(self.t) - 1)
+        if after and self.t[after] - t > TICK and self.t[after] - self.t[after - 1] > 2.0 * self.step + TICK:
             return None
         return np.array([np.interp(t, self.t, column) for column in self.columns.T])
 
@@ -264,17 +305,22 @@ def _own(trace: Path, where: str, base: Any, host: _HostPoses, ego: str) -> dict
     v = vx * math.cos(heading) + vy * math.sin(heading)
     box = {c: getattr(base.dimension, c) for c in ("length", "width") if base.dimension.HasField(c)}
     return {
-        "id": ego, **host.box, **box, "x": x, "y": y, "heading": math.remainder(heading, math.tau), "v": v,
+        "id": ego, **host.box, **box, "x": x, "y": y, "heading": _wrapped(heading), "v": v,
         EXISTENCE: math.nan,
     }  # fmt: skip
 
 
-def _mounted(pose: Floats, mounting: Any, rear: float) -> tuple[float, float, float, complex]:
+def _mounted(
+    trace: Path, where: str, pose: Floats, mounting: Any, rear: float
+) -> tuple[float, float, float, complex]:
     """x, y, heading of a sensor in the map's frame, and the host's velocity.
 
     rear: how far [m] its rear axle is before the middle of its box.
     """
     x, y, heading, v = pose.tolist()
+    told = (mounting.position.x, mounting.position.y, mounting.orientation.yaw)
+    if not all(map(math.isfinite, told)):
+        raise InputError(trace, f"{where}: mounting_position is not finite: {told}", REMEDY)
     along = complex(math.cos(heading), math.sin(heading))
     place = complex(x, y) + along * (rear + complex(mounting.position.x, mounting.position.y))
     return place.real, place.imag, heading + mounting.orientation.yaw, v * along
@@ -296,12 +342,21 @@ def _detected(
     likely = max(one.candidate, key=lambda c: c.probability, default=None)
     known = one.header.HasField("existence_probability")
     return {
-        "id": truth.names[number] if true == [truth.names.get(number)] else str(number),
+        "id": truth.names[number] if true == [truth.names.get(number)] else _free(str(number), truth),
         GT_ID: true[0] if len(true) == 1 else "", "kind": "unknown" if likely is None else _kind(likely),
-        "x": at.real, "y": at.imag, "heading": math.remainder(heading, math.tau),
+        "x": at.real, "y": at.imag, "heading": _wrapped(heading),
         "v": velocity.real * math.cos(heading) + velocity.imag * math.sin(heading), "length": length, "width": width,
         EXISTENCE: one.header.existence_probability if known else math.nan,
     }  # fmt: skip
+
+
+def _wrapped(heading: float) -> float:
+    return math.remainder(heading, math.tau) if math.isfinite(heading) else math.nan
+
+
+def _free(name: str, truth: _Truth) -> str:
+    """A name of something detected that is no true object's."""
+    return f"detected {name}" if name in truth.names.values() else name
 
 
 def _by_time(frame: pd.DataFrame) -> pd.DataFrame:
@@ -320,7 +375,8 @@ def _map(trace: Path, given: Path | None) -> Path:
     raw = text.encode("utf-8")
     folder = cache_folder("maps") / hashlib.sha256(raw).hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{Path(name).stem or 'map'}.xodr"
+    stem = re.sub(r"[^\w.-]", "_", Path(name).stem)[:80] or "map"
+    file = folder / f"{stem}.xodr"
     if not file.is_file() or file.read_bytes() != raw:
         beside = folder / f".{os.getpid()}.new"
         beside.write_bytes(raw)

@@ -14,13 +14,14 @@ from resim.core.errors import InputError
 from resim.core.files import open_file
 from resim.core.osi import DERIVED, MAP_FIELDS, MAP_SCHEMA, SENSED
 from resim.core.protobuf import TEXT, message_type
+from resim.recordings.logs.kinds import MCAP
+from resim.recordings.logs.mcap_file import mcap_messages
 
 LONGEST = 1 << 28
 """Bytes of a message; one that claims more is none."""
 WORLDS = ("GroundTruth", "SensorView")
 """Messages that say where everybody is."""
 REMEDY = "Write the trace with its tool again."
-_MCAP = b"\x89MCAP0\r\n"
 _ENDINGS = (".osi", ".mcap")
 
 
@@ -44,7 +45,7 @@ class TraceTopics:
 def is_mcap(trace: Path) -> bool:
     """Say whether a file is MCAP. Raises InputError for one that is neither that nor named .osi."""
     with open_file(trace, "Check the path") as file:
-        if file.read(len(_MCAP)) == _MCAP:
+        if file.read(len(MCAP)) == MCAP:
             return True
     if trace.suffix.lower() not in _ENDINGS:
         raise InputError(trace, "is neither an .osi nor an MCAP file", "Give a trace of OSI.")
@@ -101,56 +102,29 @@ def held_map(trace: Path) -> tuple[str, str] | None:
 
 
 def topics(trace: Path) -> TraceTopics:
-    """Give what topics an MCAP file has. Raises InputError for a damaged one."""
-    from mcap.reader import make_reader
-
-    with open_file(trace, "Check the path") as file, _Damage(trace):
-        summary = make_reader(file).get_summary()
-        if summary is None:
-            raise InputError(trace, "has no index: it was not written to its end", REMEDY)
-        if (large := max((one.uncompressed_size for one in summary.chunk_indexes), default=0)) > LONGEST:
-            raise InputError(trace, f"has a chunk of {large} bytes, expected up to {LONGEST}", REMEDY)
-        names = {
-            channel.topic: summary.schemas[channel.schema_id].name
-            for channel in summary.channels.values()
-            if channel.schema_id in summary.schemas and channel.message_encoding == "protobuf"
-        }
-        lacks = {one.topic: one.metadata.get(DERIVED, "") for one in summary.channels.values()}
-    own = {topic: name.removeprefix("osi3.") for topic, name in sorted(names.items())}
+    """Give what topics an MCAP file has messages on. Raises InputError for a damaged one."""
+    found = {
+        one.channel.topic: one.channel
+        for one in mcap_messages(trace, None)
+        if one.channel.encoding == "protobuf"
+    }
+    own = {topic: channel.type.removeprefix("osi3.") for topic, channel in sorted(found.items())}
     return TraceTopics(
         {topic: name for topic, name in own.items() if name in WORLDS},
         tuple(topic for topic, name in own.items() if name == "SensorData"),
-        tuple(topic for topic, name in sorted(names.items()) if name == MAP_SCHEMA),
-        {topic: tuple(text.split(", ")) for topic, text in lacks.items() if text},
+        tuple(topic for topic in own if found[topic].type == MAP_SCHEMA),
+        {
+            topic: tuple(text.split(", "))
+            for topic, one in found.items()
+            if (text := one.metadata.get(DERIVED, ""))
+        },
     )
 
 
-class _Damage:
-    """Turns what mcap raises of damaged files, which is whatever its parts do, into an InputError."""
-
-    def __init__(self, trace: Path) -> None:
-        self.trace = trace
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, e: BaseException | None, *_: Any) -> None:
-        if isinstance(e, Exception) and not isinstance(e, InputError):
-            raise InputError(self.trace, f"is no whole MCAP file ({type(e).__name__}: {e})", REMEDY) from e
-
-
 def _on(trace: Path, topic: str) -> Iterator[bytes]:
-    """The messages on a topic of an MCAP file, by time."""
-    from mcap.reader import make_reader
-
-    with open_file(trace, "Check the path") as file:
-        messages = make_reader(file).iter_messages(topics=[topic])
-        while True:
-            with _Damage(trace):
-                told = next(messages, None)
-            if told is None:
-                return
-            yield told[2].data
+    """The messages on a topic of an MCAP file, by the time at which they were recorded."""
+    found = [(one.log_time, one.body) for one in mcap_messages(trace, topic)]
+    return (body for _, body in sorted(found, key=lambda row: row[0]))
 
 
 def _framed(trace: Path) -> Iterator[bytes]:

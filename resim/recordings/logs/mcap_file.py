@@ -147,7 +147,18 @@ def _define(known: _Known, code: int, data: bytes, where: str) -> None:
         problem = f"{where}: the channel {name!r} has schema {of}, which no record before it describes"
         raise InputError(known.path, problem, _WRITE)
     kind, written, definition = known.schemas.get(of, ("", "", b""))
-    known.channels[number] = LogChannel(name, kind, encoding, written, definition)
+    told = _entries(data, place)
+    known.channels[number] = LogChannel(name, kind, encoding, written, definition, metadata=told)
+
+
+def _entries(data: bytes, place: int) -> dict[str, str]:
+    """A map of texts with its length before it."""
+    (size,) = struct.unpack_from("<I", data, place)
+    place, end, found = place + 4, place + 4 + size, dict[str, str]()
+    while place < end:
+        key, place = _text(data, place)
+        found[key], place = _text(data, place)
+    return found
 
 
 def _text(data: bytes, place: int) -> tuple[str, int]:

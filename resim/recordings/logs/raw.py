@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from resim.core.errors import InputError
@@ -23,6 +23,7 @@ class LogChannel:
             log.
         schema: The definition.
         distribution: ROS distribution that the log names, "" where it names none.
+        metadata: What the channel says besides, by name.
     """
 
     topic: str
@@ -31,6 +32,7 @@ class LogChannel:
     schema_encoding: str = ""
     schema: bytes = b""
     distribution: str = ""
+    metadata: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
