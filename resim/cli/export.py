@@ -100,6 +100,8 @@ def _export(form: str, drive: Path, out: Path, accept: list[str] | None) -> None
 
 
 def _tell(out: Path, found: ExportReport) -> None:
-    add_to_json(out=out, sources=found.sources, map=found.map)
+    add_to_json(out=out, sources=found.sources, map=found.map, notes=found.notes)
     files = dict.fromkeys(found.sources.values())
+    for note in found.notes:
+        say(f"note: {note}")
     say(f"{found.drive}: {found.format}: {', '.join(files)}; map {found.map}: {out}")

@@ -18,7 +18,7 @@ from resim.exports.scenes import ViewedDrive
 from resim.exports.states import TimedMessage, nanoseconds, topic_of
 from resim.metrics.assessment_report import DriveAssessment
 from resim.report.player import PlayedDrive
-from resim.report.player.drive import Danger, Layer
+from resim.report.player.drive import Danger, DriveVerdict, Layer
 
 _EGO = ("t", "x", "y", "heading", "v")
 EGO = message_type("resim.Ego", dict.fromkeys(_EGO, NUMBER))
@@ -39,6 +39,10 @@ VERDICTS = message_type(
         ],
     },
 )  # fmt: skip
+DRIVE_VERDICT = message_type(
+    "resim.DriveVerdict",
+    {"verdict": TEXT, "decides": TEXT, "sources": [{"source": TEXT, "verdict": TEXT}]},
+)
 """Curves and verdicts. A number that is not known is NaN, which no viewer draws; 0 would look safe."""
 
 
@@ -86,6 +90,8 @@ def scene_topics(drive: PlayedDrive, first: int) -> Iterator[Topic]:
     yield _scene("/map", fg.SceneUpdate, scenes.roads())
     yield _scene("/tf", fg.FrameTransforms, scenes.frames())
     yield _scene("/log", fg.Log, scenes.log())
+    if drive.judged is not None:
+        yield _own("/verdicts/drive", DRIVE_VERDICT, [(scenes.begin, _drive_verdict(drive.judged))])
     for layer in drive.layers:
         name, told = topic_of(layer.name), layer.assessed
         yield _scene(f"/scene/{name}", fg.SceneUpdate, scenes.boxes(layer))
@@ -129,6 +135,12 @@ def _risk(curves: Danger, first: int) -> Iterator[tuple[int, Any]]:
     for values in zip(*columns, strict=True):
         told = dict(zip(("t", "risk", "risk_of", "ttc", "ttc_of", "unknown"), values, strict=True))
         yield nanoseconds(values[0], first), RISK(**told)
+
+
+def _drive_verdict(judged: DriveVerdict) -> Any:
+    """The verdict on the drive, by whom, and what each source came to."""
+    each = [{"source": source, "verdict": verdict} for source, verdict in judged.sources.items()]
+    return DRIVE_VERDICT(verdict=judged.verdict, decides=", ".join(judged.decides), sources=each)
 
 
 def _verdicts(source: str, told: DriveAssessment) -> Any:

@@ -136,23 +136,31 @@ def _event(mark: TimelineMark, times: Any) -> dict[str, Any]:
 
 
 def _tags(layer: Layer, drive: PlayedDrive, marks: list[TimelineMark]) -> Iterator[dict[str, Any]]:
-    """Tags of the scenario: its name, who is in it, what the EGO does, and the verdict with each criterion."""
+    """Tags of the scenario: its name, who is in it, what the EGO does, the verdicts on the drive and its source."""
     yield {"type": "scenarioName", "ontology_uid": _TAGS, "tag_data": drive.name}
     others = layer.tracks.kind[layer.tracks.ids != drive.ego].tolist()
     for kind in sorted({_KINDS.get(one, _UNKNOWN) for one in others}):
         yield {"type": kind, "ontology_uid": _TAGS}
     for motion in sorted({_MOTIONS[mark.text] for mark in marks if mark.text in _MOTIONS}):
         yield {"type": motion, "ontology_uid": _TAGS}
+    if drive.judged is not None:
+        told = {
+            "verdict": drive.judged.verdict,
+            "decides": ", ".join(drive.judged.decides),
+            **drive.judged.sources,
+        }
+        text = [{"name": key, "val": value} for key, value in told.items()]
+        yield {"type": "DriveVerdict", "ontology_uid": _OWN, "tag_data": {"text": text}}
     if layer.assessed is None or layer.assessed.verdict is None:
         return
     yield {"type": "Verdict", "ontology_uid": _OWN, "tag_data": layer.assessed.verdict}
     for name, entry in layer.assessed.criteria.items():
-        text = {"criterion": name, "verdict": entry.verdict, "unit": entry.unit, "reason": entry.reason}
+        words = {"criterion": name, "verdict": entry.verdict, "unit": entry.unit, "reason": entry.reason}
         values = {"value": entry.value, "limit": entry.limit}
         yield {
             "type": "Criterion", "ontology_uid": _OWN,
             "tag_data": {
-                "text": [{"name": key, "val": value} for key, value in text.items()],
+                "text": [{"name": key, "val": value} for key, value in words.items()],
                 "num": [{"name": key, "val": v} for key, v in values.items() if v is not None and math.isfinite(v)],
             },
         }  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
+import re
 from collections.abc import Iterator
 from functools import cache
 from importlib import resources
@@ -23,11 +24,12 @@ from resim.core.spec import to_json
 from resim.exports.states import (
     SECOND,
     ExportedState,
+    derived,
     first_second,
+    first_time,
     nanoseconds,
     numbers,
     states,
-    topic_of,
 )
 from resim.report.player import PlayedDrive
 from resim.report.player.colors import layer_colors
@@ -42,7 +44,7 @@ LABELS = {
 }  # fmt: skip
 """Autoware's classes; a van is a car there."""
 _PERCEPTION = "autoware_perception_msgs/msg"
-_CUBE, _LINE, _TEXT, _DELETE_ALL = 1, 4, 9, 3
+_CUBE, _TEXT, _DELETE_ALL = 1, 9, 3
 
 
 class _Sent(NamedTuple):
@@ -57,7 +59,7 @@ class _Sent(NamedTuple):
 def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
     """Write the bag and its mapping. Gives the file of each source: all are in the bag."""
     first, ros = first_second(drive), _types()
-    every = [_sent(layer, drive, first) for layer in drive.layers]
+    every = [_judged(drive, first), *(_sent(layer, drive, first) for layer in drive.layers)]
     with Writer(folder / BAG, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         known: dict[str, Any] = {}
         for one in heapq.merge(*every, key=lambda sent: sent.t):
@@ -67,6 +69,11 @@ def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
             writer.write(known[one.topic], one.t, ros.serialize_cdr(message, one.kind))
     (folder / MAPPING).write_text(mapping(drive), encoding="utf-8")
     return dict.fromkeys((layer.name for layer in drive.layers), BAG)
+
+
+def _topic(source: str) -> str:
+    """A source's name as names of ROS allow it: letters, digits and underscores."""
+    return re.sub(r"\W", "_", source, flags=re.ASCII)
 
 
 def mapping(drive: PlayedDrive) -> str:
@@ -79,12 +86,17 @@ def mapping(drive: PlayedDrive) -> str:
     for layer in drive.layers:
         if layer.name in ("GT", "JSCEN", "SD"):
             parts += _mapped(layer, drive, "sd" if layer.name == "SD" else "gt")
+    if any(layer.name == "SD" for layer in drive.layers):
+        parts.append(
+            '[match]\nby = "id"                            # ids of the sensor data are those of true objects\n'
+        )
     return "\n".join(parts) + "\n"
 
 
 def _mapped(layer: Layer, drive: PlayedDrive, source: str) -> Iterator[str]:
-    topic = topic_of(layer.name)
+    topic, lost = _topic(layer.name), derived(layer)
     if drive.ego in layer.tracks.ids:
+        turns = "" if "yaw_rate" in lost else 'yaw_rate = "twist.twist.angular.z"\n'
         row = layer.tracks.index(drive.ego)
         length, width = (float(c[row]) for c in (layer.tracks.length, layer.tracks.width))
         yield f"""
@@ -101,8 +113,9 @@ x = "pose.pose.position.x"
 y = "pose.pose.position.y"
 heading = {{ quaternion = "pose.pose.orientation" }}
 v = "twist.twist.linear.x"
-"""
+{turns}"""
     pose = "kinematics.pose_with_covariance.pose"
+    turns = "" if "yaw_rate" in lost else 'yaw_rate = "kinematics.twist_with_covariance.twist.angular.z"\n'
     names = ", ".join(f'"{label}" = "{kind}"' for kind, label in LABELS.items() if kind != "van")
     if (layer.tracks.ids != drive.ego).any():
         yield f"""
@@ -115,15 +128,22 @@ x = "{pose}.position.x"
 y = "{pose}.position.y"
 heading = {{ quaternion = "{pose}.orientation" }}
 v = "kinematics.twist_with_covariance.twist.linear.x"
-length = "shape.dimensions.x"
+{turns}length = "shape.dimensions.x"
 width = "shape.dimensions.y"
 kind = {{ column = "classification.label", names = {{ {names} }} }}
 """
 
 
+def _judged(drive: PlayedDrive, first: int) -> Iterator[_Sent]:
+    """The verdict on the drive, if it was judged."""
+    if drive.judged is not None:
+        text = json.dumps(to_json(drive.judged), ensure_ascii=False)
+        yield _Sent(first_time(drive, first), "/verdicts", "std_msgs/msg/String", {"data": text})
+
+
 def _sent(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[_Sent]:
     """All messages of a source, by time."""
-    topic, known = topic_of(layer.name), numbers(drive)
+    topic, known = _topic(layer.name), numbers(drive)
     plans = [(nanoseconds(t, first), plan) for t, plan in layer.plans]
     if layer.assessed is not None and layer.assessed.verdict is not None and len(layer.tracks.t):
         told = {"verdict": layer.assessed.verdict, "criteria": to_json(layer.assessed.criteria)}
@@ -134,7 +154,7 @@ def _sent(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[_Sent]:
     for t, everyone in states(layer, drive.network):
         now = nanoseconds(t, first)
         while plans and plans[0][0] <= now:
-            yield _path(topic, *plans.pop(0))
+            yield _path(topic, *plans.pop(0), next((one.z for one in everyone if one.id == drive.ego), 0.0))
         own = [one for one in everyone if one.id == drive.ego]
         for one in own:
             yield _odometry(topic, now, one)
@@ -171,9 +191,9 @@ def _object(one: ExportedState, number: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _path(topic: str, now: int, plan: Any) -> _Sent:
+def _path(topic: str, now: int, plan: Any, z: float) -> _Sent:
     known = plan[np.isfinite(plan[:, :3]).all(axis=1)]
-    poses = [{"header": _header(now), "pose": _pose(x, y, 0.0, 0.0)} for x, y in known[:, 1:3].tolist()]
+    poses = [{"header": _header(now), "pose": _pose(x, y, z, 0.0)} for x, y in known[:, 1:3].tolist()]
     return _Sent(now, f"/{topic}/plan", "nav_msgs/msg/Path", {"header": _header(now), "poses": poses})
 
 

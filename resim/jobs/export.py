@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,6 +51,7 @@ class ExportReport:
         sources: For each source of the drive its file.
         map: The OpenDRIVE file beside them.
         files: Hashes of all of them.
+        notes: What the files leave out, or cannot say, of this drive.
     """
 
     __pydantic_config__ = EXACT
@@ -62,6 +63,7 @@ class ExportReport:
     sources: Mapping[str, str]
     map: str
     files: Mapping[str, str]
+    notes: tuple[str, ...] = ()
 
 
 def export_openscenario(
@@ -153,6 +155,8 @@ def export_drive(
     Raises:
         InputError: The drive cannot be read, or the folder not be written, or a package is missing.
     """
+    if form not in FORMS:
+        raise InputError("export", f"there is no form {form!r}", f"There are {', '.join(FORMS)}.")
     path, folder, made = path_of(drive), path_of(out), FORMS[form]
     if lost := [one for one in made.needs if importlib.util.find_spec(one) is None]:
         extras = ",".join(dict.fromkeys(made.needs.values()))
@@ -163,13 +167,24 @@ def export_drive(
     played = _played(path, accept)
     with whole_folder(folder, EXPORT) as new:
         road = played.network.path
-        shutil.copyfile(road, new / road.name)
         sources = importlib.import_module(made.module).write(played, new)
+        _copy_map(road, new)
         every = sorted(file for file in new.rglob("*") if file.is_file())
         files = {file.relative_to(new).as_posix(): file_hash(file) for file in every}
-        report = ExportReport(versions(), played.name, made.title, "", sources, road.name, files)
+        report = ExportReport(
+            versions(), played.name, made.title, "", sources, road.name, files, played.notes
+        )
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
+
+
+def _copy_map(road: Path, folder: Path) -> None:
+    """Put the map beside the files. Raises InputError where one of them has its name."""
+    if (folder / road.name).exists() or road.name == EXPORT.mark:
+        raise InputError(
+            road, f"has the name of a file of the export, {road.name}", "Give the map another name."
+        )
+    shutil.copyfile(road, folder / road.name)
 
 
 def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
@@ -195,6 +210,10 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
             path, "is no folder of results", "Give what run, assess, map convert, verify or sweep wrote."
         )
     check_results(path, kind)
+    if folder.resolve().is_relative_to(path.resolve()):
+        raise InputError(
+            folder, f"lies within {path}, which is to be packed", "Name a folder elsewhere with --out."
+        )
     check_output(folder, EXPORT)
     told = read_sealed(path / kind.mark, "Make it again.")
     date = datetime.fromtimestamp((path / kind.mark).stat().st_mtime, UTC).isoformat(timespec="seconds")
@@ -238,6 +257,7 @@ def recorded_drive(recording: Recording, network: RoadNetwork) -> PlayedDrive:
         The drive.
     """
     played = of_recording(recording, network)
+    played = replace(played, notes=(*played.notes, *_left_out(recording)))
     if recording.sd is None or recording.senses_ego:
         return played
     layers = [
@@ -245,6 +265,15 @@ def recorded_drive(recording: Recording, network: RoadNetwork) -> PlayedDrive:
         for one in played.layers
     ]
     return replace(played, layers=tuple(layers))
+
+
+def _left_out(recording: Recording) -> Iterator[str]:
+    """What files do not say of a recording, though verdicts on it depend on it."""
+    for source in ("gt", "sd"):
+        if len(rows := recording.incomplete.get(source, ())):
+            yield f"{source.upper()}: {len(rows)} rows that lack a value are in no file"
+        if source in recording.repairs and (count := int(recording.repairs[source]["filled"].sum())):
+            yield f"{source.upper()}: {count} samples that a repair filled in are in the files as if they were measured"
 
 
 def _with_traffic(own: Tracks, scenario: Scenario, network: RoadNetwork) -> Tracks:

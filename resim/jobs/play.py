@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from resim.core import remedies
@@ -10,10 +11,12 @@ from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.spec import read_sealed_json
 from resim.jobs.given import path_of
+from resim.metrics.assessment_report import DriveAssessment
 from resim.recordings.checked import load_checked
 from resim.recordings.checks import CODES
 from resim.report import write_player_page
 from resim.report.player import PlayedDrive, of_recording, of_run, of_scenario
+from resim.report.player.drive import DriveVerdict
 from resim.report.player.video import check_video, write_video
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.resimulation.assessment_report import RunAssessment
@@ -103,7 +106,7 @@ def _recording(path: Path, *, assess: bool) -> PlayedDrive:
 
 def _result(path: Path) -> PlayedDrive:
     run = read_run(path)
-    found = {}
+    found, judged = {}, None
     if (path / "assessment.json").is_file():
         told = read_sealed_json(
             path / "assessment.json", RunAssessment, "resim run", "Run it again.", largest=LARGEST
@@ -113,7 +116,20 @@ def _result(path: Path) -> PlayedDrive:
             raise InputError(path / "assessment.json", problem, "Run it again.")
         every = {name: getattr(told, name) for name in ("GT", "SD", "rGT", "rSD")}
         found = {name: a for name, a in every.items() if hasattr(a, "measures")}
-    return of_run(run.report, run.network, run.scenarios, run.tables, found)
+        judged = _judged(told, found)
+    return replace(of_run(run.report, run.network, run.scenarios, run.tables, found), judged=judged)
+
+
+def _judged(told: RunAssessment, found: Mapping[str, DriveAssessment]) -> DriveVerdict | None:
+    """The verdict on a run: that of those who decide, the worst first; who failed before it was judged is INVALID."""
+    sources = {name: a.verdict for name, a in found.items() if a.verdict is not None}
+    if (model := getattr(told.over_seeds, "verdict", None)) is not None:
+        sources["rGT+M"] = model
+    if not sources:
+        return None
+    deciding = {sources.get(name, "INVALID") for name in told.decides}
+    verdict = next((one for one in ("FAIL", "INVALID", "PASS") if one in deciding), "INVALID")
+    return DriveVerdict(verdict, sources, told.decides)
 
 
 def _scenario(path: Path) -> PlayedDrive:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lxml import etree
 
+from resim.core.errors import InputError
 from resim.core.tracks import Tracks
 from resim.jobs.export import export_drive, recorded_drive
 from resim.recordings import Recording, read_recording
@@ -103,6 +108,11 @@ def test_one_file_holds_all_of_a_drive(result: Path, exported: Path) -> None:
         }
         risks = [math.nan if r is None else r for r in judged[name]["risk"]["r_ind"]]
         np.testing.assert_array_equal([one.risk for _, one in found[f"/risk/{name}"]], risks)
+    ((_, told),) = found["/verdicts/drive"]
+    assert told.decides == ", ".join(judged["decides"])
+    worst = {judged[name]["verdict"] for name in judged["decides"]}
+    assert told.verdict == next(v for v in ("FAIL", "INVALID", "PASS") if v in worst)
+    assert {one.source: one.verdict for one in told.sources}["rGT+M"] == judged["rGT+M"]["verdict"]
     times = [t for rows in found.values() for t, _ in rows]
     assert min(times) == 0
 
@@ -166,3 +176,51 @@ def test_a_layout_names_topics_that_are_there(tmp_path: Path) -> None:
     paths = [path["value"].partition(".")[0] for panel in panels.values() for path in panel.get("paths", [])]
     assert paths
     assert set(paths) <= topics
+
+
+@pytest.mark.parametrize(
+    ("form", "name"), [("osi", "GT.osi"), ("mcap", "drive.mcap"), ("osi", "export.json")]
+)
+def test_a_map_with_the_name_of_a_file_of_the_export_is_refused(tmp_path: Path, form: str, name: str) -> None:
+    drive = tmp_path / "drive"
+    shutil.copytree(ROOT / "scenarios" / "rear_end", drive)
+    shutil.copy(MAP, drive / name)
+    file = drive / "recording.toml"
+    file.write_text(
+        re.sub('map = ".*"', f'map = "{name}"', file.read_text(encoding="utf-8")), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="has the name of a file of the export"):
+        export_drive(drive, tmp_path / "out", form)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("encoding", ["ISO-8859-1", "UTF-16", "UTF-8"])
+def test_a_map_of_any_encoding_comes_back(tmp_path: Path, encoding: str) -> None:
+    text = (
+        MAP.read_text(encoding="utf-8").partition("?>")[2].replace('<road name="', '<road name="Straße ', 1)
+    )
+    road = tmp_path / "road.xodr"
+    road.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>{text}'.encode(encoding))
+    gt = read_recording(ROOT / "scenarios" / "cut_in_brake").gt
+    drive = recorded_drive(Recording(name="d", map=road, ego="ego", gt=gt, gt_rate=25.0), load(road))
+    mcap.write(drive, tmp_path)
+    back = load(read_osi(tmp_path / "drive.mcap", ego="ego").map)
+    names = [etree.parse(path).getroot().find("road").get("name") for path in (road, back.path)]
+    assert names[0] == names[1]
+    assert "Straße" in names[0]
+
+
+def test_what_no_file_says_is_noted(tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    shutil.copytree(ROOT / "scenarios" / "rear_end", drive)
+    shutil.copy(MAP, drive / "road.xodr")
+    file = drive / "recording.toml"
+    file.write_text(
+        re.sub('map = ".*"', 'map = "road.xodr"', file.read_text(encoding="utf-8")), encoding="utf-8"
+    )
+    rows = pd.read_csv(drive / "gt.csv")
+    rows.loc[(rows.id.astype(str) != "ego") & rows.t.between(1.0, 1.2), "v"] = np.nan
+    rows.to_csv(drive / "gt.csv", index=False)
+    lost = int(rows.v.isna().sum())
+    report = export_drive(drive, tmp_path / "out", "osi", accept=["MISSING_VALUES"])
+    assert f"GT: {lost} rows that lack a value are in no file" in report.notes

@@ -75,3 +75,9 @@ def test_what_is_no_folder_of_results_is_refused(converted: Path, tmp_path: Path
     with pytest.raises(InputError, match=r"holds notes\.txt, which is not a resim result"):
         export_rocrate(other, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_crate_is_not_put_into_what_it_packs(converted: Path) -> None:
+    with pytest.raises(InputError, match="which is to be packed"):
+        export_rocrate(converted, converted / "crate")
+    assert not (converted / "crate").exists()

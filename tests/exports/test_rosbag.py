@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +34,19 @@ def test_what_goes_out_comes_in_again(recording: Recording, tmp_path_factory: py
     found = recording_of(read_mapped(folder / "bag", map=MAP, columns=folder / "mapping.toml"))
     names = {f"{number:032x}": name for name, number in numbers(drive).items()}
     origin = float(recording.gt.t[0]) - float(found.gt.t[0])  # a clock that is no Unix time stays as it is
-    for back, true in ((found.gt, recording.gt), (found.sd, recording.sd)):
-        if true is None or back is None:
-            assert back is None
+    sd = recording.sd_by_gt()
+    if sd is not None and not recording.senses_ego:
+        sd = sd.without(recording.ego)
+    assert (found.sd is None) == (sd is None)
+    for back, true in ((found.gt, recording.gt), (found.sd, sd)):
+        if true is None:
             continue
         ids = np.array([names.get(name, name) for name in back.ids.tolist()])
         assert_same(type(back)(**{**vars(back), "ids": ids}), true, origin, only=("x", "y", "v"))
+    if sd is not None:
+        ids = [names.get(name, name) for name in found.sd.ids.tolist()]
+        true = [name if name in recording.gt.ids.tolist() else "" for name in ids]
+        assert [names.get(name, name) for name in found.sd_gt_id.tolist()] == true
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +68,14 @@ def test_a_bag_holds_all_of_a_drive(result: Path, bag: Path) -> None:
         for s in ("GT", "SD", "rGT", "rSD")
         for kind in ("ego", "objects", "markers", "verdicts")
     } <= set(found)
-    assert {"/perceived_rGT/objects", "/rGT/plan", "/rGT+M0/ego"} <= set(found)
+    assert {"/perceived_rGT/objects", "/rGT/plan", "/rGT_M0/ego"} <= set(found)
     for source in ("GT", "SD", "rGT", "rSD"):
         (told,) = found[f"/{source}/verdicts"]
         assert json.loads(told.data)["verdict"] == judged[source]["verdict"]
+    (told,) = found["/verdicts"]
+    assert json.loads(told.data)["decides"] == judged["decides"]
+    assert json.loads(told.data)["sources"]["rGT+M"] == judged["rGT+M"]["verdict"]
+    assert all(re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", topic) for topic in found)
     row = true.index("1")
     for k, told in enumerate(found["/GT/objects"]):
         (one,) = told.objects

@@ -116,7 +116,7 @@ def topics(trace: Path) -> TraceTopics:
         {
             topic: tuple(text.split(", "))
             for topic, one in found.items()
-            if (text := one.metadata.get(DERIVED, ""))
+            if (text := dict(one.metadata).get(DERIVED, ""))
         },
     )
 

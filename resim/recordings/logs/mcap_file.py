@@ -148,7 +148,9 @@ def _define(known: _Known, code: int, data: bytes, where: str) -> None:
         raise InputError(known.path, problem, _WRITE)
     kind, written, definition = known.schemas.get(of, ("", "", b""))
     told = _entries(data, place)
-    known.channels[number] = LogChannel(name, kind, encoding, written, definition, metadata=told)
+    known.channels[number] = LogChannel(
+        name, kind, encoding, written, definition, metadata=tuple(told.items())
+    )
 
 
 def _entries(data: bytes, place: int) -> dict[str, str]:

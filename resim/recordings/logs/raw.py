@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from resim.core.errors import InputError
@@ -23,7 +23,7 @@ class LogChannel:
             log.
         schema: The definition.
         distribution: ROS distribution that the log names, "" where it names none.
-        metadata: What the channel says besides, by name.
+        metadata: What the channel says besides: names and texts.
     """
 
     topic: str
@@ -32,7 +32,7 @@ class LogChannel:
     schema_encoding: str = ""
     schema: bytes = b""
     distribution: str = ""
-    metadata: Mapping[str, str] = field(default_factory=dict)
+    metadata: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)

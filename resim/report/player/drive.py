@@ -75,6 +75,15 @@ class Layer:
     assessed: DriveAssessment | None = None
 
 
+@dataclass(frozen=True)
+class DriveVerdict:
+    """The verdict on a drive, and on each source that was judged; decides: whose verdict is that on the drive."""
+
+    verdict: str
+    sources: Mapping[str, str]
+    decides: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class PlayedDrive:
     """A drive as the player shows it.
@@ -86,6 +95,7 @@ class PlayedDrive:
         layers: Its sources, in the order of their switches.
         marks: What happened when.
         notes: What to know of the layers.
+        judged: The verdict on it, None where it was not judged by criteria.
     """
 
     name: str
@@ -94,6 +104,7 @@ class PlayedDrive:
     layers: tuple[Layer, ...]
     marks: tuple[TimelineMark, ...] = ()
     notes: tuple[str, ...] = field(default=())
+    judged: DriveVerdict | None = None
 
 
 def differenced(tracks: Tracks, ego: str) -> AccelerationCurve | None:
