@@ -232,5 +232,7 @@ def test_a_wrong_tracker_is_told(tmp_path: Path) -> None:
     assert "has no row with log_id '7fab'; it has another" in told(boxes.assign(log_id="another"))
     assert "has no column qx; it has timestamp_ns" in told(boxes.drop(columns="qx"))
     tracker.write_bytes(tracker.read_bytes()[:100])
-    with pytest.raises(InputError, match=r"tracker\.feather: is no whole Feather file \(Arrow"):
+    with pytest.raises(
+        InputError, match=r"tracker\.feather: is damaged or incomplete, or no Feather file \(Arrow"
+    ):
         read_tracker(tracker, folder, FIRST)

@@ -291,14 +291,14 @@ WRONG = {
     "no topic": (f'topic = "{w.EGO_TOPIC}"\n', "",
                  r"is a log of many topics, and gt of the mapping names no topic\. Its topics are: /local"),
     "list": ('list = "objects"', 'list = "object"',
-             r"message \d+ .* it has no list 'object': it has header, objects\. Is list"),
+             r"message \d+ .* it has no list 'object': it has header, objects\. Check `list`"),
     "no list": ('list = "objects"', 'list = "header"', r"header is a structure, expected a list"),
     "column": ('"shape.dimensions.x"', '"shape.dimension.x"',
                r"no field 'shape\.dimension\.x', which gt\.length names, did you mean 'shape\.dim"),
     "structure": ('"object_id.uuid"', '"object_id"',
                   r"has no field 'object_id', which gt\.id names.*It has log_time, classification\.label"),
     "ros": ('topic = "/percep', 'ros = "hydro"\ntopic = "/percep', r"gt\.1\.ros"),
-    "list of a table": (f'topic = "{w.OBJECTS}"\n', "", r"list and ros go with a topic"),
+    "list of a table": (f'topic = "{w.OBJECTS}"\n', "", r"list and ros need a topic"),
 }  # fmt: skip
 """What is changed in the mapping, and what is said."""
 
