@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from osi3.osi_common_pb2 import Timestamp
@@ -226,7 +226,7 @@ class _Path:
 
 def _headings(x: Any, y: Any, t: Any, now: float) -> Any:
     """Headings [rad, unwrapped] of who is at x, y [m] at times t [s], and had the heading `now` before."""
-    order = 2 if len(t) > 2 else 1
+    order: Literal[1, 2] = 2 if len(t) > 2 else 1
     vx, vy = np.gradient(x, t, edge_order=order), np.gradient(y, t, edge_order=order)
     found = []
     for one in zip(vx.tolist(), vy.tolist()):  # noqa: B905
