@@ -36,6 +36,8 @@ HARDEST, TIGHTEST = 10.0, 0.2
 """m/s² and 1/m: bounds of actions."""
 FAR = 1e9
 """Bound of all that is observed [m, rad, m/s]."""
+LONGEST_STEP = 1.0
+"""s between two actions at most."""
 CRASH = -100.0
 """Reward for a collision, and for leaving the road."""
 OBJECT = ("x_ego", "y_ego", "heading_ego", "v", "length", "width")
@@ -79,8 +81,12 @@ class DriveEnvironment(gymnasium.Env[Observation, Floats]):
             accept: Codes of findings to continue despite.
 
         Raises:
-            ResimError: The recording or the model cannot be used.
+            ResimError: The recording or the model cannot be used, or a number is none of these.
         """
+        if isinstance(objects, bool) or not isinstance(objects, int | np.integer) or objects < 1:
+            raise InputError("objects", f"is {objects!r}, expected a whole number from 1 on")
+        if isinstance(step, bool) or not isinstance(step, int | float) or not 0.0 < step <= LONGEST_STEP:
+            raise InputError("step", f"is {step!r}, expected more than 0 and up to {LONGEST_STEP:g} s")
         measured = the_recording(recording, accept)
         bases: tuple[Basis] = ("GT",)
         prepared = prepare(measured, bases, accept)
@@ -133,9 +139,9 @@ class DriveEnvironment(gymnasium.Env[Observation, Floats]):
         drive = self._drive
         if drive is None:
             raise InputError("resim.gym", "there is no episode", "Call reset first.")
-        if np.shape(action) != (2,) or not np.isfinite(action).all():
-            raise InputError("action", f"is {action!r}, expected two finite numbers")
-        acceleration, curvature = np.clip(action, self.action_space.low, self.action_space.high).tolist()  # type: ignore[attr-defined]
+        acceleration, curvature = np.clip(
+            _numbers(action), self.action_space.low, self.action_space.high
+        ).tolist()  # type: ignore[attr-defined]
         before = drive.position
         drive.step(acceleration, curvature)
         x, y = np.subtract(drive.position, before)
@@ -166,3 +172,14 @@ class DriveEnvironment(gymnasium.Env[Observation, Floats]):
             return {"t": drive.perceived.t}
         collisions = [(one.t, one.id) for one in drive.collisions]
         return {"t": drive.perceived.t, "end": drive.end, "collisions": collisions}
+
+
+def _numbers(action: Any) -> Floats:
+    """An action as two finite numbers. Raises InputError for what is none."""
+    try:
+        found = np.asarray(action)
+    except ValueError:  # lists of different lengths
+        found = np.empty(0)
+    if found.shape != (2,) or found.dtype.kind not in "fiu" or not np.isfinite(found).all():
+        raise InputError("action", f"is {action!r:.60}, expected two finite numbers")
+    return found.astype(float)

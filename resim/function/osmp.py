@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from osi3.osi_common_pb2 import Timestamp
@@ -33,6 +33,10 @@ VEHICLES = {
 """What kinds are in OSI; an unknown one is none of them."""
 _SHORTEST = 1e-3
 """m on which a heading that changes is no bend."""
+_SLOWEST = 1e-3
+"""m/s below which a velocity has no direction."""
+_AT_ONCE = 1e-6
+"""s between times that are the same one."""
 
 
 class TrafficParticipant:
@@ -132,18 +136,21 @@ class TrafficParticipant:
         """Give acceleration [m/s²], curvature [1/m] and plan (rows of t [s], x, y [m], v [m/s], or None).
 
         They are what brings the EGO from its state now to that which a TrafficUpdate gives for the end of the step; the
-        plan is its future trajectory. given: the message. time: s of the unit now.
+        plan is its future trajectory. given: the message. time: s of the unit now. Raises ValueError, with the field's
+        name, where state and trajectory together do not say how fast the EGO is and where it heads.
         """
         update = TrafficUpdate()
         update.ParseFromString(given)
         own = [one for one in update.update if one.id.value == HOST]
         if len(own) != 1:
             raise ValueError(f"{len(own)} updates of the host vehicle, whose id is {HOST}; expected one")
-        plan = self._plan(own[0].future_trajectory, p, time)
-        v, heading = self._end(own[0], plan, p.t + self._setup.cycle)
+        points = own[0].future_trajectory
+        path = _Path(points, p, time) if len(points) > 1 else None
+        v, heading = self._end(own[0], path, p)
         acceleration = (v - p.ego.v) / self._setup.cycle
         driven = 0.5 * (p.ego.v + v) * self._setup.cycle
         turned = _wrapped(heading - p.ego.heading)
+        plan = None if path is None else np.column_stack([path.t, path.x, path.y, path.v])
         return acceleration, turned / driven if abs(driven) > _SHORTEST else 0.0, plan
 
     def configuration(self, request: bytes) -> bytes:
@@ -158,28 +165,87 @@ class TrafficParticipant:
     def _number(self, name: str) -> int:
         return self._numbers.setdefault(name, HOST + 1 + len(self._numbers))
 
-    def _end(self, update: Any, plan: Any, t: float) -> tuple[float, float]:
-        """Speed and heading of the EGO at time t, by its state or, where it has none, by its trajectory."""
-        base = update.base
-        if base.HasField("velocity") and base.HasField("orientation"):
-            heading = base.orientation.yaw
-            return base.velocity.x * math.cos(heading) + base.velocity.y * math.sin(heading), heading
-        if plan is None:
-            raise ValueError(
-                "the update of the host vehicle has neither velocity and orientation nor a trajectory"
-            )
-        yaws = np.unwrap([one.orientation.yaw for one in update.future_trajectory])
-        return float(np.interp(t, plan[:, 0], plan[:, 3])), float(np.interp(t, plan[:, 0], yaws))
+    def _end(self, update: Any, path: _Path | None, p: Any) -> tuple[float, float]:
+        """Speed [m/s] and heading [rad] of the EGO at the end of the step.
 
-    def _plan(self, trajectory: Any, p: Any, time: float) -> Any:
-        """A trajectory as rows of t, x, y, v; None where there are not two points of it."""
-        if len(trajectory) < 2:
-            return None
-        t = np.array([one.timestamp.seconds + 1e-9 * one.timestamp.nanos for one in trajectory]) - time + p.t
-        x, y = (np.array([getattr(one.position, axis) for one in trajectory]) for axis in "xy")
-        if (np.diff(t) <= 0.0).any():
+        They are those of its state. What that lacks is taken from its trajectory, and a heading that neither has from
+        the direction of its velocity.
+        """
+        base = update.base
+        t = p.t + self._setup.cycle
+        has_velocity = base.velocity.HasField("x") and base.velocity.HasField("y")
+        heading = base.orientation.yaw if base.orientation.HasField("yaw") else None
+        if has_velocity and heading is None and path is None:
+            heading = _direction(base.velocity.x, base.velocity.y, p.ego.heading)
+        if has_velocity and heading is not None:
+            return base.velocity.x * math.cos(heading) + base.velocity.y * math.sin(heading), heading
+        if path is None:
+            lacks = "base.orientation.yaw" if has_velocity else "base.velocity.x and y"
+            raise ValueError(f"the update of the host vehicle has neither {lacks} nor a future_trajectory")
+        if not path.t[0] - _AT_ONCE <= t <= path.t[-1] + _AT_ONCE:
+            lasts = f"from {path.t[0] - p.t:.9g} to {path.t[-1] - p.t:.9g} s after now"
+            raise ValueError(
+                f"future_trajectory lasts {lasts}, without the end of the step at {self._setup.cycle:g} s"
+            )
+        if heading is None:
+            heading = float(np.interp(t, path.t, path.heading))
+        if has_velocity:
+            return base.velocity.x * math.cos(heading) + base.velocity.y * math.sin(heading), heading
+        return float(np.interp(t, path.t, path.v)), heading
+
+
+class _Path:
+    """A future trajectory: t [s] of the scenario, x, y [m], heading [rad, unwrapped] and v [m/s, negative in reverse].
+
+    Headings are those of the points; where one of them has none, the directions of the positions. Raises ValueError,
+    with the field's name, for points without time or position, and where all are past.
+    """
+
+    def __init__(self, points: Any, p: Any, time: float) -> None:
+        for k, one in enumerate(points):
+            for field, names in (("timestamp", ("seconds",)), ("position", ("x", "y"))):
+                for name in names:
+                    if not getattr(one, field).HasField(name):
+                        raise ValueError(f"future_trajectory[{k}].{field}.{name} is missing")
+        self.t = np.array([one.timestamp.seconds + 1e-9 * one.timestamp.nanos for one in points]) - time + p.t
+        if (np.diff(self.t) <= 0.0).any():
             raise ValueError("the times of the future trajectory do not increase")
-        return np.column_stack([t, x, y, np.hypot(np.gradient(x, t), np.gradient(y, t))])
+        if self.t[-1] < p.t - _AT_ONCE:
+            raise ValueError(
+                f"future_trajectory ends {p.t - self.t[-1]:.9g} s before now, which is {time:.9g} s"
+            )
+        self.x, self.y = (np.array([getattr(one.position, axis) for one in points]) for axis in "xy")
+        dx, dy = np.gradient(self.x, self.t), np.gradient(self.y, self.t)
+        if all(one.orientation.HasField("yaw") for one in points):
+            self.heading = np.unwrap([one.orientation.yaw for one in points])
+        else:
+            self.heading = _headings(self.x, self.y, self.t, p.ego.heading)
+        backwards = dx * np.cos(self.heading) + dy * np.sin(self.heading) < 0.0
+        self.v = np.where(backwards, -1.0, 1.0) * np.hypot(dx, dy)
+
+
+def _headings(x: Any, y: Any, t: Any, now: float) -> Any:
+    """Headings [rad, unwrapped] of who is at x, y [m] at times t [s], and had the heading `now` before."""
+    order: Literal[1, 2] = 2 if len(t) > 2 else 1
+    vx, vy = np.gradient(x, t, edge_order=order), np.gradient(y, t, edge_order=order)
+    found = []
+    for one in zip(vx.tolist(), vy.tolist()):  # noqa: B905
+        now = _direction(*one, now)
+        found.append(now)
+    return np.unwrap(found)
+
+
+def _direction(vx: float, vy: float, before: float) -> float:
+    """Heading [rad] of who moves at vx, vy [m/s], and had the heading `before`.
+
+    It drives backwards where that is nearer; who stands does not turn.
+    """
+    if math.hypot(vx, vy) < _SLOWEST:
+        return before
+    turned = _wrapped(math.atan2(vy, vx) - before)
+    if abs(turned) > 0.5 * math.pi:
+        turned = _wrapped(turned + math.pi)
+    return before + turned
 
 
 def within_view(static: bytes) -> bytes:

@@ -34,6 +34,8 @@ _FASTEST, _STRONGEST, _WEIGHT = 70.0, 12.0, 75.0
 """Limits of a vehicle [m/s, m/s²] that no trace reaches; mass [kg] of a pedestrian."""
 _LAST = 1e-6
 """s of a trace by which it may be shorter than the scenario and still last to its end."""
+_UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML cannot hold."""
 _WRITTEN = datetime.datetime(1970, 1, 1)
 """The header needs a date, and the same scenario gives the same bytes."""
 
@@ -80,8 +82,8 @@ def openscenario(
     board = xosc.StoryBoard(init, _at(xosc, "end", scenario.duration, "stop"))
     board.add_story(story)
     file = xosc.Scenario(
-        name, "resim", xosc.ParameterDeclarations(), entities, board, xosc.RoadNetwork(scenario.map), xosc.Catalog(),
-        osc_minor_version=int(version.partition(".")[2]), creation_date=_WRITTEN,
+        _writable(name), "resim", xosc.ParameterDeclarations(), entities, board, xosc.RoadNetwork(scenario.map),
+        xosc.Catalog(), osc_minor_version=int(version.partition(".")[2]), creation_date=_WRITTEN,
     )  # fmt: skip
     text = etree.fromstring(_serialized(file.get_element()))
     etree.indent(text)
@@ -118,16 +120,21 @@ def _names(everyone: tuple[ScenarioObject, ...]) -> dict[str, str]:
     return found
 
 
+def _writable(text: str) -> str:
+    """A text with _ for each character that XML cannot hold."""
+    return _UNWRITABLE.sub("_", text)
+
+
 def _entity(xosc: Any, one: ScenarioObject) -> Any:
     """A vehicle or pedestrian, its box before its rear axle."""
     height, length = HEIGHTS.get(one.kind, HEIGHT), one.length
     if one.kind == "pedestrian":
         box = xosc.BoundingBox(one.width, length, height, 0.0, 0.0, 0.5 * height)
-        return xosc.Pedestrian(one.id, _WEIGHT, xosc.PedestrianCategory.pedestrian, box)
+        return xosc.Pedestrian(_writable(one.id), _WEIGHT, xosc.PedestrianCategory.pedestrian, box)
     box = xosc.BoundingBox(one.width, length, height, REAR_AXLE * length, 0.0, 0.5 * height)
     front, rear = (xosc.Axle(0.6, 0.6, 0.8 * one.width, at, 0.3) for at in (WHEELBASE * length, 0.0))
     kind = getattr(xosc.VehicleCategory, _CATEGORIES.get(one.kind, one.kind))
-    return xosc.Vehicle(one.id, kind, box, front, rear, _FASTEST, _STRONGEST, _STRONGEST)
+    return xosc.Vehicle(_writable(one.id), kind, box, front, rear, _FASTEST, _STRONGEST, _STRONGEST)
 
 
 class _Part(NamedTuple):

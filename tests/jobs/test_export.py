@@ -158,6 +158,21 @@ def test_names_are_unique_and_may_be_written(tmp_path: Path) -> None:
     assert all(set(name) <= set("abcdefghijklmnopqrstuvwxyzABE_go.-j") for name in names)
 
 
+def test_characters_that_xml_cannot_hold_are_left_out(tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    rows = pd.read_csv(ROOT / "scenarios" / "cut_in_brake" / "gt.csv", dtype={"id": str})
+    other = rows[rows.id != "ego"].id.iloc[0]
+    rows.assign(id=rows.id.replace(other, "a\x01b\ufffec")).to_csv(folder / "gt.csv", index=False)
+    (folder / "recording.toml").write_text(
+        f'name = "x\\u0001y"\nmap = "{ROOT}/networks/proving_ground.xodr"\nego = "ego"\n', encoding="utf-8"
+    )
+    export_openscenario(folder, tmp_path / "out", accept=[])
+    root = etree.parse(tmp_path / "out" / "GT.xosc").getroot()
+    assert root.find("FileHeader").get("description") == "x_y: GT"
+    assert "a_b_c" in [one.get("name") for one in root.iterfind(".//Vehicle")]
+
+
 @pytest.mark.skipif(not (DATA / "ngsim").is_dir(), reason="needs ../shared/data")
 def test_real_traffic_is_where_it_was_measured(tmp_path: Path) -> None:
     """Against the file of the data set, read by the test: 54 vehicles at 30 m of a motorway."""

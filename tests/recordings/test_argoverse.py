@@ -214,6 +214,31 @@ def test_a_sensor_log_comes_back_in_the_frame_of_the_city(tmp_path: Path) -> Non
 
 
 @needs_pyarrow
+def test_a_pose_that_is_no_rotation_is_told_with_its_file(tmp_path: Path) -> None:
+    folder, _, boxes = log(tmp_path / "7fab", steps=4)
+    file = folder / "city_SE3_egovehicle.feather"
+    poses = pd.read_feather(file)
+    stamp = int(boxes["timestamp_ns"].iloc[0])
+    poses.loc[poses["timestamp_ns"] == stamp, "qw"] = 3.0
+    feather(poses, file)
+    with pytest.raises(InputError) as told:
+        read(folder)
+    assert str(told.value).startswith(f"{file}: at {stamp} ns: the quaternion has length 3")
+
+
+@needs_pyarrow
+def test_boxes_of_a_tracker_may_come_in_any_order(tmp_path: Path) -> None:
+    folder, _, boxes = log(tmp_path / "7fab")
+    found = [
+        read(folder, sd=feather(table, tmp_path / "tracker.feather")).sd
+        for table in (boxes.sort_values("timestamp_ns"), boxes.sort_values("track_uuid"))
+    ]
+    assert all(one is not None and one["t"].is_monotonic_increasing for one in found)
+    ordered = [one.sort_values(["t", "id"]).reset_index(drop=True) for one in found if one is not None]
+    pd.testing.assert_frame_equal(*ordered)
+
+
+@needs_pyarrow
 def test_a_wrong_tracker_is_told(tmp_path: Path) -> None:
     folder, _, boxes = log(tmp_path / "7fab", steps=4)
     tracker = tmp_path / "tracker.feather"
@@ -232,5 +257,7 @@ def test_a_wrong_tracker_is_told(tmp_path: Path) -> None:
     assert "has no row with log_id '7fab'; it has another" in told(boxes.assign(log_id="another"))
     assert "has no column qx; it has timestamp_ns" in told(boxes.drop(columns="qx"))
     tracker.write_bytes(tracker.read_bytes()[:100])
-    with pytest.raises(InputError, match=r"tracker\.feather: is no whole Feather file \(Arrow"):
+    with pytest.raises(
+        InputError, match=r"tracker\.feather: is damaged or incomplete, or no Feather file \(Arrow"
+    ):
         read_tracker(tracker, folder, FIRST)

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -201,6 +202,15 @@ def test_a_build_that_does_not_fit_the_unit_is_refused(unit2: Path, why: str) ->
         (2, 'fmiVersion="2.0"', 'fmiVersion="1.0"', "is of FMI 1.0, expected FMI 2 or 3"),
         (2, 'Identifier="follow"', 'Identifier="f"', "has no binaries/linux64/f.so; it has: binaries/linux64/follow"),
         (2, "</fmiModelDescription>", "", "is no functional mock-up unit"),
+        (2, 'Identifier="follow"', 'Identifier="../follow"', "modelIdentifier is '../follow'"),
+        (2, ' modelIdentifier="follow"', '', "modelIdentifier is '', expected the name of its library"),
+        (2, 'valueReference="1"', 'valueReference="one"', "valueReference is 'one', expected"),
+        (2, 'valueReference="1"', 'valueReference="4294967296"', "valueReference is '4294967296', expected"),
+        (2, 'valueReference="1"', '', "valueReference is missing, expected a whole number"),
+        (3, 'valueReference="1"', 'valueReference="-1"', "valueReference is '-1', expected a whole number"),
+        (2, '<ModelVariables>', '<ModelVariables><ScalarVariable name="a"/>', "variable 1 (a) has no type"),
+        (2, '<ModelVariables>', '<ModelVariables><ScalarVariable valueReference="90"/>', "variable 1 has no name"),
+        (2, '</TypeDefinitions>', '<SimpleType name="x"/></TypeDefinitions>', "type 2 has no type"),
         (3, 'name="gap"', 'name="gab"', "the unit has no variable 'gap'"),
         (3, 'name="many"', 'name="gap"', "'gap' is of type array of Float64"),
     ],
@@ -212,6 +222,37 @@ def test_a_unit_of_another_kind_is_refused(
     with pytest.raises(InputError, match=r"follow\.toml") as told:
         load_build(unit(tmp_path, version, description, b"none"))
     assert why in str(told.value)
+
+
+def _method(packed: bytearray) -> None:
+    packed[8:10] = b"\x63\0"
+    central = packed.find(b"PK\1\2")
+    packed[central + 10 : central + 12] = b"\x63\0"
+
+
+def _encrypted(packed: bytearray) -> None:
+    packed[6] |= 1
+    packed[packed.find(b"PK\1\2") + 8] |= 1
+
+
+def _flipped(packed: bytearray) -> None:
+    packed[60] ^= 0xFF
+    packed[70] ^= 0xFF
+
+
+@pytest.mark.parametrize("damage", [_method, _encrypted, _flipped])
+def test_a_unit_that_cannot_be_unpacked_is_refused(
+    tmp_path: Path, damage: Callable[[bytearray], None]
+) -> None:
+    with zipfile.ZipFile(tmp_path / "follow.fmu", "w", zipfile.ZIP_DEFLATED) as made:
+        made.writestr("modelDescription.xml", FMI2)
+    packed = bytearray((tmp_path / "follow.fmu").read_bytes())
+    damage(packed)
+    (tmp_path / "follow.fmu").write_bytes(packed)
+    with pytest.raises(
+        InputError, match=r"follow\.fmu is no functional .* cannot be read \(.*\)\. Export the unit again"
+    ):
+        load_build(build(tmp_path))
 
 
 def test_the_hash_covers_the_unit(tmp_path: Path) -> None:

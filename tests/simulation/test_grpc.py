@@ -96,7 +96,7 @@ def test_it_drives_as_the_process_does_also_two_runs_at_once(process: Path, tmp_
             assert f"what answers at {address} is not in its hash: not pinned" in " ".join(
                 done.stdout.split()
             )
-        assert not below(relay.pid)
+        assert not served(relay)
     assert relay.returncode == 128 + signal.SIGTERM
 
 
@@ -117,7 +117,7 @@ def test_what_a_served_function_does_costs_its_run(process: Path, tmp_path: Path
             assert (done.returncode, why in done.stderr) == (3, True), done.stderr
             assert "Traceback" not in done.stderr, done.stderr
             assert (tmp_path / f"out {what}" / "run.json").is_file()
-            wait(lambda: not below(relay.pid))
+            wait(lambda: not served(relay))
         assert run(served_at(tmp_path, address), tmp_path / "after").returncode in (0, 1)
 
 
@@ -142,10 +142,38 @@ def test_a_command_that_is_killed_leaves_no_process_with_the_server(process: Pat
         order = [sys.executable, "-m", "resim", "run", RECORDING, "--build", build, "--out", tmp_path / "out"]
         env = {**os.environ, "PYTHONPATH": str(ROOT)}
         command = subprocess.Popen(order, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env)
-        wait(lambda: bool(below(relay.pid)))
+        wait(lambda: bool(served(relay)))
         command.kill()
         command.wait(30)
-        wait(lambda: not below(relay.pid))
+        wait(lambda: not served(relay))
+
+
+def test_a_server_that_is_killed_leaves_no_process_behind(process: Path, tmp_path: Path) -> None:
+    how = """[parameters]\nhow = "__import__('subprocess').Popen(['sleep', '1000']); time.sleep(1e6)"\n"""
+    with server(process) as (address, relay):
+        build = served_at(tmp_path, address, how, "time_limit = 100.0\n")
+        order = [sys.executable, "-m", "resim", "run", RECORDING, "--build", build, "--out", tmp_path / "out"]
+        env = {**os.environ, "PYTHONPATH": str(ROOT)}
+        command = subprocess.Popen(order, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env)
+        wait(lambda: len(served(relay)) == 2)
+        everybody = below(relay.pid)
+        relay.kill()
+        assert command.wait(60) == 3
+        wait(lambda: not any(alive(number) for number in everybody))
+
+
+def served(relay: subprocess.Popen[str]) -> list[int]:
+    """The processes below a server but its guard, which is the first of them."""
+    guard = min(below(relay.pid))
+    return [number for number in below(relay.pid) if number != guard]
+
+
+def alive(number: int) -> bool:
+    """Whether a process is there, and not only its end, of which nobody took note."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_the_server_listens_on_loopback_alone(process: Path) -> None:

@@ -114,15 +114,29 @@ def test_full_speed_ends_in_a_collision_and_a_turn_off_the_road(env: Any) -> Non
             env.step(np.zeros(2))
 
 
+@pytest.mark.parametrize(
+    "given", [{"objects": 0}, {"objects": -1}, {"objects": 1.5}, {"objects": True}, {"step": 0.0},
+              {"step": -0.04}, {"step": np.nan}, {"step": np.inf}, {"step": 2.0}, {"step": "0.04"}],
+)  # fmt: skip
+def test_an_environment_of_no_objects_or_steps_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=f"{next(iter(given))}: is .*, expected"):
+        gym.DriveEnvironment(RECORDING, **given)
+
+
 def test_actions_are_bounded_and_nonsense_is_refused(env: Any) -> None:
     states = []
     for action in ([50.0, 0.0], [gym.HARDEST, 0.0]):
         env.reset()
         states.append(env.step(np.array(action))[0]["ego"])
     assert np.array_equal(*states)
-    for wrong in (np.array([np.nan, 0.0]), np.zeros(3)):
-        with pytest.raises(InputError, match="expected two finite numbers"):
+    none: list[Any] = [
+        np.array([np.nan, 0.0]), np.zeros(3), ["a", "b"], np.array([1j, 0.0]), [[1.0], [1.0, 2.0]], None, [None, 0.0],
+        [True, False],
+    ]  # fmt: skip
+    for wrong in none:
+        with pytest.raises(InputError, match=r"action: is .*, expected two finite numbers"):
             env.step(wrong)
+    env.step([1.0, 0.0])  # nothing has changed
     env.close()
     with pytest.raises(InputError, match="Call reset first"):
         env.step(np.zeros(2))

@@ -7,6 +7,7 @@ import re
 import subprocess
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import numpy as np
@@ -23,6 +24,7 @@ from resim.simulation.function import fmu
 from resim.simulation.function.interface import load_build
 
 pytest.importorskip("osi3")
+from osi3.osi_common_pb2 import Orientation3d
 from osi3.osi_groundtruth_pb2 import GroundTruth
 from osi3.osi_object_pb2 import MovingObject
 from osi3.osi_sensorview_pb2 import SensorView
@@ -237,15 +239,84 @@ def test_a_trajectory_is_the_plan_in_the_time_of_the_scenario() -> None:
     [
         (lambda told: told.ClearField("update"), "0 updates of the host vehicle"),
         (lambda told: told.update.append(told.update[0]), "2 updates of the host vehicle"),
-        (lambda told: told.update[0].ClearField("base"), "neither velocity and orientation nor a trajectory"),
-        (lambda told: [told.update[0].future_trajectory.add() for _ in "ab"], "do not increase"),
+        (
+            lambda told: told.update[0].ClearField("base"),
+            r"neither base.velocity.x and y nor a future_trajectory",
+        ),
+        (lambda told: told.update[0].base.velocity.ClearField("y"), r"neither base.velocity.x and y nor"),
+        (
+            lambda told: [told.update[0].future_trajectory.add() for _ in "ab"],
+            r"\[0\].timestamp.seconds is missing",
+        ),
+        (lambda told: trajectory(told, times=(0.0, 0.0)), "do not increase"),
+        (lambda told: trajectory(told).position.ClearField("y"), r"\[0\].position.y is missing"),
+        (lambda told: trajectory(told, begin=-3.0), "ends 2.8 s before now, which is 5 s"),
+        (
+            lambda told: only(told, begin=100.0),
+            "lasts from 100 to 100.2 s after now, without the end of the step at 0.1 s",
+        ),
+        (lambda told: only(told, begin=-0.15), "lasts from -0.15 to 0.05 s after now"),
     ],
 )
 def test_an_update_that_says_nothing_is_no_answer(change, why: str) -> None:
     told = update(0.0, 20.0)
     change(told)
     with pytest.raises(ValueError, match=why):
-        TrafficParticipant(_Setup()).answer(told.SerializeToString(), seen(), 0.0)
+        TrafficParticipant(_Setup()).answer(told.SerializeToString(), seen(), 5.0)
+
+
+def trajectory(
+    told: TrafficUpdate, *, v: float = 20.0, heading: float = 0.0, yaw: bool = True, begin: float = 0.0,
+    times: tuple[float, ...] = (0.0, 0.1, 0.2),
+) -> Any:  # fmt: skip
+    """Add a straight trajectory from 5 s of the unit on, and give its first point."""
+    for t in times:
+        point = told.update[0].future_trajectory.add()
+        nanos = round((5.0 + begin + t) * 1e9)
+        point.timestamp.seconds, point.timestamp.nanos = divmod(nanos, 1_000_000_000)
+        point.position.x = 1.0 + v * t * math.cos(heading)
+        point.position.y = 2.0 + v * t * math.sin(heading)
+        if yaw:
+            point.orientation.yaw = heading
+    return told.update[0].future_trajectory[0]
+
+
+def only(told: TrafficUpdate, **given: Any) -> None:
+    told.update[0].ClearField("base")
+    trajectory(told, **given)
+
+
+@pytest.mark.parametrize("v", [20.0, -20.0])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda told, v: only(told, heading=1.0, v=v),
+        lambda told, v: only(told, heading=1.0, v=v, yaw=False),
+        lambda told, v: told.update[0].base.ClearField("orientation"),
+        lambda told, v: told.update[0].base.orientation.CopyFrom(Orientation3d(roll=0.0)),
+        lambda told, v: (told.update[0].base.ClearField("velocity"), trajectory(told, heading=1.0, v=v)),
+        lambda told, v: (told.update[0].base.velocity.Clear(), trajectory(told, heading=1.0, v=v, yaw=False)),
+        lambda told, v: (told.update[0].base.orientation.Clear(), trajectory(told, heading=1.0, v=v)),
+    ],
+)  # fmt: skip
+def test_what_an_update_lacks_follows_from_the_rest_of_it(change, v: float) -> None:
+    told = update(1.0, v)
+    change(told, v)
+    a, curvature, plan = TrafficParticipant(_Setup()).answer(told.SerializeToString(), seen(1.0, v), 5.0)
+    assert (a, curvature) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-6))
+    assert plan is None or plan[:, 3] == pytest.approx(v)
+
+
+def test_headings_of_positions_follow_a_bend_and_stay_where_it_stops() -> None:
+    told = TrafficUpdate()
+    told.update.add().id.value = 1
+    for k in range(6):
+        turned = 2.0 * min(k, 3) / 50.0
+        point = told.update[0].future_trajectory.add()
+        point.timestamp.seconds, point.timestamp.nanos = 5, k * 100_000_000
+        point.position.x, point.position.y = 50.0 * math.sin(turned), 50.0 * (1.0 - math.cos(turned))
+    curvature = TrafficParticipant(_Setup()).answer(told.SerializeToString(), seen(), 5.0)[1]
+    assert curvature == pytest.approx(1.0 / 50.0, rel=0.01)
 
 
 def test_what_the_function_sees_is_in_the_view() -> None:

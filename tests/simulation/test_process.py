@@ -259,6 +259,24 @@ def test_a_process_may_answer_many_runs_at_once(build: Callable[..., Path], tmp_
     assert "plans with different numbers of rows" in found["batches"].found
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[one.step(p) for one, p in zip(self.each, lists)]", "[self.each[k].step(lists[k]) for k in (1, 2, 0)]"),
+        ("[one.step(p) for one, p in zip(self.each, lists)]", "[one.step(lists[-1]) for one in self.each]"),
+        ("zip(self.each, setups)", "zip(self.each, setups[:1] * 3)"),
+    ],
+)  # fmt: skip
+def test_a_batch_that_mixes_up_its_runs_does_not_hold(
+    build: Callable[..., Path], tmp_path: Path, old: str, new: str
+) -> None:
+    assert old in BATCHED
+    (tmp_path / "follow.py").write_text(BATCHED.replace(old, new), encoding="utf-8")
+    found = {check.name: check for check in check_function(build(COMMAND + "batches = true\n")).checks}
+    assert not found["batches"].holds
+    assert " of 3 at once, from " in found["batches"].found
+
+
 CHECKED = {
     "units": "globals()['Command'] = lambda a, k: type('C', (), dict(acceleration=a, curvature=3.0, plan=None))",
     "determinism": "self.wanted = time.time() % 5.0",

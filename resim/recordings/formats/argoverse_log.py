@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,8 @@ KINDS = {
     "STROLLER": "unknown", "WHEELCHAIR": "unknown", "WHEELED_DEVICE": "unknown", "WHEELED_RIDER": "unknown",
 }  # fmt: skip
 """Kinds of categories; what does not move (bollards, cones, barrels, signs) is left out, as is EGO_VEHICLE."""
+_AT = "at {} ns"
+"""What the index of the AV's poses is, for errors."""
 _WRITE = "Download the log again."
 _TRACKER = "Give Feather with the columns of annotations: timestamp_ns, track_uuid, category, qw, tx_m, length_m, ..."
 
@@ -81,15 +84,23 @@ def read_tracker(path: Path, folder: Path, first: int) -> tuple[pd.DataFrame, di
     table, left = _placed(path, boxes, name, _poses(folder), first)
     if "score" in boxes:
         table[EXISTENCE] = np.clip(boxes.loc[table.index, "score"].to_numpy(float), 0.0, 1.0)
+    table = table.sort_values("t", kind="stable")
     notes = {"sd_source": path.name, "sd_speeds": f"of the positions over {2 * REACH:g} s"}
     return table, notes | ({"sd_left_out": left} if left else {})
 
 
-def _poses(folder: Path) -> pd.DataFrame:
-    """The AV's poses in the city, by time [ns]."""
+class _Poses(NamedTuple):
+    """The AV's poses in the city, by time [ns], and their file."""
+
+    file: Path
+    table: pd.DataFrame
+
+
+def _poses(folder: Path) -> _Poses:
+    """Read the AV's poses."""
     path = folder / "city_SE3_egovehicle.feather"
     found = _read(path, ("timestamp_ns", *POSE), _WRITE)
-    return found.drop_duplicates("timestamp_ns").set_index("timestamp_ns")
+    return _Poses(path, found.drop_duplicates("timestamp_ns").set_index("timestamp_ns"))
 
 
 def _read(path: Path, required: tuple[str, ...], remedy: str, optional: tuple[str, ...] = ()) -> pd.DataFrame:
@@ -121,7 +132,7 @@ def _read(path: Path, required: tuple[str, ...], remedy: str, optional: tuple[st
 
 
 def _placed(
-    path: Path, boxes: pd.DataFrame, name: str, poses: pd.DataFrame, first: int
+    path: Path, boxes: pd.DataFrame, name: str, poses: _Poses, first: int
 ) -> tuple[pd.DataFrame, str]:
     """Boxes in the city as a track table, indexed as they are; and which of them were left out."""
     kind = boxes["category"].map(KINDS)
@@ -130,13 +141,13 @@ def _placed(
     boxes = boxes[kind.notna()]
     if boxes.empty:
         raise InputError(path, f"has no road user, only {left}", "Give another log.")
-    unknown = ~boxes["timestamp_ns"].isin(poses.index)
+    unknown = ~boxes["timestamp_ns"].isin(poses.table.index)
     if unknown.any():
         row = boxes.index[unknown][0]
         problem = f"row {row}: at {boxes['timestamp_ns'][row]} ns the log has no pose of the AV"
         raise InputError(path, problem, "Give what belongs to this log, at the times of its annotations.")
-    av = poses.loc[boxes["timestamp_ns"]]
-    turn, place = _rotations(path, av), av[list(POSE[4:])].to_numpy(float)
+    av = poses.table.loc[boxes["timestamp_ns"]]
+    turn, place = _rotations(poses.file, av, _AT), av[list(POSE[4:])].to_numpy(float)
     inner, offset = _rotations(path, boxes), boxes[list(POSE[4:])].to_numpy(float)
     x, y, z = (place + np.einsum("kij,kj->ki", turn, offset)).T
     ahead = np.einsum("kij,kj->ki", turn, inner[:, :, 0])
@@ -154,10 +165,10 @@ def _placed(
     return frame, left
 
 
-def _ego(poses: pd.DataFrame, times: NDArray[np.int64], first: int) -> pd.DataFrame:
+def _ego(poses: _Poses, times: NDArray[np.int64], first: int) -> pd.DataFrame:
     """The AV's own track at times [ns]; the centre of its box."""
-    own = poses.loc[poses.index.isin(times)].sort_index()
-    turn = _rotations(Path("city_SE3_egovehicle.feather"), own)
+    own = poses.table.loc[poses.table.index.isin(times)].sort_index()
+    turn = _rotations(poses.file, own, _AT)
     heading = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
     x, y = own["tx_m"] + AHEAD * np.cos(heading), own["ty_m"] + AHEAD * np.sin(heading)
     t = (own.index.to_numpy("int64") - first) / 1e9
@@ -176,13 +187,13 @@ def _ego(poses: pd.DataFrame, times: NDArray[np.int64], first: int) -> pd.DataFr
     return pd.DataFrame(columns | {"kind": "car", "z": own["tz_m"]}).reset_index(drop=True)
 
 
-def _rotations(path: Path, rows: pd.DataFrame) -> Floats:
-    """Rotation matrices (K, 3, 3) of quaternions of length 1."""
+def _rotations(path: Path, rows: pd.DataFrame, where: str = "row {}") -> Floats:
+    """Rotation matrices (K, 3, 3) of quaternions of length 1; where: what the index of the rows is, for errors."""
     w, x, y, z = rows[list(POSE[:4])].to_numpy(float).T
     norm = np.sqrt(w * w + x * x + y * y + z * z)
     if (wrong := np.abs(norm - 1.0) > 0.01).any():
-        row = rows.index[wrong][0]
-        raise InputError(path, f"row {row}: the quaternion has length {norm[wrong][0]:g}, expected 1", _WRITE)
+        place = where.format(rows.index[wrong][0])
+        raise InputError(path, f"{place}: the quaternion has length {norm[wrong][0]:g}, expected 1", _WRITE)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     entries = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],

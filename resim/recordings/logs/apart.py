@@ -49,7 +49,7 @@ def read_apart(
             ) from e
         if not out.is_file():
             words = done.stderr.decode("utf-8", "replace").strip().splitlines() or ["reading crashed"]
-            raise InputError(path, f"is no whole {what} file ({words[-1][:200]})", remedy)
+            raise InputError(path, f"is damaged or incomplete, or no {what} file ({words[-1][:200]})", remedy)
         with np.load(out, allow_pickle=False) as arrays:
             first, *others = (arrays[name] for name in arrays.files)
             return dict(zip(first.tolist(), others, strict=True))

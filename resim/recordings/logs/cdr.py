@@ -103,7 +103,7 @@ class CdrReader:
         found: dict[str, object] = {}
         fields = self.types[name]
         if not fields:  # an empty type has one byte
-            self._take(1)
+            self._advance(1)
         for field in fields:
             if wanted is not None and field.name not in wanted:
                 self._skip(field)
@@ -143,7 +143,7 @@ class CdrReader:
         count = 1 if field.size is None else self._count(field)
         if field.type == "string":
             for _ in range(count):
-                self._text()
+                self._advance(self._length())
             return
         kind = (field.type, 1) if field.type in PRIMITIVES else self._numbers[field.type]
         if kind is not None:
@@ -152,7 +152,7 @@ class CdrReader:
         fields = self.types[field.type]
         for _ in range(count):
             if not fields:
-                self._take(1)
+                self._advance(1)
             for inner in fields:
                 self._skip(inner)
 
@@ -164,8 +164,11 @@ class CdrReader:
         return count
 
     def _text(self) -> bytes:
-        size = int(self._unpacked("uint32", 1)[0])
-        return self._take(size).rstrip(b"\0")
+        return self._take(self._length()).rstrip(b"\0")
+
+    def _length(self) -> int:
+        """How many bytes a text has here, with the 0 that ends it."""
+        return int(self._unpacked("uint32", 1)[0])
 
     def _unpacked(self, kind: str, count: int) -> tuple[float | int | bool, ...]:
         start = self._at
@@ -180,12 +183,16 @@ class CdrReader:
         if count:
             size = struct.calcsize("=" + PRIMITIVES[kind])
             self._at = -(-self._at // size) * size
-            self._take(size * count)
+            self._advance(size * count)
 
     def _take(self, size: int) -> bytes:
-        end = self._at + size
-        if end > len(self._data):
+        """The next bytes."""
+        start = self._at
+        self._advance(size)
+        return self._data[start : self._at]
+
+    def _advance(self, size: int) -> None:
+        """Go behind the next bytes. Raises ValueError where there are fewer."""
+        if size > len(self._data) - self._at:
             raise ValueError(f"it ends after {len(self._data) + 4} bytes, within its type {self.name}")
-        found = self._data[self._at : end] if size <= LONGEST_BYTES or size < 1 << 16 else b""
-        self._at = end
-        return found
+        self._at += size

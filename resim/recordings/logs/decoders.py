@@ -26,7 +26,7 @@ def decoder(
     """
     if channel.encoding not in ENCODINGS:
         problem = f"the messages of {channel.topic} are encoded as {channel.encoding[:40]!r}"
-        remedy = f"Read are {', '.join(ENCODINGS)}."
+        remedy = f"Supported: {', '.join(ENCODINGS)}."
         if channel.encoding == "ros1":
             remedy += " Convert a bag of ROS 1: rosbags-convert --src FILE.bag --dst FOLDER."
         raise InputError(path, problem, remedy)
@@ -98,11 +98,17 @@ def _plain(
             continue
         inner, here = None if wanted is None else wanted[field.name], (*path, field.name)
         value = getattr(message, field.name)
-        if field.is_repeated:
+        if _is_repeated(field):
             found[field.name] = _many(field, value, inner if here == list_path else None, list_path, here)
         elif not field.has_presence or message.HasField(field.name):
             found[field.name] = _one(field, value, inner, list_path, here)
     return found
+
+
+def _is_repeated(field: Any) -> bool:
+    """Whether it is a list: by `is_repeated` since protobuf 6.31, by `label` until 6."""
+    known = getattr(field, "is_repeated", None)
+    return bool(field.label == field.LABEL_REPEATED if known is None else known)
 
 
 def _many(

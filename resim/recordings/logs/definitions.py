@@ -6,14 +6,15 @@ import re
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from resim.core.errors import InputError
 from resim.recordings.logs.cdr import PRIMITIVES, Definitions, MessageField
 from resim.recordings.logs.idl import MOST_FIXED, parse_idl
 from resim.recordings.logs.raw import LogChannel, need
 
-DISTRIBUTIONS = ("foxy", "galactic", "humble", "iron", "jazzy", "kilted")
+Distribution = Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"]
+"""Distributions of ROS 2 whose message definitions rosbags has."""
 DEFAULT = "humble"
 """Distribution whose definitions are taken where neither the log nor the mapping says one."""
 _LINE = re.compile(

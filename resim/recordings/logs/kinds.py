@@ -60,8 +60,8 @@ def refuse_unsuited(path: Path) -> None:
         )
     raise InputError(
         path,
-        "is of comma2k19, which lacks what a recording needs: true tracks of the other vehicles (its radar has neither "
-        "sizes nor kinds, and nothing to compare it with) and an OpenDRIVE map of the road",
+        "belongs to comma2k19, which lacks what a recording needs: true tracks of the other vehicles (its radar has "
+        "neither sizes nor kinds, and nothing to compare it with) and an OpenDRIVE map of the road",
         "Take a data set with object tracks, and a map of its road.",
     )
 

@@ -55,7 +55,9 @@ def _samples(measurement: Any, number: int) -> dict[str, np.ndarray]:
     signals = measurement.select([(None, number, n) for n in range(len(channels))], raw=False)
     found: dict[str, np.ndarray] = {}
     for channel, signal in zip(channels, signals, strict=True):
-        _take(found, channel.name, np.asarray(signal.samples))
+        bits = signal.invalidation_bits
+        invalid = None if bits is None else np.asarray(bits, dtype=bool)
+        _take(found, channel.name, np.asarray(signal.samples), invalid)
     if signals:
         times = np.asarray(signals[0].timestamps, dtype=float)
         if not np.isfinite(times).all() or (np.abs(times) > 1e9).any():
@@ -64,20 +66,31 @@ def _samples(measurement: Any, number: int) -> dict[str, np.ndarray]:
     return found
 
 
-def _take(found: dict[str, np.ndarray], name: str, samples: np.ndarray) -> None:
-    """Take a channel: numbers and texts as they are, structures and arrays by their parts."""
+def _take(found: dict[str, np.ndarray], name: str, samples: np.ndarray, invalid: np.ndarray | None) -> None:
+    """Take a channel: numbers and texts as they are, structures and arrays by their parts.
+
+    invalid: which of its samples the file says are not valid, None where all are. They become NaN, texts "".
+    """
     if samples.dtype.names:
         for inner in samples.dtype.names:
-            _take(found, name if inner == name else f"{name}.{inner}", samples[inner])
+            _take(found, name if inner == name else f"{name}.{inner}", samples[inner], invalid)
     elif samples.ndim == 2 and samples.dtype.kind in "fiub" and samples.shape[1] <= MOST_WIDE:
         for n in range(samples.shape[1]):
-            _take(found, f"{name}.{n}", samples[:, n])
+            _take(found, f"{name}.{n}", samples[:, n], invalid)
     elif samples.ndim == 1 and samples.dtype.kind == "S":
-        found.setdefault(
-            name, np.array([s.decode("utf-8", "replace").strip("\0 ") for s in samples], dtype=str)
-        )
+        texts = np.array([s.decode("utf-8", "replace").strip("\0 ") for s in samples], dtype=str)
+        _take(found, name, texts, invalid)
     elif samples.ndim == 1 and samples.dtype.kind in "fiubU":
-        found.setdefault(name, samples)
+        found.setdefault(
+            name, samples if invalid is None or not invalid.any() else _without(samples, invalid)
+        )
+
+
+def _without(samples: np.ndarray, invalid: np.ndarray) -> np.ndarray:
+    """Samples with NaN, or "" of texts, in place of those that are not valid."""
+    if samples.dtype.kind == "U":
+        return np.where(invalid, "", samples)
+    return np.where(invalid, np.nan, samples.astype(float))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,10 +50,6 @@ class RawMessage:
     log_time: int
     body: bytes
     where: str
-
-
-Decoder = Callable[[RawMessage], object]
-"""Gives a message as dicts, lists, numbers and texts. Raises ValueError for one that cannot be read."""
 
 
 def listed(channels: Mapping[str, str]) -> str:

@@ -97,7 +97,7 @@ def db3_messages(path: Path, topic: str | None, distribution: str = "") -> Itera
             _fence(db, path)
             yield from _rows(db, path, topic, distribution)
     except (sqlite3.Error, sqlite3.Warning, UnicodeError, OverflowError) as e:
-        raise InputError(path, f"is no whole bag ({' '.join(str(e).split())[:200]})", _WRITE) from e
+        raise InputError(path, f"is damaged or incomplete ({' '.join(str(e).split())[:200]})", _WRITE) from e
 
 
 def _fence(db: sqlite3.Connection, path: Path) -> None:

@@ -121,7 +121,7 @@ def _rows(
                 yield row | {LOG_TIME: one.log_time}
         except ValueError as e:
             text = " ".join(str(e).split())[:300]
-            remedy = "Is list right, and the topic whole? Record it again where it is damaged."
+            remedy = "Check `list` in the mapping; if the log is damaged, record it again."
             raise InputError(path, f"{one.where}: {text}", remedy) from e
         yield None
 

@@ -15,6 +15,7 @@ from resim.core.errors import InputError
 from resim.core.files import parse_toml, read_file
 from resim.core.spec import Strict
 from resim.core.tracks import ObjectKind
+from resim.recordings.logs.definitions import Distribution
 from resim.recordings.mapped.units import (
     AccelerationUnit,
     AngleUnit,
@@ -207,7 +208,7 @@ class TableMapping(Strict):
     file: str | None = Field(default=None, min_length=1)
     topic: str | None = Field(default=None, min_length=1)
     list: str | None = Field(default=None, min_length=1)
-    ros: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] | None = None
+    ros: Distribution | None = None
     separator: str = Field(default=",", min_length=1, max_length=1)
     decimal: Literal[".", ","] = "."
     only: dict[str, str | tuple[str, ...]] = Field(default_factory=dict)
@@ -272,7 +273,7 @@ _CONTRADICTIONS: Dict[str, Any] = {
     "separator is none: expected one printable ASCII character, or a tab, and neither a quote nor a line break": (
         lambda m: m.separator != "\t" and (not " " <= m.separator <= "~" or m.separator == '"')
     ),
-    "list and ros go with a topic": lambda m: m.topic is None and (m.list is not None or m.ros is not None),
+    "list and ros need a topic": lambda m: m.topic is None and (m.list is not None or m.ros is not None),
     "needs x and y, or lat and lon": lambda m: (
         [m.x is None, m.y is None, m.lat is None, m.lon is None]
         not in ([False, False, True, True], [True, True, False, False])

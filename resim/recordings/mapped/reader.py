@@ -187,7 +187,11 @@ def _table(rows: SourceTable, t: Floats, network: RoadNetwork, ego: Tracks | Non
     sides = frame["length"].to_numpy(float), frame["width"].to_numpy(float)
     x, y = centred(rows.mapping, placed.x, placed.y, heading, *sides)
     frame = frame.assign(x=x, y=y, v=speeds(ids, t, x, y, heading) if v is None else v, **_optional(rows))
-    notes += [(name, text) for name, text in (("sizes", assumed), ("kinds", unknown)) if text]
+    notes += [
+        (name, text)
+        for name, text in (("sizes", assumed), ("kinds", unknown), ("left_out", rows.left_out))
+        if text
+    ]
     if not placed.known.any():
         problem = f"{rows.where} is in the frame of the EGO, which has no sample at any of its times"
         raise InputError(rows.path, problem, "Compare the clocks of the tables, and the units of t.")

@@ -31,12 +31,17 @@ NOTHING = ("", "nan", "na", "n/a", "null", "none")
 
 @dataclass(frozen=True, eq=False)
 class SourceTable:
-    """Rows of a table. path: the file; where: the table in the mapping (gt, sd); frame: by row number in the file."""
+    """Rows of a table.
+
+    path: the file; where: the table in the mapping (gt, sd); frame: by row number in the file; left_out: what the
+    mapping's `without` left out, in words.
+    """
 
     path: Path
     where: str
     mapping: TableMapping
     frame: pd.DataFrame
+    left_out: str = ""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -223,12 +228,28 @@ def read_rows(path: Path, mapping: TableMapping, where: str) -> SourceTable:
                 path, f"no row has {missing!r} in {column!r} ({where}.only)", "Correct the mapping."
             )
         frame = frame[there.isin(values)]
+    wanted_rows = frame
     for column, unwanted in mapping.without.items():
         values = (unwanted,) if isinstance(unwanted, str) else unwanted
         frame = frame[~column_of(path, frame, column, f"{where}.without").map(_text).isin(values)]
         if frame.empty:
             raise InputError(path, f"{where}.without leaves no row: all have {column} {', '.join(values)}")
-    return SourceTable(path, where, mapping, frame)
+    return SourceTable(path, where, mapping, frame, _left_out(wanted_rows, frame, mapping))
+
+
+def _left_out(before: pd.DataFrame, after: pd.DataFrame, mapping: TableMapping) -> str:
+    """How many rows `without` left out, and how many ids have no row any more; "" for none."""
+    lost = len(before) - len(after)
+    if not lost:
+        return ""
+    text = f"{lost} of {len(before)} rows by without ({', '.join(mapping.without)})"
+    column = None if mapping.id is None else mapping.id.column
+    if column is None or column not in before.columns:
+        return text
+    known = set(before[column].map(_text))
+    gone = sorted(known - set(after[column].map(_text)))
+    names = ", ".join(gone[:10]) + (", ..." if len(gone) > 10 else "")
+    return f"{text}; entirely gone: {len(gone)} of {len(known)} ids ({names})" if gone else text
 
 
 def _frame(path: Path, mapping: TableMapping, where: str) -> pd.DataFrame:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -33,6 +33,10 @@ from resim.simulation.function.program import FunctionProgram
 STEPS, STEP, SPEED = 200, 0.04, 20.0
 HARDEST, TIGHTEST = 15.0, 0.5
 """m/s² and 1/m that no vehicle at SPEED does: other units, or degrees."""
+SLOWER = 2.0
+"""m/s by which each run of a batch starts slower than the one before it."""
+RUNS = 3
+"""Runs that are asked at once."""
 PAUSE = 0.01
 """s between two questions in the drive that asks whether the function looks at the clock."""
 
@@ -51,20 +55,20 @@ def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Ch
 
     Once it does not answer at all, no more is asked.
     """
-    first = _asked(build, road, start)
+    first = _asked(build, road, (start,))
     if isinstance(first, str):
         yield Check("answers", False, first)
         return
-    answers, times = first
+    answers, times = first[0][0], first[1]
     yield Check("answers", True, f"{STEPS} lists answered, the first and the last without any object")
     most, tightest = np.abs(answers).max(axis=0)
     sane = most <= HARDEST and tightest <= TIGHTEST
     yield Check("units", bool(sane), f"up to {most:.3g} m/s² and {tightest:.3g} 1/m at {SPEED:g} m/s")
-    yield _same("determinism", answers, _asked(build, road, start), "the same again in a second run")
+    yield _same("determinism", answers, _alone(build, road, start), "the same again in a second run")
     yield _same(
         "clock",
         answers,
-        _asked(build, road, start, pause=PAUSE),
+        _alone(build, road, start, pause=PAUSE),
         f"the same with {PAUSE:g} s between answers",
     )
     late = float(np.quantile(times, 0.99))
@@ -72,7 +76,7 @@ def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Ch
     told += f" of {1e3 * build.time_limit:.3g} ms allowed"
     yield Check("latency", late < 0.5 * build.time_limit, told)
     if build.in_batches:
-        yield _same("batches", answers, _asked(build, road, start, runs=3), "the same for three runs at once")
+        yield _batches(build, road, start, answers)
     if isinstance(build.program, FunctionProgram | GrpcProgram):
         yield _malformed(build)
 
@@ -105,10 +109,26 @@ def _other_answer(k: int, asked: bytes, found: bytes, recorded: bytes) -> str:
     return f"{where}: {difference(framed(found), framed(recorded))}"
 
 
-def _same(name: str, answers: Floats, again: tuple[Floats, Floats] | str, what: str) -> Check:
+def _batches(build: Build, road: RoadNetwork, start: EgoState, answers: Floats) -> Check:
+    """Whether runs at once, which differ in their speeds and in what they see, get the answers that each gets alone."""
+    starts = tuple(start._replace(v=start.v - SLOWER * b) for b in range(RUNS))
+    together = _asked(build, road, starts)
+    if isinstance(together, str):
+        return Check("batches", False, together)
+    for b, one in enumerate(starts):
+        alone = _alone(build, road, one, run=b) if b else answers
+        if isinstance(alone, str):
+            return Check("batches", False, f"run {b + 1} of {RUNS} alone: {alone}")
+        what = f"the same for run {b + 1} of {RUNS} at once, from {one.v:g} m/s, as for it alone"
+        if not (found := _same("batches", alone, together[0][b], what)).holds:
+            return found
+    return Check("batches", True, f"the same for {RUNS} different runs at once as for each alone")
+
+
+def _same(name: str, answers: Floats, again: Floats | str, what: str) -> Check:
     if isinstance(again, str):
         return Check(name, False, again)
-    differ = np.flatnonzero((answers != again[0]).any(axis=1))
+    differ = np.flatnonzero((answers != again).any(axis=1))
     where = (
         ""
         if not len(differ)
@@ -117,27 +137,39 @@ def _same(name: str, answers: Floats, again: tuple[Floats, Floats] | str, what: 
     return Check(name, not len(differ), f"{where}{differ[0] * STEP:.2f} s" if where else what)
 
 
+def _alone(
+    build: Build, road: RoadNetwork, start: EgoState, *, pause: float = 0.0, run: int = 0
+) -> Floats | str:
+    """Answers (STEPS, 2) of a run that is asked alone; run: which of those of a batch it is."""
+    found = _asked(build, road, (start,), pause=pause, first=run)
+    return found if isinstance(found, str) else found[0][0]
+
+
 def _asked(
-    build: Build, road: RoadNetwork, start: EgoState, *, pause: float = 0.0, runs: int = 1
+    build: Build, road: RoadNetwork, starts: Sequence[EgoState], *, pause: float = 0.0, first: int = 0
 ) -> tuple[Floats, Floats] | str:
-    """Answers (STEPS, 2) and times [s] of a whole drive, of several runs those of the last; else why there are none."""
-    answers, times = np.empty((STEPS, 2)), np.empty(STEPS)
+    """Answers (B, STEPS, 2) and times [s] of whole drives, asked at once; else why there are none.
+
+    first: which of the runs of a batch the first is, which says what it sees.
+    """
+    runs = len(starts)
+    answers, times = np.empty((runs, STEPS, 2)), np.empty(STEPS)
     try:
         with Watchdog() as watchdog, build.factory.afresh():
             driver = driver_of(build, watchdog, runs)
             try:
-                driver.reset([_setup(road, start)] * runs)
+                driver.reset([_setup(road, start) for start in starts])
                 keys = Keys(runs)
                 for k in range(STEPS):
-                    seen = _seen(k, start)
-                    batch = stacked([seen] * runs, [keys.of_traffic(seen.ids)] * runs)
+                    seen = [_seen(k, start, first + b) for b, start in enumerate(starts)]
+                    batch = stacked(seen, [keys.of_traffic(one.ids) for one in seen])
                     time.sleep(pause)
                     begin = time.perf_counter()
                     answer = driver.step(batch, keep=False)
                     times[k] = time.perf_counter() - begin
                     if not isinstance(answer, np.ndarray):
                         return "places the EGO, which oracles do"
-                    answers[k] = answer[-1]
+                    answers[:, k] = answer
             finally:
                 driver.close()
     except FunctionError as e:
@@ -155,13 +187,13 @@ def _setup(road: RoadNetwork, start: EgoState) -> Setup:
     return Setup(road, start, (float(x), float(y)), 4.7, 1.9, STEP, 0, None, route)
 
 
-def _seen(k: int, start: EgoState) -> Perceived:
-    """What the function sees at step k."""
+def _seen(k: int, start: EgoState, run: int) -> Perceived:
+    """What the function sees at step k: in each run of a batch the car ahead elsewhere, in the second it alone."""
     t = k * STEP
     far = t * start.v
     ego = start._replace(x=start.x + far * np.cos(start.heading), y=start.y + far * np.sin(start.heading))
-    n = 0 if k < 20 or k >= STEPS - 20 else 2
-    x, y = np.array([60.0 - 5.0 * t, 10.0])[:n], np.array([0.0, 3.5])[:n]
+    n = 0 if k < 20 or k >= STEPS - 20 else 1 if run == 1 else 2
+    x, y = np.array([60.0 + 3.0 * run - 5.0 * t, 10.0])[:n], np.array([0.0, 3.5])[:n]
     return Perceived(
         t, ego, constant(np.array(["1", "2"])[:n]), constant(np.array(["car", "truck"])[:n]), constant(x), constant(y),
         constant(np.zeros(n)), constant(np.array([15.0, 20.0])[:n]), constant(np.full(n, 4.5)),

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import lzma
 import posixpath
 import re
+import struct
 import sys
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +49,13 @@ _MESSAGES = {
 """Messages of OSMP that a unit may get or give, and their causality; the first two it has to have."""
 _INTEGERS = ("base.lo", "base.hi", "size")
 _OUTPUTS = {"acceleration": "m/s2", "curvature": "1/m"}
+_UNREADABLE = (
+    OSError, EOFError, KeyError, RuntimeError, ValueError, struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile,
+    etree.XMLSyntaxError,
+)  # fmt: skip
+"""What zipfile and lxml raise for files that are damaged, encrypted, or compressed in a way that they do not know."""
+_REFERENCE = re.compile(r"\s*\+?([0-9]{1,10})\s*")
+DAMAGED = "Export the unit again."
 REMEDY = "The variables are in modelDescription.xml of the unit."
 
 
@@ -126,8 +136,16 @@ def fmu_command(
         kinds = [kind for kind in ("ModelExchange", "ScheduledExecution") if root.find(kind) is not None]
         raise InputError(path, f"fmi: {name} is for {' and '.join(kinds)}, expected a unit for co-simulation")
     identifier = simulation.get("modelIdentifier", "")
+    if not identifier or "/" in identifier or "\\" in identifier:
+        problem = (
+            f"fmi: {name}: CoSimulation: modelIdentifier is {identifier!r}, expected the name of its library"
+        )
+        raise InputError(path, problem, DAMAGED)
     _refuse_other_platforms(path, name, folder / name, f"binaries/{_PLATFORM[version]}/{identifier}.so")
-    known = _variables(root, version)
+    try:
+        known = _variables(root, version)
+    except ValueError as e:
+        raise InputError(path, f"fmi: {name}: modelDescription.xml: {e}", DAMAGED) from e
     inputs = tuple(
         (signal, *_checked(path, f"inputs: {variable}", variable, known, "input", str(_unit_of(signal))))
         for variable, signal in fmi.inputs.items()
@@ -162,8 +180,9 @@ def _description(path: Path, name: str, file: Path) -> tuple[Any, int]:
         with zipfile.ZipFile(file) as packed:
             raw = packed.read("modelDescription.xml")
         root = etree.fromstring(raw, etree.XMLParser(resolve_entities=False, no_network=True))
-    except (OSError, KeyError, zipfile.BadZipFile, etree.XMLSyntaxError) as e:
-        raise InputError(path, f"fmi: {name} is no functional mock-up unit: {e}") from e
+    except _UNREADABLE as e:
+        problem = f"fmi: {name} is no functional mock-up unit: modelDescription.xml cannot be read ({e})"
+        raise InputError(path, problem, DAMAGED) from e
     version = root.get("fmiVersion", "")
     if version[:2] not in ("2.", "3."):
         raise InputError(path, f"fmi: {name} is of FMI {version or 'without a version'}, expected FMI 2 or 3")
@@ -178,18 +197,35 @@ def _refuse_other_platforms(path: Path, name: str, file: Path, binary: str) -> N
 
 
 def _variables(root: Any, version: int) -> dict[str, FmuVariable]:
+    """The variables of a unit, by name. Raises ValueError, with the element, where its description is damaged."""
     found = {}
-    types = root.findall("TypeDefinitions/*")
-    defined = {one.get("name"): (one.find("*") if version == 2 else one).get("unit", "") for one in types}
-    for one in root.iterfind("ModelVariables/*"):
-        kind = one.find("*") if version == 2 else one
+    defined = {
+        one.get("name"): _typed(one, version, f"TypeDefinitions: type {k}").get("unit", "")
+        for k, one in enumerate(root.iterfind("TypeDefinitions/*"), start=1)
+    }
+    for k, one in enumerate(root.iterfind("ModelVariables/*"), start=1):
+        name, where = one.get("name"), f"ModelVariables: variable {k} ({one.get('name')})"
+        if name is None:
+            raise ValueError(f"ModelVariables: variable {k} has no name")
+        kind = _typed(one, version, where)
         is_array = version == 3 and one.find("Dimension") is not None
         form = f"array of {kind.tag}" if is_array else kind.tag
         unit = kind.get("unit") or defined.get(kind.get("declaredType"), "")
-        found[one.get("name")] = FmuVariable(
-            int(one.get("valueReference")), form, one.get("causality", "local"), unit
-        )
+        reference = _REFERENCE.fullmatch(one.get("valueReference", ""))
+        if reference is None or int(reference[1]) >= 1 << 32:
+            told = one.get("valueReference")
+            is_ = "is missing" if told is None else f"is {told!r:.60}"
+            raise ValueError(f"{where}: valueReference {is_}, expected a whole number below 2^32")
+        found[name] = FmuVariable(int(reference[1]), form, one.get("causality", "local"), unit)
     return found
+
+
+def _typed(one: Any, version: int, where: str) -> Any:
+    """The element that says which type a variable, or a defined type, is: within it in FMI 2, itself in FMI 3."""
+    kind = one.find("*") if version == 2 else one
+    if kind is None:
+        raise ValueError(f"{where} has no type, such as <Real/>")
+    return kind
 
 
 def _checked(

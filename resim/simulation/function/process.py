@@ -115,6 +115,13 @@ class ChildProcess:
         finally:
             self.kill()
 
+    @property
+    def number(self) -> int:
+        """Of the process, and of its group where it is one of its own. Raises FunctionError where there is none."""
+        if self._process is None:
+            raise FunctionError("was asked when it had ended")
+        return self._process.pid
+
     def stop(self) -> None:
         """End it from another thread than the one that asks it, which finds it ended."""
         process = self._process

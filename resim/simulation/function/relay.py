@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any
 
 from resim.core.errors import FunctionError, InputError
@@ -15,7 +18,43 @@ STREAMS = 256
 """Runs that are served at once; more are refused."""
 _KEPT_ALIVE = (("grpc.keepalive_time_ms", 60_000), ("grpc.keepalive_permit_without_calls", 1))
 """Who is gone without a word is found out."""
+_END_GROUPS = """
+import os, sys
+groups = set()
+for line in sys.stdin:
+    groups ^= {int(line)}
+for group in groups:
+    try:
+        os.killpg(group, 9)
+    except OSError:
+        pass
+"""
+"""Program that ends the process groups it was told an odd number of times, once nobody can tell it more."""
 _CLOSE = packed({"message": "close"})
+
+
+class _Guard:
+    """Ends what is served once the server is gone, however that ended, as by SIGKILL.
+
+    It is a process that waits for the end of its input. A parent-death signal would come from the thread that starts a
+    process, and can only be asked for between fork and exec, where a program of many threads may run no Python.
+    """
+
+    def __init__(self) -> None:
+        order = [sys.executable, "-I", "-S", "-c", _END_GROUPS]
+        self._process = subprocess.Popen(order, stdin=subprocess.PIPE, bufsize=0, process_group=0)
+
+    def toggle(self, group: int) -> None:
+        """Tell it a process group that began, or one that has ended."""
+        assert self._process.stdin is not None
+        with suppress(OSError, ValueError):  # it was ended
+            self._process.stdin.write(f"{group}\n".encode())
+
+    def close(self) -> None:
+        """Let it end what is left, and itself."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait()
 
 
 class RelayServer:
@@ -53,18 +92,21 @@ class RelayServer:
 
     def start(self) -> None:
         """Begin to listen."""
+        self._guard = _Guard()
         self._server.start()
 
     def stop(self) -> None:
         """End all streams, and their processes."""
         self._server.stop(grace=None).wait()
+        self._guard.close()
 
     def _drive(self, requests: Iterator[bytes], context: Any) -> Iterator[bytes]:
         """Answer the messages of one run."""
         partner, codes = self._program.partner(grouped=True), self._grpc.StatusCode
-        code, why = None, ""
+        code, why, group = None, "", 0
         try:
             partner.start()
+            self._guard.toggle(group := partner.number)
             if not context.add_callback(partner.stop):  # who asked is gone already
                 return
             for request in requests:
@@ -81,5 +123,7 @@ class RelayServer:
             code, why = codes.INVALID_ARGUMENT, f"no Message of function.proto: {e}"
         finally:
             partner.kill()
+            if group:
+                self._guard.toggle(group)
         if code is not None:
             context.abort(code, why)

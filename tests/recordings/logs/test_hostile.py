@@ -12,13 +12,15 @@ import sqlite3
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from recordings.logs import written as w
 from recordings.mapped.strangers import MAP, drive
 
 from resim.core.errors import InputError
-from resim.recordings.logs import apart
+from resim.recordings.logs import apart, decoders
+from resim.recordings.logs.cdr import CdrReader, MessageField
 from resim.recordings.logs.definitions import definitions, parse
 from resim.recordings.logs.raw import LogChannel
 from resim.recordings.mapped.guess import guess
@@ -126,7 +128,7 @@ def test_a_log_that_was_not_written_to_its_end(tmp_path: Path) -> None:
     bag = next(w.to_bag(ROS, w.sent(ROS, drive(steps=40)), tmp_path / "other").glob("*.db3"))
     for path, message in (
         (logs(tmp_path)["ZSTD"][0], "was not written to its end. Write"),
-        (bag, "is no whole bag"),
+        (bag, "is damaged or incomplete"),
     ):
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 5])
         assert message in told(path, w.autoware_mapping())
@@ -209,7 +211,7 @@ HOSTILE: dict[str, tuple[Callable[[], tuple[bytes, ...]], str]] = {
     "a message without channel": (lambda: (message(b"{}"),), "is of channel 1, which no record before it describes"),
     "a time beyond": (lambda: (channel(), message(b"{}", 1 << 63)), "that is no time"),
     "ros1": (lambda: sent(b"", "ros1"), "encoded as 'ros1'.*rosbags-convert"),
-    "an unknown encoding": (lambda: sent(b"", "flatbuffer"), "'flatbuffer'. Read are cdr, protobuf, json"),
+    "an unknown encoding": (lambda: sent(b"", "flatbuffer"), "'flatbuffer'. Supported: cdr, protobuf, json"),
     "no JSON": (lambda: sent(b"{"), "message 7 of scene at 0 ns: Expecting"),
     "JSON without fields": (lambda: sent(b"[1]"), "it has no list 'boxes': it has a list"),
     "deep JSON": (lambda: sent(b"[" * 200_000), "nested too deeply"),
@@ -270,7 +272,7 @@ ONE = (TOPICS, "INSERT INTO topics VALUES (1, 'scene', 'a/msg/A', 'cdr')")
     [
         ((TOPICS,), "is an SQLite file, and no bag: its tables are topics"),
         ((TOPICS, ENDLESS), "is an SQLite file, and no bag"),
-        ((*ONE, "CREATE TABLE messages (id INTEGER)"), "no whole bag .no such column"),
+        ((*ONE, "CREATE TABLE messages (id INTEGER)"), "is damaged or incomplete .no such column"),
         ((TOPICS, MESSAGES), "has no messages of topic 'scene'.*Its topics are: none"),
         ((*ONE, MESSAGES, "INSERT INTO messages VALUES (1, 1, 'now', 5)"), "has the time 'now'"),
         ((*ONE, MESSAGES, "INSERT INTO messages VALUES (1, 1, 2, x'28b52ffd04ffffffffff')"), "is damaged"),
@@ -353,7 +355,7 @@ def test_a_measurement_that_is_damaged_or_missing_its_library(tmp_path: Path) ->
         path, mapping.replace('topic = "Ego"', 'topic = "Ego"\nlist = "x"')
     )
     path.write_bytes(b"MDF     3.30    " + bytes(200))
-    assert "is no whole MDF 4 file" in told(path, mapping)
+    assert "is damaged or incomplete, or no MDF 4 file" in told(path, mapping)
 
 
 def test_a_measurement_that_runs_in_circles_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -371,7 +373,26 @@ def test_a_measurement_that_runs_in_circles_is_ended(tmp_path: Path, monkeypatch
         tmp_path / "a.mf4",
         'ego = "e"\n[gt]\ntopic = "A"\nid = { value = "e" }\nt = "time"\nx = "x"\ny = "x"\n',
     )
-    assert "was not read within" in said or "is no whole MDF 4 file" in said
+    assert "was not read within" in said or "is damaged or incomplete, or no MDF 4 file" in said
+
+
+def test_a_long_text_is_read_and_one_that_is_not_wanted_is_passed_over() -> None:
+    types = {
+        "a": (MessageField("skipped", "string"), MessageField("text", "string"), MessageField("n", "int32"))
+    }
+    text = "x" * 70_000
+    told = struct.pack("<I", len(text) + 1) + text.encode() + b"\0" + bytes(-(len(text) + 1) % 4)
+    body = b"\0\1\0\0" + told + told + struct.pack("<i", 7)
+    found = CdrReader(types, "a", {"text": None, "n": None}, ()).read(body)
+    assert found == {"text": text, "n": 7}
+
+
+@pytest.mark.parametrize("repeated", [False, True])
+def test_lists_of_protobuf_are_known_by_what_its_version_has(repeated: bool) -> None:
+    """Versions before 6.31 have no `is_repeated`, those from 7 on no `label`."""
+    before = SimpleNamespace(LABEL_REPEATED=3, label=3 if repeated else 1)
+    assert decoders._is_repeated(before) is repeated
+    assert decoders._is_repeated(SimpleNamespace(is_repeated=repeated)) is repeated
 
 
 DEFINITION = f"""# a comment

@@ -16,6 +16,7 @@ from recordings.mapped.strangers import MAP, drive
 from resim.core.errors import InputError
 from resim.core.geometry import wrap_angle
 from resim.recordings import RecordingTables, read_tables, recording_of, write_tables
+from resim.recordings.logs import mdf_child
 from resim.recordings.mapped.reader import read_mapped
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -139,6 +140,24 @@ v = "v"
     message = r"a\.mf4: group object ego has no channel 'velocity', which gt\.v names.*It has .*yaw"
     with pytest.raises(InputError, match=message):
         imported(path, 'ego = "ego"\n' + tables[2].replace('"v"', '"velocity"'))
+
+
+def test_samples_of_mdf_that_are_not_valid_are_missing(tmp_path: Path) -> None:
+    pytest.importorskip("asammdf")
+    n, invalid = 5, np.array([False, True, False, False, True])
+    channels = {
+        "time": np.arange(n) / 10.0, "x": np.arange(n) + 0.5, "count": np.arange(n, dtype="uint8"),
+        "word": np.array([b"a", b"bb", b"c", b"d", b"e"]), "pos": np.arange(2.0 * n).reshape(n, 2),
+    }  # fmt: skip
+    found = mdf_child.read(str(w.to_mdf({"A": channels}, tmp_path / "a.mf4", invalid=invalid)), "A")
+    missing = np.where(invalid, np.nan, 0.0)
+    np.testing.assert_array_equal(found["x"], channels["x"] + missing)
+    np.testing.assert_array_equal(found["count"], channels["count"] + missing)
+    np.testing.assert_array_equal(found["pos.1"], channels["pos"][:, 1] + missing)
+    assert found["word"].tolist() == ["a", "", "c", "d", ""]
+    whole = mdf_child.read(str(w.to_mdf({"A": channels}, tmp_path / "b.mf4")), "A")
+    assert whole["count"].dtype == np.uint8
+    assert whole["word"].tolist() == ["a", "bb", "c", "d", "e"]
 
 
 @pytest.mark.parametrize("auto", ["", "auto_"])
@@ -272,14 +291,14 @@ WRONG = {
     "no topic": (f'topic = "{w.EGO_TOPIC}"\n', "",
                  r"is a log of many topics, and gt of the mapping names no topic\. Its topics are: /local"),
     "list": ('list = "objects"', 'list = "object"',
-             r"message \d+ .* it has no list 'object': it has header, objects\. Is list"),
+             r"message \d+ .* it has no list 'object': it has header, objects\. Check `list`"),
     "no list": ('list = "objects"', 'list = "header"', r"header is a structure, expected a list"),
     "column": ('"shape.dimensions.x"', '"shape.dimension.x"',
                r"no field 'shape\.dimension\.x', which gt\.length names, did you mean 'shape\.dim"),
     "structure": ('"object_id.uuid"', '"object_id"',
                   r"has no field 'object_id', which gt\.id names.*It has log_time, classification\.label"),
     "ros": ('topic = "/percep', 'ros = "hydro"\ntopic = "/percep', r"gt\.1\.ros"),
-    "list of a table": (f'topic = "{w.OBJECTS}"\n', "", r"list and ros go with a topic"),
+    "list of a table": (f'topic = "{w.OBJECTS}"\n', "", r"list and ros need a topic"),
 }  # fmt: skip
 """What is changed in the mapping, and what is said."""
 

@@ -385,15 +385,31 @@ def _array(values: np.ndarray, name: str) -> np.ndarray:
     return np.ascontiguousarray(values).view([(name, values.dtype, values.shape[1:])]).ravel()
 
 
-def to_mdf(groups: dict[str, dict[str, np.ndarray]], path: Path, start_ns: int = ORIGIN) -> Path:
-    """An MDF4 file: by the groups' names their channels, of which `time` [s] is the master."""
+def _text_of(values: np.ndarray) -> dict[str, str]:
+    return {"encoding": "utf-8"} if values.dtype.kind == "S" else {}
+
+
+def to_mdf(
+    groups: dict[str, dict[str, np.ndarray]],
+    path: Path,
+    start_ns: int = ORIGIN,
+    invalid: np.ndarray | None = None,
+) -> Path:
+    """An MDF4 file: by the groups' names their channels, of which `time` [s] is the master.
+
+    invalid: samples that the file says are not valid.
+    """
     from asammdf import MDF, Signal
 
     with MDF(version="4.10") as made:
         made.header.abs_time = start_ns
         for name, channels in groups.items():
             times = channels["time"]
-            signals = [Signal(_array(v, c), times, name=c) for c, v in channels.items() if c != "time"]
+            signals = [
+                Signal(_array(v, c), times, name=c, invalidation_bits=invalid, **_text_of(v))
+                for c, v in channels.items()
+                if c != "time"
+            ]
             made.append(signals, acq_name=name)
         made.save(path, overwrite=True)
     return path

@@ -114,6 +114,25 @@ def test_missing_values_stay_missing_and_the_folder_can_be_read(tmp_path: Path) 
         read_recording(tmp_path / "out")
 
 
+def test_rows_that_are_left_out_are_told(tmp_path: Path) -> None:
+    truth = drive()
+    path, gt = written(tmp_path, truth, Way())
+    table = pd.read_csv(path, dtype=str)
+    name = tomllib.loads(gt)["id"]
+    others = sorted(set(truth["id"]) - {"ego"})
+    table["state"] = np.where(table[name] == others[0], "old", "new")
+    table.loc[table.index[table[name] == others[1]][:2], "state"] = "old"
+    table.to_csv(path, index=False)
+    lost = int((table["state"] == "old").sum())
+    found = imported(tmp_path, f'[gt]\nwithout = {{ state = "old" }}\n{gt}\n')
+    assert len(found.gt) == len(truth) - lost
+    assert found.settings.provenance["gt_left_out"] == (
+        f"{lost} of {len(truth)} rows by without (state); entirely gone: 1 of 3 ids ({others[0]})"
+    )
+    none = imported(tmp_path, f'[gt]\nwithout = {{ state = "none" }}\n{gt}\n')
+    assert "gt_left_out" not in none.settings.provenance
+
+
 def test_an_object_list_without_common_ids_is_assigned(tmp_path: Path) -> None:
     truth = drive()
     written(tmp_path, truth, Way(), "gt")
