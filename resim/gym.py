@@ -33,6 +33,7 @@ except ImportError as e:
     raise InputError("resim.gym", "needs gymnasium", "In resim's own folder: pip install '.[gym]'") from e
 
 HARDEST, TIGHTEST = 10.0, 0.2
+MOST = np.array([HARDEST, TIGHTEST])
 """m/s² and 1/m: bounds of actions."""
 FAR = 1e9
 """Bound of all that is observed [m, rad, m/s]."""
@@ -104,8 +105,7 @@ class DriveEnvironment(gymnasium.Env[Observation, Floats]):
             "objects": spaces.Box(-FAR, FAR, (objects, len(OBJECT)), np.float64),
             "present": spaces.MultiBinary(objects),
         })  # fmt: skip
-        most = np.array([HARDEST, TIGHTEST])
-        self.action_space = spaces.Box(-most, most, dtype=np.float64)
+        self.action_space = spaces.Box(-MOST, MOST, dtype=np.float64)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -139,9 +139,7 @@ class DriveEnvironment(gymnasium.Env[Observation, Floats]):
         drive = self._drive
         if drive is None:
             raise InputError("resim.gym", "there is no episode", "Call reset first.")
-        acceleration, curvature = np.clip(
-            _numbers(action), self.action_space.low, self.action_space.high
-        ).tolist()  # type: ignore[attr-defined]
+        acceleration, curvature = np.clip(_numbers(action), -MOST, MOST).tolist()
         before = drive.position
         drive.step(acceleration, curvature)
         x, y = np.subtract(drive.position, before)
