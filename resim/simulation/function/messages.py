@@ -117,7 +117,7 @@ class MessageFunction:
             return str(e)
         if not isinstance(answer, dict) or "error" not in answer:
             raise FunctionError(f"answered {answer!r:.60}, expected an error")
-        return f"answered the error {answer['error']!s:.100}"
+        return f"answered the error {_reason(answer):.100}"
 
     def repeat(self, message: bytes) -> bytes:
         """Send a message as it was recorded, the first one after a start, and give the answer; b"" for none."""
@@ -138,7 +138,7 @@ class MessageFunction:
         road = {"file": str(setup.road.path.absolute()), "lanes": _lanes(setup.road)}
         head = {"message": message, "protocol": PROTOCOL, "parameters": self._parameters, "road": road}
         answer = self._ask({**head, **told})
-        if answer.get("protocol") != PROTOCOL:
+        if (version := answer.get("protocol")) != PROTOCOL or isinstance(version, bool):
             raise FunctionError(f"answered {answer!r:.60} to {message!r}, expected protocol = {PROTOCOL}")
 
     def _ask(self, message: Answer) -> Answer:
@@ -159,15 +159,32 @@ class MessageFunction:
             raise FunctionError(f"answered {answer!r:.60}, expected a map")
         self._waiting = False
         if "error" in answer:
-            raise FunctionError(f"failed: {answer['error']!s:.300}", words=_words())
+            raise FunctionError(f"failed: {_reason(answer):.300}", words=_words())
         return answer
 
 
+def _reason(answer: Answer) -> str:
+    """The text of an error. Raises FunctionError where it is none."""
+    if not isinstance(answer["error"], str):
+        raise FunctionError(f"answered {answer!r:.60}, expected a text as error", words=_words())
+    return answer["error"]
+
+
 def _unpacked(body: bytes) -> Any:
+    """A message of its bytes. Raises FunctionError where it is none, or has a key twice."""
     try:
-        return msgpack.unpackb(body)
+        return msgpack.unpackb(body, object_pairs_hook=_map)
     except (ValueError, msgpack.UnpackException) as e:
         raise FunctionError(f"answered what is no msgpack ({e}): {body[:40]!r}") from e
+
+
+def _map(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for k, key in enumerate(keys) if key in keys[:k])
+        raise FunctionError(f"answered a map that has {twice!r:.60} twice")
+    return found
 
 
 def _words() -> str:
