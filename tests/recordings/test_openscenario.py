@@ -253,6 +253,38 @@ def test_who_has_a_speed_alone_keeps_its_lane(home: Path) -> None:
     np.testing.assert_allclose(way, 20.0 * t, atol=1e-3)
 
 
+def relative(kind: str, to: str = "Ego", **values: float | str) -> str:
+    told = " ".join(f'{name}="{value}"' for name, value in values.items())
+    return f'<Position><Relative{kind}Position entityRef="{to}" {told}/></Position>'
+
+
+def relative_speed(value: float, kind: str = "delta", continuous: str = "false") -> str:
+    return speed("0").replace(
+        '<AbsoluteTargetSpeed value="0"/>',
+        f'<RelativeTargetSpeed entityRef="Ego" value="{value}" speedTargetValueType="{kind}" continuous="{continuous}"/>',
+    )
+
+
+def test_who_is_put_relative_to_others_at_the_start_is_there_wherever_it_stands_in_the_file(
+    home: Path,
+) -> None:
+    init = {
+        "third": teleport(relative("Object", "second", dx=-10, dy=2)) + relative_speed(0.5, "factor"),
+        "second": teleport(relative("Lane", dLane=-1, ds=30, offset=0.25)) + relative_speed(-5),
+        "Ego": teleport(LANE_PLACE.format(s=100, offset=0.4).replace(f'laneId="{LANE}"', 'laneId="-1"'))
+        + speed("20"),
+    }
+    gt = read(home, scenario(init, entities="".join(entity(name, x=0.0) for name in init)))
+    (_, x, y, heading, v), (_, x3, y3, heading3, v3) = of(gt, "second"), of(gt, "third")
+    found = NETWORK.to_road(x[0], y[0])
+    assert (found.lane[0], found.s[0], found.t[0]) == (
+        -2, pytest.approx(130.0, abs=1e-6), pytest.approx(0.25, abs=1e-6),
+    )  # fmt: skip
+    assert (v[0], v3[0], heading3[0]) == (15.0, 10.0, pytest.approx(heading[0]))
+    to = (x3[0] - x[0] + 1j * (y3[0] - y[0])) * np.exp(-1j * heading[0])
+    assert (to.real, to.imag) == (pytest.approx(-10.0), pytest.approx(2.0))
+
+
 def test_where_a_lane_forks_the_player_decides_and_where_it_ends_so_does_the_track(tmp_path: Path) -> None:
     """120 m of road 1 to the junction; from road 10, which leads straight on, 140 m to the end of the map."""
     write_junction(tmp_path / "road.xodr")
@@ -509,6 +541,25 @@ REFUSED = {
     "SynchronizeAction is not read": scenario(
         {"Ego": STANDING["Ego"] + "<PrivateAction><SynchronizeAction/></PrivateAction>"}
     ),
+    "RelativeLanePosition[@entityRef='gone'] is not read: it depends on": scenario(
+        {"Ego": teleport(relative("Lane", "gone", dLane=0, ds=1, offset=0))}
+    ),
+    "RelativeLanePosition[@entityRef='Ego'] is not read: players differ": scenario(
+        {"Ego": teleport(world(0.0, 0.0)), "b": teleport(relative("Lane", dLane=0, ds=1))}
+    ),
+    "RelativeObjectPosition[@entityRef='b'] is not read": scenario(
+        {"Ego": teleport(relative("Object", "b", dx=1, dy=1)), "b": teleport(relative("Object", dx=1, dy=1))}
+    ),
+    "leads to lane -1 of road 1 at s 9100 m": scenario(
+        {"Ego": teleport(LANE_PLACE.format(s=100, offset=0).replace(f'"{LANE}"', '"-1"')),
+         "b": teleport(relative("Lane", dLane=0, ds=9000))}
+    ),
+    "RelativeTargetSpeed[@entityRef='Ego'] is not read": scenario(
+        {"Ego": STANDING["Ego"] + speed("3"), "b": STANDING["Ego"] + relative_speed(1, continuous="true")}
+    ),
+    "makes -2 m/s, expected 0 to 300": scenario(
+        {"Ego": STANDING["Ego"] + speed("3"), "b": STANDING["Ego"] + relative_speed(-5)}
+    ),
     "followingMode is 'follow'": scenario({"Ego": follow(LINE, mode="follow")}),
     "time 0.5 s does not follow 1 s": scenario(
         {"Ego": follow(polyline((0.0, world(0.0, 0.0)), (1.0, world(1.0, 0.0)), (0.5, world(2.0, 0.0))))}
@@ -691,4 +742,9 @@ def test_what_a_controller_drives_is_refused_and_what_is_before_comes_in(tmp_pat
         came.append(file.name[14:19])
         assert gt.v[gt.index("Ego")] == pytest.approx(60.0 / 3.6)
         assert np.ptp(gt.x[0]) == pytest.approx(50.0, abs=0.5)
-    assert came == ["4_1_1", "4_2_1", "4_2_2", "4_2_4", "4_6_1"]
+        if (
+            file.name[14:19] == "4_1_3"
+        ):  # the truck: a lane to the left, half a metre to its right, axle beside axle
+            assert gt.y[gt.index("SideVehicle")] - gt.y[0] == pytest.approx(3.5 - 0.5, abs=1e-9)
+            assert gt.v[gt.index("SideVehicle")] == pytest.approx(60.0 / 3.6)
+    assert came == ["4_1_1", "4_1_3", "4_2_1", "4_2_2", "4_2_4", "4_6_1"]

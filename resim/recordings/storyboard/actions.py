@@ -14,7 +14,7 @@ from resim.core.errors import InputError
 from resim.recordings.storyboard.catalogs import ScenarioCatalogs
 from resim.recordings.storyboard.curves import ScenarioCurve, scenario_curve
 from resim.recordings.storyboard.document import ScenarioElement
-from resim.recordings.storyboard.places import ScenarioPlace, ScenarioPlaces
+from resim.recordings.storyboard.places import RELATIVE, ScenarioPlace, ScenarioPlaces
 from resim.recordings.storyboard.speeds import SpeedChange, speed_change
 from resim.recordings.storyboard.triggers import never, trigger_time
 
@@ -70,10 +70,13 @@ class StoryboardReader:
         self._catalogs, self._places = catalogs, places
         self._horizon = math.inf if horizon is None else horizon - _SOON
         self.deeds: dict[str, list[Deed]] = {name: [] for name in entities}
+        self._placed: dict[str, ScenarioPlace] = {}
+        self._speeds: dict[str, float] = {}
         board = scenario.needed("Storyboard")
         self.end = self._stop(board)
         self._horizon = min(self._horizon, never(self.end) - _SOON)
         self._read_init(board.needed("Init"))
+        self._placed, self._speeds = {}, {}
         for story in board.children("Story"):
             for act in story.children("Act"):
                 self._read_act(act)
@@ -90,13 +93,34 @@ class StoryboardReader:
             raise InputError(e.source, e.problem, "Name the end by --end.") from None
 
     def _read_init(self, init: ScenarioElement) -> None:
+        """What depends on others comes after them, wherever it stands."""
         actions = init.child("Actions")
+        waiting: list[tuple[ScenarioElement, str]] = []
         for one in () if actions is None else actions.children():
-            if one.tag == "Private":
-                for action in one.children():
-                    self._do(action, [self._known(one)], 0.0, math.inf)
-            else:
+            if one.tag != "Private":
                 self._do(one, [], 0.0, math.inf)
+                continue
+            name = self._known(one)
+            for action in one.children():
+                if _reference(action) is None:
+                    self._begin(action, name)
+                else:
+                    waiting.append((action, name))
+        while waiting:
+            late = {name for _, name in waiting}
+            ready = [(action, name) for action, name in waiting if _reference(action) not in late] or waiting
+            for action, name in ready:
+                self._begin(action, name)
+            waiting = [one for one in waiting if one not in ready]
+
+    def _begin(self, action: ScenarioElement, name: str) -> None:
+        """What an entity is at the start is what others may be put by."""
+        self._do(action, [name], 0.0, math.inf)
+        what = self.deeds[name][-1].what if self.deeds[name] else None
+        if isinstance(what, ScenarioPlace):
+            self._placed[name] = what
+        elif isinstance(what, SpeedChange) and what.shape == "step":
+            self._speeds[name] = what.target
 
     def _read_act(self, act: ScenarioElement) -> None:
         groups = [*act.children("ManeuverGroup")]
@@ -176,11 +200,11 @@ class StoryboardReader:
         self, told: ScenarioElement, at: float
     ) -> ScenarioPlace | SpeedChange | ScenarioCurve | Removal | None:
         if told.tag in ("TeleportAction", "AddEntityAction"):
-            return self._places.of(told.needed("Position"))
+            return self._places.of(told.needed("Position"), self._placed)
         if told.tag == "DeleteEntityAction":
             return Removal()
         if told.tag == "LongitudinalAction" and (change := told.child("SpeedAction")) is not None:
-            return speed_change(change)
+            return speed_change(change, self._speeds)
         if told.tag == "RoutingAction" and (follow := told.child("FollowTrajectoryAction")) is not None:
             return self._curve(follow, at)
         if told.tag in ("ControllerAction", "ActivateControllerAction"):
@@ -224,6 +248,15 @@ class StoryboardReader:
             told = inner
         remedy = f"--end {at:g} imports what is before it" if at > 0.0 else TRAJECTORIES
         return told.refused(f"is not read: from {at:g} s on the player decides how it moves", remedy)
+
+
+def _reference(action: ScenarioElement) -> str | None:
+    """The entity on which an action of Init depends, None for none."""
+    place = action.child("TeleportAction", "Position")
+    speed = action.child("LongitudinalAction", "SpeedAction", "SpeedActionTarget")
+    told = [*([] if place is None else place.children(*RELATIVE))]
+    told += [*([] if speed is None else speed.children("RelativeTargetSpeed"))]
+    return told[0].text("entityRef") if told else None
 
 
 def _moves(action: ScenarioElement) -> bool:

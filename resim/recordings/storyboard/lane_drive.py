@@ -37,7 +37,7 @@ class LaneDrive:
         net = places.network
         if way > _FARTHEST:
             raise element.refused(f"is left to drive {way:g} m along its lane, expected up to {_FARTHEST:g}")
-        heading = None if place.heading is None and not place.on_lane else place.faced
+        heading = None if place.heading is None and place.spot is None else place.faced
         found = net.to_road(place.x, place.y, heading=heading)
         road, lane, s = str(found.road[0]), int(found.lane[0]), float(found.s[0])
         if not found.on_road[0]:

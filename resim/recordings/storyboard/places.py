@@ -6,9 +6,10 @@ Source: ASAM OpenSCENARIO XML 1.3, "Position". The map frame is that of the Open
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 from resim.core.errors import InputError
 from resim.recordings.storyboard.document import ScenarioElement
@@ -19,6 +20,8 @@ from resim.road.opendrive import RoadNetwork
 _OVER = 1e-3
 """m by which s may be beyond a road's end."""
 READ = ("WorldPosition", "LanePosition", "RoadPosition")
+RELATIVE = ("RelativeLanePosition", "RelativeObjectPosition")
+"""Read at the start, where the entity that they name is put by another action of Init."""
 _OTHERS = f"Positions that are read are {', '.join(READ)}."
 
 
@@ -31,14 +34,14 @@ class ScenarioPlace:
         y: m, map frame.
         heading: rad as the file says it, None where it does not.
         usual: rad where the file says none: along the lane or road; east at a WorldPosition.
-        on_lane: Whether the file gives it on a lane.
+        spot: Road, lane and s [m], where the file gives it on a lane.
     """
 
     x: float
     y: float
     heading: float | None
     usual: float
-    on_lane: bool = False
+    spot: tuple[str, int, float] | None = None
 
     @property
     def faced(self) -> float:
@@ -62,16 +65,23 @@ class ScenarioPlaces:
         """Which lane of the map goes on into which."""
         return lane_graph(self.network)
 
-    def of(self, position: ScenarioElement) -> ScenarioPlace:
+    def of(
+        self, position: ScenarioElement, placed: Mapping[str, ScenarioPlace] = MappingProxyType({})
+    ) -> ScenarioPlace:
         """Give the place of a Position.
 
+        placed: Where entities are at that moment, by their names.
+
         Raises:
-            InputError: It is of another kind than READ, or not on the map.
+            InputError: It is of another kind than READ, or of RELATIVE to one of these, or not on the map.
         """
         told = position.only()
-        if told.tag not in READ:
+        reference = placed.get(told.text("entityRef")) if told.tag in RELATIVE else None
+        if told.tag not in READ and reference is None:
             raise told.refused("is not read: it depends on something else than the map", _OTHERS)
         try:
+            if reference is not None:
+                return getattr(self, f"_of_{told.tag}")(told, reference)  # type: ignore[no-any-return]
             return getattr(self, f"_of_{told.tag}")(told)  # type: ignore[no-any-return]
         except InputError as e:
             if e.source == str(told.file):
@@ -89,17 +99,54 @@ class ScenarioPlaces:
             lane = int(text)
         except ValueError:
             raise told.refused(f"laneId is {text[:40]!r}, expected a whole number") from None
+        return self._on_lane(told, road, lane, s)
+
+    def _on_lane(self, told: ScenarioElement, road: str, lane: int, s: float) -> ScenarioPlace:
         if not self.network.has_lane(road, lane, s):
             raise told.refused(f"names lane {lane} of road {road} at s {s:g} m, which is not there")
         x, y = self.network.to_xy(road, lane, s, told.number("offset", 0.0))
         along = float(self.network.lane_heading(road, lane, s))
-        return ScenarioPlace(float(x), float(y), _oriented(told, along), along, on_lane=True)
+        return ScenarioPlace(float(x), float(y), _oriented(told, along), along, (road, lane, s))
 
     def _of_RoadPosition(self, told: ScenarioElement) -> ScenarioPlace:  # noqa: N802
         road, s = self._on_road(told)
         x, y, along = (float(value) for value in self.network.reference_line(road, s))
         t = told.number("t")
         x, y = x - t * math.sin(along), y + t * math.cos(along)
+        return ScenarioPlace(x, y, _oriented(told, along), along)
+
+    def _of_RelativeLanePosition(  # noqa: N802
+        self, told: ScenarioElement, reference: ScenarioPlace
+    ) -> ScenarioPlace:
+        """So many lanes to the left, and metres of the road ahead, where all readings of the standard agree: on the
+        right side of the road, where to the left is up and ahead is along s."""
+        change = told.number("dLane")
+        if told.get("ds") is None:
+            raise told.refused("is not read: it has no ds", "Give ds, or a LanePosition.")
+        if reference.spot is None or reference.spot[1] >= 0 or change != round(change):
+            raise told.refused(
+                "is not read: players differ where the entity that it names is not put on a lane with an id below 0",
+                _OTHERS,
+            )
+        road, lane, s = (
+            reference.spot[0],
+            reference.spot[1] + int(change),
+            reference.spot[2] + told.number("ds"),
+        )
+        length = self.network.roads[road].length
+        if lane >= 0 or not 0.0 <= s <= length:
+            raise told.refused(
+                f"leads to lane {lane} of road {road} at s {s:g} m: only lanes below 0 of the same road, which has "
+                f"{length:g} m, are read", _OTHERS,
+            )  # fmt: skip
+        return self._on_lane(told, road, lane, s)
+
+    def _of_RelativeObjectPosition(  # noqa: N802
+        self, told: ScenarioElement, reference: ScenarioPlace
+    ) -> ScenarioPlace:
+        dx, dy, along = told.number("dx"), told.number("dy"), reference.faced
+        x = reference.x + dx * math.cos(along) - dy * math.sin(along)
+        y = reference.y + dx * math.sin(along) + dy * math.cos(along)
         return ScenarioPlace(x, y, _oriented(told, along), along)
 
     def _on_road(self, told: ScenarioElement) -> tuple[str, float]:

@@ -105,20 +105,20 @@ class SpeedCourse:
         return out
 
 
-def speed_change(action: ScenarioElement) -> SpeedChange:
+def speed_change(action: ScenarioElement, speeds: Mapping[str, float]) -> SpeedChange:
     """Give what a SpeedAction does.
 
+    speeds: Of entities [m/s] at that moment, where they are known, by their names.
+
     Raises:
-        InputError: Its speed depends on an entity or on the way driven, or is none.
+        InputError: Its speed depends on an entity that is not among these or on the way driven, or is none.
     """
     target = action.needed("SpeedActionTarget").only()
-    if target.tag != "AbsoluteTargetSpeed":
-        raise target.refused("is not read: it depends on another entity", "Give AbsoluteTargetSpeed.")
     how = action.needed("SpeedActionDynamics")
     shape, dimension = how.text("dynamicsShape"), how.text("dynamicsDimension")
-    speed, value = target.number("value"), how.number("value")
+    speed, value = _target_speed(target, speeds), how.number("value")
     if not 0.0 <= speed <= MOST:
-        raise target.refused(f"value is {speed:g} m/s, expected 0 to {MOST:g}")
+        raise target.refused(f"makes {speed:g} m/s, expected 0 to {MOST:g}")
     if shape == "step":
         return SpeedChange(speed, shape, "time", 0.0)
     if shape not in STEEPEST or dimension not in ("time", "rate"):
@@ -127,3 +127,15 @@ def speed_change(action: ScenarioElement) -> SpeedChange:
     if value < 0.0 or (value == 0.0 and dimension == "rate"):
         raise how.refused(f"value is {value:g}, expected more than 0")
     return SpeedChange(speed, shape, dimension, value)
+
+
+def _target_speed(target: ScenarioElement, speeds: Mapping[str, float]) -> float:
+    """The speed [m/s] that is asked for."""
+    if target.tag == "AbsoluteTargetSpeed":
+        return target.number("value")
+    other = speeds.get(target.text("entityRef"))
+    kind = target.text("speedTargetValueType")
+    if other is None or kind not in ("delta", "factor") or target.flag("continuous"):
+        raise target.refused("is not read: it depends on another entity", "Give AbsoluteTargetSpeed.")
+    value = target.number("value")
+    return other + value if kind == "delta" else other * value
