@@ -40,6 +40,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,risk,validate_risk.py $(DATA))
 	$(call validated,reactive_planner,validate_reactive_planner.py $(DATA))
 	$(call validated,openscenario,validate_openscenario.py $(CHECKER)/bin/qc_openscenario $(DATA))
+	$(if $(shell command -v esmini),$(call validated,esmini,validate_esmini.py esmini $(DATA)))
 	$(call validated,exports,validate_exports.py $(OMEGA) $(PEER) $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)

@@ -173,7 +173,7 @@ def _put(xosc: Any, init: Any, act: Any, part: _Part, duration: float) -> None:
     else:
         init.add_init_action(own, xosc.TeleportAction(first))
         still = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
-        init.add_init_action(own, xosc.AbsoluteSpeedAction(float(v[0]), still))
+        init.add_init_action(own, xosc.AbsoluteSpeedAction(max(float(v[0]), 0.0), still))
     for one in driven:
         if one.t <= 0.0 and isinstance(one.action, xosc.AssignRouteAction):
             init.add_init_action(own, one.action)

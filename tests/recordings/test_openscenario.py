@@ -146,7 +146,7 @@ def of(gt, name: str = "Ego"):
 def course(draw: st.DrawFn, begin: float, lasts: float) -> tuple[PPoly, PPoly]:
     """Cubic splines of speed and heading from begin on."""
     a, jerk = draw(st.floats(-4.0, 4.0)), draw(st.floats(-2.0, 2.0))
-    v0, turn, h0 = draw(st.floats(0.0, 40.0)), draw(st.floats(-0.3, 0.3)), draw(st.floats(-3.1, 3.1))
+    v0, turn, h0 = draw(st.floats(-5.0, 40.0)), draw(st.floats(-0.3, 0.3)), draw(st.floats(-3.1, 3.1))
     x = np.array([begin, begin + lasts])
     return PPoly(np.array([[0.0], [0.5 * jerk], [a], [v0]]), x), PPoly(
         np.array([[0.0], [0.05], [turn], [h0]]), x
@@ -253,15 +253,32 @@ def test_who_has_a_speed_alone_keeps_its_lane(home: Path) -> None:
     np.testing.assert_allclose(way, 20.0 * t, atol=1e-3)
 
 
+def test_parameters_count_where_they_are_declared(home: Path) -> None:
+    """A story's own one comes before the file's; outside of it that is as it was."""
+    told = story(event(1, speed("$v")), actor="$owner").replace(
+        '<Story name="s">', '<Story name="s">' + PARAMETER.format(name="owner", value="Ego")
+    )
+    told = told.replace(
+        "</ParameterDeclarations>",
+        '<ParameterDeclaration name="v" value="${$w + 1}"/></ParameterDeclarations>',
+    )
+    top = PARAMETER.format(name="v", value=5).replace(
+        "</ParameterDeclarations>", '<ParameterDeclaration name="w" value="8"/></ParameterDeclarations>'
+    )
+    init = {"Ego": teleport(LANE_PLACE.format(s=100, offset=0)) + speed("$v")}
+    v = of(read(home, scenario(init, told, top=top)))[4]
+    assert (v[0], v[-1]) == (5.0, 9.0)
+
+
 def relative(kind: str, to: str = "Ego", **values: float | str) -> str:
     told = " ".join(f'{name}="{value}"' for name, value in values.items())
     return f'<Position><Relative{kind}Position entityRef="{to}" {told}/></Position>'
 
 
 def relative_speed(value: float, kind: str = "delta", continuous: str = "false") -> str:
+    how = f'value="{value}" speedTargetValueType="{kind}" continuous="{continuous}"'
     return speed("0").replace(
-        '<AbsoluteTargetSpeed value="0"/>',
-        f'<RelativeTargetSpeed entityRef="Ego" value="{value}" speedTargetValueType="{kind}" continuous="{continuous}"/>',
+        '<AbsoluteTargetSpeed value="0"/>', f'<RelativeTargetSpeed entityRef="Ego" {how}/>'
     )
 
 
@@ -556,6 +573,12 @@ REFUSED = {
     ),
     "RelativeTargetSpeed[@entityRef='Ego'] is not read": scenario(
         {"Ego": STANDING["Ego"] + speed("3"), "b": STANDING["Ego"] + relative_speed(1, continuous="true")}
+    ),
+    "'refpoint_x_offset'] moves the reference point, in esmini alone": scenario(
+        STANDING,
+        entities=entity().replace(
+            "</Vehicle>", '<Properties><Property name="refpoint_x_offset" value="2.9"/></Properties></Vehicle>'
+        ),
     ),
     "makes -2 m/s, expected 0 to 300": scenario(
         {"Ego": STANDING["Ego"] + speed("3"), "b": STANDING["Ego"] + relative_speed(-5)}

@@ -86,17 +86,24 @@ class ScenarioElement:
         """Give its child elements of these tags, or all."""
         for one in self.xml:
             if not tags or one.tag in tags:
-                yield ScenarioElement(one, self.file, self.parameters)
+                yield self._below(one)
 
     def child(self, *path: str) -> ScenarioElement | None:
         """Give the first element down a path of tags, None where there is none."""
-        found = self.xml
+        found = self
         for tag in path:
-            below = next((one for one in found if one.tag == tag), None)
+            below = next((one for one in found.xml if one.tag == tag), None)
             if below is None:
                 return None
-            found = below
-        return ScenarioElement(found, self.file, self.parameters)
+            found = found._below(below)
+        return found
+
+    def _below(self, xml: etree._Element) -> ScenarioElement:
+        """A child: a parameter that it declares counts in it, before one of that name that is declared around it."""
+        below = ScenarioElement(xml, self.file, self.parameters)
+        if own := declared_parameters(below):
+            below.parameters = ScenarioParameters({**self.parameters.declared, **own})
+        return below
 
     def needed(self, *path: str) -> ScenarioElement:
         """Give the element down a path of tags. Raises InputError where there is none."""
@@ -174,7 +181,9 @@ def open_scenario_file(file: Path) -> ScenarioElement:
 def declared_parameters(of: ScenarioElement) -> dict[str, str]:
     """Give the texts of the parameters that an element declares. Raises InputError where two of a name differ."""
     found: dict[str, str] = {}
-    for one in () if (place := of.child("ParameterDeclarations")) is None else place.children():
+    place = next((one for one in of.xml if one.tag == "ParameterDeclarations"), ())
+    for xml in place:
+        one = ScenarioElement(xml, of.file, of.parameters)
         name, value = one.xml.get("name", ""), (one.xml.get("value") or "").strip()
         if found.setdefault(name, value) != value:
             raise one.refused(f"declares {name!r} a second time, as {value!r}", "Declare it once.")

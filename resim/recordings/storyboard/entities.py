@@ -66,6 +66,12 @@ def _entity(name: str, told: ScenarioElement) -> ScenarioEntity:
     trailer = told.child("Trailer")
     if trailer is not None and any(one.get("entityRef") != "" for one in trailer.children()):
         raise trailer.refused("follows as the player has it", "Take the trailer away.")
+    properties = told.child("Properties")
+    for one in () if properties is None else properties.children("Property"):
+        if one.get("name") == "refpoint_x_offset" and one.number("value") != 0.0:
+            raise one.refused(
+                "moves the reference point, in esmini alone", "Write the drive of its rear axle."
+            )
     box = told.needed("BoundingBox")
     centre, size = box.needed("Center"), box.needed("Dimensions")
     length, width = size.number("length"), size.number("width")
