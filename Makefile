@@ -6,6 +6,7 @@ PLANNER := .venv-reactive-planner
 CHECKER := .venv-openscenario
 OMEGA := .venv-omega-prime
 PEER := .venv-exports
+FORMATS := .venv-formats
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
@@ -16,8 +17,9 @@ demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
 	  --criteria scenarios/criteria/highway.toml || [ $$? -eq 1 ]  # 1: not passed, which this corner case is for
 
-test: $(READY)
+test: $(READY) $(FORMATS)/ready
 	$(BIN)/pytest -n $(JOBS)
+	$(FORMATS)/bin/python -m pytest tests/recordings/test_argoverse.py tests/recordings/logs -n $(JOBS)
 
 check: $(READY)
 	$(BIN)/ruff check .
@@ -104,5 +106,13 @@ $(PEER)/ready:
 	$(PEER)/bin/python -m pip install --quiet --disable-pip-version-check asam-osi-utilities osi-python kognic-openlabel
 	touch $@
 
+# What reads MDF4 and Argoverse, beside the packages of .venv: pandas would load pyarrow everywhere, and asammdf is LGPL.
+$(FORMATS)/ready: $(READY)
+	$(PYTHON) -m venv $(FORMATS)
+	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+	  > "$$($(FORMATS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/beside.pth"
+	$(FORMATS)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt asammdf pyarrow
+	touch $@
+
 clean:
-	rm -rf .venv $(PLANNER) $(CHECKER) $(OMEGA) $(PEER) out
+	rm -rf .venv $(PLANNER) $(CHECKER) $(OMEGA) $(PEER) $(FORMATS) out

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 FILE = "ro-crate-metadata.json"
 _CRATE = "https://w3id.org/ro/crate/1.1"
@@ -51,6 +52,7 @@ def crate(
     kind, what = _WORDS[mark]
     versions = told["versions"]
     inputs = dict(_inputs({key: value for key, value in told.items() if key not in _OWN}, ""))
+    held = [{"@id": quote(name)} for name in files]
     entities = [
         {
             "@id": FILE, "@type": "CreativeWork", "about": {"@id": "./"},
@@ -58,7 +60,7 @@ def crate(
         },
         {
             "@id": "./", "@type": "Dataset", "name": f"{kind}: {title}", "description": f"{what}.",
-            "datePublished": date, "conformsTo": {"@id": _PROFILE}, "hasPart": [{"@id": name} for name in files],
+            "datePublished": date, "conformsTo": {"@id": _PROFILE}, "hasPart": held,
             "mentions": {"@id": _RUN}, "license": {"@id": _LICENSE},
         },
         {"@id": _PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
@@ -77,10 +79,10 @@ def crate(
         {
             "@id": _RUN, "@type": "CreateAction", "name": kind, "description": f"{what}.",
             "instrument": {"@id": _TOOL}, "endTime": date,
-            "object": [{"@id": f"#{name}"} for name in inputs], "result": [{"@id": name} for name in files],
+            "object": [{"@id": f"#{quote(name)}"} for name in inputs], "result": held,
         },
         *(
-            {"@id": f"#{name}", "@type": "CreativeWork", "name": name, "identifier": digest}
+            {"@id": f"#{quote(name)}", "@type": "CreativeWork", "name": name, "identifier": digest}
             for name, digest in inputs.items()
         ),
     ]  # fmt: skip
@@ -94,7 +96,7 @@ def write(folder: Path, told: Mapping[str, Any]) -> None:
 
 
 def _file(name: str, size: int, digest: str) -> dict[str, Any]:
-    made = {"@id": name, "@type": "File", "name": name, "contentSize": str(size), "sha256": digest}
+    made = {"@id": quote(name), "@type": "File", "name": name, "contentSize": str(size), "sha256": digest}
     kind = _TYPES.get(Path(name).suffix)
     return made if kind is None else {**made, "encodingFormat": kind}
 
@@ -108,4 +110,4 @@ def _inputs(told: Any, name: str) -> Iterator[tuple[str, str]]:
         for number, value in enumerate(told):
             yield from _inputs(value, f"{name}/{number}")
     elif isinstance(told, str) and _HASH.fullmatch(told):
-        yield re.sub(r"[^\w./-]", "_", name), told
+        yield name, told

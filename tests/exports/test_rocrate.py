@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from conftest import ROOT
 
 from resim.core.errors import InputError
+from resim.exports.rocrate import crate
 from resim.jobs.convert import convert
 from resim.jobs.export import export_rocrate
 
@@ -81,3 +83,17 @@ def test_a_crate_is_not_put_into_what_it_packs(converted: Path) -> None:
     with pytest.raises(InputError, match="which is to be packed"):
         export_rocrate(converted, converted / "crate")
     assert not (converted / "crate").exists()
+
+
+def test_names_are_references_that_a_reader_can_resolve() -> None:
+    """Spaces, umlauts and marks are encoded, and two names are never one."""
+    told = {
+        "versions": {"resim": "1", "code": "c"},
+        "maps": {"a b": "0" * 32, "a_b": "1" * 32, "ä#": "2" * 64},
+    }
+    made = crate("t", "run.json", told, {"cases/ä b#1?.json": (1, "3" * 64)}, "2026-01-01T00:00:00+00:00")
+    ids = [one["@id"] for one in made["@graph"]]
+    assert len(set(ids)) == len(ids)
+    assert "cases/%C3%A4%20b%231%3F.json" in ids
+    assert {"#maps/a%20b", "#maps/a_b", "#maps/%C3%A4%23"} <= set(ids)
+    assert all(re.fullmatch(r"#?[A-Za-z0-9._~:/%-]+", one) for one in ids)
