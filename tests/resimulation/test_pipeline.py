@@ -52,6 +52,40 @@ def test_the_corner_case_is_one(corner_case: Resimulation) -> None:
     assert report.warnings == ()
 
 
+def test_todays_clock_and_places_of_utm_change_nothing(
+    corner_case: Resimulation, shipped: Shipped, tmp_path: Path
+) -> None:
+    """The corner case 1,000 km away, at seconds since 1970: the same errors, decisions and reactions."""
+    far, clock = 1e6, 1.7e9
+    recording = shipped("cut_in_brake")
+    road = etree.parse(recording.map)
+    for geometry in road.getroot().iter("geometry"):
+        for axis in "xy":
+            geometry.set(axis, repr(float(geometry.get(axis)) + far))
+    road.write(tmp_path / "far.xodr")
+    gt, sd = (
+        replace(one, t=one.t + clock, x=one.x + far, y=one.y + far) for one in (recording.gt, recording.sd)
+    )
+    plan = recording.plan.assign(
+        **{name: recording.plan[name] + clock for name in ("t", "t_plan")},
+        **{axis: recording.plan[axis] + far for axis in "xy"},
+    )
+    moved = replace(recording, map=tmp_path / "far.xodr", gt=gt, sd=sd, plan=plan)
+    found, was = resimulate(moved, corner_case.build).report, corner_case.report
+    assert (found.decision, found.collision, found.end, found.failure) == (
+        was.decision, was.collision, was.end, was.failure,
+    )  # fmt: skip
+    for source, t in was.reaction.items():
+        assert found.reaction[source] == pytest.approx(t + clock, abs=1e-4)
+    for step, sides in was.errors.items():
+        for side, quantities in sides.items():
+            for quantity, value in to_json(quantities).items():
+                assert to_json(found.errors[step][side])[quantity] == pytest.approx(value, abs=1e-4), (
+                    step,
+                    side,
+                )
+
+
 def test_an_object_faster_than_anything_is_refused_by_name(shipped: Shipped) -> None:
     """Positions 10,000 km off for a second: the fit bends through them."""
     recording = shipped("rear_end")

@@ -67,7 +67,7 @@ STUBBORN = """while True:
         ),
         (
             "import numpy as np\nreturn Command(0.0, 0.0, np.full((3, 4), 1e200))",
-            "expected one or more rows of finite numbers (K, 4) below 1e+09",
+            "expected one or more rows of finite numbers (K, 4) below 1e+12",
         ),
         (
             "import numpy as np\nreturn Command(0.0, 0.0, np.array([[1.0, 0, 0, 0], [2.0, 1, 0, 0], [1.5, 2, 0, 0]]))",

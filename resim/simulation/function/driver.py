@@ -32,8 +32,8 @@ from resim.simulation.function.interface import (
 )
 from resim.simulation.function.messages import MessageFunction
 
-_FARTHEST = 1e9
-"""s, m, rad or m/s from which on no plan is meant, and squares overflow in what looks at it."""
+_FARTHEST = 1e12
+"""s, m, rad or m/s from which on no plan is meant: as far as the clocks and places of recordings go."""
 RESET_LIMIT = 60.0  # s of wall clock; building a route, loading weights
 
 
