@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -25,7 +26,9 @@ from resim.jobs.given import path_of
 from resim.jobs.play import played_drive
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
+from resim.recordings.window import TICK
 from resim.report.player import PlayedDrive, of_recording
+from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
 from resim.results import EXPORT, check_output, whole_folder, write_json
@@ -92,7 +95,7 @@ def export_openscenario(
         raise InputError("--style", f"is {style!r}, expected {' or '.join(STYLES)}")
     refuse_without_openscenario()
     check_output(folder, EXPORT)
-    name, network, scenarios = _scenarios(path, accept)
+    name, network, scenarios, notes = _scenarios(path, accept)
     with whole_folder(folder, EXPORT) as new:
         road = next(iter(scenarios.values())).map
         shutil.copyfile(network.path, new / road)
@@ -102,7 +105,9 @@ def export_openscenario(
             text = openscenario(scenario, network, name=f"{name}: {source}", version=version, style=style)
             (new / sources[source]).write_bytes(text)
         files = {file.name: file_hash(file) for file in sorted(new.iterdir())}
-        report = ExportReport(versions(), name, f"OpenSCENARIO {version}", style, sources, road, files)
+        report = ExportReport(
+            versions(), name, f"OpenSCENARIO {version}", style, sources, road, files, tuple(notes)
+        )
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
 
@@ -283,25 +288,50 @@ def _with_traffic(own: Tracks, scenario: Scenario, network: RoadNetwork) -> Trac
     return Tracks.from_frame(pd.concat([own.to_frame(), others], ignore_index=True))
 
 
-def _scenarios(path: Path, accept: Collection[str]) -> tuple[str, RoadNetwork, dict[str, Scenario]]:
-    """Name, map and scenarios by source of a drive."""
+def _not_described(source: str, tracks: pd.DataFrame, scenario: Scenario) -> Iterator[str]:
+    """What a scenario does not have of the tracks that it describes: its time is the EGO's."""
+    own = tracks.loc[tracks["id"] == scenario.ego.id, "t"]
+    if len(own) and (more := int((~tracks["t"].between(own.min() - TICK, own.max() + TICK)).sum())):
+        yield f"{source}: {more} rows before the EGO's first or after its last are in no file"
+    lost = sorted({*tracks["id"]} - {one.id for one in (scenario.ego, *scenario.objects)})
+    if lost:
+        yield f"{source}: {len(lost)} objects that no spline describes are in no file: {', '.join(lost[:20])}"
+
+
+class _Described(NamedTuple):
+    """A drive's name, map and scenarios by source, and what they do not say of it."""
+
+    name: str
+    network: RoadNetwork
+    scenarios: dict[str, Scenario]
+    notes: list[str]
+
+
+def _scenarios(path: Path, accept: Collection[str]) -> _Described:
+    """The scenarios of a drive."""
     if path.is_file():
         if path.suffix.lower() not in (".json", ".jscen"):
             raise InputError(path, "is no JSCEN file (.json)", remedies.PLAYED)
         scenario = read_jscen(path)
         name = path.name.removesuffix(".json").removesuffix(".jscen")
-        return name, load(path.parent / scenario.map), {SOURCE_ALONE: scenario}
+        return _Described(name, load(path.parent / scenario.map), {SOURCE_ALONE: scenario}, [])
     if (path / "run.json").is_file():
         run = read_run(path)
-        return run.report.recording, run.network, dict(run.scenarios)
+        notes = broken_off(run.report)
+        for source, scenario in run.scenarios.items():
+            notes += _not_described(
+                source, run.tables.tracks[run.tables.tracks["source"] == source], scenario
+            )
+        return _Described(run.report.recording, run.network, dict(run.scenarios), notes)
     if (path / "recording.toml").is_file():
         recording = load_checked(path, accept=tuple(accept))
         network = load(recording.map)
-        return (
-            recording.name,
-            network,
-            {str(k): one for k, one in describe_recording(recording, network).items()},
-        )
+        described = {str(basis): one for basis, one in describe_recording(recording, network).items()}
+        notes = [*_left_out(recording)]
+        for source, tracks in (("GT", recording.gt), ("SD", recording.sd)):
+            if source in described and tracks is not None:
+                notes += _not_described(source, tracks.to_frame(), described[source])
+        return _Described(recording.name, network, described, notes)
     there = (
         "holds neither recording.toml nor run.json" if path.is_dir() else "there is no such file or folder"
     )
