@@ -14,6 +14,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from resim.core import remedies
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.provenance import versions
@@ -26,7 +27,6 @@ from resim.jobs.given import path_of
 from resim.jobs.play import played_drive
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
-from resim.recordings.window import TICK
 from resim.report.player import PlayedDrive, of_recording
 from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.errors import ChangedError, FunctionError, InputError
 from resim.core.files import read_file
 from resim.core.geometry import Bools, Floats
@@ -190,7 +191,7 @@ def judge(
     for k in np.flatnonzero(broken_by.any(axis=0)).tolist():
         times[k] = longest(broken_by[:, k], t)
     most, extent = float(times.max(initial=-1.0)), criterion.extent(t)
-    short = most >= 0.0 and extent < criterion.duration - SAME
+    short = most >= 0.0 and extent < criterion.duration - TICK
     failed = criterion.lasts(times, t) & (not short)
     fails = bool(failed.any())
     lost = counts & (states == State.NOT_COMPUTED)
@@ -200,7 +201,7 @@ def judge(
     value, when, whom = (None, None, "") if worst is None else (
         float(columns[worst]), float(t[worst[0]]), whose[worst[1]]
     )  # fmt: skip
-    upto = most + step_of(t) if fails and most < criterion.duration - SAME else most
+    upto = most + step_of(t) if fails and most < criterion.duration - TICK else most
     lasted = f"{'up to ' if upto > most else ''}{min(upto, extent):.1f} s"
     broken = f"{criterion.side} {amount(criterion.limit, measure.unit)} for {lasted}"
     outcome: Outcome = "PASS"

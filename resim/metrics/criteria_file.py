@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from resim.core import faults, remedies
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.files import parse_toml
 from resim.core.geometry import Bools, Floats
@@ -18,7 +19,7 @@ from resim.metrics.kinds import MeasureKind, WorstEnd
 
 EXAMPLE = remedies.CRITERIA
 SAME = 1e-9
-"""s or units of a measure that make no difference."""
+"""Units of a measure that make no difference."""
 
 
 class Criterion(BaseModel):
@@ -78,8 +79,8 @@ class Criterion(BaseModel):
         if self.start == 0.0 and self.end is None:
             return np.ones(len(t), dtype=bool)
         end = math.inf if self.end is None else t[0] + self.end
-        until = np.append(t[1:], t[-1] + 4.0 * SAME)
-        return np.asarray((until > t[0] + self.start + SAME) & (t <= end + SAME))
+        until = np.append(t[1:], t[-1] + 4.0 * TICK)
+        return np.asarray((until > t[0] + self.start + TICK) & (t <= end + TICK))
 
     def extent(self, t: Floats) -> float:
         """Give how long [s] the part that counts is, of a drive with scenes at t (S,) [s]."""
@@ -95,7 +96,7 @@ class Criterion(BaseModel):
         ever: Bools = np.asarray(times >= 0.0)
         if not ever.any():
             return ever
-        surely, maybe = times >= self.duration - SAME, times + step_of(t) > self.duration + SAME
+        surely, maybe = times >= self.duration - TICK, times + step_of(t) > self.duration + TICK
         return np.asarray(ever & (surely | maybe))
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.errors import ResimError
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.levels import apart_from
@@ -31,8 +32,6 @@ FRESH = 0.5
 
 SLOW = 0.05
 """Speed [m/s] below which the points of a plan do not tell a heading."""
-
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +175,10 @@ def _paths(
 
 def _fresh(t: Floats, plans: Plans) -> tuple[list[int], list[Floats]]:
     """The scenes that have a plan of at most FRESH, and their plans."""
-    latest = np.searchsorted(np.array([when for when, _ in plans]), t + _SAME, side="right") - 1
+    latest = np.searchsorted(np.array([when for when, _ in plans]), t + TICK, side="right") - 1
     found = ((n, *plans[k]) for n, k in enumerate(latest.tolist()) if k >= 0)
     fresh = ((n, _in_order(plan)) for n, when, plan in found if t[n] - when <= FRESH)
-    ahead = [(n, plan) for n, plan in fresh if plan[-1, 0] > t[n] + _SAME]
+    ahead = [(n, plan) for n, plan in fresh if plan[-1, 0] > t[n] + TICK]
     return [n for n, _ in ahead], [plan for _, plan in ahead]
 
 
@@ -194,7 +193,7 @@ def _planned_ways(plans: list[Floats], ego: Floats, at: Floats) -> Floats:
     """The ways (B, K, 4) of plans at times (B, K), as `_planned`; all at once those that are alike."""
     out = np.empty((*at.shape, 4))
     length = len(plans[0])
-    alike = np.array([len(p) == length > 1 and p[0, 0] <= at[n, 0] + _SAME for n, p in enumerate(plans)])
+    alike = np.array([len(p) == length > 1 and p[0, 0] <= at[n, 0] + TICK for n, p in enumerate(plans)])
     if alike.any():
         t, x, y, v = np.moveaxis(np.stack([p for p, same in zip(plans, alike, strict=True) if same]), 2, 0)
         dx, dy = _slope(x, t), _slope(y, t)
@@ -236,7 +235,7 @@ def _planned(plan: Floats, ego: Floats, at: Floats) -> Floats:
 
     Its heading is that of the way; the EGO's where it does not move.
     """
-    if plan[0, 0] > at[0] + _SAME:
+    if plan[0, 0] > at[0] + TICK:
         plan = np.concatenate([[[at[0], ego[0], ego[1], ego[3]]], plan])
     t, x, y, v = plan.T
     heading = ego[2]

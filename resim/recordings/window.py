@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
-
-TICK = 1e-6  # s; times closer than this are one
 
 
 def window_of(
@@ -41,18 +40,35 @@ def beyond_ego(times: Iterable[Floats], first: float, last: float) -> str:
     )
 
 
-def cut_window(
-    frame: pd.DataFrame, source: Path, *, ego: str, start: float | None, end: float | None
-) -> tuple[pd.DataFrame, float]:
-    """Give the rows from start to end [s], their times shifted to begin at 0, and the original start [s].
-
-    frame: track table. Without start or end the window reaches as far as the EGO is there; the EGO must be
-    there in all of it, other objects may be in part. Raises InputError.
-    """
-    if ego not in frame["id"].to_numpy():
+def times_of(frame: pd.DataFrame, source: Path, ego: str) -> Floats:
+    """Give the EGO's times [s] in a track table. Raises InputError where it has none."""
+    own = frame.loc[frame["id"] == ego, "t"].to_numpy(float)
+    if not len(own):
         known = ", ".join(frame["id"].drop_duplicates().head(20))
         raise InputError(source, f"ego {ego!r} was not found; the file has {known}", "Name one of them.")
-    own = frame.loc[frame["id"] == ego, "t"].to_numpy()
+    return own
+
+
+def asked_window(
+    frame: pd.DataFrame, source: Path, *, ego: str, start: float | None, end: float | None
+) -> tuple[float, float]:
+    """Give the times [s] from which and up to which a track table is to be taken, infinite where nobody cuts it.
+
+    Raises InputError where a start or end is not within the EGO's times.
+    """
+    window_of(times_of(frame, source, ego), source, ego=ego, start=start, end=end)
+    return -np.inf if start is None else start - TICK, np.inf if end is None else end + TICK
+
+
+def cut_window(
+    frame: pd.DataFrame, source: Path, *, ego: str, start: float | None, end: float | None
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Give the rows from start to end [s], their times shifted to begin at 0, and what the provenance says of that.
+
+    frame: track table of traffic of which anybody may be the EGO. Without start or end the window reaches as far as the
+    EGO is there; the EGO must be there in all of it, other objects may be in part. Raises InputError.
+    """
+    own = times_of(frame, source, ego)
     start, end = window_of(own, source, ego=ego, start=start, end=end)
     rows = frame[(frame["t"] >= start - TICK) & (frame["t"] <= end + TICK)]
     times, seen = np.unique(rows["t"]), rows.loc[rows["id"] == ego, "t"]
@@ -60,4 +76,9 @@ def cut_window(
         problem = f"ego {ego!r} is missing at t {gap[0]:g} s ({len(gap)} of {len(times)} times)"
         raise InputError(source, problem, "Choose a window in which it is always present.")
     origin = float(times[0])
-    return rows.assign(t=np.round(rows["t"] - origin, 9)), origin
+    told = {"original_start": f"{origin:.9g} s"}
+    if len(rows) < len(frame):
+        told["window"] = (
+            f"{len(rows)} of {len(frame)} rows, from {start:g} to {end:g} s, in which the EGO is there"
+        )
+    return rows.assign(t=np.round(rows["t"] - origin, 9)), told

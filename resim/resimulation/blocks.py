@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import regular
 from resim.core.geometry import Floats
 from resim.core.schema import PLAN_COLUMNS
 from resim.core.sightings import SAME
@@ -167,7 +168,7 @@ def _is_alike(one: ScenarioObject, other: ScenarioObject) -> bool:
 
 def _times(scenario: Scenario, rate: float) -> Floats:
     """Times [s] of the whole scenario, `rate` a second."""
-    return np.round(scenario.ego.spawn_time + np.arange(0.0, scenario.duration + 1e-9, 1.0 / rate), 9)
+    return np.round(regular(scenario.ego.spawn_time, scenario.duration, 1.0 / rate), 9)
 
 
 def plans_of(frame: pd.DataFrame | None) -> Plans:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.tracks import Tracks
 from resim.metrics.assessment import Assessment
 from resim.metrics.criteria import reason_words
@@ -116,7 +117,7 @@ def rms(errors: Mapping[str, StepErrors]) -> Rms:
 
 def first_divergence(one: Tracks, two: Tracks, ego: str) -> float | None:
     """Give when [s] the EGO first drives differently in two simulations of one scenario, None where it does not."""
-    t = one.t[one.t <= two.t[-1] + 1e-9]
+    t = one.t[one.t <= two.t[-1] + TICK]
     off = fidelity.difference(two.select([ego]).at(t), one.select([ego]).at(t), ego=ego)
     away = (off.d[0] > PARTED["d"]) | (np.abs(off.v[0]) > PARTED["v"])
     return float(t[np.argmax(away)]) if away.any() else None

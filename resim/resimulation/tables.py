@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.schema import ANSWER_COLUMNS, PLAN_COLUMNS, SOURCE
 from resim.resimulation.result import Resimulation, own_tracks
@@ -34,7 +35,7 @@ def answers_frame(result: Resimulation) -> pd.DataFrame:
     parts = []
     for source, drive in result.drives.items():
         t, counts, _ = drive.perceived.columns()
-        step = np.clip(np.searchsorted(drive.truth.t, t - 1e-9), 0, max(len(drive.truth.t) - 1, 0))
+        step = np.clip(np.searchsorted(drive.truth.t, t - TICK), 0, max(len(drive.truth.t) - 1, 0))
         acceleration, curvature = drive.commands[step].T if len(t) else np.empty((2, 0))
         columns = dict(zip(ANSWER_COLUMNS, (t, acceleration, curvature, counts), strict=True))
         parts.append(pd.DataFrame({SOURCE: source, **columns}))

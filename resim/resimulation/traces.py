@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import MISSING, Field
 
+from resim.core.clock import regular
 from resim.core.tracks import Tracks
 from resim.resimulation.result import Resimulation, of_seed
 
@@ -37,7 +38,7 @@ class SpeedTraces:
 def speed_traces(result: Resimulation) -> SpeedTraces:
     """Give the EGO's speed [m/s] in every drive."""
     ego, gt = result.ego, result.described["GT"]
-    t = np.round(np.arange(gt.ego.spawn_time, gt.ego.spawn_time + gt.duration + 1e-9, 1.0 / RATE), 9)
+    t = np.round(regular(gt.ego.spawn_time, gt.duration, 1.0 / RATE), 9)
 
     def speed(tracks: Tracks) -> Speeds:
         v = tracks.select([ego]).at(t).v[0]

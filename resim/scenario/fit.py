@@ -51,9 +51,24 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Tr
     """Fit splines of speed and heading to measured positions x, y (T,) [m] at times t (T,) [s], T >= 2.
 
     Measured heading [rad] and v [m/s] serve as the start of the search; the heading also stands where
-    positions say nothing about it. Times need not be evenly spaced: gaps are bridged.
+    positions say nothing about it. Times need not be evenly spaced: gaps are bridged. Where the clock and the map begin
+    changes nothing: the fit is of times since the first, and places from the first.
     """
-    place = x + 1j * y
+    first = complex(x[0], y[0])
+    found = _fitted(_exact(t, t - t[0]), _exact(x, x - x[0]) + 1j * _exact(y, y - y[0]), heading, v)
+    trace = found.trace
+    v_moved, heading_moved = (PPoly.construct_fast(one.c, one.x + t[0]) for one in (trace.v, trace.heading))
+    moved = Trace(trace.x0 + first.real, trace.y0 + first.imag, v_moved, heading_moved)
+    return TraceFit(moved, found.distance)
+
+
+def _exact(values: Floats, differences: Floats) -> Floats:
+    """Differences of values, without the rounding that comes of their size."""
+    return np.round(differences, 9 if np.spacing(np.abs(values).max()) < 1e-10 else 6)
+
+
+def _fitted(t: Floats, place: Complexes, heading: Floats, v: Floats) -> TraceFit:
+    """Fit to places x + iy (T,) [m]."""
     noise = position_noise(t, place)
     if is_standing(place, noise):
         return _at_rest(t, place, heading)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from resim.core.clock import regular
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.core.tracks import Tracks
@@ -89,7 +90,7 @@ def vary(scenario: Scenario, network: RoadNetwork, object_id: str, parameter: st
     if row is None:
         raise ResimError(f"there is no object {object_id!r} to vary")
     one = scenario.objects[row]
-    t = np.arange(one.spawn_time, float(one.v.x[-1]) + 1e-9, STEP)
+    t = regular(one.spawn_time, float(one.v.x[-1]) - one.spawn_time, STEP)
     if len(t) < 3:
         raise ResimError(f"object {object_id!r} is there for less than {2 * STEP:g} s")
     whole = scenario.tracks(network, t).select([object_id])

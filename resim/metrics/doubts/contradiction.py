@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from resim.core.clock import regular
 from resim.core.geometry import Bools, Floats
 from resim.core.objects import HARDEST
 from resim.core.sightings import MOVES, Sightings
@@ -170,7 +171,7 @@ def size_turned(size: tuple[float, float], by: float) -> tuple[float, float]:
 
 def _grid(t: Floats) -> tuple[Floats, list[int]]:
     """Times [s] a CELL apart, and how many of them windows span, the shortest first."""
-    grid = np.arange(t[0], t[-1] + 1e-9, CELL)
+    grid = regular(float(t[0]), float(t[-1] - t[0]), CELL)
     spans = WINDOW * LONGER ** np.arange(int(np.log(LONGEST / WINDOW) / np.log(LONGER)) + 1)
     return grid, sorted({min(round(span / CELL), len(grid) - 1) for span in spans.tolist()})
 

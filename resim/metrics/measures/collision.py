@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.geometry import Boxes, boxes_overlap
 from resim.core.levels import apart_from
 from resim.core.tracks import Tracks
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 NEAR = 1.0 + 1e-9
 """By what distances of centres are compared with the circles around boxes: rounding must not part who touch."""
-_SAME = 1e-9
 
 COLLISION = MeasureDefinition(
     name="collision",
@@ -45,7 +45,7 @@ def collision(inputs: MeasureInputs) -> MeasureValues:
 
 def scene_of(drive: DriveScenes, t: float) -> int:
     """Give the scene that a time [s] belongs to: the last one that is not after it."""
-    return max(int(np.searchsorted(drive.t, t + _SAME, side="right")) - 1, 0)
+    return max(int(np.searchsorted(drive.t, t + TICK, side="right")) - 1, 0)
 
 
 def contacts(tracks: Tracks, ego: str) -> list[tuple[float, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.geometry import Bools, Floats, unwrap_angle
 from resim.core.tracks import Tracks
 from resim.metrics.measures.definition import MeasureDefinition
@@ -14,7 +15,6 @@ LOPSIDED = (
     0.05  # share of the window that the mean time of its samples may lie off its middle: one may be missing
 )
 LEAST = 3  # samples in a window
-_SAME = 1e-9  # s
 
 
 LONGITUDINAL_ACCELERATION = MeasureDefinition(
@@ -106,7 +106,7 @@ def slope(t: Floats, y: Floats, *, window: float) -> Floats:
     t: (T,) s; y: (N, T), NaN where unknown.
     """
     y = np.asarray(y, dtype=float)
-    known, half, n = np.isfinite(y), 0.5 * window + _SAME, len(t)
+    known, half, n = np.isfinite(y), 0.5 * window + TICK, len(t)
     most = int((np.searchsorted(t, t + half, side="right") - np.arange(n)).max(initial=1)) - 1
     count, st, sy, stt, sty = (np.zeros_like(y) for _ in range(5))
     for k in range(-most, most + 1):

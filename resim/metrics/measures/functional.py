@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Strings, whole_id
 from resim.metrics.drive import DriveScenes
@@ -17,8 +18,6 @@ RANGE = 100.0
 
 LATE = 1.5
 """Periods after which what comes once a period is missing."""
-
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def function_availability(drive: DriveScenes, functioning: FunctionActivity | No
     answers = _answers(functioning)
     cycle = np.inf if answers is None else float(np.median(np.diff(answers)))
     age = _age(drive.t, answers)
-    return _values(FUNCTION_AVAILABILITY, np.where(age <= LATE * cycle + _SAME, 1.0, 0.0), age, answers)
+    return _values(FUNCTION_AVAILABILITY, np.where(age <= LATE * cycle + TICK, 1.0, 0.0), age, answers)
 
 
 PERCEPTION_AVAILABILITY = MeasureDefinition(
@@ -84,7 +83,7 @@ def perception_availability(drive: DriveScenes, functioning: FunctionActivity | 
     lists = None if functioning is None or not np.isfinite(functioning.period) else functioning.lists
     late = np.inf if functioning is None else LATE * functioning.period
     age = _age(drive.t, lists)
-    return _values(PERCEPTION_AVAILABILITY, np.where(age <= late + _SAME, 1.0, 0.0), age, lists)
+    return _values(PERCEPTION_AVAILABILITY, np.where(age <= late + TICK, 1.0, 0.0), age, lists)
 
 
 CYCLE_TIME = MeasureDefinition(
@@ -104,7 +103,7 @@ def cycle_time(drive: DriveScenes, functioning: FunctionActivity | None) -> Meas
     answers = _answers(functioning)
     value = np.full(len(drive.t), np.nan)
     if answers is not None:
-        last = np.searchsorted(answers, drive.t + _SAME, side="right") - 1
+        last = np.searchsorted(answers, drive.t + TICK, side="right") - 1
         value = np.where(last > 0, np.diff(answers, prepend=np.nan)[last], np.nan)
     return _values(CYCLE_TIME, value, value, answers)
 
@@ -165,7 +164,7 @@ def detection(drive: DriveScenes, functioning: FunctionActivity | None) -> Measu
     state = np.where(near, State.VALUE, np.where(asked, State.NO_CONFLICT, State.NOT_DEFINED)).astype(
         np.uint8
     )
-    found = np.where(age <= LATE * functioning.period + _SAME, 1.0, 0.0)
+    found = np.where(age <= LATE * functioning.period + TICK, 1.0, 0.0)
     return DETECTION.values(np.where(near, found, np.nan), state)
 
 
@@ -207,7 +206,7 @@ def _age(t: Floats, events: Floats | None) -> Floats:
     """How long ago (S,) [s] the last event was, NaN where there was none."""
     if events is None or not len(events):
         return np.full(len(t), np.nan)
-    last = np.searchsorted(events, t + _SAME, side="right") - 1
+    last = np.searchsorted(events, t + TICK, side="right") - 1
     return np.where(last >= 0, np.maximum(t - events[np.maximum(last, 0)], 0.0), np.nan)
 
 

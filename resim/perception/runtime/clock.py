@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from resim.core.clock import TICK
 from resim.perception.model import Update
 from resim.perception.runtime.lists import HeldList
 from resim.simulation.function.batch import PerceivedBatch
-
-_SAME = 1e-9  # s
 
 
 class Clock:
@@ -31,7 +30,7 @@ class Clock:
 
     def is_due(self, t: float) -> bool:
         """Say whether there is a list at t [s]."""
-        return self._period == 0.0 or not t < self._due - _SAME
+        return self._period == 0.0 or not t < self._due - TICK
 
     def tick(self, t: float) -> bool:
         """Take note of a list at t [s]; say whether it comes after another time than the one before."""
@@ -39,7 +38,7 @@ class Clock:
         self.last, self.count = t, self.count + 1
         if self._period > 0.0:
             self._set(t)
-        if abs(since - self.since) <= _SAME:
+        if abs(since - self.since) <= TICK:
             return False
         self.since = since
         return True
@@ -47,7 +46,7 @@ class Clock:
     def _set(self, t: float) -> None:
         """Set when the next list is due."""
         due = max(self._due, t - self._period) if self._due > -math.inf else t
-        while due <= t + _SAME:
+        while due <= t + TICK:
             jitter = self._jitter * self._rng.standard_normal() if self._jitter > 0.0 else 0.0
             due += max(self._period + jitter, 1e-3)
         self._due = due

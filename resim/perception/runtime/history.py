@@ -13,14 +13,13 @@ from operator import is_not
 import numpy as np
 from numpy.typing import NDArray
 
+from resim.core.clock import TICK
 from resim.core.geometry import Floats
 from resim.perception.model import Objects
 from resim.perception.runtime.kernel import HEADING, PAST_ROWS, UNWRAPPED, V, X, Y, remember
 from resim.scenario.maneuvers import SEEN_ACROSS, SEEN_BRAKING, momentary
 from resim.simulation.perception import Worlds
 
-_SAME = 1e-9
-"""s; below this two times are one."""
 _STEP = 0.04
 """s; of the past that is laid out before the first step is known."""
 
@@ -31,16 +30,15 @@ def at_time(times: Floats, t: float) -> Floats:
     """Give the weights of samples at `times` (K,) [s, increasing] in the linear interpolation at t."""
     weights = np.zeros(len(times))
     k = min(max(int(np.searchsorted(times, t)), 1), len(times) - 1)
-    part = (t - times[k - 1]) / (times[k] - times[k - 1])
+    since, step = t - times[k - 1], times[k] - times[k - 1]
+    part = 0.0 if abs(since) < TICK else 1.0 if abs(since - step) < TICK else since / step
     weights[k - 1 : k + 1] = 1.0 - part, part
-    weights[np.abs(weights) < _SAME] = 0.0
-    weights /= weights.sum()
     return weights
 
 
 def mean_over(times: Floats, t: float, over: float) -> Floats:
     """Give the weights of samples in the mean of their linear interpolation from t - over/2 to t + over/2 [s]."""
-    if over < _SAME:
+    if over < TICK:
         return at_time(times, t)
     first, last = times[:-1], times[1:]
     low, high = np.maximum(first, t - 0.5 * over), np.minimum(last, t + 0.5 * over)
@@ -54,7 +52,7 @@ def mean_over(times: Floats, t: float, over: float) -> Floats:
 def slope_at(times: Floats, t: float) -> Floats:
     """Give the weights [1/s] of samples in the slope of their linear interpolation at t, or just before."""
     weights = np.zeros(len(times))
-    k = min(max(int(np.searchsorted(times, t - _SAME)), 1), len(times) - 1)
+    k = min(max(int(np.searchsorted(times, t - TICK)), 1), len(times) - 1)
     weights[k - 1 : k + 1] = np.array([-1.0, 1.0]) / (times[k] - times[k - 1])
     return weights
 
@@ -76,7 +74,7 @@ class Lookups:
         ])  # fmt: skip
         used = self.weights != 0.0
         self.span = np.stack([used.argmax(axis=2), len(times) - used[..., ::-1].argmax(axis=2)], axis=2)
-        last = int(np.searchsorted(times, now - sets[0].latency.speed + _SAME, side="right"))
+        last = int(np.searchsorted(times, now - sets[0].latency.speed + TICK, side="right"))
         self.settled = len(times) - last + 1
 
 
@@ -97,10 +95,10 @@ class _Window:
         if steady * dt > self.need + dt:
             key = round(dt, 9)
             if key not in self.known:
-                rows = math.ceil(self.need / dt + _SAME) + 2
+                rows = math.ceil((self.need + TICK) / dt) + 2
                 self.known[key] = Lookups(key * np.arange(1.0 - rows, 1.0), self.sets)
             return self.known[key]
-        first = max(int(np.searchsorted(t, t[-1] - self.need - _SAME)) - 1, 0)
+        first = max(int(np.searchsorted(t, t[-1] - self.need - TICK)) - 1, 0)
         return Lookups(t[min(first, len(t) - 2) :], self.sets)
 
 
@@ -137,7 +135,7 @@ class History:
 
     def begin(self, worlds: Worlds, dt: float = _STEP) -> None:
         """Lay out the time before the first sample, in steps of dt [s]."""
-        self.dt, rows = dt, math.ceil(self.need / dt + _SAME) + 2
+        self.dt, rows = dt, math.ceil((self.need + TICK) / dt) + 2
         self.steady = self.end = rows
         self.t = np.empty(max(8 * rows, 128))
         self.t[:rows] = worlds.t - dt * np.arange(rows - 1, -1, -1)
@@ -170,7 +168,7 @@ class History:
 
     def append(self, worlds: Worlds, step: float) -> None:
         """Take in the truth of now, `step` [s] after the last."""
-        if not abs(step - self.dt) < _SAME:
+        if not abs(step - self.dt) < TICK:
             self._change(step)
         self.steady, self.first = self.steady + 1, None
         if self.end == len(self.t):
@@ -191,7 +189,7 @@ class History:
 
     def _shift(self, t: float) -> None:
         """Drop what is too old; make room where little is."""
-        first = max(int(np.searchsorted(self.t, t - self.need - _SAME)) - 2, 0)
+        first = max(int(np.searchsorted(self.t, t - self.need - TICK)) - 2, 0)
         rows, size = self.end - first, len(self.t)
         if rows > size // 2:
             size *= 2

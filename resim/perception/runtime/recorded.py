@@ -9,12 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.geometry import Floats, from_frame, to_frame, wrap_angle
 from resim.core.tracks import Tracks, whole_id
 from resim.simulation.function.interface import EgoState, Perceived
 from resim.simulation.perception import OneRun, Perception, PerceptionBatch, World
-
-_SAME = 1e-6  # s
 
 
 class RecordedPerception:
@@ -59,7 +58,7 @@ class RecordedPerception:
 
     def perceive(self, world: World) -> Perceived:
         """Give the objects that were on the list of this time."""
-        k = max(int(np.searchsorted(self.t, world.t + _SAME, side="right")) - 1, 0)
+        k = max(int(np.searchsorted(self.t, world.t + TICK, side="right")) - 1, 0)
         known = np.array(
             [self.row.get(whole_id(name, self.row), -1) for name in world.ids.tolist()], dtype=np.intp
         )

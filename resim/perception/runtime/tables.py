@@ -22,7 +22,6 @@ from resim.perception.runtime.kernel import (
 
 _HEADING = QUANTITIES.index("heading")
 _KEPT = 1000  # time steps whose tables are kept
-_SAME = 1e-9  # s
 _NONE = -1e4  # exp of it is 0
 
 

@@ -23,7 +23,7 @@ from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
 from resim.recordings.tables import check_times, read_table
-from resim.recordings.window import TICK, window_of
+from resim.recordings.window import asked_window, beyond_ego, times_of
 
 COLUMNS = ("timestep", "position_x", "position_y", "heading", "velocity_x", "velocity_y")
 TIMES = ("start_timestamp", "end_timestamp", "num_timestamps")
@@ -75,6 +75,9 @@ def read_argoverse(
             notes |= told
     file = scenario or source / "annotations.feather"
     gt, seen = _windowed(file, gt, seen, ego, start, end)
+    own = times_of(gt, file, ego)
+    if beyond := beyond_ego([gt["t"].to_numpy(float)], float(own.min()), float(own.max())):
+        notes["without_ego"] = beyond
     check_extent(file, gt)
     check_times(file, gt)
     if seen is not None and sd is not None:
@@ -168,16 +171,14 @@ def _clock(path: Path, raw: pd.DataFrame) -> tuple[float, float]:
 def _windowed(
     path: Path, gt: pd.DataFrame, sd: pd.DataFrame | None, ego: str, start: float | None, end: float | None
 ) -> tuple[pd.DataFrame, pd.DataFrame | None]:
-    """The rows from start to end [s], by default of the time in which the EGO is there."""
+    """The rows from start to end [s]; nothing is cut where they are not given."""
     known = gt["id"].drop_duplicates().tolist()
     if ego not in known:
         problem = f"ego {ego!r} was not found{did_you_mean(ego, known)}"
         raise InputError(path, problem, f"It has {', '.join(known[:20])}.")
-    own = gt.loc[gt["id"] == ego, "t"].to_numpy(float)
-    begin, until = window_of(own, path, ego=ego, start=start, end=end)
+    low, high = asked_window(gt, path, ego=ego, start=start, end=end)
     first, *others = (
-        one[one["t"].between(begin - TICK, until + TICK)].reset_index(drop=True)
-        for one in (gt, *([] if sd is None else [sd]))
+        one[one["t"].between(low, high)].reset_index(drop=True) for one in (gt, *([] if sd is None else [sd]))
     )
     for one in (first, *others):
         one.index = pd.RangeIndex(1, len(one) + 1)

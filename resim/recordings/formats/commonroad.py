@@ -44,7 +44,7 @@ def read_commonroad(
     moving = [_trajectory(xml, o, step) for o in obstacles if not _is_static(o)]
     if not moving:
         raise InputError(xml, "has no dynamic obstacle", "A recording needs a driven EGO.")
-    frame, origin = cut_window(pd.concat(moving), xml, ego=ego, start=start, end=end)
+    frame, window = cut_window(pd.concat(moving), xml, ego=ego, start=start, end=end)
     times = np.unique(frame["t"])
     frame = pd.concat([frame, *(_standing(xml, o, times) for o in obstacles if _is_static(o))])
     frame["heading"] = wrap_angle(frame["heading"])
@@ -52,7 +52,7 @@ def read_commonroad(
     gt = Tracks.from_frame(measured)
     return Recording(
         name=f"{root.get('benchmarkID', xml.stem)}_{ego}", map=existing_map(map, map), ego=ego, gt=gt,
-        gt_rate=sample_rate(xml, gt), provenance=_provenance(xml, root, origin),
+        gt_rate=sample_rate(xml, gt), provenance=_provenance(xml, root) | window,
     )  # fmt: skip
 
 
@@ -200,10 +200,9 @@ def _float(path: Path, text: str | None, where: str) -> float:
     return value
 
 
-def _provenance(path: Path, root: etree._Element, origin: float) -> dict[str, str]:
+def _provenance(path: Path, root: etree._Element) -> dict[str, str]:
     known = {
         "source": path.name, "format": f"CommonRoad {root.get('commonRoadVersion')}",
         "benchmark": root.get("benchmarkID"), "author": root.get("author"), "data": root.get("source"),
-        "original_start": f"{origin:.9g} s",
     }  # fmt: skip
     return {key: value for key, value in known.items() if value}

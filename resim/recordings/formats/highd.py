@@ -67,13 +67,13 @@ def read_highd(
     stem = _stem(tracks_csv)
     frame_rate = _frame_rate(tracks_csv.with_name(f"{stem}_recordingMeta.csv"))
     frame = _read_tracks(tracks_csv, tracks_csv.with_name(f"{stem}_tracksMeta.csv"), frame_rate)
-    frame, origin = cut_window(frame, tracks_csv, ego=ego, start=start, end=end)
+    frame, window = cut_window(frame, tracks_csv, ego=ego, start=start, end=end)
     frame, assumed = _with_sizes(frame)
     place = alignment or Alignment()
     x, y = from_frame(frame["x"], frame["y"], place.x, place.y, place.rotation)
     frame = frame.assign(x=x, y=y, heading=wrap_angle(frame["heading"] + place.rotation))
     check_tracks(tracks_csv, frame)
-    provenance = {"source": tracks_csv.name, "format": "highD family", "original_start": f"{origin:.9g} s"}
+    provenance = {"source": tracks_csv.name, "format": "highD family", **window}
     if alignment is not None:
         provenance["alignment"] = f"x {place.x!r} m, y {place.y!r} m, rotation {place.rotation!r} rad"
     if assumed:

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.schema import GT_ID
@@ -36,7 +37,7 @@ from resim.recordings.recording import sample_rate
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
 from resim.recordings.tables import complete_rows
-from resim.recordings.window import TICK, beyond_ego
+from resim.recordings.window import beyond_ego
 from resim.road.opendrive import RoadNetwork, load
 
 KIND = {"2": "car", "10": "pedestrian"}

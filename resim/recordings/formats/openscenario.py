@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.files import joined
 from resim.core.geometry import Floats
@@ -27,7 +28,7 @@ from resim.recordings.storyboard.entities import ScenarioEntity, scenario_entiti
 from resim.recordings.storyboard.motion import EntityMotion, sampled, station_times
 from resim.recordings.storyboard.places import ScenarioPlaces
 from resim.recordings.tables import BIGGEST
-from resim.recordings.window import TICK, cut_window
+from resim.recordings.window import asked_window, beyond_ego, times_of
 from resim.road.opendrive import load
 
 STEP, WIDEST = 0.02, 0.04
@@ -49,7 +50,7 @@ def read_openscenario(
     """Give the drive that a scenario says as ground truth.
 
     map: without it the file's LogicFile, relative to the file. ego: name of an entity; without it the one called Ego
-    or hero. start, end [s] are times of the scenario; without them the window is the EGO's own. Times are those of the
+    or hero. start, end [s] are times of the scenario; without them nothing is cut. Times are those of the
     EGO's vertices, or 0.02 s apart; between vertices everybody is interpolated. Raises InputError.
     """
     scenario = open_scenario_file(xosc)
@@ -66,11 +67,17 @@ def read_openscenario(
     times = _times(xosc, motions[ego], until, len(motions))
     rows = [_rows(xosc, entities[name], motion, times) for name, motion in motions.items()]
     shown = [one for one in rows if one is not None]
-    frame, origin = cut_window(pd.concat(shown), xosc, ego=ego, start=start, end=end)
+    frame = pd.concat(shown)
+    low, high = asked_window(frame, xosc, ego=ego, start=start, end=end)
+    frame = frame[frame["t"].between(low, high)]
+    origin = float(frame["t"].min())
+    own = times_of(frame, xosc, ego)
+    beyond = beyond_ego([frame["t"].to_numpy(float)], float(own.min()), float(own.max()))
+    frame = frame.assign(t=np.round(frame["t"] - origin, 9))
     gt = Tracks.from_frame(frame.sort_values("t", kind="stable"))
     return Recording(
         name=f"{xosc.stem}_{ego}", map=road, ego=ego, gt=gt, gt_rate=sample_rate(xosc, gt),
-        provenance=_provenance(scenario, entities, motions, origin),
+        provenance=_provenance(scenario, entities, motions, origin, beyond),
     )  # fmt: skip
 
 
@@ -177,6 +184,7 @@ def _provenance(
     entities: dict[str, ScenarioEntity],
     motions: dict[str, EntityMotion],
     origin: float,
+    beyond: str,
 ) -> dict[str, Any]:
     header = scenario.needed("FileHeader")
     gone = [f"{name}: {why}" for name, motion in motions.items() for why in motion.left]
@@ -187,7 +195,7 @@ def _provenance(
         "format": f"OpenSCENARIO {header.text('revMajor')}.{header.text('revMinor')}",
         "description": header.xml.get("description"), "author": header.xml.get("author"),
         "says_no_more_of": _listed(gone), "left_out": _listed(nowhere + site),
-        "original_start": f"{origin:.9g} s",
+        "original_start": f"{origin:.9g} s", "without_ego": beyond,
     }  # fmt: skip
     return {key: value for key, value in known.items() if value}
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.files import cache_folder
 from resim.core.geometry import Floats
@@ -30,7 +31,7 @@ from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFo
 from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
-from resim.recordings.window import TICK, beyond_ego, window_of
+from resim.recordings.window import asked_window, beyond_ego
 
 _VEHICLES = {
     2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer", 10: "motorcycle",
@@ -62,7 +63,9 @@ def read_osi(
         raise InputError(
             trace, f"names no host vehicle; its moving objects are {known}", "Name one by --ego."
         )
-    gt, low, high = _window(pd.DataFrame(truth.rows), trace, ego, start, end)
+    gt = pd.DataFrame(truth.rows)
+    low, high = asked_window(gt, trace, ego=ego, start=start, end=end)
+    gt = gt[gt["t"].between(low, high)]
     origin = float(gt["t"].min())
     beyond = beyond_ego([gt["t"].to_numpy(float)], *gt.loc[gt["id"] == ego, "t"].agg(["min", "max"]).tolist())
     gt = gt.assign(t=np.round(gt["t"] - origin, 9))
@@ -79,7 +82,7 @@ def read_osi(
     if lost:
         told["sensor_data_left_out"] = lost
     if frame is not None:
-        inside = frame["t"].between(low - TICK, high + TICK).to_numpy()
+        inside = frame["t"].between(low, high).to_numpy()
         frame = frame[inside].assign(t=np.round(frame["t"][inside] - origin, 9))
         told["sensor_data"] = f"{(sd or trace).name}: {frame['id'].nunique()} objects"
     return RecordingTables(
@@ -87,19 +90,6 @@ def read_osi(
         map=_map(trace, map), gt=_by_time(gt), sd=None if frame is None else _by_time(frame), plan=None, folder=None,
         gt_file=trace, sd_file=sd or trace,
     )  # fmt: skip
-
-
-def _window(
-    rows: pd.DataFrame, trace: Path, ego: str, start: float | None, end: float | None
-) -> tuple[pd.DataFrame, float, float]:
-    """The rows from start to end [s], and these, infinite where they are not given."""
-    own = rows.loc[rows["id"] == ego, "t"].to_numpy(float)
-    if not len(own):
-        known = ", ".join(rows["id"].drop_duplicates().head(20))
-        raise InputError(trace, f"ego {ego!r} was not found; the file has {known}", "Name one of them.")
-    window_of(own, trace, ego=ego, start=start, end=end)
-    low, high = -np.inf if start is None else start, np.inf if end is None else end
-    return rows[rows["t"].between(low - TICK, high + TICK)], low, high
 
 
 FORMATS.add(

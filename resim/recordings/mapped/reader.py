@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.files import file_hash, joined
 from resim.core.geometry import Bools, Floats
@@ -45,7 +46,7 @@ from resim.recordings.settings import Settings
 from resim.recordings.sides import sides_swapped
 from resim.recordings.source import RecordingTables, check_extent
 from resim.recordings.tables import complete_rows
-from resim.recordings.window import TICK, beyond_ego, window_of
+from resim.recordings.window import beyond_ego, window_of
 from resim.road.opendrive import RoadNetwork, load
 
 FOLLOWED = 3.0

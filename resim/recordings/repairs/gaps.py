@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.finding import Finding
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.schema import EXISTENCE, OPTIONAL_COLUMNS
@@ -27,7 +28,6 @@ SLOW = 0.5
 """Speed [m/s] below which a path has no direction that is worth more than the headings at its ends."""
 NEAR = 0.25
 """Part of a step by which a new sample may move onto a time that other objects have."""
-TICK = 1e-6
 
 
 def bridge(known: Track, t: Floats) -> tuple[Complex, Floats, Floats]:

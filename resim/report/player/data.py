@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from resim.core.clock import TICK
 from resim.core.files import file_hash
 from resim.core.geometry import Floats
 from resim.report.map.data import MapData, Picture, map_data
@@ -166,7 +167,7 @@ def _mark(mark: TimelineMark) -> TimelineMark:
 def _layer(layer: Layer, origin: Floats) -> LayerData:
     plans, last = [], -np.inf
     for when, plan in layer.plans:
-        if when >= last + PLAN_STEP - 1e-9:
+        if when >= last + PLAN_STEP - TICK:
             plans.append((when, plan))
             last = when
     return LayerData(

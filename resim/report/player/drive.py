@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from resim.core.clock import regular
 from resim.core.geometry import Bools, Floats
 from resim.core.tracks import Tracks
 from resim.metrics.assessment_report import REASONS, DriveAssessment
@@ -126,7 +127,7 @@ def differenced(tracks: Tracks, ego: str) -> AccelerationCurve | None:
 
 def grid(start: float, end: float) -> Floats:
     """Give RATE times [s] a second."""
-    return np.asarray(start + np.arange(0.0, end - start + 1e-9, 1.0 / RATE))
+    return regular(start, end - start, 1.0 / RATE)
 
 
 def danger(found: DriveAssessment) -> Danger:

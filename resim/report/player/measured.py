@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from resim.core.clock import regular
 from resim.core.finding import Finding
 from resim.metrics.assessment import Assessment
 from resim.metrics.assessment_report import drive_assessment
@@ -64,7 +65,7 @@ def _measured(name: str, recording: Recording, assessed: Assessment | None) -> L
 def of_scenario(scenario: Scenario, network: RoadNetwork, name: str) -> PlayedDrive:
     """Give a scenario as its splines have it, and what its EGO did."""
     begin = scenario.ego.spawn_time
-    t = np.asarray(begin + np.arange(0.0, scenario.duration + 1e-9, 0.04))
+    t = regular(begin, scenario.duration, 0.04)
     tracks = scenario.tracks(network, t)
     layer = Layer("JSCEN", "scenario", tracks, acceleration=splines(scenario, network))
     return PlayedDrive(

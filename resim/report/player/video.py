@@ -9,8 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from io import BytesIO
 from pathlib import Path
 
-import numpy as np
-
+from resim.core.clock import regular
 from resim.core.errors import InputError
 
 RATE = 10
@@ -56,7 +55,7 @@ def write_video(page: Path, out: Path, kind: str, start: float, end: float) -> i
     if end - start > LONGEST:
         problem = f"the drive lasts {end - start:.0f} s; up to {LONGEST:.0f} s are filmed"
         raise InputError("--video", problem, "Play it, or cut the recording.")
-    times = np.arange(start, end + 1e-9, 1.0 / RATE).tolist()
+    times = regular(start, end - start, 1.0 / RATE).tolist()
     with ThreadPoolExecutor(1) as own:  # a notebook has an event loop in its thread, which playwright refuses
         frames = own.submit(_frames, page, times).result()
     return _gif(frames, out) if kind == ".gif" else _mp4(frames, out)

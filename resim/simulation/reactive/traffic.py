@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from resim.core.clock import TICK
 from resim.core.geometry import Floats
 from resim.simulation.case import HandedOver
 from resim.simulation.guide import Guide
@@ -115,10 +116,10 @@ class ReactiveTraffic:
         for row, one in [*self.past, *self.now.items()]:
             if one.since > t:
                 continue
-            until = [part for part in one.behind if part[0] <= t + 1e-9]
+            until = [part for part in one.behind if part[0] <= t + TICK]
             farthest = max((part[1] for part in until), default=0.0)
             hardest = max((-part[2] for part in until), default=0.0)
-            back = one.back if one.back is not None and one.back <= t + 1e-9 else None
+            back = one.back if one.back is not None and one.back <= t + TICK else None
             told.append(
                 HandedOver(self.members[row].id, one.since, one.why, back, farthest, max(hardest, 0.0))
             )
