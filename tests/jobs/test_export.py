@@ -15,7 +15,7 @@ from conftest import DATA, ROOT
 from lxml import etree
 
 from resim.core.errors import InputError
-from resim.jobs.export import export_openscenario
+from resim.jobs.export import export_drive, export_openscenario
 from resim.road.opendrive import load
 
 scenariogeneration = pytest.importorskip("scenariogeneration")
@@ -317,6 +317,53 @@ def test_who_stands_has_no_route(tmp_path: Path) -> None:
 def test_a_style_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--style: is 'roads', expected trajectory or route"):
         export_openscenario(ROOT / "scenarios" / "overtake", tmp_path / "out", style="roads")
+
+
+def test_what_the_files_do_not_say_is_noted(tmp_path: Path) -> None:
+    """Rows beyond the EGO's time, who was seen once, and rows that lack a value: verdicts on the drive know of them."""
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    rows = pd.read_csv(ROOT / "scenarios" / "cut_in_brake" / "gt.csv")
+    other = rows[rows.id.astype(str) != "ego"].iloc[[50]].assign(id="9", x=lambda r: r.x + 60.0)
+    rows = pd.concat([rows[(rows.id.astype(str) != "ego") | (rows.t < 6.0)], other]).reset_index(drop=True)
+    rows.loc[rows.index[101:104], "v"] = np.nan
+    late = int((rows.t > rows.t[rows.id.astype(str) == "ego"].max() + 1e-6).sum())
+    lost = int(rows.v.isna().sum())
+    rows.to_csv(folder / "gt.csv", index=False)
+    (folder / "recording.toml").write_text(
+        f'name = "d"\nmap = "{ROOT}/networks/proving_ground.xodr"\nego = "ego"\n', encoding="utf-8"
+    )
+    report = export_openscenario(folder, tmp_path / "out", accept=["MISSING_VALUES", "GAP"])
+    assert report.notes == (
+        f"GT: {lost} rows that lack a value are in no file",
+        f"GT: {late} rows before the EGO's first or after its last are in no file",
+        "GT: 1 objects that no spline describes are in no file: 9",
+    )
+
+
+def test_runs_that_broke_off_are_told(tmp_path: Path) -> None:
+    """Who sees rGT alone takes it for a whole drive."""
+    (tmp_path / "fails.py").write_text(
+        "from resim.function import Command\n\n\nclass Fails:\n"
+        "    def __init__(self, **parameters):\n        pass\n\n"
+        "    def reset(self, *arguments):\n        pass\n\n"
+        "    def step(self, perceived):\n"
+        "        if perceived.t > 2.0:\n            raise ValueError('enough')\n"
+        "        return Command(0.0, 0.0)\n\n    def close(self):\n        pass\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "fails.toml").write_text(
+        'name = "fails"\nversion = "1"\nfactory = "fails:Fails"\n', encoding="utf-8"
+    )
+    run = tmp_path / "run"
+    order = ["run", "scenarios/cut_in_brake", "--build", tmp_path / "fails.toml", "--out", run]
+    done = subprocess.run(
+        [sys.executable, "-m", "resim", *map(str, order)], cwd=ROOT, check=False, capture_output=True
+    )
+    assert done.returncode == 3, done.stderr
+    told = "rGT broke off (function failed): what would have followed is not known"
+    assert told in export_openscenario(run, tmp_path / "xosc").notes
+    assert told in export_drive(run, tmp_path / "labels", "openlabel").notes
 
 
 @pytest.mark.skipif(shutil.which("esmini") is None, reason="needs esmini on PATH")

@@ -78,6 +78,16 @@ def test_the_folder_of_a_scenario_another_ego_and_a_window(tmp_path: Path) -> No
     assert sorted(found.gt["t"].unique()) == [0.2, 0.3, 0.4, 0.5, 0.6]
 
 
+def test_others_are_kept_where_the_ego_ends_early(tmp_path: Path) -> None:
+    path = scenario(tmp_path)
+    table = read_parquet(path)
+    _to_parquet(table[(table["track_id"] != "AV") | (table["timestep"] < 6)], path)
+    found = read(path)
+    assert found.gt.groupby("id")["t"].max().to_dict() == {"AV": 0.5, "7": 1.0, "8": 1.0}
+    assert "10 rows before 0 s or after 0.5 s" in found.settings.provenance["without_ego"]
+    assert "without_ego" not in read(path, end=0.5).settings.provenance
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [

@@ -253,6 +253,28 @@ def test_who_has_a_speed_alone_keeps_its_lane(home: Path) -> None:
     np.testing.assert_allclose(way, 20.0 * t, atol=1e-3)
 
 
+def test_others_are_kept_where_the_ego_ends_early(home: Path) -> None:
+    """They show that the drive lasted longer, so that what was not seen of it is INVALID."""
+    lanes = {
+        name: teleport(LANE_PLACE.format(s=s, offset=0)) + speed("5") for name, s in (("b", 100), ("Ego", 60))
+    }
+    gone = story(
+        event(
+            2,
+            "<GlobalAction><EntityAction entityRef='Ego'><DeleteEntityAction/></EntityAction></GlobalAction>",
+        )
+    )
+    path = home / "early.xosc"
+    path.write_text(scenario(lanes, gone), encoding="utf-8")
+    found = read_openscenario(path)
+    last = {name: found.gt.t[found.gt.valid[found.gt.index(name)]][-1] for name in lanes}
+    assert last == {"Ego": pytest.approx(2.0), "b": pytest.approx(4.0)}
+    assert "100 rows before 0 s or after 2 s" in found.provenance["without_ego"]
+    cut = read_openscenario(path, end=2.0)
+    assert cut.gt.t[-1] == pytest.approx(2.0)
+    assert "without_ego" not in cut.provenance
+
+
 def test_parameters_count_where_they_are_declared(home: Path) -> None:
     """A story's own one comes before the file's; outside of it that is as it was."""
     told = story(event(1, speed("$v")), actor="$owner").replace(
@@ -582,6 +604,12 @@ REFUSED = {
     ),
     "makes -2 m/s, expected 0 to 300": scenario(
         {"Ego": STANDING["Ego"] + speed("3"), "b": STANDING["Ego"] + relative_speed(-5)}
+    ),
+    "begins at 1 s, as another of its entity does (line 1): the player decides": scenario(
+        DRIVING, story(event(1, speed("3")), event(1, speed("4"), name="f"))
+    ),
+    "begins at 0 s, as another of its entity does": scenario(
+        STANDING, story(event(0, follow(LINE))) + story(event(0, follow(LINE)))
     ),
     "followingMode is 'follow'": scenario({"Ego": follow(LINE, mode="follow")}),
     "time 0.5 s does not follow 1 s": scenario(
