@@ -1,5 +1,5 @@
 // An AD function in C++ as a process build of resim: derive from resim::Function and call resim::serve in main.
-// One header, C++17, nothing else. docs/formats/process.md says what the messages are; print to std::cerr only.
+// One header, C++17, nothing else. docs/formats/process.md says what the messages are; what it prints is kept with the run.
 #pragma once
 
 #include <array>
