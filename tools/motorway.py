@@ -4,8 +4,8 @@ Its line: 700 m straight, clothoid, radius 900 m left, clothoid, 500 m straight,
 clothoid, 550 m straight: 3,000 m. Driven with s: roads 1, 2 and 3, three lanes -1 to -3; at s = 350 m of the line
 junction 10, where the on-ramp (road 4) joins as lane -4 (type entry), which ends after 250 m over 80 m; from 1,400 m on
 the exit lane -4 opens over 80 m, and leaves at junction 20 (1,650 m) to the off-ramp (road 5).
-Driven against s: road 9 beside it, lanes 2 to 4 behind a median of 4 m; of its three lanes the outer one ends over 150 m
-at s = 1,900 to 1,750 m, and opens again at 700 to 550 m. 130 km/h, on the ramps 60 km/h.
+Driven against s: road 9 beside it, lanes 2 to 4 behind a median of 4 m; of its three lanes the outer one ends over 150
+m at s = 1,900 to 1,750 m, and opens again at 700 to 550 m. 130 km/h, on the ramps 60 km/h.
 """
 
 from __future__ import annotations

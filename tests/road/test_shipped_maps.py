@@ -24,10 +24,7 @@ def test_the_maps_are_what_the_tool_makes() -> None:
     made = subprocess.run(
         [sys.executable, "-c", words], cwd=ROOT / "tools", capture_output=True, text=True, check=True
     )
-    hashed = [
-        __import__("hashlib").sha256((ROOT / "networks" / f"{n}.xodr").read_bytes()).hexdigest()
-        for n in NAMES
-    ]
+    hashed = [hashlib.sha256((ROOT / "networks" / f"{n}.xodr").read_bytes()).hexdigest() for n in NAMES]
     assert made.stdout.split() == hashed
 
 
