@@ -1,0 +1,210 @@
+"""One object of a recipe: its curve, its speed, its states at any time, and what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from resim.core.errors import ResimError
+from resim.core.geometry import Floats, wrap_angle
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.generation.curve import Curve, SplinePiece
+from resim.scenario.generation.lane_curve import LanePiece, Shift, lane_curve
+from resim.scenario.generation.lanes import LanePlace, route_over
+from resim.scenario.generation.recipe import (
+    ChangeSpec,
+    LaneRoute,
+    ObjectSpec,
+    PlaceSpec,
+    PointRoute,
+    SpeedOverTimeSpec,
+    SpeedOverWaySpec,
+)
+from resim.scenario.generation.speed import SpeedOverTime, SpeedOverWay, SpeedProfile
+from resim.scenario.generation.truth import Maneuver, junction_passes, lane_name, runs_of
+
+_STANDS = 1e-9
+_LIMIT = 1e-6
+WALKERS = ("pedestrian", "bicycle", "unknown")
+"""Kinds that no speed limit is for."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMotion:
+    """An object at its times t (K,) [s].
+
+    states: (6, K) x, y [m] of the box centre, heading [rad, not wrapped], v [m/s], a [m/s²], yaw rate [rad/s].
+    maneuvers: what it does.
+    """
+
+    spec: ObjectSpec
+    t: Floats
+    states: Floats
+    maneuvers: tuple[Maneuver, ...]
+
+
+def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times: Floats) -> ObjectMotion:
+    """Give an object's motion at those of the times (T,) [s] at which it is there.
+
+    With the way w(t), the curve's heading ψ(w) and curvature κ(w): v = w', a = w'', yaw rate κ v. Raises ResimError.
+    """
+    speed = _profile(spec)
+    leaves = min(duration, spec.leaves or duration)
+    farthest = float(speed.states(np.array([leaves]))[0, 0])
+    if isinstance(spec.route, LaneRoute):
+        curve, pieces, changed = _along_lanes(network, spec, spec.route, speed, farthest)
+    else:
+        curve, pieces, changed = Curve([SplinePiece(_points(network, spec.route))]), (), {}
+    t = times[(times >= spec.appears - 1e-9) & (times <= leaves + 1e-9)]
+    way, v, a = speed.states(t)
+    on = way <= curve.length + 1e-9
+    t, way, v, a = t[on], way[on], v[on], a[on]
+    x, y, heading, curvature = curve.at(np.minimum(way, curve.length))
+    sign = -1.0 if spec.reverse else 1.0
+    turned = heading + (np.pi if spec.reverse else 0.0)
+    states = np.stack([x, y, turned, sign * v, sign * a, curvature * v])
+    drive = _Told(network, spec, curve, pieces, changed, speed, leaves)
+    told = [*drive.maneuvers(t, v), *_speeding(network, spec, t, states)]
+    return ObjectMotion(spec, t, states, tuple(told))
+
+
+def _speeding(network: RoadNetwork, spec: ObjectSpec, t: Floats, states: Floats) -> Iterator[Maneuver]:
+    """When a vehicle is faster than the limit of the lane that its centre is on."""
+    if spec.kind in WALKERS or not len(t):
+        return
+    at = network.to_road(states[0], states[1], heading=states[2])
+    limit = np.where(at.on_road, network.speed_limit(at.road, at.lane, at.s), np.inf)
+    for a, b in runs_of(t, np.abs(states[3]) > limit + _LIMIT):
+        yield Maneuver(spec.id, "speeding", a, b, a)
+
+
+def _profile(spec: ObjectSpec) -> SpeedProfile:
+    told = spec.speed
+    if isinstance(told, SpeedOverTimeSpec):
+        return SpeedOverTime(np.array(told.times), np.array(told.values), spec.appears)
+    if isinstance(told, SpeedOverWaySpec):
+        return SpeedOverWay(np.array(told.ways), np.array(told.values), spec.appears)
+    return SpeedOverTime(np.array([spec.appears]), np.array([told]), spec.appears)
+
+
+def _along_lanes(
+    network: RoadNetwork, spec: ObjectSpec, route: LaneRoute, speed: SpeedProfile, farthest: float
+) -> tuple[Curve, tuple[LanePiece, ...], dict[int, tuple[int, int]]]:
+    if route.road not in network.roads:
+        raise ResimError(
+            f"route: there is no road {route.road!r}; the map has {', '.join([*network.roads][:20])}"
+        )
+    road = network.roads[route.road]
+    up = road.along(route.lane, road.section_index(route.s)) != route.against
+    start = LanePlace(route.road, route.lane, route.s, up)
+    shifts = [_shift(n, change, speed) for n, change in enumerate(spec.change)]
+    far = max([farthest, *(shift.way + shift.length for shift in shifts)]) + 1.0
+    return lane_curve(network, start, route.offset, shifts, route_over(network, route.via), far)
+
+
+def _shift(number: int, change: ChangeSpec, speed: SpeedProfile) -> Shift:
+    """The change by the way. Raises ResimError where nobody moves while it is made."""
+    if change.at is not None:
+        begins, way = speed.time_at(change.at), change.at
+    else:
+        assert change.t is not None
+        begins, way = change.t, float(speed.states(np.array([change.t]))[0, 0])
+    length = change.metres
+    if change.seconds is not None:
+        if not np.isfinite(begins):
+            raise ResimError(f"change.{number}: the object never comes {way:g} m along its route")
+        length = float(speed.states(np.array([begins + change.seconds]))[0, 0]) - way
+    assert length is not None
+    if way < 0.0 or length < 0.1:
+        moves = f"the object moves {max(length, 0.0):.2f} m during it"
+        raise ResimError(f"change.{number}: {moves}, expected 0.1 m or more")
+    lanes = 0 if change.to is None else change.lanes if change.to == "left" else -change.lanes
+    return Shift(way, length, lanes, change.offset, number)
+
+
+def _points(network: RoadNetwork, route: PointRoute) -> Floats:
+    if route.points:
+        return np.array(route.points, dtype=float)
+    return np.array([_place(network, place) for place in route.places])
+
+
+def _place(network: RoadNetwork, place: PlaceSpec) -> tuple[float, float]:
+    road = network.roads.get(place.road)
+    if road is None:
+        raise ResimError(
+            f"route: there is no road {place.road!r}; the map has {', '.join([*network.roads][:20])}"
+        )
+    if not network.has_lane(place.road, place.lane, place.s):
+        raise ResimError(f"route: road {place.road} has no lane {place.lane} at s = {place.s:g} m")
+    left = 1.0 if road.along(place.lane, road.section_index(place.s)) else -1.0
+    x, y = network.to_xy(place.road, place.lane, place.s, left * place.offset)
+    return float(x), float(y)
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What an object's route, speed and file say that it does."""
+
+    network: RoadNetwork
+    spec: ObjectSpec
+    curve: Curve
+    pieces: tuple[LanePiece, ...]
+    changed: dict[int, tuple[int, int]]
+    speed: SpeedProfile
+    leaves: float
+
+    def maneuvers(self, t: Floats, v: Floats) -> Iterator[Maneuver]:
+        """Give every maneuver that begins while the object is there; t, v: (K,) its samples."""
+        if not len(t):
+            return
+        found = [*self._changes(), *self._turns(), *self._wrong_way(t)]
+        yield from (row for row in found if row.start <= t[-1])
+        yield from (Maneuver(self.spec.id, "standing", a, b, a) for a, b in runs_of(t, v < _STANDS) if b > a)
+        for told in self.spec.maneuver:
+            yield Maneuver(self.spec.id, told.label, told.start, told.end, told.t, told.partner)
+
+    def _changes(self) -> Iterator[Maneuver]:
+        for n, change in enumerate(self.spec.change):
+            if change.to is None:
+                continue
+            first, last = self.changed[n]
+            q0 = np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
+            start, end = (self.speed.time_at(self.curve.way(float(q))) for q in (q0[first], q0[last + 1]))
+            crossing = self._crossing(first, last, q0)
+            one, two = self.pieces[first], self.pieces[last]
+            names = lane_name(one.road, one.lane), lane_name(two.road, two.to_lane)
+            if np.isfinite(crossing):
+                label = f"lane_change_{change.to}"
+                yield Maneuver(self.spec.id, label, start, min(end, self.leaves), crossing, "", *names)
+
+    def _crossing(self, first: int, last: int, q0: Floats) -> float:
+        """When [s] the centre crosses the border of the lane that it leaves; inf where it never does."""
+        for k in range(first, last + 1):
+            piece = self.pieces[k]
+            if piece.beyond(piece.length) > 0.0:
+                q = 0.0 if piece.beyond(0.0) > 0.0 else brentq(piece.beyond, 0.0, piece.length, xtol=1e-12)
+                return self.speed.time_at(self.curve.way(float(q0[k] + q)))
+        return np.inf
+
+    def _turns(self) -> Iterator[Maneuver]:
+        q0 = np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
+        for turn in junction_passes(self.network, self.pieces):
+            start, end = (
+                self.speed.time_at(self.curve.way(float(q0[k]))) for k in (turn.first, turn.last + 1)
+            )
+            if np.isfinite(end) and end <= self.leaves:
+                yield Maneuver(self.spec.id, turn.label, start, end, start, "", turn.lane_from, turn.lane_to)
+
+    def _wrong_way(self, t: Floats) -> Iterator[Maneuver]:
+        route = self.spec.route
+        if isinstance(route, LaneRoute) and route.against and not self.spec.change and not self.spec.reverse:
+            lane = lane_name(route.road, route.lane)
+            yield Maneuver(self.spec.id, "wrong_way", float(t[0]), float(t[-1]), float(t[0]), "", lane, lane)
+
+
+def wrapped(states: Floats) -> Floats:
+    """Give states (6, K) with the heading in (-pi, pi]."""
+    return np.concatenate([states[:2], wrap_angle(states[2:3]), states[3:]])
