@@ -112,7 +112,7 @@ def _recording(path: Path, recipe: Recipe, road: Path, drive: GeneratedDrive, na
         provenance["kinds"] = "; ".join(recipe.kinds)
     return Recording(
         name=name, map=road, ego=recipe.ego, gt=drive.tracks, gt_rate=recipe.rate,
-        environment=recipe.environment, provenance=provenance,
+        environment={str(key): told for key, told in recipe.environment.items()}, provenance=provenance,
     )  # fmt: skip
 
 

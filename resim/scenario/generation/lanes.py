@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 from resim.core.errors import ResimError
@@ -40,7 +42,31 @@ def route_over(network: RoadNetwork, via: Sequence[str]) -> Route:
 
 
 def stretches(network: RoadNetwork, start: LanePlace, route: Route) -> Iterator[RouteStretch]:
-    """Give the stretches from a place on, until the road ends; a lane that nobody drives on ends with its road."""
+    """Give the stretches from a place on, until the road ends; a lane that nobody drives on ends with its road.
+
+    Within each the reference line and all lanes are smooth: they are cut where an element or a cubic begins.
+    """
+    for whole in _whole_stretches(network, start, route):
+        yield from _smooth(network, whole)
+
+
+def _smooth(network: RoadNetwork, whole: RouteStretch) -> Iterator[RouteStretch]:
+    road = network.roads[whole.road]
+    section = road.sections[whole.section]
+    records = [record.s for lane in section.lanes.values() for record in (*lane.widths, *lane.borders)]
+    begins = (
+        {section.start + s for s in records}
+        | {g.s for g in road.geometries}
+        | {r.s for r in road.lane_offsets}
+    )
+    low, high = sorted((whole.s_from, whole.s_to))
+    inside = sorted(s for s in begins if low + 1e-6 < s < high - 1e-6)
+    ends = [whole.s_from, *(inside if whole.s_to > whole.s_from else inside[::-1]), whole.s_to]
+    for a, b in pairwise(ends):
+        yield replace(whole, s_from=a, s_to=b)
+
+
+def _whole_stretches(network: RoadNetwork, start: LanePlace, route: Route) -> Iterator[RouteStretch]:
     road, section = network.roads[start.road], network.roads[start.road].section_index(start.s)
     if road.sections[section].lanes[start.lane].drivable:
         ahead = road.along(start.lane, section) == start.up
