@@ -26,6 +26,7 @@ from resim.cli import (
     suite,
     sweep,
     sweep_report,
+    traffic,
     verify,
 )
 from resim.cli.app import app, main
@@ -49,5 +50,6 @@ __all__ = [
     "suite",
     "sweep",
     "sweep_report",
+    "traffic",
     "verify",
 ]

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
@@ -24,10 +23,9 @@ from resim.scenario.generation.recipe import (
     SpeedOverWaySpec,
 )
 from resim.scenario.generation.speed import SpeedOverTime, SpeedOverWay, SpeedProfile
-from resim.scenario.generation.truth import Maneuver, junction_passes, lane_name, runs_of
+from resim.scenario.generation.told import DrivenRoute, lane_changes, speeding, standing, turns
+from resim.scenario.generation.truth import Maneuver, lane_name
 
-_STANDS = 1e-9
-_LIMIT = 1e-6
 WALKERS = ("pedestrian", "bicycle", "unknown")
 """Kinds that no speed limit is for."""
 
@@ -66,19 +64,33 @@ def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times
     sign = -1.0 if spec.reverse else 1.0
     turned = heading + (np.pi if spec.reverse else 0.0)
     states = np.stack([x, y, turned, sign * v, sign * a, curvature * v])
-    drive = _Told(network, spec, curve, pieces, changed, speed, leaves)
-    told = [*drive.maneuvers(t, v), *_speeding(network, spec, t, states)]
-    return ObjectMotion(spec, t, states, tuple(told))
+    route = DrivenRoute(curve, pieces, changed, speed)
+    return ObjectMotion(spec, t, states, tuple(_told(network, spec, route, leaves, t, states)))
 
 
-def _speeding(network: RoadNetwork, spec: ObjectSpec, t: Floats, states: Floats) -> Iterator[Maneuver]:
-    """When a vehicle is faster than the limit of the lane that its centre is on."""
-    if spec.kind in WALKERS or not len(t):
+def _told(
+    network: RoadNetwork, spec: ObjectSpec, route: DrivenRoute, leaves: float, t: Floats, states: Floats
+) -> Iterator[Maneuver]:
+    """What an object does while it is there, as its route, its speed and its file say."""
+    if not len(t):
         return
-    at = network.to_road(states[0], states[1], heading=states[2])
-    limit = np.where(at.on_road, network.speed_limit(at.road, at.lane, at.s), np.inf)
-    for a, b in runs_of(t, np.abs(states[3]) > limit + _LIMIT):
-        yield Maneuver(spec.id, "speeding", a, b, a)
+    found = [*lane_changes(spec.id, route), *turns(spec.id, network, route)]
+    for row in found:
+        if row.start <= t[-1] and row.t <= leaves:
+            yield row._replace(end=min(row.end, leaves))
+    yield from _wrong_way(spec, t)
+    yield from standing(spec.id, t, states[3])
+    if spec.kind not in WALKERS:
+        yield from speeding(spec.id, network, t, states)
+    for told in spec.maneuver:
+        yield Maneuver(spec.id, told.label, told.start, told.end, told.t, told.partner)
+
+
+def _wrong_way(spec: ObjectSpec, t: Floats) -> Iterator[Maneuver]:
+    route = spec.route
+    if isinstance(route, LaneRoute) and route.against and not spec.change and not spec.reverse:
+        lane = lane_name(route.road, route.lane)
+        yield Maneuver(spec.id, "wrong_way", float(t[0]), float(t[-1]), float(t[0]), "", lane, lane)
 
 
 def _profile(spec: ObjectSpec) -> SpeedProfile:
@@ -142,67 +154,6 @@ def _place(network: RoadNetwork, place: PlaceSpec) -> tuple[float, float]:
     left = 1.0 if road.along(place.lane, road.section_index(place.s)) else -1.0
     x, y = network.to_xy(place.road, place.lane, place.s, left * place.offset)
     return float(x), float(y)
-
-
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What an object's route, speed and file say that it does."""
-
-    network: RoadNetwork
-    spec: ObjectSpec
-    curve: Curve
-    pieces: tuple[LanePiece, ...]
-    changed: dict[int, tuple[int, int]]
-    speed: SpeedProfile
-    leaves: float
-
-    def maneuvers(self, t: Floats, v: Floats) -> Iterator[Maneuver]:
-        """Give every maneuver that begins while the object is there; t, v: (K,) its samples."""
-        if not len(t):
-            return
-        found = [*self._changes(), *self._turns(), *self._wrong_way(t)]
-        yield from (row for row in found if row.start <= t[-1])
-        yield from (Maneuver(self.spec.id, "standing", a, b, a) for a, b in runs_of(t, v < _STANDS) if b > a)
-        for told in self.spec.maneuver:
-            yield Maneuver(self.spec.id, told.label, told.start, told.end, told.t, told.partner)
-
-    def _changes(self) -> Iterator[Maneuver]:
-        for n, change in enumerate(self.spec.change):
-            if change.to is None:
-                continue
-            first, last = self.changed[n]
-            q0 = np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
-            start, end = (self.speed.time_at(self.curve.way(float(q))) for q in (q0[first], q0[last + 1]))
-            crossing = self._crossing(first, last, q0)
-            one, two = self.pieces[first], self.pieces[last]
-            names = lane_name(one.road, one.lane), lane_name(two.road, two.to_lane)
-            if np.isfinite(crossing):
-                label = f"lane_change_{change.to}"
-                yield Maneuver(self.spec.id, label, start, min(end, self.leaves), crossing, "", *names)
-
-    def _crossing(self, first: int, last: int, q0: Floats) -> float:
-        """When [s] the centre crosses the border of the lane that it leaves; inf where it never does."""
-        for k in range(first, last + 1):
-            piece = self.pieces[k]
-            if piece.beyond(piece.length) > 0.0:
-                q = 0.0 if piece.beyond(0.0) > 0.0 else brentq(piece.beyond, 0.0, piece.length, xtol=1e-12)
-                return self.speed.time_at(self.curve.way(float(q0[k] + q)))
-        return np.inf
-
-    def _turns(self) -> Iterator[Maneuver]:
-        q0 = np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
-        for turn in junction_passes(self.network, self.pieces):
-            start, end = (
-                self.speed.time_at(self.curve.way(float(q0[k]))) for k in (turn.first, turn.last + 1)
-            )
-            if np.isfinite(end) and end <= self.leaves:
-                yield Maneuver(self.spec.id, turn.label, start, end, start, "", turn.lane_from, turn.lane_to)
-
-    def _wrong_way(self, t: Floats) -> Iterator[Maneuver]:
-        route = self.spec.route
-        if isinstance(route, LaneRoute) and route.against and not self.spec.change and not self.spec.reverse:
-            lane = lane_name(route.road, route.lane)
-            yield Maneuver(self.spec.id, "wrong_way", float(t[0]), float(t[-1]), float(t[0]), "", lane, lane)
 
 
 def wrapped(states: Floats) -> Floats:

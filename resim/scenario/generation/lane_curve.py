@@ -31,7 +31,7 @@ class Shift(NamedTuple):
     """A lane change, or a shift within the lane: from a way [m] on, over a length [m].
 
     lanes: how many to the left, below 0 to the right. offset: m left of the new lane's centre at its end. number: which
-    of the file's changes it is.
+    of the file's changes it is. least: to which length [m] it may shrink where its lanes end before; None: it may not.
     """
 
     way: float
@@ -39,6 +39,7 @@ class Shift(NamedTuple):
     lanes: int
     offset: float
     number: int
+    least: float | None = None
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class _Builder:
         other_stretches = stretches(self.network, place._replace(lane=lane), self.route)
         pairs = [*self._pairs(own, other_stretches if shift.lanes else None, shift.length)]
         to = shift.offset
-        extent = self._extent(pairs, to, shift.length)
+        extent = self._extent(pairs, to, shift)
         first = len(self.pieces)
         done = 0.0
         for one, other in pairs:
@@ -149,8 +150,9 @@ class _Builder:
         self.ahead = stretches(self.network, start, self.route)
         self.rest = next(self.ahead, None)
 
-    def _extent(self, pairs: Sequence[tuple[RouteStretch, RouteStretch]], to: float, length: float) -> float:
-        """Over how much of the reference line the change goes that is so long [m] itself."""
+    def _extent(self, pairs: Sequence[tuple[RouteStretch, RouteStretch]], to: float, shift: Shift) -> float:
+        """Over how much of the reference line the change goes, by its own length [m]."""
+        length = shift.length
 
         def too_long(extent: float) -> float:
             done, pieces = 0.0, list[LanePiece]()
@@ -163,6 +165,8 @@ class _Builder:
             return Curve(pieces).length - length
 
         most = sum(one.length for one, _ in pairs)
+        if most > 1e-6 and shift.least is not None and shift.least - length <= too_long(most) < 0.0:
+            return most
         if most < 1e-6 or too_long(most) < 0.0:
             raise ResimError(
                 f"takes {length:.1f} m, but after {most:.1f} m its two lanes no longer lead along each other "
