@@ -11,6 +11,7 @@ if Path(sys.argv[0]).name == "resim" and signal.getsignal(signal.SIGINT) is sign
 
 from resim.cli import (
     assess,
+    augment,
     check,
     demo,
     export,
@@ -34,6 +35,7 @@ from resim.cli.app import app, main
 __all__ = [
     "app",
     "assess",
+    "augment",
     "check",
     "demo",
     "export",

@@ -6,8 +6,8 @@ of the curve's speed by Gauss's rule; nothing is differenced.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Hashable, Sequence
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -26,7 +26,7 @@ _STEPS = 40
 _HAIR = 1e-9
 
 
-class CurvePiece(Protocol):
+class CurvePiece(Hashable, Protocol):
     """A smooth piece of a curve."""
 
     @property
@@ -80,23 +80,18 @@ class Curve:
 
     @cached_property
     def _nodes(self) -> Floats:
-        parts = [
-            np.linspace(a, b, max(int(np.ceil((b - a) / NODE)), 1) + 1)[:-1]
-            for a, b in zip(self._q0[:-1], self._q0[1:], strict=True)
-        ]
+        tables = [_way_table(piece) for piece in self.pieces]
+        parts = [q0 + nodes[:-1] for q0, (nodes, _) in zip(self._q0[:-1], tables, strict=True)]
         return np.concatenate([*parts, self._q0[-1:]])
 
     @cached_property
     def _ways(self) -> Floats:
-        steps = self._integral(self._nodes[:-1], self._nodes[1:])
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        steps = [steps for _, steps in map(_way_table, self.pieces)]
+        return np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
 
     def _integral(self, low: Floats, high: Floats) -> Floats:
         """The way (K,) [m] between two parameters (K,) of one piece."""
-        x, weight = _GAUSS
-        half = 0.5 * (high - low)
-        at = (low + half)[:, None] + half[:, None] * x
-        return np.asarray(half * (self._speed(at.ravel()).reshape(at.shape) * weight).sum(axis=1))
+        return _gauss(self._speed, low, high)
 
     def _speed(self, q: Floats) -> Floats:
         _, _, dx, dy, _, _ = self._derivatives(q)
@@ -109,6 +104,26 @@ class Curve:
             rows = own == k
             out[:, rows] = self.pieces[k].at(q[rows] - self._q0[k])
         return out
+
+
+def _gauss(speed: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    """The integrals (K,) of a speed between parameters (K,), by Gauss's rule with eight points."""
+    x, weight = _GAUSS
+    half = 0.5 * (high - low)
+    at = (low + half)[:, None] + half[:, None] * x
+    return np.asarray(half * (speed(at.ravel()).reshape(at.shape) * weight).sum(axis=1))
+
+
+@lru_cache(maxsize=20_000)
+def _way_table(piece: CurvePiece) -> tuple[Floats, Floats]:
+    """Parameters of nodes (K,) of a piece, and the ways between them (K - 1,) [m]; kept, as many drive the same lanes."""
+    nodes = np.linspace(0.0, piece.length, max(int(np.ceil(piece.length / NODE)), 1) + 1)
+
+    def speed(q: Floats) -> Floats:
+        _, _, dx, dy, _, _ = piece.at(q)
+        return np.asarray(np.hypot(dx, dy))
+
+    return nodes, _gauss(speed, nodes[:-1], nodes[1:])
 
 
 class SplinePiece:

@@ -22,8 +22,8 @@ from resim.scenario.generation.lanes import LanePlace, route_over
 from resim.scenario.generation.told import DrivenRoute
 from resim.simulation.naturalistic.sumo_run import STEP, SumoTrack
 
-LEAST = 8.0
-"""Way [m] of a lane change at least, however slow the vehicle is."""
+LEAST, SHORTEST = 20.0, 14.0
+"""Way [m] of a lane change at least, however slow the vehicle is; and where its lanes end: no vehicle turns sharper."""
 SHRUNK = 0.4
 """Part of its length to which a change may shrink where its lanes end."""
 SEAM = 0.1
@@ -100,7 +100,11 @@ def lay(network: RoadNetwork, lanes: MapLanes, track: SumoTrack, durations: Sequ
         begun, done = speed.states(np.array([t - STEP, t - STEP + lasts]))[0]
         begun = max(begun, shifts[-1].way + shifts[-1].length if shifts else 0.0)
         length = max(done - begun, LEAST)
-        shifts.append(Shift(float(begun), float(length), count, 0.0, number, least=float(SHRUNK * length)))
+        shifts.append(
+            Shift(
+                float(begun), float(length), count, 0.0, number, least=float(max(SHRUNK * length, SHORTEST))
+            )
+        )
     whole = float(speed.states(track.t[-1:])[0, 0])
     far = max([whole, *(shift.way + shift.length for shift in shifts)])
     curve, pieces, changed = lane_curve(network, start, 0.0, shifts, route_over(network, via), far + 1.0)

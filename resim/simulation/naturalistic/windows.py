@@ -21,6 +21,8 @@ from resim.simulation.naturalistic.lay import LaidVehicle, MapLanes, lay, read_m
 from resim.simulation.naturalistic.settings import NaturalisticSettings
 from resim.simulation.naturalistic.sumo_run import SumoTrack, run_sumo
 
+AFTER = 1.0
+"""Time [s] for which SUMO goes on behind the last recording."""
 FEWEST = 5
 """Samples of a vehicle in a recording at least; fewer say nothing of it."""
 
@@ -81,7 +83,7 @@ def traffic_windows(
     vehicles = spawn(read_edges(net), network, settings, start + duration, seed)
     longest = settings.lane_change.duration
     lasts = longest.max if longest.max is not None else (longest.mean or 0.0) + 3.0 * longest.sd
-    tracks = run_sumo(net, vehicles, end=start + duration, change_lasts=lasts, seed=seed)
+    tracks = run_sumo(net, vehicles, end=start + duration + AFTER, change_lasts=lasts, seed=seed)
     traffic = _Traffic(network, read_map_lanes(net), settings, seed)
     count = max(round(duration / settings.recording), 1)
     length = min(settings.recording, duration)
