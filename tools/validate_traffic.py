@@ -37,7 +37,7 @@ def main() -> int:
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     network = load(MAP)
     with tempfile.TemporaryDirectory() as name:
-        made = make_traffic(MAP, Path(name) / "traffic", hours=hours, seed=seed)
+        made = [*make_traffic(MAP, Path(name) / "traffic", hours=hours, seed=seed)]
         rows = [measured(network, one.folder) for one in made]
     table = pd.DataFrame(rows)
     left = {vehicle for one in made for vehicle, _ in one.left_out}

@@ -35,7 +35,10 @@ def traffic(
     """Make naturalistic recordings of SUMO's traffic on a map, with the truth of every lane change and turn."""
     from resim.jobs.traffic import make_traffic
 
-    made = make_traffic(road, out, hours=hours, settings=settings, seed=seed, highd=highd, progress=_tell)
+    made = []
+    for one in make_traffic(road, out, hours=hours, settings=settings, seed=seed, highd=highd):
+        made.append(one)
+        _tell(one)
     km, changes = sum(one.kilometres for one in made), sum(_changes(one) for one in made)
     add_to_json(
         recordings=[one.folder for one in made], kilometres=km, lane_changes=changes,

@@ -14,7 +14,7 @@ Finite = Annotated[float, Field(strict=True)]
 _MOST_DRAWS = 1000
 
 
-class Distribution(Strict):
+class RandomNumber(Strict):
     """A number that differs from one to the next.
 
     Attributes:
@@ -32,7 +32,7 @@ class Distribution(Strict):
     max: Finite | None = None
 
     @model_validator(mode="after")
-    def _whole(self) -> Distribution:
+    def _whole(self) -> RandomNumber:
         low, high = self.min, self.max
         if low is not None and high is not None and low > high:
             raise ValueError(f"min: expected at most max ({high:g}), found {low:g}")
@@ -73,6 +73,6 @@ class Distribution(Strict):
         return rng.lognormal(np.log(self.mean) - 0.5 * spread, np.sqrt(spread), count)
 
 
-def constant(value: float) -> Distribution:
+def constant(value: float) -> RandomNumber:
     """Give the distribution that always has one value."""
-    return Distribution(mean=value)
+    return RandomNumber(mean=value)

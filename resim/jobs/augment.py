@@ -40,7 +40,11 @@ class AugmentedRecording:
 
 
 def shipped_augmentation() -> Path:
-    """Give the settings that ship, those of Kaefer 2022."""
+    """Give the settings that ship, those of Kaefer 2022.
+
+    Returns:
+        Their file.
+    """
     return shipped() / "scenarios" / "augment" / "kaefer.toml"
 
 

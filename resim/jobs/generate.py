@@ -82,6 +82,9 @@ def recipes_in(paths: Sequence[str | Path]) -> list[Path]:
     Args:
         paths: Files and folders.
 
+    Returns:
+        The recipes' files.
+
     Raises:
         InputError: There is none.
     """

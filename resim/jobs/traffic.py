@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,7 +49,11 @@ class TrafficRecording:
 
 
 def shipped_traffic() -> Path:
-    """Give the traffic settings that ship, those of a motorway."""
+    """Give the traffic settings that ship, those of a motorway.
+
+    Returns:
+        Their file.
+    """
     return shipped() / "scenarios" / "traffic" / "motorway.toml"
 
 
@@ -61,8 +65,7 @@ def make_traffic(
     settings: str | Path | None = None,
     seed: int = 1,
     highd: bool = False,
-    progress: Callable[[TrafficRecording], None] = lambda made: None,
-) -> list[TrafficRecording]:
+) -> Iterator[TrafficRecording]:
     """Make recordings of SUMO's traffic on a map, each with its table of truth beside it (`truth.csv`).
 
     Args:
@@ -72,10 +75,9 @@ def make_traffic(
         settings: TOML file; those of a motorway that ship, if None.
         seed: Of all draws.
         highd: Whether CSV of the highD family is written as well, into the folder `highd`.
-        progress: Is told each recording that is done.
 
     Returns:
-        The recordings.
+        The recordings, each as soon as it is written.
 
     Raises:
         InputError: The settings are wrong, the map cannot be entered, or the folder is there already.
@@ -94,7 +96,7 @@ def make_traffic(
         "settings": f"{file.name}, SHA-256 {file_hash(file)}",
         "map": f"{path.name}, SHA-256 {file_hash(path)}",
     }
-    made = []
+    made = 0
     for number, window in enumerate(
         traffic_windows(network, told, duration=3600.0 * hours, rate=RATE, seed=seed)
     ):
@@ -103,11 +105,10 @@ def make_traffic(
         one = _write(window, path, folder, number, provenance)
         if highd:
             write_highd(window.tracks, folder / "highd", number, RATE)
-        made.append(one)
-        progress(one)
+        made += 1
+        yield one
     if not made:
         raise InputError(file, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
-    return made
 
 
 def _write(

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from resim.core.distribution import Distribution, constant
+from resim.core.distribution import RandomNumber, constant
 
 
 @pytest.mark.parametrize("kind", ["normal", "lognormal"])
 def test_draws_have_the_mean_and_the_spread(kind: str) -> None:
-    drawn = Distribution(kind=kind, mean=5.0, sd=1.5).draw(np.random.default_rng(1), 100_000)
+    drawn = RandomNumber(kind=kind, mean=5.0, sd=1.5).draw(np.random.default_rng(1), 100_000)
     assert drawn.mean() == pytest.approx(5.0, abs=0.02)
     assert drawn.std() == pytest.approx(1.5, abs=0.02)
 
 
 def test_draws_stay_between_the_ends_and_are_the_same_for_a_seed() -> None:
-    one = Distribution(mean=0.0, sd=1.0, min=-0.5, max=0.5)
+    one = RandomNumber(mean=0.0, sd=1.0, min=-0.5, max=0.5)
     drawn = one.draw(np.random.default_rng(3), 10_000)
     assert np.abs(drawn).max() <= 0.5
     assert (
@@ -25,7 +25,7 @@ def test_draws_stay_between_the_ends_and_are_the_same_for_a_seed() -> None:
     )  # a normal distribution cut at half a standard deviation, not piled up there
     assert (drawn == one.draw(np.random.default_rng(3), 10_000)).all()
     assert (constant(2.5).draw(np.random.default_rng(1), 4) == 2.5).all()
-    drawn = Distribution(kind="uniform", min=2.0, max=4.0).draw(np.random.default_rng(1), 10_000)
+    drawn = RandomNumber(kind="uniform", min=2.0, max=4.0).draw(np.random.default_rng(1), 10_000)
     assert (drawn.min(), drawn.max()) == (pytest.approx(2.0, abs=0.01), pytest.approx(4.0, abs=0.01))
 
 
@@ -42,4 +42,4 @@ def test_draws_stay_between_the_ends_and_are_the_same_for_a_seed() -> None:
 )
 def test_what_no_number_can_be_drawn_of_is_refused(told: dict[str, object], problem: str) -> None:
     with pytest.raises(ValidationError, match=problem):
-        Distribution(**told)
+        RandomNumber(**told)

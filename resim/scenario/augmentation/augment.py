@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from resim.core.distribution import Distribution
+from resim.core.distribution import RandomNumber
 from resim.core.geometry import Floats, wrap_angle
 from resim.core.tracks import Tracks
 from resim.scenario.augmentation.motion import VariedMotion, vary_motion
@@ -105,7 +105,7 @@ def _weaker(settings: AugmentationSettings, share: float) -> tuple[PathNoise | N
     return path, speed
 
 
-def _scaled(one: Distribution, share: float) -> Distribution:
+def _scaled(one: RandomNumber, share: float) -> RandomNumber:
     told = {
         name: value * share
         for name in ("mean", "sd", "min", "max")

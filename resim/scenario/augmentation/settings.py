@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from resim.core.distribution import Distribution
+from resim.core.distribution import RandomNumber
 from resim.core.spec import Strict, read_strict
 from resim.core.tracks import ObjectKind
 
@@ -28,8 +28,8 @@ class PathNoise(Strict):
         smoothing: Standard deviation [m of the way] of the Gaussian that smooths the noise.
     """
 
-    offset: Distribution = Distribution(mean=0.0, sd=0.2, min=-0.5, max=0.5)
-    noise: Distribution = Distribution(mean=0.0, sd=0.2)
+    offset: RandomNumber = RandomNumber(mean=0.0, sd=0.2, min=-0.5, max=0.5)
+    noise: RandomNumber = RandomNumber(mean=0.0, sd=0.2)
     spacing: Positive = 5.0
     smoothing: Positive = 15.0
 
@@ -43,7 +43,7 @@ class SpeedNoise(Strict):
         smoothing: Standard deviation [s] of the Gaussian that smooths the noise.
     """
 
-    noise: Distribution = Distribution(mean=0.0, sd=1.0)
+    noise: RandomNumber = RandomNumber(mean=0.0, sd=1.0)
     spacing: Positive = 0.4
     smoothing: Positive = 1.5
 

@@ -39,7 +39,7 @@ class CurvePiece(Hashable, Protocol):
         ...
 
 
-class Curve:
+class RouteCurve:
     """Pieces one after the other, asked by the way [m] from the start of the first."""
 
     def __init__(self, pieces: Sequence[CurvePiece]) -> None:
@@ -116,7 +116,7 @@ def _gauss(speed: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floa
 
 @lru_cache(maxsize=20_000)
 def _way_table(piece: CurvePiece) -> tuple[Floats, Floats]:
-    """Parameters of nodes (K,) of a piece, and the ways between them (K - 1,) [m]; kept, as many drive the same lanes."""
+    """Parameters of nodes (K,) of a piece, and the ways between them (K - 1,) [m]; kept, as lanes are shared."""
     nodes = np.linspace(0.0, piece.length, max(int(np.ceil(piece.length / NODE)), 1) + 1)
 
     def speed(q: Floats) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.generation.curve import Curve, SplinePiece
+from resim.scenario.generation.curve import RouteCurve, SplinePiece
 from resim.scenario.generation.lane_curve import LanePiece, Shift, lane_curve
 from resim.scenario.generation.lanes import LanePlace, route_over
 from resim.scenario.generation.recipe import (
@@ -24,14 +24,14 @@ from resim.scenario.generation.recipe import (
 )
 from resim.scenario.generation.speed import SpeedOverTime, SpeedOverWay, SpeedProfile
 from resim.scenario.generation.told import DrivenRoute, lane_changes, speeding, standing, turns
-from resim.scenario.generation.truth import Maneuver, lane_name
+from resim.scenario.generation.truth import TrueManeuver, lane_name
 
 WALKERS = ("pedestrian", "bicycle", "unknown")
 """Kinds that no speed limit is for."""
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectMotion:
+class GeneratedObject:
     """An object at its times t (K,) [s].
 
     states: (6, K) x, y [m] of the box centre, heading [rad, not wrapped], v [m/s], a [m/s²], yaw rate [rad/s].
@@ -41,10 +41,10 @@ class ObjectMotion:
     spec: ObjectSpec
     t: Floats
     states: Floats
-    maneuvers: tuple[Maneuver, ...]
+    maneuvers: tuple[TrueManeuver, ...]
 
 
-def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times: Floats) -> ObjectMotion:
+def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times: Floats) -> GeneratedObject:
     """Give an object's motion at those of the times (T,) [s] at which it is there.
 
     With the way w(t), the curve's heading ψ(w) and curvature κ(w): v = w', a = w'', yaw rate κ v. Raises ResimError.
@@ -55,7 +55,7 @@ def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times
     if isinstance(spec.route, LaneRoute):
         curve, pieces, changed = _along_lanes(network, spec, spec.route, speed, farthest)
     else:
-        curve, pieces, changed = Curve([SplinePiece(_points(network, spec.route))]), (), {}
+        curve, pieces, changed = RouteCurve([SplinePiece(_points(network, spec.route))]), (), {}
     t = times[(times >= spec.appears - 1e-9) & (times <= leaves + 1e-9)]
     way, v, a = speed.states(t)
     on = way <= curve.length + 1e-9
@@ -65,12 +65,12 @@ def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times
     turned = heading + (np.pi if spec.reverse else 0.0)
     states = np.stack([x, y, turned, sign * v, sign * a, curvature * v])
     route = DrivenRoute(curve, pieces, changed, speed)
-    return ObjectMotion(spec, t, states, tuple(_told(network, spec, route, leaves, t, states)))
+    return GeneratedObject(spec, t, states, tuple(_told(network, spec, route, leaves, t, states)))
 
 
 def _told(
     network: RoadNetwork, spec: ObjectSpec, route: DrivenRoute, leaves: float, t: Floats, states: Floats
-) -> Iterator[Maneuver]:
+) -> Iterator[TrueManeuver]:
     """What an object does while it is there, as its route, its speed and its file say."""
     if not len(t):
         return
@@ -83,14 +83,14 @@ def _told(
     if spec.kind not in WALKERS:
         yield from speeding(spec.id, network, t, states)
     for told in spec.maneuver:
-        yield Maneuver(spec.id, told.label, told.start, told.end, told.t, told.partner)
+        yield TrueManeuver(spec.id, told.label, told.start, told.end, told.t, told.partner)
 
 
-def _wrong_way(spec: ObjectSpec, t: Floats) -> Iterator[Maneuver]:
+def _wrong_way(spec: ObjectSpec, t: Floats) -> Iterator[TrueManeuver]:
     route = spec.route
     if isinstance(route, LaneRoute) and route.against and not spec.change and not spec.reverse:
         lane = lane_name(route.road, route.lane)
-        yield Maneuver(spec.id, "wrong_way", float(t[0]), float(t[-1]), float(t[0]), "", lane, lane)
+        yield TrueManeuver(spec.id, "wrong_way", float(t[0]), float(t[-1]), float(t[0]), "", lane, lane)
 
 
 def _profile(spec: ObjectSpec) -> SpeedProfile:
@@ -104,7 +104,7 @@ def _profile(spec: ObjectSpec) -> SpeedProfile:
 
 def _along_lanes(
     network: RoadNetwork, spec: ObjectSpec, route: LaneRoute, speed: SpeedProfile, farthest: float
-) -> tuple[Curve, tuple[LanePiece, ...], dict[int, tuple[int, int]]]:
+) -> tuple[RouteCurve, tuple[LanePiece, ...], dict[int, tuple[int, int]]]:
     if route.road not in network.roads:
         raise ResimError(
             f"route: there is no road {route.road!r}; the map has {', '.join([*network.roads][:20])}"

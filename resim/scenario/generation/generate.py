@@ -11,9 +11,9 @@ from resim.core.errors import ResimError
 from resim.core.geometry import Boxes, Floats, boxes_overlap
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.generation.drive import ObjectMotion, object_motion, wrapped
+from resim.scenario.generation.drive import GeneratedObject, object_motion, wrapped
 from resim.scenario.generation.recipe import Recipe
-from resim.scenario.generation.truth import Maneuver
+from resim.scenario.generation.truth import TrueManeuver
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class GeneratedDrive:
     """
 
     tracks: Tracks
-    maneuvers: tuple[Maneuver, ...]
+    maneuvers: tuple[TrueManeuver, ...]
 
 
 def generate(recipe: Recipe, network: RoadNetwork) -> GeneratedDrive:
@@ -54,7 +54,7 @@ def sample_times(duration: float, rate: float) -> Floats:
     return np.round(np.arange(int(np.floor(duration * rate + 1e-9)) + 1) / rate, 9)
 
 
-def _check_presence(recipe: Recipe, made: list[ObjectMotion], times: Floats) -> None:
+def _check_presence(recipe: Recipe, made: list[GeneratedObject], times: Floats) -> None:
     for one in made:
         if len(one.t) < 2:
             raise ResimError(f"object {one.spec.id!r}: has {len(one.t)} sample(s), expected 2 or more")
@@ -68,7 +68,7 @@ def _check_presence(recipe: Recipe, made: list[ObjectMotion], times: Floats) -> 
         raise ResimError(f"{problem}: {remedy}")
 
 
-def _tracks(made: list[ObjectMotion], times: Floats) -> Tracks:
+def _tracks(made: list[GeneratedObject], times: Floats) -> Tracks:
     out = np.full((6, len(made), len(times)), np.nan)
     for n, one in enumerate(made):
         out[:, n, np.searchsorted(times, one.t - 1e-9)] = wrapped(one.states)

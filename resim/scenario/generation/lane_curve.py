@@ -18,7 +18,7 @@ from resim.core.geometry import Floats
 from resim.road.driven_route import Route
 from resim.road.lane_following import RouteStretch
 from resim.road.opendrive import RoadNetwork
-from resim.scenario.generation.curve import Curve
+from resim.scenario.generation.curve import RouteCurve
 from resim.scenario.generation.lanes import LanePlace, beside, stretches
 
 APART = 0.01
@@ -108,10 +108,10 @@ class _Builder:
         """Keep the lane until a way [m], or until the road ends."""
         while self.rest is not None and self.way < until - 1e-9:
             piece = self._piece(self.rest, self.rest.lane, self.offset)
-            whole = Curve([piece]).length
+            whole = RouteCurve([piece]).length
             if self.way + whole > until:
                 piece = replace(
-                    piece, length=float(Curve([piece]).parameter(np.array([until - self.way]))[0])
+                    piece, length=float(RouteCurve([piece]).parameter(np.array([until - self.way]))[0])
                 )
                 self.rest = self._cut(self.rest, piece.length)
                 whole = until - self.way
@@ -140,7 +140,7 @@ class _Builder:
                 break
             piece = self._piece(one, other.lane, to, begun=-done, extent=extent)
             piece = replace(piece, length=length)
-            self._add(piece, Curve([piece]).length)
+            self._add(piece, RouteCurve([piece]).length)
             done += length
         last_one, last_other = pairs[len(self.pieces) - first - 1]
         self.changed.append((shift.number, first, len(self.pieces) - 1))
@@ -162,7 +162,7 @@ class _Builder:
                     piece = self._piece(one, other.lane, to, begun=-done, extent=extent)
                     pieces.append(replace(piece, length=part))
                 done += part
-            return Curve(pieces).length - length
+            return RouteCurve(pieces).length - length
 
         most = sum(one.length for one, _ in pairs)
         if most > 1e-6 and shift.least is not None and shift.least - length <= too_long(most) < 0.0:
@@ -234,7 +234,7 @@ def lane_curve(
     shifts: Sequence[Shift],
     route: Route,
     length: float,
-) -> tuple[Curve, tuple[LanePiece, ...], dict[int, tuple[int, int]]]:
+) -> tuple[RouteCurve, tuple[LanePiece, ...], dict[int, tuple[int, int]]]:
     """Give the curve of a route by lanes from a place on, at most `length` [m] long, or until the road ends.
 
     offset: m left of the lane's centre, as one goes there. Gives also the pieces, and of each change (by its number)
@@ -260,4 +260,4 @@ def lane_curve(
     made.go(length)
     if not made.pieces:
         raise ResimError(f"route: road {start.road} ends where the route begins")
-    return Curve(made.pieces), tuple(made.pieces), {n: (first, last) for n, first, last in made.changed}
+    return RouteCurve(made.pieces), tuple(made.pieces), {n: (first, last) for n, first, last in made.changed}

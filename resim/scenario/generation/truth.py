@@ -21,7 +21,7 @@ U_TURNS = 0.75 * np.pi
 """Angle [rad] from which on it is a U-turn (our choice)."""
 
 
-class Maneuver(NamedTuple):
+class TrueManeuver(NamedTuple):
     """A row of the table of truth, without its recording."""
 
     object: str
@@ -34,7 +34,7 @@ class Maneuver(NamedTuple):
     lane_to: str = ""
 
 
-def truth_table(recording: str, rows: Iterable[Maneuver]) -> pd.DataFrame:
+def truth_table(recording: str, rows: Iterable[TrueManeuver]) -> pd.DataFrame:
     """Give the rows as a table with TRUTH_COLUMNS, by start, then object and label."""
     ordered = sorted(rows, key=lambda row: (row.start, row.object, row.label))
     table = pd.DataFrame([(recording, *row) for row in ordered], columns=[*TRUTH_COLUMNS])

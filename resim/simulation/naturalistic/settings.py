@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from resim.core.distribution import Distribution, constant
+from resim.core.distribution import RandomNumber, constant
 from resim.core.spec import Strict, read_strict
 
 REMEDY = "scenarios/traffic/motorway.toml is one."
@@ -49,16 +49,16 @@ class PopulationSettings(Strict):
         keep_right: How eagerly it changes back to the right (SUMO's lcKeepRight).
     """
 
-    length: Distribution
-    width: Distribution
-    speed_factor: Distribution
-    top_speed: Distribution
-    time_gap: Distribution
-    standstill: Distribution = Distribution(mean=2.5, sd=0.5, min=1.5, max=4.0)
-    acceleration: Distribution
-    deceleration: Distribution
-    speed_gain: Distribution = constant(1.0)
-    keep_right: Distribution = constant(1.0)
+    length: RandomNumber
+    width: RandomNumber
+    speed_factor: RandomNumber
+    top_speed: RandomNumber
+    time_gap: RandomNumber
+    standstill: RandomNumber = RandomNumber(mean=2.5, sd=0.5, min=1.5, max=4.0)
+    acceleration: RandomNumber
+    deceleration: RandomNumber
+    speed_gain: RandomNumber = constant(1.0)
+    keep_right: RandomNumber = constant(1.0)
 
 
 class LaneChangeSettings(Strict):
@@ -68,7 +68,7 @@ class LaneChangeSettings(Strict):
         duration: s, from the first lateral motion to the last.
     """
 
-    duration: Distribution = Distribution(kind="lognormal", mean=5.3, sd=1.2, min=3.0, max=8.0)
+    duration: RandomNumber = RandomNumber(kind="lognormal", mean=5.3, sd=1.2, min=3.0, max=8.0)
 
 
 class NaturalisticSettings(Strict):

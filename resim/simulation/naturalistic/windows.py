@@ -15,7 +15,7 @@ from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import sumo_net
 from resim.scenario.generation.generate import sample_times
 from resim.scenario.generation.told import lane_changes, speeding, standing, turns
-from resim.scenario.generation.truth import Maneuver
+from resim.scenario.generation.truth import TrueManeuver
 from resim.simulation.naturalistic.demand import read_edges, spawn
 from resim.simulation.naturalistic.lay import LaidVehicle, MapLanes, lay, read_map_lanes
 from resim.simulation.naturalistic.settings import NaturalisticSettings
@@ -40,7 +40,7 @@ class TrafficWindow:
 
     begin: float
     tracks: Tracks
-    maneuvers: tuple[Maneuver, ...]
+    maneuvers: tuple[TrueManeuver, ...]
     left_out: tuple[tuple[str, str], ...]
 
 
@@ -166,7 +166,7 @@ def _boxes(tracks: Tracks, rows: np.ndarray, k: int) -> Boxes:
 
 def _maneuvers(
     network: RoadNetwork, vehicle: LaidVehicle, tracks: Tracks, begin: float
-) -> Iterator[Maneuver]:
+) -> Iterator[TrueManeuver]:
     """What a vehicle does in a recording, by the recording's clock: maneuvers whose moment lies in it."""
     name = vehicle.track.vehicle.id
     if name not in tracks.ids:

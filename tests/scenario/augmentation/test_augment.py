@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from resim.core.distribution import Distribution, constant
+from resim.core.distribution import RandomNumber, constant
 from resim.core.errors import InputError
 from resim.core.geometry import to_frame
 from resim.jobs.augment import augment, shipped_augmentation
@@ -58,8 +58,8 @@ def test_an_offset_moves_the_whole_path_to_the_left(origin: Path) -> None:
 
 
 def test_motion_is_consistent_with_its_positions(origin: Path) -> None:
-    path = PathNoise(offset=Distribution(sd=0.2, mean=0.0), noise=Distribution(sd=0.4, mean=0.0))
-    speed = SpeedNoise(noise=Distribution(mean=0.0, sd=2.0))
+    path = PathNoise(offset=RandomNumber(sd=0.2, mean=0.0), noise=RandomNumber(sd=0.4, mean=0.0))
+    speed = SpeedNoise(noise=RandomNumber(mean=0.0, sd=2.0))
     _, made = drawn(origin, path=path, speed=speed)
     k = made.tracks
     dt = k.t[2:] - k.t[:-2]
@@ -71,7 +71,7 @@ def test_motion_is_consistent_with_its_positions(origin: Path) -> None:
 
 def test_the_noise_has_the_spread_that_smoothing_leaves(origin: Path) -> None:
     """Independent points of sd 1 under a Gaussian of g points have the sd (4 pi g²)^-1/4 behind it."""
-    path = PathNoise(offset=constant(0.0), noise=Distribution(mean=0.0, sd=0.1), spacing=2.0, smoothing=8.0)
+    path = PathNoise(offset=constant(0.0), noise=RandomNumber(mean=0.0, sd=0.1), spacing=2.0, smoothing=8.0)
     asides = []
     for number in range(40):
         gt, made = drawn(origin, number, path=path, ego=False)
@@ -85,7 +85,7 @@ def test_the_noise_has_the_spread_that_smoothing_leaves(origin: Path) -> None:
 def test_who_stands_stays(origin: Path) -> None:
     gt = read_recording(origin).gt
     stopped = replace(gt, x=gt.x[:, :1] + 0.0 * gt.x, y=gt.y[:, :1] + 0.0 * gt.y, v=0.0 * gt.v, a=None)
-    settings = AugmentationSettings(speed=SpeedNoise(noise=Distribution(mean=0.0, sd=3.0)))
+    settings = AugmentationSettings(speed=SpeedNoise(noise=RandomNumber(mean=0.0, sd=3.0)))
     made = next(augmentations(stopped, "ego", settings, 1, 0))
     assert (made.tracks.v == 0.0).all()
 
@@ -108,7 +108,7 @@ def test_variations_have_no_overlaps_and_no_findings_and_the_truth_of_their_orig
         assert told.day[0].isoformat() <= found.environment["dateTime"] <= told.day[1].isoformat()
         assert found.environment["precipitationDensity"]
     first, second = (read_recording(tmp_path / "out" / name).gt for name in ("000", "001"))
-    assert np.nanmax(np.abs(first.x - second.x)) > 0.2
+    assert np.nanmax(np.abs(first.x[:, :150] - second.x[:, :150])) > 0.2
 
 
 def test_the_same_seed_gives_the_same_bytes(origin: Path, tmp_path: Path) -> None:

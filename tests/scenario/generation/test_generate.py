@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from resim.core.errors import ResimError
 from resim.road.opendrive import RoadNetwork, load
-from resim.scenario.generation.curve import Curve, SplinePiece
+from resim.scenario.generation.curve import RouteCurve, SplinePiece
 from resim.scenario.generation.generate import GeneratedDrive, generate
 from resim.scenario.generation.recipe import Recipe
 
@@ -74,7 +74,7 @@ def test_derivatives_are_those_of_the_motion(lane, s, speeds, t, seconds, to, of
 )
 def test_a_route_by_points_passes_them_at_the_speed_that_is_told(steps, speed) -> None:
     points = np.cumsum(steps, axis=0)
-    curve = Curve([SplinePiece(points)])
+    curve = RouteCurve([SplinePiece(points)])
     duration = min(8.0, curve.length / speed - 0.1)
     if duration < 0.5:
         return

@@ -43,8 +43,10 @@ def short(folder: Path, name: str) -> Path:
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     folder = tmp_path_factory.mktemp("traffic")
     settings = short(folder, request.param)
-    make_traffic(
-        MAPS[request.param], folder / "out", hours=SECONDS / 3600.0, settings=settings, seed=3, highd=True
+    list(
+        make_traffic(
+            MAPS[request.param], folder / "out", hours=SECONDS / 3600.0, settings=settings, seed=3, highd=True
+        )
     )
     return request.param, folder / "out"
 
@@ -159,5 +161,5 @@ def test_faults_are_told(tmp_path: Path, old: str, new: str, told: str) -> None:
     settings = short(tmp_path, "urban")
     settings.write_text(settings.read_text().replace(old, new, 1))
     with pytest.raises(InputError) as e:
-        make_traffic(MAPS["urban"], tmp_path / "out", hours=0.01, settings=settings)
+        list(make_traffic(MAPS["urban"], tmp_path / "out", hours=0.01, settings=settings))
     assert told in str(e.value)
