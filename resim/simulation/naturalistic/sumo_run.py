@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import tempfile
+from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -106,29 +107,29 @@ def _write_vehicles(path: Path, vehicles: Sequence[SpawnedVehicle]) -> None:
 
 
 def _tracks(folder: Path, vehicles: dict[str, SpawnedVehicle]) -> list[SumoTrack]:
-    rows: dict[str, list[tuple[float, float, float, float, str]]] = {}
+    numbers: dict[str, array[float]] = {}
+    passed: dict[str, list[str]] = {}
+    names: dict[str, str] = {}  # each lane's name once, however often it is passed
     now = 0.0
-    for event, element in etree.iterparse(
-        str(folder / "fcd.xml"), events=("start", "end"), tag=("timestep", "vehicle")
-    ):
+    told = etree.iterparse(str(folder / "fcd.xml"), events=("start", "end"), tag=("timestep", "vehicle"))
+    for event, element in told:
         if event == "start":
             if element.tag == "timestep":
                 now = float(element.get("time", "0"))
-            continue
-        if element.tag == "vehicle":
-            told = (now, float(element.get("x", "nan")), float(element.get("y", "nan")),
-                    float(element.get("speed", "nan")), element.get("lane", ""))  # fmt: skip
-            rows.setdefault(element.get("id", ""), []).append(told)
+        elif element.tag == "vehicle":
+            own = numbers.setdefault(element.get("id", ""), array("d"))
+            own.extend((now, *(float(element.get(name, "nan")) for name in ("x", "y", "speed"))))
+            lane = element.get("lane", "")
+            passed.setdefault(element.get("id", ""), []).append(names.setdefault(lane, lane))
         else:
             element.clear()
             while element.getprevious() is not None:
                 del element.getparent()[0]
     changes = _changes(folder / "changes.xml")
     out = []
-    for name, own in rows.items():
-        t, x, y, v = (np.array([row[k] for row in own]) for k in range(4))
-        lanes = tuple(row[4] for row in own)
-        out.append(SumoTrack(vehicles[name], t, x, y, v, lanes, tuple(changes.get(name, ()))))
+    for name, flat in numbers.items():
+        t, x, y, v = np.array(flat).reshape(-1, 4).T
+        out.append(SumoTrack(vehicles[name], t, x, y, v, tuple(passed[name]), tuple(changes.get(name, ()))))
     return sorted(out, key=lambda one: int(one.vehicle.id))
 
 
