@@ -46,6 +46,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,exports,validate_exports.py $(OMEGA) $(PEER) $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
+	$(call validated,traffic,validate_traffic.py)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
 	$(call validated,real_recordings,check_real.py $(DATA))
 	$(call validated,real_fits,validate_real.py fits $(DATA))

@@ -13,11 +13,14 @@ from typing import Any
 import resim.core.errors
 import resim.core.tracks
 import resim.jobs.assess
+import resim.jobs.augment
 import resim.jobs.check
 import resim.jobs.convert
+import resim.jobs.generate
 import resim.jobs.play
 import resim.jobs.resimulate
 import resim.jobs.sweep
+import resim.jobs.traffic
 import resim.jobs.train
 import resim.jobs.verify
 import resim.metrics.measures
@@ -42,6 +45,9 @@ API = {
     "Sweep": resim.jobs.sweep,
     "Check and repair": resim.jobs.check,
     "Train": resim.jobs.train,
+    "Generate": resim.jobs.generate,
+    "Traffic": resim.jobs.traffic,
+    "Augment": resim.jobs.augment,
     "Check and convert maps": resim.jobs.convert,
     "Re-simulation": resim.resimulation,
     "Cases and simulated drives": resim.simulation.case,

@@ -15,11 +15,15 @@ if TYPE_CHECKING:
     from resim.core.tracks import Tracks as Tracks
     from resim.jobs.assess import AssessmentResult as AssessmentResult
     from resim.jobs.assess import assess as assess
+    from resim.jobs.augment import AugmentedRecording as AugmentedRecording
+    from resim.jobs.augment import augment as augment
     from resim.jobs.check import CheckResult as CheckResult
     from resim.jobs.check import check as check
     from resim.jobs.check import repair as repair
     from resim.jobs.convert import check_map as check_map
     from resim.jobs.convert import convert as convert
+    from resim.jobs.generate import GeneratedRecording as GeneratedRecording
+    from resim.jobs.generate import generate_recording as generate_recording
     from resim.jobs.play import play as play
     from resim.jobs.resimulate import ResimulationResult as ResimulationResult
     from resim.jobs.resimulate import resimulate as resimulate
@@ -27,6 +31,8 @@ if TYPE_CHECKING:
     from resim.jobs.sweep import SweepOptions as SweepOptions
     from resim.jobs.sweep import SweepRuns as SweepRuns
     from resim.jobs.sweep import sweep as sweep
+    from resim.jobs.traffic import TrafficRecording as TrafficRecording
+    from resim.jobs.traffic import make_traffic as make_traffic
     from resim.jobs.train import train as train
     from resim.jobs.verify import Verification as Verification
     from resim.jobs.verify import VerificationListener as VerificationListener
@@ -57,11 +63,15 @@ _WHERE = {
     "Tracks": "core.tracks",
     "AssessmentResult": "jobs.assess",
     "assess": "jobs.assess",
+    "AugmentedRecording": "jobs.augment",
+    "augment": "jobs.augment",
     "CheckResult": "jobs.check",
     "check": "jobs.check",
     "repair": "jobs.check",
     "check_map": "jobs.convert",
     "convert": "jobs.convert",
+    "GeneratedRecording": "jobs.generate",
+    "generate_recording": "jobs.generate",
     "play": "jobs.play",
     "ResimulationResult": "jobs.resimulate",
     "resimulate": "jobs.resimulate",
@@ -69,6 +79,8 @@ _WHERE = {
     "SweepOptions": "jobs.sweep",
     "SweepRuns": "jobs.sweep",
     "sweep": "jobs.sweep",
+    "TrafficRecording": "jobs.traffic",
+    "make_traffic": "jobs.traffic",
     "train": "jobs.train",
     "Verification": "jobs.verify",
     "VerificationListener": "jobs.verify",

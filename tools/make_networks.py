@@ -1,4 +1,6 @@
-"""Makes networks/proving_ground.xodr, byte for byte the same each time: python tools/make_networks.py.
+"""Makes the maps in networks/, byte for byte the same each time: python tools/make_networks.py.
+
+The motorway and the town are described in motorway.py and urban.py; here the proving ground:
 
 Road 1: 1200 m straight, clothoid, 400 m radius left, clothoid, 300 m straight. Two driving lanes -1 and -2
 and the shoulder -3; from 900 m on lane -3 opens to a third driving lane over 120 m and -4 is the shoulder.
@@ -13,22 +15,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from lxml import etree
+from map_parts import DATE, GEO_REFERENCE, mark
+from motorway import motorway
 from scenariogeneration import xodr
+from urban import urban
 
 HERE = Path(__file__).resolve().parents[1]
-GEO_REFERENCE = "+proj=tmerc +lat_0=48.0 +lon_0=11.0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
-DATE = "2025-01-01T00:00:00"
 WIDTH, SHOULDER = 3.5, 2.5
 WIDENING, TAPER = 900.0, 120.0
 STRAIGHT, CLOTHOID, ARC, RUNOUT, RADIUS = 1200.0, 120.0, 300.0, 300.0, 400.0
 S_HALF, S_OFFSET = 400.0, 20.0
-BROKEN = {"width": 0.15, "length": 6.0, "space": 12.0}
-
-
-def mark(kind: str) -> xodr.RoadMark:
-    if kind == "broken":
-        return xodr.RoadMark(xodr.RoadMarkType.broken, rule=xodr.MarkRule.none, **BROKEN)
-    return xodr.RoadMark(getattr(xodr.RoadMarkType, kind), width=0.15)
 
 
 def lane(kind: xodr.LaneType, width: float, line: str, *, opening: float = 0.0) -> xodr.Lane:
@@ -115,10 +111,15 @@ def proving_ground() -> bytes:
     return etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n"
 
 
+MAPS = {"proving_ground": proving_ground, "motorway": motorway, "urban": urban}
+"""By name of the file in networks/."""
+
+
 def main() -> int:
-    target = HERE / "networks" / "proving_ground.xodr"
-    target.write_bytes(proving_ground())
-    print(target.relative_to(HERE))
+    for name, made in MAPS.items():
+        target = HERE / "networks" / f"{name}.xodr"
+        target.write_bytes(made())
+        print(target.relative_to(HERE))
     return 0
 
 

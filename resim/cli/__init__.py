@@ -11,10 +11,12 @@ if Path(sys.argv[0]).name == "resim" and signal.getsignal(signal.SIGINT) is sign
 
 from resim.cli import (
     assess,
+    augment,
     check,
     demo,
     export,
     function,
+    generate,
     imports,
     maps,
     perception,
@@ -25,6 +27,7 @@ from resim.cli import (
     suite,
     sweep,
     sweep_report,
+    traffic,
     verify,
 )
 from resim.cli.app import app, main
@@ -32,10 +35,12 @@ from resim.cli.app import app, main
 __all__ = [
     "app",
     "assess",
+    "augment",
     "check",
     "demo",
     "export",
     "function",
+    "generate",
     "imports",
     "main",
     "maps",
@@ -47,5 +52,6 @@ __all__ = [
     "suite",
     "sweep",
     "sweep_report",
+    "traffic",
     "verify",
 ]

@@ -18,8 +18,11 @@ from resim.recordings.settings import Settings
 from resim.resimulation.assessment_report import RecordingAssessment, RunAssessment
 from resim.resimulation.report import RunProvenance, RunReport
 from resim.road.checked import ConversionReport
+from resim.scenario.augmentation.settings import AugmentationSettings
+from resim.scenario.generation.recipe import Recipe
 from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
+from resim.simulation.naturalistic.settings import NaturalisticSettings
 from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
@@ -60,6 +63,9 @@ FORMATS: Mapping[str, FileFormat] = {
     "build": FileFormat("*.toml", BuildFile),
     "criteria": FileFormat("*.toml", CriteriaFile),
     "traffic": FileFormat("*.toml", ReactiveSettings),
+    "recipe": FileFormat("*.toml", Recipe),
+    "naturalistic": FileFormat("*.toml", NaturalisticSettings),
+    "augmentation": FileFormat("*.toml", AugmentationSettings),
     "suite": FileFormat("*.toml", SuiteFile),
     "sweep": FileFormat("*.toml", SweepFile),
     "perception": FileFormat("*.json", PerceptionModel),

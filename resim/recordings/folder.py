@@ -15,7 +15,7 @@ from resim.recordings.present import existing_map, ground_truth, table_file
 from resim.recordings.recording import Recording
 from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
 from resim.recordings.source import RecordingTables, recording_of
-from resim.recordings.tables import read_table, read_track_table, row_problem
+from resim.recordings.tables import read_table, read_track_table, row_problem, write_parquet
 
 
 def read_tables(folder: Path) -> RecordingTables:
@@ -48,13 +48,19 @@ def read_recording(folder: Path) -> Recording:
     return recording_of(read_tables(folder))
 
 
-def write_recording(recording: Recording, folder: Path, *, map_reference: str | None = None) -> None:
+def write_recording(
+    recording: Recording, folder: Path, *, map_reference: str | None = None, parquet: bool = False
+) -> None:
     """Write the recording as a new folder (see `write_tables`)."""
-    write_tables(RecordingTables.of(recording), folder, map_reference=map_reference)
+    write_tables(RecordingTables.of(recording), folder, map_reference=map_reference, parquet=parquet)
 
 
-def write_tables(tables: RecordingTables, folder: Path, *, map_reference: str | None = None) -> None:
+def write_tables(
+    tables: RecordingTables, folder: Path, *, map_reference: str | None = None, parquet: bool = False
+) -> None:
     """Write the tables as a new recording folder, all or nothing; the same tables give the same bytes.
+
+    parquet: as Parquet, which takes a third of the space, and not as CSV.
 
     The map is copied into it; with map_reference, a path relative to the folder, the folder refers to that
     file instead. Raises InputError where the folder exists and is not empty, or there is no such map.
@@ -66,12 +72,12 @@ def write_tables(tables: RecordingTables, folder: Path, *, map_reference: str | 
     existing_map(folder, road)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        _write(tables, folder, map_reference)
+        _write(tables, folder, map_reference, parquet)
     except OSError as e:
         raise InputError(folder, f"cannot be written ({e.strerror})", "Name a folder you may write.") from e
 
 
-def _write(tables: RecordingTables, folder: Path, map_reference: str | None) -> None:
+def _write(tables: RecordingTables, folder: Path, map_reference: str | None, parquet: bool) -> None:
     """Write a folder beside, then put it in place."""
     beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
@@ -81,7 +87,9 @@ def _write(tables: RecordingTables, folder: Path, map_reference: str | None) -> 
         (beside / SETTINGS).write_text(text, encoding="utf-8", newline="\n")
         plan = None if tables.plan is None else tables.plan[list(PLAN_COLUMNS)]
         for name, table in (("gt", tables.gt), ("sd", tables.sd), ("plan", plan)):
-            if table is not None:
+            if table is not None and parquet:
+                write_parquet(beside / f"{name}.parquet", table)
+            elif table is not None:
                 table.to_csv(beside / f"{name}.csv", index=False, lineterminator="\n", encoding="utf-8")
         beside.chmod(0o755)
         beside.replace(folder)

@@ -259,6 +259,15 @@ def _refuse(
     )
 
 
+def write_parquet(path: Path, frame: pd.DataFrame) -> None:
+    """Write a table as Parquet; the same table gives the same bytes."""
+    with duckdb.connect() as database:
+        database.execute("SET threads = 1")
+        database.register("written", frame)
+        name = str(path).replace("'", "''")
+        database.execute(f"COPY written TO '{name}' (FORMAT parquet, COMPRESSION zstd)")
+
+
 def complete_rows(frame: pd.DataFrame) -> pd.DataFrame:
     """Give the rows of a track table that lack no value, each time and object once, by time."""
     whole = frame[np.isfinite(frame[list(VALUES)].to_numpy(float)).all(axis=1)]

@@ -62,6 +62,7 @@ RUN_HERE = {
     "container.toml",
     "reactive_planner.toml",
     "careful.toml",
+    "cut_in.toml",
     "my_measures.py",
     "recording.toml",
     "mapping.toml",
@@ -404,6 +405,34 @@ def test_the_build_of_somebody_elses_planner_is_as_the_guide_has_it() -> None:
     said = example(GUIDES / "foreign_planner.md", "reactive_planner.toml")
     build = ROOT / "adfunc" / "builds" / "reactive_planner-2025.1.toml"
     assert tomllib.loads(said) == tomllib.loads(build.read_text(encoding="utf-8"))
+
+
+def test_drives_whose_truth_is_known_are_made_as_the_guide_says(
+    done: Done, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each command of the page, in its order, with few of the recipes and with traffic of a few seconds."""
+    page = GUIDES / "generate.md"
+    for name in ("scenarios", "adfunc", "networks"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "cut_in.toml").write_text(example(page, "cut_in.toml"))
+    monkeypatch.chdir(tmp_path)
+    some = tmp_path / "some" / "of" / "these"
+    some.mkdir(parents=True)
+    for path in (ROOT / "scenarios" / "catalog" / "generate").glob("highway_lead_c*.toml"):
+        shutil.copy(path, some)
+    less = {"0.05": "0.003", "scenarios/catalog/generate": "some/of/these"}
+    said = {"out/cut_in": 1, "out/kinds": 3, "out/traffic": 1, "out/town": 2, "out/augmented": 5}
+    for words in pages.commands(page):
+        done(*(less.get(word, word) for word in words[1:]))
+        if words[1] in ("generate", "traffic", "augment"):
+            out = Path(words[words.index("--out") + 1])
+            folders = (
+                [out] if (out / "truth.csv").is_file() else [one for one in out.iterdir() if one.is_dir()]
+            )
+            assert len(folders) == said[str(out)]
+    truth = pd.read_csv("out/cut_in/truth.csv")
+    assert truth["label"].tolist() == ["speeding", "lane_change_right", "cut_in_right"]
+    assert truth["t"].to_numpy() == pytest.approx([0.0, 3.35, 3.3], abs=0.1)
 
 
 def test_reactive_traffic_is_as_its_file_says(tmp_path: Path) -> None:

@@ -49,6 +49,8 @@ SHIPPED = {
     "criteria": [*ROOT.glob("scenarios/criteria/*.toml")],
     "suite": [*ROOT.glob("scenarios/suites/*.toml")],
     "sweep": [*ROOT.glob("scenarios/sweeps/*.toml")],
+    "recipe": [*ROOT.glob("scenarios/catalog/generate/*.toml")],
+    "naturalistic": [*ROOT.glob("scenarios/traffic/*.toml")],
     "perception": [*ROOT.glob("adfunc/perception/*.json")],
 }
 

@@ -168,6 +168,24 @@ class RoadNetwork:
         value = top / np.maximum(np.hypot(bend, slope), 1e-6) ** 3
         return np.asarray(np.where(self._lanes.forward[row], value, -value).reshape(shape))
 
+    def lane_curve(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike, t: ArrayLike = 0.0) -> Floats:
+        """Give x, y [m] of places t [m] left of a lane's centre, and their first and second derivatives by s: (6, N).
+
+        With the reference line's heading e, its normal n, curvature k and the offset t(s) from it:
+        r' = (1 - k t) e + t' n, r'' = -(k' t + 2 k t') e + ((1 - k t) k + t'') n.
+        """
+        number, lanes, s_, shape = self._places(road, lane, s, t)
+        row, frame, _, slope, second = self._offset_curve(number, lanes, s_)
+        offset = self._lanes.centre(row, self._clamped(number, s_))
+        offset = offset + np.broadcast_to(np.asarray(t, dtype=float), shape).ravel()
+        k, e = frame.curvature, np.exp(1j * frame.heading)
+        n, bend = 1j * e, 1.0 - k * offset
+        first = bend * e + slope * n
+        turn = -(frame.rate * offset + 2.0 * k * slope) * e + (bend * k + second) * n
+        place = frame.x + 1j * frame.y + offset * n
+        parts = [part for z in (place, first, turn) for part in (z.real, z.imag)]
+        return np.stack(parts).reshape(6, *shape)
+
     def lane_width(self, road: ArrayLike, lane: ArrayLike, s: ArrayLike) -> Floats:
         """Give the width [m] of the lane, as its polynomial says."""
         number, lanes, s_, shape = self._places(road, lane, s)

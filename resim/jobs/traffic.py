@@ -1,0 +1,148 @@
+"""Make naturalistic recordings of SUMO's traffic: what `resim traffic` does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from resim.core.errors import InputError
+from resim.core.files import file_hash, shipped
+from resim.core.tracks import Tracks
+from resim.jobs.generate import TRUTH
+from resim.jobs.given import path_of
+from resim.recordings import Recording, write_recording
+from resim.recordings.formats.highd_writer import write_highd
+from resim.results import whole_file
+from resim.road.opendrive import load
+from resim.road.sumo.netconvert import sumo_version
+from resim.scenario.generation.truth import truth_table
+from resim.simulation.naturalistic.settings import read_naturalistic
+from resim.simulation.naturalistic.windows import TrafficWindow, traffic_windows
+
+RATE = 25.0
+"""Samples a second [Hz], as of highD."""
+LONGEST = 48.0
+"""Most hours of one call."""
+DIGITS = 6
+
+
+@dataclass(frozen=True)
+class TrafficRecording:
+    """One recording of the traffic.
+
+    Attributes:
+        folder: Of the recording.
+        vehicles: How many it has.
+        kilometres: How far they drive together [km].
+        labels: How often each maneuver is in the truth.
+        left_out: Ids of vehicles that are left out, with the reason.
+    """
+
+    folder: Path
+    vehicles: int
+    kilometres: float
+    labels: dict[str, int]
+    left_out: tuple[tuple[str, str], ...]
+
+
+def shipped_traffic() -> Path:
+    """Give the traffic settings that ship, those of a motorway.
+
+    Returns:
+        Their file.
+    """
+    return shipped() / "scenarios" / "traffic" / "motorway.toml"
+
+
+def make_traffic(
+    road: str | Path,
+    out: str | Path,
+    *,
+    hours: float,
+    settings: str | Path | None = None,
+    seed: int = 1,
+    highd: bool = False,
+) -> Iterator[TrafficRecording]:
+    """Make recordings of SUMO's traffic on a map, each with its table of truth beside it (`truth.csv`).
+
+    Args:
+        road: OpenDRIVE file.
+        out: New folder; a recording is a folder in it, 000 the first.
+        hours: How long, without the warm-up [h].
+        settings: TOML file; those of a motorway that ship, if None.
+        seed: Of all draws.
+        highd: Whether CSV of the highD family is written as well, into the folder `highd`.
+
+    Returns:
+        The recordings, each as soon as it is written.
+
+    Raises:
+        InputError: The settings are wrong, the map cannot be entered, or the folder is there already.
+        ConversionError: The map cannot be converted.
+        ResimError: SUMO fails.
+    """
+    path, folder = path_of(road), path_of(out)
+    if not 0.0 < hours <= LONGEST:
+        raise InputError("--hours", f"expected more than 0 up to {LONGEST:g}, found {hours:g}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(folder, "exists already", "Name a new folder: a recording is never replaced.")
+    file = path_of(settings) if settings is not None else shipped_traffic()
+    told, network = read_naturalistic(file), load(path)
+    provenance = {
+        "source": f"resim traffic, seed {seed}, SUMO {sumo_version()}",
+        "settings": f"{file.name}, SHA-256 {file_hash(file)}",
+        "map": f"{path.name}, SHA-256 {file_hash(path)}",
+    }
+    made = 0
+    for number, window in enumerate(
+        traffic_windows(network, told, duration=3600.0 * hours, rate=RATE, seed=seed)
+    ):
+        if not len(window.tracks):
+            continue
+        one = _write(window, path, folder, number, provenance)
+        if highd:
+            write_highd(window.tracks, folder / "highd", number, RATE)
+        made += 1
+        yield one
+    if not made:
+        raise InputError(file, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
+
+
+def _write(
+    window: TrafficWindow, road: Path, folder: Path, number: int, provenance: dict[str, str]
+) -> TrafficRecording:
+    name = f"{number:03d}"
+    tracks = _rounded(window.tracks)
+    more = {"begin": f"{window.begin:g} s of the traffic"}
+    if window.left_out:
+        more["left_out"] = "; ".join(f"{one}: {why}" for one, why in window.left_out)
+    recording = Recording(
+        name=name,
+        map=road.absolute(),
+        ego=_ego(tracks),
+        gt=tracks,
+        gt_rate=RATE,
+        provenance={**provenance, **more},
+    )
+    write_recording(recording, folder / name, parquet=True)
+    truth = truth_table(name, window.maneuvers)
+    with whole_file(folder / name / TRUTH, None) as beside:
+        truth.to_csv(beside, index=False, lineterminator="\n")
+    km = float(np.nansum(np.abs(tracks.v))) / RATE / 1000.0
+    labels = {str(label): int(count) for label, count in truth["label"].value_counts().sort_index().items()}
+    return TrafficRecording(folder / name, len(tracks), km, labels, window.left_out)
+
+
+def _rounded(tracks: Tracks) -> Tracks:
+    """Micrometres and the like: what is beyond only takes space."""
+    names = ("x", "y", "heading", "v", "a", "yaw_rate")
+    return replace(tracks, **{name: np.round(getattr(tracks, name), DIGITS) for name in names})
+
+
+def _ego(tracks: Tracks) -> str:
+    """The vehicle that is there from the first time on, and longest; the lowest id of several."""
+    lasts = tracks.valid.sum(axis=1) + len(tracks.t) * tracks.valid[:, 0]
+    return str(tracks.ids[int(np.argmax(lasts))])
