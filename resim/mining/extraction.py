@@ -160,6 +160,15 @@ def _scenario(
     return ExtractedScenario(ego, start, end, int(steps[0]), int(steps[-1]), members, tuple(triggers), bucket)
 
 
+def window_of(
+    features: Features, ego: int, samples: tuple[int, int], triggers: Sequence[Maneuver]
+) -> ExtractedScenario:
+    """Give the scenario of an EGO from one of its samples to another, for whatever reason it is cut out."""
+    steps = features.samples.step
+    window = ego, int(steps[samples[0]]), int(steps[samples[1]])
+    return _scenario(features, _holdings(features), window, list(triggers))
+
+
 def _of_ego(holdings: _Holdings, ego: int, start: int, end: int) -> slice:
     """The holdings of one EGO in a window."""
     low, high = np.searchsorted(holdings.of_ego, [ego, ego + 1]).tolist()
