@@ -84,10 +84,14 @@ class AccelerationSettings(Strict):
 
 
 class TurnSettings(Strict):
-    """Ways through junctions: straight up to `straight` [rad] of turning, a U-turn from `u_turn` [rad] on."""
+    """Ways through junctions: straight up to `straight` [rad] of turning, a U-turn from `u_turn` [rad] on.
+
+    radius [m]: a junction without any turn as tight as this is a fork or a merge, and no crossing.
+    """
 
     straight: float = Field(default=0.52, gt=0.0, lt=1.6)
     u_turn: float = Field(default=2.4, gt=1.6, le=3.15)
+    radius: float = Field(default=60.0, gt=0.0)
 
 
 class SwervingSettings(Strict):

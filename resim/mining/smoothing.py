@@ -1,9 +1,10 @@
 """Slopes of noisy values: a straight line through as many samples as their own noise asks for.
 
 Wagner's threshold of 0.03 m/s means nothing to positions with 0.1 m of noise, differenced at 25 Hz: they fall below it
-in 0.7 % of samples. So noise is measured, of each piece of a track by its own second differences, and the line is
-through as many samples as bring the slope's standard deviation down to a precision: clean data get three samples, and
-keep their moments exactly; noisy ones up to LONGEST to each side. Noise that lasts longer than that is motion.
+in 0.7 % of samples. So noise is measured, of each piece of a track by its own fourth differences, in which motion is
+next to nothing, and the line is through as many samples as bring the slope's standard deviation down to a precision:
+clean data get three samples, and keep their moments exactly; noisy ones up to LONGEST to each side. Noise that lasts
+longer than that is motion.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ def half_widths(
     """
     half = np.ones(len(first) - 1, dtype=np.intp)
     for p, (low, high) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True)):
-        if high - low < 5:
+        if high - low < 8:
             continue
-        second = np.diff(values[low:high], 2)
-        sigma = NORMAL * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6.0)
+        fourth = np.diff(values[low:high], 4)
+        sigma = NORMAL * float(np.median(np.abs(fourth))) / np.sqrt(70.0)
         dt = float(np.median(np.diff(t[low:high])))
         wanted = np.cbrt(12.0 * (sigma / (precision * dt)) ** 2)
         half[p] = min(max(int(np.ceil(0.5 * (wanted - 1.0))), 1), max(int(LONGEST / dt), 1))

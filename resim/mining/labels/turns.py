@@ -2,7 +2,8 @@
 
 He draws boxes where vehicles enter and leave (those: `regions`); a map's junctions say the same. A way is labelled from
 the first to the last sample inside, if the vehicle was seen outside before and after; which way it is, the turning of
-the lanes says. Only junctions with a connection that turns count: a fork or a merge of a motorway is no crossing.
+the lanes says. Only junctions with a connection that turns tightly count: a fork or a merge of a motorway is no
+crossing.
 """
 
 from __future__ import annotations
@@ -16,35 +17,30 @@ from resim.mining.features import BREAKS, Features
 from resim.mining.lane_map import LaneMap
 from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
 from resim.mining.runs import stretches
-from resim.mining.settings import MiningSettings
+from resim.mining.settings import MiningSettings, TurnSettings
 
 LABELS = ("turn_left", "turn_right", "straight", "u_turn")
 
 
-def crossings(lanes: LaneMap, straight: float) -> Bools:
-    """Say of each junction (J,) whether any connection turns more than `straight` [rad]."""
-    inside = np.flatnonzero(lanes.junction >= 0)
+def crossings(lanes: LaneMap, rules: TurnSettings) -> Bools:
+    """Say of each junction (J,) whether a lane of any connection turns as at a crossing: far enough, and tightly."""
+    inside = np.flatnonzero((lanes.junction >= 0) & (lanes.lanes > 0))
     out = np.zeros(int(lanes.junction.max(initial=-1)) + 1, dtype=bool)
-    roads, of = np.unique(lanes.road[inside], return_inverse=True)
-    sections = lanes.network.lane_table.section[inside]
-    pairs, pair_of = np.unique(np.stack([of, sections]), axis=1, return_inverse=True)
-    sums = np.zeros((pairs.shape[1], 2))
-    np.add.at(
-        sums,
-        pair_of.ravel(),
-        np.stack([np.nan_to_num(np.abs(lanes.turn[inside])), lanes.lanes[inside] > 0], 1),
+    _, of = np.unique(
+        np.stack([lanes.road[inside], lanes.network.lane_table.lane[inside]]), axis=1, return_inverse=True
     )
-    per_section = sums[:, 0] / np.maximum(sums[:, 1], 1.0)
-    per_road = np.bincount(pairs[0], per_section, len(roads))
-    turns = per_road[of] > straight
-    out[lanes.junction[inside[turns]]] = True
+    of = of.ravel()  # the sections of one lane of a road
+    turn = np.abs(np.bincount(of, lanes.turn[inside]))
+    length = np.bincount(of, lanes.stations.length[inside])
+    tight = (turn > rules.straight) & (length <= rules.radius * turn)
+    out[lanes.junction[inside[tight[of]]]] = True
     return out
 
 
 def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
     """Find the ways through junctions."""
     samples, rules = features.samples, settings.turn
-    counts = crossings(features.lanes, rules.straight)
+    counts = crossings(features.lanes, rules)
     if not counts.any():
         return
     on = np.flatnonzero((features.row >= 0) & samples.kinds(frozenset(settings.kinds)))
