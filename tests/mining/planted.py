@@ -130,7 +130,8 @@ def write_motorway(file: Path) -> Path:
         '<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="6" name="motorway"/>'
         '<road id="7" length="1600" junction="-1"><type s="0" type="motorway"><speed max="33" unit="m/s"/></type>'
         '<planView><geometry s="0" x="0" y="0" hdg="0.3" length="200"><line/></geometry>'
-        '<geometry s="200" x="191.0672978" y="59.1040413" hdg="0.3" length="1400"><arc curvature="0.0016666667"/></geometry>'
+        '<geometry s="200" x="191.0672978" y="59.1040413" hdg="0.3" length="1400">'
+        '<arc curvature="0.0016666667"/></geometry>'
         f"</planView><lanes>{''.join(sections)}</lanes></road></OpenDRIVE>",
         encoding="utf-8",
     )

@@ -88,11 +88,18 @@ def test_a_lane_change_is_found_once_and_from_when_to_when(name: str, side: int)
 def test_doubles_are_one_label_and_swaying_over_the_border_is_none(noise: float) -> None:
     network = road("alks/alks_road_different_curvatures.xodr")
     path = path_of(network, "0", -5, 900.0, 900.0)
+
+    def left_once(t: np.ndarray) -> np.ndarray:
+        return smooth(t, 2.0, 5.0, 3.5)
+
+    def sway(t: np.ndarray) -> np.ndarray:
+        return smooth(t, 4.0, 3.0, 2.2) - smooth(t, 8.0, 3.0, 2.2)
+
     drives = [
         Drive("double", steady(30.0), lambda t: smooth(t, 4.0, 9.0, 7.0), end=20.0),
-        Drive("sways", lambda t: 80.0 + 30.0 * t, lambda t: smooth(t, 4.0, 3.0, 2.2) - smooth(t, 8.0, 3.0, 2.2), end=20.0),
-        Drive("two", lambda t: 160.0 + 30.0 * t, lambda t: smooth(t, 2.0, 5.0, 3.5) + smooth(t, 11.0, 5.0, 3.5), end=20.0),
-        Drive("there and back", lambda t: -0.0 + 20.0 * t, lambda t: smooth(t, 2.0, 5.0, 3.5) - smooth(t, 12.0, 5.0, 3.5), end=20.0),
+        Drive("sways", lambda t: 80.0 + 30.0 * t, sway, end=20.0),
+        Drive("two", lambda t: 160.0 + 30.0 * t, lambda t: left_once(t) + smooth(t, 11.0, 5.0, 3.5), end=20.0),
+        Drive("there and back", steady(20.0), lambda t: left_once(t) - smooth(t, 12.0, 5.0, 3.5), end=20.0),
         Drive("late", lambda t: 240.0 + 30.0 * t, lambda t: smooth(t, 17.0, 5.0, 3.5), end=20.0),
     ]  # fmt: skip
     found, maneuvers = mined(tracks_of(path, drives, noise=noise), network)
@@ -126,8 +133,10 @@ def test_following_a_lane_that_diverges_or_turns_is_no_lane_change(tmp_path: Pat
         assert told(found, maneuvers) == [], (start, lane)
 
 
-@pytest.mark.parametrize(("before", "after"), [("1", "0"), ("1", "2"), ("1", "3"), ("0", "1"), ("0", "2"), ("0", "3"),
-                                               ("3", "0"), ("3", "1"), ("3", "2"), ("2", "0"), ("2", "1"), ("2", "3")])  # fmt: skip
+WAYS = [(one, two) for one in "0123" for two in "0123" if one != two]
+
+
+@pytest.mark.parametrize(("before", "after"), WAYS)
 def test_every_way_through_a_crossing_is_named_by_its_turn(before: str, after: str) -> None:
     network = road("esmini/fabriksgatan.xodr")
     (way,) = [
@@ -218,7 +227,8 @@ def test_speed_and_acceleration(tmp_path: Path) -> None:
     network = load(write_motorway(tmp_path / "motorway.xodr"))
     path = path_of(network, "7", -1, 20.0, 1500.0)
     drives = [
-        Drive("speeds", lambda t: 700.0 + 34.0 * t, end=12.0), Drive("at the limit", lambda t: 500.0 + 32.9 * t, end=12.0),
+        Drive("speeds", lambda t: 700.0 + 34.0 * t, end=12.0),
+        Drive("at the limit", lambda t: 500.0 + 32.9 * t, end=12.0),
         Drive("brakes", lambda t: 300.0 + braking(20.0, -5.0, 4.0, 2.0)(t), end=12.0),
         Drive("brakes softly", lambda t: 150.0 + braking(12.0, -3.0, 4.0, 2.0)(t), end=12.0),
         Drive("accelerates", lambda t: 80.0 + braking(5.0, 3.0, 4.0, 1.5)(t), end=12.0),
@@ -226,7 +236,8 @@ def test_speed_and_acceleration(tmp_path: Path) -> None:
     ]  # fmt: skip
     found, maneuvers = mined(tracks_of(path, drives), network)
     assert told(found, maneuvers) == [
-        ("accelerates", "strong_acceleration"), ("brakes", "strong_braking"), ("speeds", "speeding"), ("stands", "standing"),
+        ("accelerates", "strong_acceleration"), ("brakes", "strong_braking"), ("speeds", "speeding"),
+        ("stands", "standing"),
     ]  # fmt: skip
     (brakes,) = [m for m in maneuvers if m.label == "strong_braking"]
     assert found.samples.t[[brakes.start, brakes.end]] == pytest.approx([4.0, 6.0], abs=0.09)
