@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,14 @@ if TYPE_CHECKING:
     from resim.jobs.mine import MiningResult
     from resim.mining.report import MinedFailure
     from resim.mining.study import MinedPart
+
+
+class WrittenScenarios(StrEnum):
+    """What is written of scenarios: recordings and JSCEN files, recordings alone, or rows of a table alone."""
+
+    fitted = "fitted"
+    recordings = "recordings"
+    rows = "rows"
 
 
 @command(app, "mine")
@@ -34,26 +43,22 @@ def mine(
             "its decisions (decision), or its maneuvers of a label.",
         ),
     ] = None,
-    before: Annotated[float, typer.Option(min=0.0, help="With --around: time before a moment [s].")] = 5.0,
-    after: Annotated[float, typer.Option(min=0.0, help="With --around: time after a moment [s].")] = 3.0,
-    most: Annotated[int, typer.Option(min=1, help="With --around: windows of a recording at most.")] = 10,
-    fit: Annotated[bool, typer.Option(help="Fit the scenarios and write JSCEN files.")] = True,
-    write: Annotated[bool, typer.Option(help="Write the scenarios as recordings.")] = True,
-    resume: Annotated[
-        bool, typer.Option(help="Continue a study; what was mined alike before is kept.")
-    ] = False,
+    scenarios: Annotated[
+        WrittenScenarios,
+        typer.Option(help="What is written of each scenario, beside its row in scenarios.parquet."),
+    ] = WrittenScenarios.fitted,
     accept: Accept = None,
 ) -> None:
     """Find maneuvers in recordings, and cut the scenarios out, as recordings and JSCEN files.
 
     Writes maneuvers.parquet, scenarios.parquet, recordings/, maps/ with the JSCEN files, and mined.html. A recording
-    that cannot be mined is told of, and the others are mined all the same.
+    that cannot be mined is told of, and the others are mined all the same. What the folder holds of recordings
+    that were mined alike before is kept.
     """
     from resim.jobs import mine as job
-    from resim.mining.around import AroundOptions
 
-    moments = None if around is None else AroundOptions(around, before, after, most)
-    options = job.MineOptions(labels, moments, tuple(accept or ()), write, fit and write, resume)
+    write, fit = scenarios != WrittenScenarios.rows, scenarios == WrittenScenarios.fitted
+    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True)
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")

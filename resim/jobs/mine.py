@@ -37,7 +37,8 @@ class MineOptions:
 
     Attributes:
         labels: File of thresholds and own labels; None for what ships.
-        around: Which moments of each recording's own EGO are cut out in place of extraction.
+        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label, or
+            `decision`, with the windows of the thresholds; or options of one's own.
         accept: Codes of findings to continue despite.
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
@@ -45,7 +46,7 @@ class MineOptions:
     """
 
     labels: Path | None = None
-    around: AroundOptions | None = None
+    around: AroundOptions | str | None = None
     accept: tuple[str, ...] = ()
     write: bool = True
     fit: bool = True
@@ -152,8 +153,10 @@ def _study(options: MineOptions) -> StudyOptions:
     rules = read_rules(options.labels)
     scenarios = None
     if options.around is not None:
-        told = f"{options.around}"
-        scenarios = told, moments_finder(options.around, rules.labels)
+        asked = options.around
+        if isinstance(asked, str):
+            asked = AroundOptions(asked, **rules.settings.around.model_dump())
+        scenarios = f"{asked}", moments_finder(asked, rules.labels)
     return StudyOptions(rules, options.accept, options.write, options.fit, scenarios)
 
 
@@ -168,7 +171,7 @@ def _check_target(target: Path, resume: bool) -> None:
             target, f"holds {strange[0]}, which is not of `resim mine`", "Name another with --out."
         )
     if held and not resume:
-        raise InputError(target, "exists already", "Name a new folder, or continue with --resume.")
+        raise InputError(target, "exists already", "Name a new folder, or continue with resume=True.")
 
 
 def _named(folders: Sequence[Path]) -> dict[str, Path]:

@@ -13,7 +13,7 @@ from resim.core.geometry import Floats
 from resim.core.spelling import unknown
 from resim.mining.extraction import ExtractedScenario, window_of
 from resim.mining.features import Features
-from resim.mining.maneuver import Maneuver
+from resim.mining.maneuver import LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.recordings import Recording
 from resim.resimulation import AssessmentOptions, assess_recording
@@ -53,10 +53,12 @@ class Moment:
 
 def moments_finder(
     options: AroundOptions, labels: Sequence[str]
-) -> Callable[[Recording, Features, Sequence[Maneuver]], list[ExtractedScenario]]:
+) -> Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]:
     """Give what finds the windows of a recording's own EGO. labels: those that there are."""
 
-    def find(recording: Recording, features: Features, found: Sequence[Maneuver]) -> list[ExtractedScenario]:
+    def find(
+        recording: Recording, features: Features, found: Sequence[LabelledManeuver]
+    ) -> list[ExtractedScenario]:
         row = recording.gt.index(recording.ego)
         if options.what == DECISION:
             moments = _decisions(features, found, row)
@@ -70,7 +72,7 @@ def moments_finder(
     return find
 
 
-def _decisions(features: Features, found: Sequence[Maneuver], row: int) -> list[Moment]:
+def _decisions(features: Features, found: Sequence[LabelledManeuver], row: int) -> list[Moment]:
     """Lane changes, and when the EGO begins to brake (`resim.scenario.maneuvers.REACTED`)."""
     samples = features.samples
     own = [m for m in found if m.object == row and m.label in ("lane_change_left", "lane_change_right")]
@@ -134,6 +136,6 @@ def _windows(
         for moment in sorted(held, key=lambda m: (-m.badness, m.t)):
             at = low + min(int(np.searchsorted(t, moment.t - 1e-9)), len(t) - 1)
             figures = {"rank": float(rank)} | ({} if np.isnan(moment.value) else {"value": moment.value})
-            triggers.append(Maneuver(f"around {options.what}", row, at, at, at, figures=figures))
+            triggers.append(LabelledManeuver(f"around {options.what}", row, at, at, at, figures=figures))
         out.append(window_of(features, row, (low + start, low + end), triggers))
     return out

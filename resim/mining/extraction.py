@@ -17,7 +17,7 @@ import numpy as np
 
 from resim.core.geometry import Bools
 from resim.mining.features import Features
-from resim.mining.maneuver import Maneuver
+from resim.mining.maneuver import LabelledManeuver
 from resim.mining.samples import VEHICLES, Ints
 from resim.mining.settings import ExtractionSettings
 
@@ -54,7 +54,7 @@ class ExtractedScenario:
     ego_start: int
     ego_end: int
     members: tuple[int, ...]
-    triggers: tuple[Maneuver, ...]
+    triggers: tuple[LabelledManeuver, ...]
     bucket: Bucket
 
 
@@ -75,11 +75,11 @@ class _Trigger(NamedTuple):
     ego: int
     start: int
     end: int
-    maneuver: Maneuver
+    maneuver: LabelledManeuver
 
 
 def extract(
-    features: Features, maneuvers: Sequence[Maneuver], settings: ExtractionSettings
+    features: Features, maneuvers: Sequence[LabelledManeuver], settings: ExtractionSettings
 ) -> list[ExtractedScenario]:
     """Give the scenarios of all EGOs, by EGO, then by time."""
     wanted = [m for m in maneuvers if m.label in settings.trigger]
@@ -109,7 +109,10 @@ def _holdings(features: Features) -> _Holdings:
 
 
 def _triggers(
-    features: Features, holdings: _Holdings, maneuvers: Sequence[Maneuver], settings: ExtractionSettings
+    features: Features,
+    holdings: _Holdings,
+    maneuvers: Sequence[LabelledManeuver],
+    settings: ExtractionSettings,
 ) -> Iterator[_Trigger]:
     """Each maneuver with each EGO around which its vehicle holds a slot during it."""
     samples = features.samples
@@ -148,7 +151,7 @@ def _windows(triggers: Sequence[_Trigger]) -> Iterator[list[_Trigger]]:
 
 
 def _scenario(
-    features: Features, holdings: _Holdings, window: tuple[int, int, int], triggers: list[Maneuver]
+    features: Features, holdings: _Holdings, window: tuple[int, int, int], triggers: list[LabelledManeuver]
 ) -> ExtractedScenario:
     ego, start, end = window
     samples = features.samples
@@ -161,7 +164,7 @@ def _scenario(
 
 
 def window_of(
-    features: Features, ego: int, samples: tuple[int, int], triggers: Sequence[Maneuver]
+    features: Features, ego: int, samples: tuple[int, int], triggers: Sequence[LabelledManeuver]
 ) -> ExtractedScenario:
     """Give the scenario of an EGO from one of its samples to another, for whatever reason it is cut out."""
     steps = features.samples.step
@@ -192,7 +195,7 @@ def _bucket(features: Features, samples: Ints, vehicles: int) -> Bucket:
     return Bucket(list(lanes.network.roads)[road], bool(along), int(most), vehicles)
 
 
-def tag(triggers: Sequence[Maneuver]) -> str:
+def tag(triggers: Sequence[LabelledManeuver]) -> str:
     """Give the tag of a scenario (Wagner 2021, Fig. 6.14): left, right, double left, double right, another label, or
     several where its triggers are of different kinds.
     """
@@ -200,7 +203,7 @@ def tag(triggers: Sequence[Maneuver]) -> str:
     return kinds.pop() if len(kinds) == 1 else "several"
 
 
-def _kind(maneuver: Maneuver) -> str:
+def _kind(maneuver: LabelledManeuver) -> str:
     if not maneuver.label.startswith("lane_change_"):
         return maneuver.label
     side = maneuver.label.removeprefix("lane_change_")

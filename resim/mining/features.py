@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.core.tracks import Tracks
-from resim.mining.lane_map import LaneMap, Rows, lane_map
+from resim.mining.lane_map import MinedLanes, Rows, lane_map
 from resim.mining.samples import VEHICLES, Ints, Samples, samples_of
 from resim.mining.smoothing import slope
 from resim.mining.surroundings import (
@@ -69,7 +69,7 @@ class Features:
     """
 
     samples: Samples
-    lanes: LaneMap
+    lanes: MinedLanes
     row: Rows
     s: Floats
     offset: Floats
@@ -160,7 +160,7 @@ def features(tracks: Tracks, network: RoadNetwork, reach: SlotReach = PUBLISHED_
     return replace(found, reach=reach)
 
 
-def _places(samples: Samples, lanes: LaneMap) -> tuple[LanePlaces, Ints]:
+def _places(samples: Samples, lanes: MinedLanes) -> tuple[LanePlaces, Ints]:
     """Driven lanes at every sample, and where (K + 1,) those of each begin."""
     network, z = lanes.network, samples.tracks.z
     heights = None if z is None else z[samples.owner, samples.step]
@@ -192,7 +192,7 @@ def _at_height(network: RoadNetwork, found: LanePlaces, z: Floats) -> Bools:
     return np.asarray(near | ~some[found.point])
 
 
-def _lane_headings(lanes: LaneMap, places: LanePlaces) -> Floats:
+def _lane_headings(lanes: MinedLanes, places: LanePlaces) -> Floats:
     """Driving direction (M,) [rad] of the lanes' centres."""
     network = lanes.network
     table = network.lane_table
@@ -213,7 +213,7 @@ def _weights(samples: Samples) -> Floats:
 
 
 def _assemble(
-    samples: Samples, lanes: LaneMap, places: LanePlaces, chosen: Ints, of: tuple[Bools, Floats, Floats],
+    samples: Samples, lanes: MinedLanes, places: LanePlaces, chosen: Ints, of: tuple[Bools, Floats, Floats],
     followed: tuple[NDArray[np.int8], NDArray[np.int16]],
 ) -> Features:  # fmt: skip
     """The features of chosen places (K,), -1 for none. of: with_lane, lane heading and offset of places (M,)."""
@@ -229,7 +229,7 @@ def _assemble(
     breaks = kind == BREAKS
     stretch = np.cumsum(breaks).astype(np.int32)
     strand = _since(np.cumsum(passed), breaks).astype(np.int32)
-    aside = _aside(samples, on, row, offset, with_lane, lane_heading, breaks)
+    aside = _aside(samples, on, (row, offset, with_lane, lane_heading), breaks)
     v_across = np.full(count, np.nan)
     v_across[on] = slope(samples.t[on], aside[on], stretch[on], ACROSS_PRECISION)
     a = samples.tracks.a
@@ -249,14 +249,13 @@ def _since(total: NDArray[np.generic], breaks: Bools) -> NDArray[np.generic]:
     return total - total[at] if len(total) else total  # type: ignore[operator]
 
 
-def _aside(
-    samples: Samples, on: Ints, row: Rows, offset: Floats, with_lane: Bools, heading: Floats, breaks: Bools
-) -> Floats:
+def _aside(samples: Samples, on: Ints, placed: tuple[Rows, Floats, Bools, Floats], breaks: Bools) -> Floats:
     """Metres (K,) to the driver's left since the stretch began: sums of steps across the lane.
 
     Within a row a step is the change of the offset; from row to row, where centres may differ, that of the place across
-    the mean of both lanes' directions, which is exact on arcs.
+    the mean of both lanes' directions, which is exact on arcs. placed: row, offset, with_lane, lane heading (K,).
     """
+    row, offset, with_lane, heading = placed
     out = np.full(len(samples), np.nan)
     if not len(on):
         return out

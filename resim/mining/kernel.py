@@ -36,7 +36,7 @@ compiled = njit(cache=True, error_model="numpy")
 
 
 class LaneGraph(NamedTuple):
-    """The rows of a `LaneMap`: graphs (first, to) ahead and back, m of their centres, and who is left and right."""
+    """The rows of a `MinedLanes`: graphs (first, to) ahead and back, m of their centres, and who is left and right."""
 
     after_first: np.ndarray
     after_to: np.ndarray

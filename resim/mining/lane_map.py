@@ -54,7 +54,7 @@ class Stations(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LaneMap:
+class MinedLanes:
     """The L rows of `RoadNetwork.lane_table`; those that nobody drives on are in no graph and beside nobody.
 
     Attributes:
@@ -107,7 +107,7 @@ class LaneMap:
 
 
 @lru_cache(maxsize=4)
-def lane_map(network: RoadNetwork) -> LaneMap:
+def lane_map(network: RoadNetwork) -> MinedLanes:
     """Give the lane map of a network; the last ones are kept."""
     table = network.lane_table
     driven = table.drivable & (table.lane != 0)
@@ -120,7 +120,7 @@ def lane_map(network: RoadNetwork) -> LaneMap:
     junction = [
         -1 if road.junction is None else numbers.setdefault(road.junction, len(numbers)) for road in roads
     ]
-    found = LaneMap(
+    found = MinedLanes(
         network, _ways(pairs, len(driven)), _ways(pairs[:, ::-1], len(driven)), left, right, beside_left, beside_right,
         stations, turn, table.road.astype(np.int32), np.array(junction, np.int32)[table.road],
         np.array(table.types, dtype=str), _road_types(network), lanes,
@@ -209,7 +209,7 @@ def _joins(pairs: Rows, driven: Bools, ends: _Ends) -> Rows:
 
 
 def _neighbours(network: RoadNetwork, driven: Bools) -> tuple[Rows, Rows, Rows, Rows, Rows]:
-    """left, right, beside_left, beside_right and lanes, as in `LaneMap`."""
+    """left, right, beside_left, beside_right and lanes, as in `MinedLanes`."""
     table = network.lane_table
     count = len(driven)
     up, down, next_up, next_down = (np.full(count, -1, np.int32) for _ in range(4))

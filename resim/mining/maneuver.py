@@ -11,7 +11,7 @@ from resim.mining.settings import MiningSettings
 
 
 @dataclass(frozen=True)
-class Maneuver:
+class LabelledManeuver:
     """A label of one object.
 
     Attributes:
@@ -33,7 +33,7 @@ class Maneuver:
     figures: Mapping[str, float] = field(default_factory=dict)
 
 
-FindManeuvers = Callable[[Features, MiningSettings, Sequence[Maneuver]], Iterable[Maneuver]]
+FindManeuvers = Callable[[Features, MiningSettings, Sequence[LabelledManeuver]], Iterable[LabelledManeuver]]
 """Takes features, thresholds and what was found so far; gives maneuvers."""
 
 

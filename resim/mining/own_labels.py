@@ -13,7 +13,7 @@ from resim.core.plugins.watchdog import Watchdog
 from resim.core.spec import read_strict
 from resim.mining.features import Features
 from resim.mining.find import OwnLabel
-from resim.mining.maneuver import Maneuver, label_names
+from resim.mining.maneuver import LabelledManeuver, label_names
 from resim.mining.settings import (
     DEFAULT_SETTINGS,
     EXAMPLE,
@@ -64,9 +64,11 @@ def _own(frozen: FrozenFile, copy: FrozenCopy, named: str) -> OwnLabel:
     """A user's function, run afresh and for a limited time each time, as own measures are."""
     function = load_named(frozen, copy, named, "label")
 
-    def label(features: Features, found: Sequence[Maneuver]) -> Iterable[Maneuver]:
+    def label(features: Features, found: Sequence[LabelledManeuver]) -> Iterable[LabelledManeuver]:
         with function.afresh(), Watchdog() as watchdog:
-            told: Iterable[Maneuver] = watchdog.call(LIMIT, lambda: list(function.load()(features, found)))
+            told: Iterable[LabelledManeuver] = watchdog.call(
+                LIMIT, lambda: list(function.load()(features, found))
+            )
         return told
 
     return label

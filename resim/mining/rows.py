@@ -9,7 +9,7 @@ import pandas as pd
 
 from resim.mining.extraction import ExtractedScenario, tag
 from resim.mining.features import Features
-from resim.mining.maneuver import Maneuver
+from resim.mining.maneuver import LabelledManeuver
 
 MANEUVER_COLUMNS = ("recording", "object", "label", "start", "end", "t", "partner", "lane_from", "lane_to")
 """Of maneuvers.parquet, before the figures: start, end, t [s] on the recording's clock; lanes as road/lane, at the
@@ -29,7 +29,7 @@ SCENARIO_COLUMNS = (
 names with spaces between; triggers: how many maneuvers it is cut out for."""
 
 
-def maneuver_frame(recording: str, features: Features, maneuvers: Sequence[Maneuver]) -> pd.DataFrame:
+def maneuver_frame(recording: str, features: Features, maneuvers: Sequence[LabelledManeuver]) -> pd.DataFrame:
     """Give a row per maneuver, with MANEUVER_COLUMNS and the figures, NaN where a label has none."""
     samples = features.samples
     ids = samples.tracks.ids.tolist()

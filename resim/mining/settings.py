@@ -187,6 +187,14 @@ class ExtractionSettings(Strict):
     shortest: float = Field(default=0.0, ge=0.0)
 
 
+class AroundSettings(Strict):
+    """Windows of `--around`: before, after [s] a moment, and how many of a recording at most, the worst first."""
+
+    before: float = Field(default=5.0, ge=0.0)
+    after: float = Field(default=3.0, ge=0.0)
+    most: int = Field(default=10, ge=1)
+
+
 class MiningSettings(Strict):
     """What the file says. kinds: of objects that are labelled. files: data of one's own functions."""
 
@@ -208,6 +216,7 @@ class MiningSettings(Strict):
     way: tuple[RegionWaySettings, ...] = ()
     label: tuple[OwnLabelSettings, ...] = ()
     extraction: ExtractionSettings = ExtractionSettings()
+    around: AroundSettings = AroundSettings()
 
     @model_validator(mode="after")
     def _known_regions(self) -> MiningSettings:

@@ -25,7 +25,7 @@ from resim.mining.cutting import cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
-from resim.mining.maneuver import Maneuver
+from resim.mining.maneuver import LabelledManeuver
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
@@ -38,7 +38,7 @@ from resim.road.opendrive import RoadNetwork, load
 
 PART = "part.json"
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
-SCENARIOS = Callable[[Recording, Features, Sequence[Maneuver]], list[ExtractedScenario]]
+SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class MinedRecording:
     recording: Recording
     network: RoadNetwork
     features: Features
-    maneuvers: list[Maneuver]
+    maneuvers: list[LabelledManeuver]
     scenarios: list[ExtractedScenario]
     names: list[str]
     notes: tuple[str, ...] = field(default=())

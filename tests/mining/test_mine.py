@@ -102,7 +102,7 @@ def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, dri
 def test_a_study_is_resumed_and_a_changed_recording_mined_anew(tmp_path: Path, drive: Path) -> None:
     out, options = tmp_path / "out", MineOptions(fit=False)
     first = mine([drive], out, options)
-    with pytest.raises(InputError, match="--resume"):
+    with pytest.raises(InputError, match="resume=True"):
         mine([drive], out, options)
     when = (out / "parts" / "drive" / "maneuvers.parquet").stat().st_mtime_ns
     again = mine([drive], out, replace(options, resume=True))

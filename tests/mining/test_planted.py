@@ -12,7 +12,7 @@ from mining.planted import Drive, braking, crossed, path_of, smooth, steady, tra
 from resim.core.tracks import Tracks
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
-from resim.mining.maneuver import Maneuver
+from resim.mining.maneuver import LabelledManeuver
 from resim.mining.settings import DEFAULT_SETTINGS, MiningSettings
 from resim.road.driven_route import Route
 from resim.road.opendrive import RoadNetwork, load
@@ -24,12 +24,12 @@ CHANGES = ("lane_change_left", "lane_change_right", "lane_change_not_judged")
 
 def mined(
     tracks: Tracks, network: RoadNetwork, settings: MiningSettings = DEFAULT_SETTINGS
-) -> tuple[Features, list[Maneuver]]:
+) -> tuple[Features, list[LabelledManeuver]]:
     found = features(tracks, network)
     return found, find_maneuvers(found, settings)
 
 
-def told(found: Features, maneuvers: list[Maneuver], *without: str) -> list[tuple[str, str]]:
+def told(found: Features, maneuvers: list[LabelledManeuver], *without: str) -> list[tuple[str, str]]:
     """Who did what, but for what everybody does all the time."""
     ids = found.samples.tracks.ids.tolist()
     quiet = {"follow_lane", *without}
@@ -208,7 +208,7 @@ def test_who_enters_ahead_gives_three_seconds(tmp_path: Path) -> None:
     network = load(write_motorway(tmp_path / "motorway.xodr"))
     path = path_of(network, "7", -2, 20.0, 1500.0)
 
-    def labels(v: float, gap: float, restores: float | None = None) -> list[Maneuver]:
+    def labels(v: float, gap: float, restores: float | None = None) -> list[LabelledManeuver]:
         follower = steady(v) if restores is None else braking(v, -4.0, restores, 2.0)
         follows = Drive("a", follower, lambda t: np.full_like(t, 3.5), end=14.0, length=1.0)
         enters = Drive("b", lambda t: gap + v * t, lambda t: smooth(t, 2.0, 5.0, 3.5), end=14.0, length=1.0)

@@ -78,7 +78,7 @@ def test_what_is_wrong_in_a_file_is_said(tmp_path: Path, text: str, problem: str
 
 
 OWN = """
-from resim.mining.maneuver import Maneuver
+from resim.mining.maneuver import LabelledManeuver
 
 def fast(features, found):
     s = features.samples
@@ -86,7 +86,7 @@ def fast(features, found):
         own = range(s.first[n], s.first[n + 1])
         quick = [k for k in own if s.v[k] > 15.0]
         if quick:
-            yield Maneuver("fast", n, quick[0], quick[-1], quick[0])
+            yield LabelledManeuver("fast", n, quick[0], quick[-1], quick[0])
 
 def broken(features, found):
     return [1]

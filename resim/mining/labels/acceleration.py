@@ -7,14 +7,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
 
 BRAKING, ACCELERATION = "strong_braking", "strong_acceleration"
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who brakes or accelerates strongly."""
     rules, samples = settings.acceleration, features.samples
     wanted = samples.kinds(frozenset(settings.kinds))
@@ -29,7 +31,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
                 "a_mps2": float(features.a[peak]), "v_start_mps": float(samples.v[start]),
                 "v_end_mps": float(samples.v[end]), "duration_s": float(samples.t[end] - samples.t[start]),
             }  # fmt: skip
-            yield Maneuver(label, int(samples.owner[start]), start, end, peak, figures=figures)
+            yield LabelledManeuver(label, int(samples.owner[start]), start, end, peak, figures=figures)
 
 
 FAMILIES.add(

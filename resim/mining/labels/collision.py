@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
 
 COLLISION = "collision"
@@ -15,7 +15,9 @@ MOST = 1_000_000
 """Pairs of samples that are looked at."""
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find whose boxes overlap or touch; a label of each of the two."""
     # compiled: numba is imported where it is used only
     from resim.mining import kernel
@@ -40,7 +42,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
     for k, last in zip(start.tolist(), end.tolist(), strict=True):
         figures = {"relative_speed_mps": _relative_speed(features, int(a[k]), int(b[k]))}
         partner = int(samples.owner[b[k]])
-        yield Maneuver(
+        yield LabelledManeuver(
             COLLISION, int(samples.owner[a[k]]), int(a[k]), int(a[last]), int(a[k]), partner, figures
         )
 

@@ -11,14 +11,16 @@ import numpy as np
 
 from resim.mining.features import Features
 from resim.mining.labels.cut import ttc
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
 
 TTC, THW = "critical_ttc", "critical_thw"
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who comes too near to the leader, in time."""
     rules, samples, flow = settings.critical, features.samples, features.flow
     led, v = flow.leader >= 0, samples.v
@@ -35,7 +37,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
             worst = start + int(np.argmin(values[start : end + 1]))
             figures = {f"{label[-3:]}_s": float(values[worst]), "v_mps": float(v[worst])}
             partner = int(samples.owner[flow.leader[worst]])
-            yield Maneuver(label, int(samples.owner[start]), start, end, worst, partner, figures)
+            yield LabelledManeuver(label, int(samples.owner[start]), start, end, worst, partner, figures)
 
 
 FAMILIES.add(

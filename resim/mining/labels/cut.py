@@ -16,7 +16,7 @@ from resim.core.geometry import Floats
 from resim.mining.features import Features
 from resim.mining.labels.lane_change import LEFT, OPEN, LaneChange
 from resim.mining.lane_map import Rows
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
 
 
@@ -27,7 +27,9 @@ def ttc(distance: Floats, v_behind: Floats, v_ahead: Floats) -> Floats:
         return np.where(closing > 0.0, distance / closing, np.inf)
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find the cut-ins and cut-outs among lane changes."""
     flow, centre = features.flow, settings.cut.distance == "centre"
     for change in found:
@@ -49,7 +51,7 @@ def _cut(
     label: str,
     span: slice,
     of: tuple[Rows, Floats],
-) -> Iterator[Maneuver]:
+) -> Iterator[LabelledManeuver]:
     """The cut-in or cut-out of a lane change, if it is one; of: who is behind or ahead, and how far [m]."""
     other, distance = of[0][span], of[1][span]
     v, inwards = features.samples.v, label.startswith("cut_in")
@@ -67,7 +69,7 @@ def _cut(
     }
     end = max(change.end, change.close_after)
     partner = int(features.samples.owner[other[worst]])
-    yield Maneuver(
+    yield LabelledManeuver(
         label, change.object, min(change.start, change.close_before), end, change.at, partner, figures
     )
 

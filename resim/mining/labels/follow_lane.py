@@ -8,14 +8,16 @@ import numpy as np
 
 from resim.mining.features import Features
 from resim.mining.labels.lane_change import LaneChange
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
 
 FOLLOW = "follow_lane"
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who keeps to a lane."""
     samples, rules = features.samples, settings.follow_lane
     holds = (features.row >= 0) & (samples.v > rules.speed) & samples.kinds(frozenset(settings.kinds))
@@ -35,7 +37,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
             "duration_s": float(samples.t[end] - samples.t[start]),
             "v_mps": float(np.mean(samples.v[start : end + 1])),
         }
-        yield Maneuver(FOLLOW, int(samples.owner[start]), start, end, start, partner, figures)
+        yield LabelledManeuver(FOLLOW, int(samples.owner[start]), start, end, start, partner, figures)
 
 
 FAMILIES.add(

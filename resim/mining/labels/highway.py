@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
 
 ENTER, EXIT = "enter_highway", "exit_highway"
@@ -33,7 +33,9 @@ def classes(features: Features) -> NDArray[np.int8]:
     return np.where(on, ON_RAMP, np.where(off, OFF_RAMP, out)).astype(np.int8)
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who enters or leaves a highway."""
     samples, of = features.samples, classes(features)
     if not (np.isin(of, [ON_RAMP, OFF_RAMP]).any() or {MAIN, OTHER} <= set(of.tolist())):
@@ -61,10 +63,10 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
             yield _told(features, EXIT, begin, end, entered)
 
 
-def _told(features: Features, label: str, start: int, end: int, at: int) -> Maneuver:
+def _told(features: Features, label: str, start: int, end: int, at: int) -> LabelledManeuver:
     samples = features.samples
     figures = {"v_mps": float(samples.v[at]), "duration_s": float(samples.t[end] - samples.t[start])}
-    return Maneuver(label, int(samples.owner[at]), start, end, at, figures=figures)
+    return LabelledManeuver(label, int(samples.owner[at]), start, end, at, figures=figures)
 
 
 FAMILIES.add(

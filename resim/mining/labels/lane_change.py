@@ -18,7 +18,7 @@ import numpy as np
 
 from resim.core.geometry import wrap_angle
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
 from resim.scenario.maneuvers import TURNED_OFF, change_span, closest_to_centres
 
@@ -26,7 +26,7 @@ LEFT, RIGHT, OPEN = "lane_change_left", "lane_change_right", "lane_change_not_ju
 
 
 @dataclass(frozen=True)
-class LaneChange(Maneuver):
+class LaneChange(LabelledManeuver):
     """A lane change; `at` is the first sample in the new lane, of a double in the first new lane.
 
     Attributes:
@@ -52,7 +52,9 @@ class _Crossing:
     after: int | None
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find the lane changes of vehicles."""
     samples = features.samples
     crossed = (features.passed != 0) & samples.kinds(frozenset(settings.kinds))
@@ -62,7 +64,9 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
         yield from _of_stretch(features, settings, part.tolist())
 
 
-def _of_stretch(features: Features, settings: MiningSettings, crossings: list[int]) -> Iterator[Maneuver]:
+def _of_stretch(
+    features: Features, settings: MiningSettings, crossings: list[int]
+) -> Iterator[LabelledManeuver]:
     """The lane changes of one object in a stretch without breaks, from the samples at which it crosses borders."""
     low, high = _bounds(features, crossings[0])
     own = [_crossing(features, settings, k, low, high) for k in crossings]

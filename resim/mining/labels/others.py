@@ -8,7 +8,7 @@ import numpy as np
 
 from resim.core.geometry import wrap_angle
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
 
@@ -21,7 +21,9 @@ JOIN, SHORTEST = 1.0, 0.5
 """s: what is less apart is one, what lasts less is none (our choice)."""
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find pedestrians and cyclists that cross driven lanes, pedestrians along them, and vehicles that back up."""
     samples = features.samples
     off = np.abs(wrap_angle(features.lane_heading - samples.heading))
@@ -39,7 +41,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
                 "v_mps": float(np.mean(samples.v[start : end + 1])),
                 "duration_s": float(samples.t[end] - samples.t[start]),
             }
-            yield Maneuver(label, int(samples.owner[start]), start, end, start, figures=figures)
+            yield LabelledManeuver(label, int(samples.owner[start]), start, end, start, figures=figures)
 
 
 FAMILIES.add(

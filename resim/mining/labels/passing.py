@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.samples import Ints
 from resim.mining.settings import MiningSettings
 
@@ -20,7 +20,9 @@ SIDES = ((PASS, (5, 6, 7)), (RIGHT, (0, 1, 2)))
 """Labels, and the slots of who is passed: to the right of who passes it, or to the left."""
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who passes whom."""
     samples, rules = features.samples, settings.passing
     wanted = samples.kinds(frozenset(settings.kinds)) & (samples.v >= rules.slowest)
@@ -38,7 +40,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
                 "v_mps": float(samples.v[now]), "v_passed_mps": v_other,
                 "duration_s": float(samples.t[end] - samples.t[start]),
             }  # fmt: skip
-            yield Maneuver(label, int(samples.owner[now]), start, end, now, partner, figures)
+            yield LabelledManeuver(label, int(samples.owner[now]), start, end, now, partner, figures)
 
 
 def _passed(features: Features, slots: tuple[int, int, int]) -> tuple[list[int], list[int]]:

@@ -9,13 +9,15 @@ import numpy as np
 import shapely
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import stretches
 from resim.mining.samples import Ints
 from resim.mining.settings import MiningSettings, RegionWaySettings
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who passes one region, and another after it."""
     samples, visits = features.samples, dict[str, tuple[Ints, Ints]]()
     wanted = samples.kinds(frozenset(settings.kinds))
@@ -30,7 +32,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
 
 def _ways(
     features: Features, way: RegionWaySettings, first: tuple[Ints, Ints], then: tuple[Ints, Ints]
-) -> Iterator[Maneuver]:
+) -> Iterator[LabelledManeuver]:
     """Each visit of the second region that the last visit of the first one leads to."""
     samples = features.samples
     taken = -1
@@ -42,7 +44,7 @@ def _ways(
         start = int(first[0][before] if whole else first[1][before])
         end = left if whole else entered
         figures = {"duration_s": float(samples.t[end] - samples.t[start])}
-        yield Maneuver(way.label, int(samples.owner[entered]), start, end, entered, figures=figures)
+        yield LabelledManeuver(way.label, int(samples.owner[entered]), start, end, entered, figures=figures)
 
 
 FAMILIES.add(

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
 
@@ -19,8 +19,8 @@ SPEEDING, STANDING = "speeding", "standing"
 
 
 def find_speeding(
-    features: Features, settings: MiningSettings, found: Sequence[Maneuver]
-) -> Iterator[Maneuver]:
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who is faster than the limit."""
     rules, samples = settings.speeding, features.samples
     limit = features.limit
@@ -35,19 +35,19 @@ def find_speeding(
             "v_mps": float(samples.v[worst]), "limit_mps": float(limit[worst]), "over_mps": float(over[worst]),
             "duration_s": float(samples.t[end] - samples.t[start]),
         }  # fmt: skip
-        yield Maneuver(SPEEDING, int(samples.owner[start]), start, end, worst, figures=figures)
+        yield LabelledManeuver(SPEEDING, int(samples.owner[start]), start, end, worst, figures=figures)
 
 
 def find_standing(
-    features: Features, settings: MiningSettings, found: Sequence[Maneuver]
-) -> Iterator[Maneuver]:
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who stands."""
     rules, samples = settings.standing, features.samples
     holds = (np.abs(samples.v) <= rules.speed) & samples.kinds(frozenset(settings.kinds))
     first, last = stretches(holds, samples.piece_of)
     for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, rules.shortest):
         figures = {"duration_s": float(samples.t[end] - samples.t[start])}
-        yield Maneuver(STANDING, int(samples.owner[start]), start, end, start, figures=figures)
+        yield LabelledManeuver(STANDING, int(samples.owner[start]), start, end, start, figures=figures)
 
 
 FAMILIES.add(

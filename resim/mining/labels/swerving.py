@@ -7,13 +7,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
 
 SWERVING = "swerving"
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who turns back several times across the lane within some seconds."""
     # compiled: numba is imported where it is used only
     from resim.mining import kernel
@@ -43,7 +45,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
         swing = float(np.ptp(features.aside[points]))
         figures = {"swing_m": swing, "turns": float(len(points))}
         start, stop = int(points[0]), int(points[-1])
-        yield Maneuver(SWERVING, int(samples.owner[start]), start, stop, start, figures=figures)
+        yield LabelledManeuver(SWERVING, int(samples.owner[start]), start, stop, start, figures=figures)
 
 
 FAMILIES.add(

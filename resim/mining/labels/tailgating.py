@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings, TailgatingSettings
 
@@ -42,7 +42,9 @@ def severity(distance: Floats, v: Floats, urban: Bools, rules: TailgatingSetting
     return out
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who keeps too little distance."""
     rules, samples, flow = settings.tailgating, features.samples, features.flow
     distance = flow.distance if rules.distance == "centre" else flow.gap
@@ -62,7 +64,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
             "share": float(distance[nearest]) / required, "duration_s": float(samples.t[end] - samples.t[start]),
         }  # fmt: skip
         partner = int(samples.owner[flow.leader[start]])
-        yield Maneuver(
+        yield LabelledManeuver(
             LABELS[codes[start] - 1], int(samples.owner[start]), start, end, start, partner, figures
         )
 

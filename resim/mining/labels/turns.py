@@ -14,15 +14,15 @@ import numpy as np
 
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.mining.features import BREAKS, Features
-from resim.mining.lane_map import LaneMap
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.lane_map import MinedLanes
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import stretches
 from resim.mining.settings import MiningSettings, TurnSettings
 
 LABELS = ("turn_left", "turn_right", "straight", "u_turn")
 
 
-def crossings(lanes: LaneMap, rules: TurnSettings) -> Bools:
+def crossings(lanes: MinedLanes, rules: TurnSettings) -> Bools:
     """Say of each junction (J,) whether a lane of any connection turns as at a crossing: far enough, and tightly."""
     inside = np.flatnonzero((lanes.junction >= 0) & (lanes.lanes > 0))
     out = np.zeros(int(lanes.junction.max(initial=-1)) + 1, dtype=bool)
@@ -37,7 +37,9 @@ def crossings(lanes: LaneMap, rules: TurnSettings) -> Bools:
     return out
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find the ways through junctions."""
     samples, rules = features.samples, settings.turn
     counts = crossings(features.lanes, rules)
@@ -58,7 +60,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
         angle = float(turning[b + 1] - turning[a - 1])
         figures = {"turned_rad": angle, "duration_s": float(samples.t[on[b]] - samples.t[on[a]])}
         start, end = int(on[a]), int(on[b])
-        yield Maneuver(
+        yield LabelledManeuver(
             _named(angle, rules.straight, rules.u_turn),
             int(samples.owner[start]),
             start,

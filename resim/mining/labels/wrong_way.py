@@ -7,14 +7,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, Maneuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import stretches
 from resim.mining.settings import MiningSettings
 
 WRONG = "wrong_way"
 
 
-def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]) -> Iterator[Maneuver]:
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
     """Find who drives against the direction of a lane outside of junctions, and does not just overtake there."""
     samples, rules = features.samples, settings.wrong_way
     holds = (features.row >= 0) & ~features.with_lane & (samples.v > rules.speed) & (features.junction < 0)
@@ -25,7 +27,7 @@ def find(features: Features, settings: MiningSettings, found: Sequence[Maneuver]
         if lasts < rules.shortest or (lasts <= rules.overtaking and _overtakes(features, start, end)):
             continue
         figures = {"v_mps": float(np.mean(samples.v[start : end + 1])), "duration_s": lasts}
-        yield Maneuver(WRONG, int(samples.owner[start]), start, end, start, figures=figures)
+        yield LabelledManeuver(WRONG, int(samples.owner[start]), start, end, start, figures=figures)
 
 
 def _overtakes(features: Features, start: int, end: int) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
-from resim.mining.lane_map import LaneMap, Rows
+from resim.mining.lane_map import MinedLanes, Rows
 from resim.mining.samples import Ints, Samples
 
 LOOK = 250.0
@@ -63,7 +63,7 @@ class EightVehicles(NamedTuple):
     offset: NDArray[np.float32]
 
 
-def lane_flow(order: LaneOrder, samples: Samples, lanes: LaneMap) -> LaneFlow:
+def lane_flow(order: LaneOrder, samples: Samples, lanes: MinedLanes) -> LaneFlow:
     """Give leaders and followers."""
     # compiled: numba is imported where it is used only
     from resim.mining.surroundings import kernel
@@ -85,7 +85,7 @@ def lane_flow(order: LaneOrder, samples: Samples, lanes: LaneMap) -> LaneFlow:
 
 
 def eight_vehicles(
-    order: LaneOrder, samples: Samples, lanes: LaneMap, reach: SlotReach = PUBLISHED_REACH
+    order: LaneOrder, samples: Samples, lanes: MinedLanes, reach: SlotReach = PUBLISHED_REACH
 ) -> EightVehicles:
     """Give who holds the slots of the eight-vehicle model (Wagner 2021, 6.2.1.2).
 
@@ -103,7 +103,7 @@ def eight_vehicles(
     return EightVehicles(held, offset)
 
 
-def _prepared(kernel: Any, order: LaneOrder, samples: Samples, lanes: LaneMap) -> tuple[Any, ...]:
+def _prepared(kernel: Any, order: LaneOrder, samples: Samples, lanes: MinedLanes) -> tuple[Any, ...]:
     """Samples by step, on lanes, by stretches of one row, and the lanes, as the kernel takes them."""
     on = np.flatnonzero(order.row >= 0)
     by = on[np.lexsort((on, order.u[on], order.row[on], samples.step[on]))]

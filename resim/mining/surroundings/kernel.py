@@ -201,7 +201,7 @@ def leaders(steps, on, runs, ways, far, found):
 
 @compiled
 def station(ways, row, s):
-    """Give metres along the centre of a row at s [m] of its road, as `LaneMap.station`."""
+    """Give metres along the centre of a row at s [m] of its road, as `MinedLanes.station`."""
     first, count = ways.node[row], ways.node[row + 1] - ways.node[row]
     place = min(max((s - ways.start[row]) / ways.step[row], 0.0), count - 1.0)
     node = min(int(place), count - 2)
