@@ -1,8 +1,8 @@
 """Mining: an hour of three-lane traffic with 2,000 vehicles, labelled and extracted, without fits, on one core.
 
 Traffic is drawn: recordings of 15 minutes of 1 km of a straight three-lane road, 25 Hz, of vehicles with speeds and
-lane changes of their own. The time is that of `resim mine --scenarios recordings`: reading and checking the recordings,
-features, labels, scenarios written as recordings, tables and the page. The last line is JSON: realtime_factor (recorded time by
+lane changes of their own. The time is that of `resim mine --scenarios recordings`: reading and checking, features,
+labels, scenarios written as recordings, tables and the page. The last line is JSON: realtime_factor (recorded time by
 computing time), vehicles_per_s, and how the factor changes with hours and density.
 
     python tools/bench/mine.py [--quick] [--keep FOLDER]
